@@ -1,0 +1,1 @@
+"""Adapters that read a machine and yield sample frames; one file or folder per protocol."""

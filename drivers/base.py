@@ -1,0 +1,85 @@
+"""The one protocol between a machine and the service.
+
+A driver reads a machine and yields sample frames; it never publishes, never knows the bus and never
+knows another driver. It is found by its name in the entry-point group `edge_service.drivers`, which
+points to its class.
+"""
+
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+from pydantic import BaseModel, ConfigDict
+
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
+
+ENTRY_POINT_GROUP = "edge_service.drivers"
+
+
+class DriverConfig(BaseModel):
+    """Base of every driver's configuration: unknown keys are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DriverUnavailableError(Exception):
+    """The machine cannot be reached now; trying again later may help."""
+
+
+class DriverMisconfiguredError(Exception):
+    """The configuration is wrong; trying again will not help.
+
+    Args:
+        key: the key of the driver's configuration that is wrong.
+        problem: what is wrong with it and what was expected.
+    """
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(f"{key}: {problem}")
+        self.key = key
+        self.problem = problem
+
+
+@dataclass(frozen=True, slots=True)
+class DriverContext:
+    """What a driver is told about the axis that it serves."""
+
+    axis: str
+    machine: Machine
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """What a driver can say without starting to read: its channels, rate and a description."""
+
+    description: str
+    channels: tuple[str, ...]
+    rate_hz: float | None
+
+
+class Driver(Protocol):
+    """One axis of one machine.
+
+    `open` and `close` may be called in any order and twice; `frames` ends when the source ends
+    (a recording) or raises DriverUnavailableError when it is lost. After `close`, `open` starts
+    afresh.
+    """
+
+    config_model: ClassVar[type[DriverConfig]]
+    paced: bool
+    """Whether `frames` keeps time by itself; if not, the caller sets the pace."""
+
+    def __init__(self, config: Any, context: DriverContext) -> None: ...
+
+    async def open(self) -> None:
+        """Connect. Raises DriverUnavailableError or DriverMisconfiguredError."""
+
+    def frames(self) -> AsyncGenerator[SampleFrame, None]:
+        """Sample frames in the order in which they were taken."""
+
+    async def probe(self) -> Probe:
+        """Say what there is to read. Raises like `open`."""
+
+    async def close(self) -> None:
+        """Let go of everything."""

@@ -1,0 +1,145 @@
+"""Bytes on the wire, both ways.
+
+Binary payloads (`raw`, `feat`) are *edge blocks*, readable with a standard library alone::
+
+    bytes 0..3    b"EDB1"
+    bytes 4..7    length H of the header, unsigned 32 bit, little endian
+    bytes 8..8+H  header, UTF-8 JSON: {"schema", "axis", "sequence", "boot_epoch",
+                  "source_time_ns", "monotonic_time_ns", "rows", "columns": [[name, unit], ...]}
+    then          per column `rows` little-endian float64 values, column after column
+
+Integers and flags travel as float64 too (all are far below 2**53). JSON payloads are objects with
+the members of the header beside those of the payload, and a `schema` member.
+"""
+
+import json
+import struct
+from collections.abc import Mapping
+from typing import TypeVar
+
+import numpy as np
+
+from .channels import CHANNELS, TIME
+from .estimate import Frozen
+from .features import FEATURE_FIELDS, Fault, FeatureBlock
+from .header import Header
+from .samples import Floats, SampleFrame
+from .topics import FEAT, RAW
+
+MAGIC = b"EDB1"
+_PREFIX = struct.Struct("<4sI")
+_HEADER_KEYS = ("sequence", "boot_epoch", "source_time_ns", "monotonic_time_ns")
+_INTEGER_FEATURES = frozenset({"sample_count", "reversal_count"})
+_FEATURE_UNITS = {"s": "s", "nm": "N m", "rad": "rad", "m": "m", "c": "degC", "n": "N"}
+_Payload = TypeVar("_Payload", bound=Frozen)
+
+
+def _feature_unit(name: str) -> str:
+    if name.endswith("rad_s"):
+        return "rad/s"
+    return _FEATURE_UNITS.get(name.rpartition("_")[2], "")
+
+
+FEATURE_UNITS = {name: _feature_unit(name) for name in FEATURE_FIELDS}
+"""Unit of each column of a block of features."""
+
+
+class CodecError(ValueError):
+    """Bytes that are no payload of ours."""
+
+
+def encode_samples(axis: str, header: Header, frame: SampleFrame) -> bytes:
+    """Samples as an edge block; columns `time_s` and the frame's channels."""
+    columns = {TIME: frame.time_s, **frame.channels}
+    units = {name: CHANNELS[name].unit if name in CHANNELS else "" for name in columns}
+    return _encode_block(RAW.payload, axis, header, columns, units | {TIME: "s"})
+
+
+def decode_samples(payload: bytes) -> tuple[str, Header, SampleFrame]:
+    """Axis, header and samples of an edge block; CodecError if it is none."""
+    axis, header, columns = _decode_block(RAW.payload, payload)
+    if TIME not in columns:
+        raise CodecError("a block of samples without time_s")
+    time_s = columns.pop(TIME)
+    return axis, header, SampleFrame(time_s, columns)
+
+
+def encode_features(axis: str, header: Header, block: FeatureBlock) -> bytes:
+    """One interval as an edge block of one row; the columns are the fields of FeatureBlock."""
+    columns = {name: np.array([float(getattr(block, name))]) for name in FEATURE_FIELDS}
+    return _encode_block(FEAT.payload, axis, header, columns, FEATURE_UNITS)
+
+
+def decode_features(payload: bytes) -> tuple[str, Header, FeatureBlock]:
+    """Axis, header and interval of an edge block; CodecError if it is none."""
+    axis, header, columns = _decode_block(FEAT.payload, payload)
+    if set(columns) != set(FEATURE_FIELDS) or any(len(c) != 1 for c in columns.values()):
+        raise CodecError("a block of features with other columns than this version's")
+    values: dict[str, float] = {name: float(column[0]) for name, column in columns.items()}
+    integers = {name: int(values.pop(name)) for name in _INTEGER_FEATURES}
+    fault = Fault(int(values.pop("fault")))
+    return axis, header, FeatureBlock(fault=fault, **integers, **values)  # type: ignore[arg-type]
+
+
+def encode_json(schema: str, axis: str | None, header: Header, payload: Frozen) -> bytes:
+    """A JSON payload with its axis and header."""
+    members = {"schema": schema, "axis": axis}
+    members |= {key: getattr(header, key) for key in _HEADER_KEYS}
+    return json.dumps(members | payload.model_dump(mode="json"), allow_nan=False).encode()
+
+
+def decode_json(schema: str, model: type[_Payload], payload: bytes) -> tuple[str, Header, _Payload]:
+    """Axis (empty if none), header and payload of a JSON message; CodecError if it is another."""
+    try:
+        members = json.loads(payload)
+        if not isinstance(members, dict) or members.pop("schema", None) != schema:
+            raise CodecError(f"no {schema} message")
+        header = _header_from(members)
+        axis = members["axis"] if "axis" in model.model_fields else members.pop("axis")
+        return axis or "", header, model.model_validate_json(json.dumps(members))
+    except CodecError:
+        raise
+    except (ValueError, KeyError) as error:
+        raise CodecError(f"no {schema} message: {error}") from error
+
+
+def _encode_block(
+    schema: str, axis: str, header: Header, columns: Mapping[str, Floats], units: Mapping[str, str]
+) -> bytes:
+    rows = len(next(iter(columns.values())))
+    text = json.dumps(
+        {"schema": schema, "axis": axis}
+        | {key: getattr(header, key) for key in _HEADER_KEYS}
+        | {"rows": rows, "columns": [[name, units.get(name, "")] for name in columns]}
+    ).encode()
+    body = [np.ascontiguousarray(column, dtype="<f8").tobytes() for column in columns.values()]
+    return b"".join([_PREFIX.pack(MAGIC, len(text)), text, *body])
+
+
+def _decode_block(schema: str, payload: bytes) -> tuple[str, Header, dict[str, Floats]]:
+    try:
+        magic, length = _PREFIX.unpack_from(payload)
+        if magic != MAGIC:
+            raise CodecError("no edge block: wrong first four bytes")
+        start = _PREFIX.size + length
+        members = json.loads(payload[_PREFIX.size : start])
+        if members["schema"] != schema:
+            raise CodecError(f"a {members['schema']} block where {schema} was expected")
+        names = [str(name) for name, _unit in members["columns"]]
+        rows = int(members["rows"])
+        table = np.frombuffer(payload, dtype="<f8", offset=start)
+        if rows < 0 or table.size != rows * len(names) or len(set(names)) != len(names):
+            raise CodecError("an edge block whose size contradicts its header")
+        columns = dict(zip(names, table.reshape(len(names), rows).astype(np.float64), strict=True))
+        return str(members["axis"]), _header_from(members), columns
+    except CodecError:
+        raise
+    except (ValueError, KeyError, TypeError, struct.error) as error:
+        raise CodecError(f"no edge block: {error}") from error
+
+
+def _header_from(members: dict[str, object]) -> Header:
+    values = [members.pop(key, None) for key in _HEADER_KEYS]
+    if not all(isinstance(value, int) and not isinstance(value, bool) for value in values):
+        raise CodecError("a header without its four integers")
+    return Header(*values)  # type: ignore[arg-type]

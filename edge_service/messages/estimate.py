@@ -1,0 +1,59 @@
+"""What an estimator says."""
+
+from enum import StrEnum
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Frozen(BaseModel):
+    """Base of every JSON payload: immutable, unknown keys refused, no NaN on the wire."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class EstimateStatus(StrEnum):
+    """Whether the numbers of an estimate may be read."""
+
+    ESTIMATED = "estimated"
+    UNESTIMATED = "unestimated"  # not enough data yet, or the data cannot tell
+    INSUFFICIENT_EXCITATION = "insufficient_excitation"  # the axis has not moved enough lately
+    INVALID = "invalid"  # model and data disagree, or the data are faulty
+
+
+class Interval(Frozen):
+    """A value with the interval that holds the truth with the estimate's `level`."""
+
+    value: float
+    low: float
+    high: float
+
+
+class PreloadEstimate(Frozen):
+    """Preload of one axis at one moment; numbers are None unless the status is `estimated`.
+
+    Attributes:
+        time_s: end of the interval that it rests on, on the axis' clock, s.
+        status: whether the numbers may be read.
+        reasons: why there is no number, or what to keep in mind; `code: sentence`.
+        preload_percent: percent of the dynamic load rating, with its `low` and `high` bounds.
+        level: probability that the interval [low, high] aims to hold the truth.
+        preload_n: the same in newton.
+        drag_torque_nm: the Coulomb drag torque of the axis at the motor shaft, N m.
+        mode_probability: probability of each preload level of the filter bank.
+        data_used_s: time of informative motion behind the estimate, s.
+        nis: normalised innovation squared of the last informative interval (mean 1 if the
+            model holds).
+    """
+
+    time_s: float
+    status: EstimateStatus
+    reasons: tuple[str, ...] = ()
+    preload_percent: float | None = None
+    low: float | None = None
+    high: float | None = None
+    level: float = 0.95
+    preload_n: float | None = None
+    drag_torque_nm: Interval | None = None
+    mode_probability: dict[str, float] = {}
+    data_used_s: float = 0.0
+    nis: float | None = None

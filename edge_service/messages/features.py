@@ -1,0 +1,87 @@
+"""What the downsampling node says about one interval of one axis."""
+
+from dataclasses import dataclass, fields
+from enum import IntFlag
+
+
+class Fault(IntFlag):
+    """Data faults found inside an interval. `BAD` ones keep the interval from the estimators."""
+
+    NONE = 0
+    REPEAT = 1 << 0  # repeated time stamps: the repeats were dropped
+    HOLE = 1 << 1  # a few rows missing or not a number, bridged
+    GAP = 1 << 2  # more missing than can be bridged
+    TIME_BACKWARDS = 1 << 3  # the clock ran backwards: the rows were dropped
+    STUCK = 1 << 4  # a channel repeats one value while the axis moves
+    IMPLAUSIBLE = 1 << 5  # a step that no machine can make
+    SATURATED = 1 << 6  # the torque command stood at its limit
+    NO_TORQUE = 1 << 7  # the torque channel is missing
+    NO_POSITION = 1 << 8  # no position channel at all
+    NO_TABLE = 1 << 9  # the linear encoder is missing, stuck or holed in this interval
+
+
+UNUSABLE = (
+    Fault.GAP
+    | Fault.TIME_BACKWARDS
+    | Fault.STUCK
+    | Fault.IMPLAUSIBLE
+    | Fault.NO_TORQUE
+    | Fault.NO_POSITION
+)
+"""An interval with one of these is no good data."""
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureBlock:
+    """Sufficient statistics of one interval [start, end) of one axis.
+
+    With torque held between samples (zero-order hold, as a drive applies it), integrals over the
+    interval of length T are exact: mean = (1/T) int q dt, lever = (1/T^2) int (T - s) q(s) ds with
+    s from the interval's start, so `J d omega = T mean(torque - friction)` and
+    `J (d theta - T omega_start) = T^2 lever(torque - friction)` hold without any approximation of
+    the motion inside. A value that could not be measured is NaN.
+    """
+
+    time_s: float  # end of the interval on the axis' clock, s
+    duration_s: float  # T, s
+    sample_count: int  # good samples inside
+    fault: Fault  # data faults found inside
+
+    torque_mean_nm: float
+    torque_lever_nm: float
+    torque_min_nm: float
+    torque_max_nm: float
+    torque_std_nm: float
+
+    angle_start_rad: float
+    angle_end_rad: float
+    angle_mean_rad: float
+    speed_start_rad_s: float  # instantaneous speed at the interval's start, from the angle
+    speed_end_rad_s: float
+    speed_min_rad_s: float
+    speed_max_rad_s: float
+
+    direction_mean: float  # mean of sgn(speed), in [-1, 1]
+    direction_lever: float  # lever of sgn(speed)
+    moving_fraction: float  # share of the interval spent above the standstill speed
+    reversal_count: int  # changes of direction inside, or against the last known direction
+    since_reversal_s: float  # time of unbroken motion up to the interval's start, s
+
+    table_start_m: float
+    table_end_m: float
+    table_mean_m: float
+    temperature_c: float
+    external_force_n: float
+
+    @property
+    def usable(self) -> bool:
+        """Whether an estimator may read this interval as good data."""
+        return not self.fault & UNUSABLE
+
+    @property
+    def uncertain(self) -> bool:
+        """Usable, but something in it was bridged or limited."""
+        return self.usable and bool(self.fault & (Fault.HOLE | Fault.SATURATED))
+
+
+FEATURE_FIELDS = tuple(field.name for field in fields(FeatureBlock))

@@ -1,0 +1,57 @@
+"""Two healths, never mixed: the condition of an axis and the status of a component."""
+
+from enum import StrEnum
+
+from .estimate import Frozen
+
+
+class AxisCondition(StrEnum):
+    """Condition of an axis, in the words of MTConnect."""
+
+    NORMAL = "NORMAL"
+    WARNING = "WARNING"
+    FAULT = "FAULT"
+    UNAVAILABLE = "UNAVAILABLE"
+
+
+class ComponentStatus(StrEnum):
+    """Status of a part of the service (after the OpenTelemetry Collector)."""
+
+    STARTING = "starting"
+    OK = "ok"
+    RECOVERABLE_ERROR = "recoverable_error"
+    PERMANENT_ERROR = "permanent_error"
+    STOPPING = "stopping"
+    STOPPED = "stopped"
+
+
+class ComponentHealth(Frozen):
+    """Status of one component, with the counters worth looking at.
+
+    Attributes:
+        component: `acquire`, `downsample`, `estimate`, `health` or `http`.
+        axis: the axis it works for, or None if it serves all.
+        counters: monotonic counts since start, e.g. `samples`, `lost_payloads`, `ring_overruns`.
+    """
+
+    component: str
+    axis: str | None = None
+    status: ComponentStatus
+    reason: str = ""
+    counters: dict[str, int] = {}
+
+
+class AxisHealth(Frozen):
+    """Condition of one axis, why, since when, and the state of the data behind it.
+
+    Attributes:
+        since_time_ns: UNIX time in ns at which the condition was entered.
+        data_faults: count of faulty intervals per kind since start.
+    """
+
+    axis: str
+    condition: AxisCondition
+    reasons: tuple[str, ...] = ()
+    since_time_ns: int
+    components: tuple[ComponentHealth, ...] = ()
+    data_faults: dict[str, int] = {}

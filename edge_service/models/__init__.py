@@ -1,0 +1,1 @@
+"""The physics: pure, no clock, no I/O, no event loop."""

@@ -1,0 +1,169 @@
+"""The machine file's content: what the baseline model of one axis contains."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from ..messages.channels import CHANNELS, TIME
+from .ball_screw import transmission_ratio
+
+DEFAULT_TOLERANCE = 0.01
+"""Relative calibration tolerance of a number that states none (one standard deviation)."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Quantity(_Table):
+    """A calibrated number: `value` in SI units and its relative `tolerance` (one sigma)."""
+
+    value: float
+    tolerance: float = Field(DEFAULT_TOLERANCE, ge=0.0, le=10.0)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation in the unit of `value`; never zero for a non-zero value."""
+        return abs(self.value) * max(self.tolerance, 1e-4)
+
+
+def _as_quantity(raw: Any) -> Any:
+    """Read a plain number as a Quantity with the default tolerance."""
+    if isinstance(raw, int | float) and not isinstance(raw, bool):
+        return {"value": raw}
+    return raw
+
+
+AnyQuantity = Annotated[Quantity, BeforeValidator(_as_quantity)]
+
+
+class AxisConfig(_Table):
+    """`[axis]`: geometry and limits. Only the lead is needed; what is missing is said."""
+
+    name: str = "X"
+    lead_m: float = Field(gt=0.0, le=1.0)
+    stroke_m: float | None = Field(None, gt=0.0)
+    screw_diameter_m: float | None = Field(None, gt=0.0)
+    screw_length_m: float | None = Field(None, gt=0.0)
+    dynamic_load_rating_n: float | None = Field(None, gt=0.0)
+    bearing_arrangement: Literal["fixed-free", "fixed-fixed"] = "fixed-free"
+    max_speed_rad_s: float | None = Field(None, gt=0.0)
+    max_torque_nm: float | None = Field(None, gt=0.0)
+    max_acceleration_m_s2: float | None = Field(None, gt=0.0)
+
+
+class ModelConfig(_Table):
+    """`[model]`: rigid inertia at the motor shaft, viscous friction, Coulomb drag.
+
+    `preload_drag_nm` is the fresh screw's own drag where `preload_n` is given; without `preload_n`
+    it is the whole Coulomb level of the axis. `guide_force_n` and `bearing_drag_nm` come on top.
+    """
+
+    inertia_kg_m2: AnyQuantity
+    viscous_nm_s_per_rad: AnyQuantity = Quantity(value=0.0)
+    preload_drag_nm: AnyQuantity | None = None
+    preload_n: AnyQuantity | None = None
+    guide_force_n: AnyQuantity = Quantity(value=0.0)
+    bearing_drag_nm: AnyQuantity = Quantity(value=0.0)
+    table_mass_kg: AnyQuantity | None = None
+    nut_stiffness_n_per_m: AnyQuantity | None = None
+
+    @model_validator(mode="after")
+    def _check_signs(self) -> "ModelConfig":
+        for name in ("inertia_kg_m2", "preload_n", "table_mass_kg", "nut_stiffness_n_per_m"):
+            quantity = getattr(self, name)
+            if quantity is not None and quantity.value <= 0:
+                raise ValueError(f"{name} must be greater than 0, got {quantity.value:g}")
+        for name in (
+            "viscous_nm_s_per_rad",
+            "preload_drag_nm",
+            "guide_force_n",
+            "bearing_drag_nm",
+        ):
+            quantity = getattr(self, name)
+            if quantity is not None and quantity.value < 0:
+                raise ValueError(f"{name} must not be negative, got {quantity.value:g}")
+        return self
+
+
+class ColumnConfig(_Table):
+    """One foreign column: SI value = `scale` * column + `offset`."""
+
+    column: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+def _as_column(raw: Any) -> Any:
+    return {"column": raw} if isinstance(raw, str) else raw
+
+
+class EffectConfig(_Table):
+    """One modelled effect with its parameters (numbers, or `{ value, tolerance }`)."""
+
+    name: str
+    parameters: dict[str, AnyQuantity] = {}
+
+
+class Machine(_Table):
+    """One axis as the baseline model knows it (the machine file)."""
+
+    axis: AxisConfig
+    model: ModelConfig
+    columns: dict[str, Annotated[ColumnConfig, BeforeValidator(_as_column)]] = {}
+    effects: tuple[EffectConfig, ...] = ()
+
+    @model_validator(mode="after")
+    def _check_columns(self) -> "Machine":
+        for name in self.columns:
+            if name != TIME and name not in CHANNELS:
+                known = ", ".join([TIME, *CHANNELS])
+                raise ValueError(f"columns.{name}: no channel of that name; channels are {known}")
+        return self
+
+    @property
+    def transmission_ratio_m_per_rad(self) -> float:
+        """Table travel per radian of the screw, m/rad (4.3.5)."""
+        return transmission_ratio(self.axis.lead_m)
+
+    @property
+    def other_drag_nm(self) -> Quantity:
+        """Coulomb torque that is not the screw's own: guides and bearings, N m at the motor."""
+        ratio = self.transmission_ratio_m_per_rad
+        guide, bearing = self.model.guide_force_n, self.model.bearing_drag_nm
+        value = guide.value * ratio + bearing.value
+        if value == 0.0:
+            return Quantity(value=0.0)
+        sigma = math.hypot(guide.sigma * ratio, bearing.sigma)
+        return Quantity(value=value, tolerance=sigma / value)
+
+    @property
+    def drag_per_percent_nm(self) -> float | None:
+        """Screw drag torque per point of preload, N m; None where the file cannot tell.
+
+        Drag is proportional to preload (4.3.6), so the fresh screw's pair fixes the ratio.
+        """
+        rating = self.axis.dynamic_load_rating_n
+        drag, preload = self.model.preload_drag_nm, self.model.preload_n
+        if rating is None or drag is None or preload is None or drag.value == 0.0:
+            return None
+        return drag.value / (100.0 * preload.value / rating)
+
+    @property
+    def fresh_preload_percent(self) -> float | None:
+        """The fresh screw's preload in percent of the dynamic load rating; None if unknown."""
+        rating, preload = self.axis.dynamic_load_rating_n, self.model.preload_n
+        if rating is None or preload is None:
+            return None
+        return 100.0 * preload.value / rating
+
+    def missing_for_percent(self) -> str | None:
+        """Which key is missing for preload in percent, or None if all are there."""
+        if self.axis.dynamic_load_rating_n is None:
+            return "axis.dynamic_load_rating_n"
+        if self.model.preload_n is None:
+            return "model.preload_n"
+        if self.drag_per_percent_nm is None:
+            return "model.preload_drag_nm"
+        return None

@@ -1,0 +1,130 @@
+"""Payloads survive the wire, and foreign bytes are refused."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from edge_service.messages.channels import ANGLE, TORQUE
+from edge_service.messages.codec import (
+    FEATURE_UNITS,
+    CodecError,
+    decode_features,
+    decode_json,
+    decode_samples,
+    encode_features,
+    encode_json,
+    encode_samples,
+)
+from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+from edge_service.messages.header import Header
+from edge_service.messages.samples import SampleFrame
+from edge_service.messages.topics import EVENT, PRELOAD
+from hypothesis import given
+from hypothesis import strategies as st
+
+HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
+
+
+def samples(rows: int = 5) -> SampleFrame:
+    time_s = np.arange(rows) * 1e-3
+    return SampleFrame(time_s, {TORQUE: np.sin(time_s), ANGLE: np.full(rows, np.nan)})
+
+
+def block() -> FeatureBlock:
+    values = {name: float(index) for index, name in enumerate(FEATURE_FIELDS)}
+    values |= {"fault": Fault.HOLE | Fault.REPEAT, "sample_count": 3, "reversal_count": 1}
+    return FeatureBlock(**values | {"temperature_c": float("nan")})
+
+
+def test_samples_come_back_bit_equal() -> None:
+    axis, header, frame = decode_samples(encode_samples("X", HEADER, samples()))
+    assert (axis, header) == ("X", HEADER)
+    np.testing.assert_array_equal(frame.time_s, samples().time_s)
+    assert list(frame.channels) == [TORQUE, ANGLE]
+    for name, values in samples().channels.items():
+        np.testing.assert_array_equal(frame.channels[name], values)
+
+
+def test_features_come_back_equal() -> None:
+    axis, header, decoded = decode_features(encode_features("Y", HEADER, block()))
+    assert (axis, header) == ("Y", HEADER)
+    assert repr(decoded) == repr(block())
+    assert decoded.fault is Fault.HOLE | Fault.REPEAT
+
+
+def test_a_block_can_be_read_with_the_standard_library_alone() -> None:
+    payload = encode_samples("X", HEADER, samples(2))
+    magic, length = struct.unpack_from("<4sI", payload)
+    members = json.loads(payload[8 : 8 + length])
+    assert magic == b"EDB1"
+    assert members["sequence"] == HEADER.sequence
+    assert members["columns"][1] == [TORQUE, "N m"]
+    values = struct.unpack_from("<2d", payload, 8 + length)
+    assert values == (0.0, 1e-3)
+
+
+def test_every_feature_with_a_dimension_has_a_unit() -> None:
+    bare = {name for name, unit in FEATURE_UNITS.items() if not unit}
+    assert bare == {
+        "sample_count",
+        "fault",
+        "direction_mean",
+        "direction_lever",
+        "moving_fraction",
+        "reversal_count",
+    }
+    assert FEATURE_UNITS["speed_end_rad_s"] == "rad/s"
+    assert FEATURE_UNITS["torque_mean_nm"] == "N m"
+
+
+def test_json_payloads_come_back_equal() -> None:
+    estimate = PreloadEstimate(
+        time_s=1.5,
+        status=EstimateStatus.ESTIMATED,
+        preload_percent=6.7,
+        low=6.5,
+        high=6.9,
+        drag_torque_nm=Interval(value=0.14, low=0.13, high=0.15),
+        mode_probability={"10": 0.1, "7.5": 0.9},
+    )
+    payload = encode_json(PRELOAD.payload, "X", HEADER, estimate)
+    assert decode_json(PRELOAD.payload, PreloadEstimate, payload) == ("X", HEADER, estimate)
+    event = Event(axis="X", kind="k", severity=Severity.INFO, message="m", time_ns=1)
+    payload = encode_json(EVENT.payload, "X", HEADER, event)
+    assert decode_json(EVENT.payload, Event, payload) == ("X", HEADER, event)
+
+
+def test_numbers_that_are_none_are_not_finite() -> None:
+    with pytest.raises(ValueError, match="finite"):
+        PreloadEstimate(time_s=float("nan"), status=EstimateStatus.ESTIMATED)
+
+
+@given(st.binary(max_size=200))
+def test_foreign_bytes_are_refused(payload: bytes) -> None:
+    for decode in (decode_samples, decode_features):
+        with pytest.raises(CodecError):
+            decode(payload)
+    with pytest.raises(CodecError):
+        decode_json(PRELOAD.payload, PreloadEstimate, payload)
+
+
+@given(st.integers(0, 10_000), st.integers(0, 255), st.booleans())
+def test_damaged_blocks_are_refused_or_read_but_never_crash(
+    position: int, value: int, cut: bool
+) -> None:
+    payload = bytearray(encode_features("X", HEADER, block()))
+    position %= len(payload)
+    payload[position] = value
+    damaged = bytes(payload[:position] if cut else payload)
+    try:
+        decode_features(damaged)
+    except CodecError:
+        pass
+
+
+def test_another_schema_is_refused() -> None:
+    with pytest.raises(CodecError, match="samples/1"):
+        decode_features(encode_samples("X", HEADER, samples()))
