@@ -1,0 +1,55 @@
+"""Publishing payloads of one key, and answering for the last of them."""
+
+import time
+from collections.abc import Callable
+
+import zenoh
+
+from ..messages.header import Header
+from ..messages.topics import Keep, Topic
+
+_MONITORED = frozenset({"preload", "health", "event", "status"})
+
+
+class Publisher:
+    """Numbers, stamps and puts payloads; never waits for a reader."""
+
+    def __init__(self, session: zenoh.Session, key: str, topic: Topic) -> None:
+        self._encoding = zenoh.Encoding(topic.encoding)
+        self._key = key
+        self._publisher = session.declare_publisher(
+            key,
+            encoding=self._encoding,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=(
+                zenoh.Priority.INTERACTIVE_HIGH if topic.name in _MONITORED else zenoh.Priority.DATA
+            ),
+            express=True,
+        )
+        self._last: bytes | None = None
+        self._queryable = (
+            session.declare_queryable(key, self._answer, complete=True)
+            if topic.keep is Keep.LAST
+            else None
+        )
+        self.boot_epoch = time.time_ns()
+        self.sequence = 0
+
+    def publish(self, encode: Callable[[Header], bytes], source_time_ns: int) -> Header:
+        """Encode with the next header and put; returns the header that went out."""
+        header = Header(self.sequence, self.boot_epoch, source_time_ns, time.monotonic_ns())
+        self._last = encode(header)
+        self._publisher.put(self._last)
+        self.sequence += 1
+        return header
+
+    def _answer(self, query: zenoh.Query) -> None:
+        with query:
+            if self._last is not None:
+                query.reply(self._key, self._last, encoding=self._encoding)
+
+    def close(self) -> None:
+        """Undeclare; called once by the bus."""
+        if self._queryable is not None:
+            self._queryable.undeclare()
+        self._publisher.undeclare()

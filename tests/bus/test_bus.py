@@ -1,0 +1,167 @@
+"""The bus: loopback only, never blocked by a reader, every loss counted."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+
+import numpy as np
+import pytest
+import zenoh
+from edge_service.bus.session import (
+    Bus,
+    BusConfigurationError,
+    BusSettings,
+    BusUnavailableError,
+)
+from edge_service.messages.channels import TORQUE
+from edge_service.messages.codec import decode_samples, encode_samples
+from edge_service.messages.header import Header
+from edge_service.messages.keys import MachineKeys
+from edge_service.messages.samples import SampleFrame
+from edge_service.messages.topics import RAW
+
+KEYS = MachineKeys("site", "machine")
+FRAME = SampleFrame(np.array([0.0, 1e-3]), {TORQUE: np.array([0.1, 0.2])})
+
+
+@pytest.fixture
+async def router() -> AsyncIterator[Bus]:
+    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
+    yield bus
+    await bus.close()
+
+
+@pytest.fixture
+async def client(router: Bus) -> AsyncIterator[Bus]:
+    bus = await Bus.open(BusSettings(router.endpoint, "client"))
+    yield bus
+    await bus.close()
+
+
+def encode(header: Header) -> bytes:
+    return encode_samples("X", header, FRAME)
+
+
+async def answered(ask: object, expected: bytes) -> None:
+    """Wait, bounded, until a query is answered: declarations travel asynchronously."""
+    async with asyncio.timeout(5.0):
+        while True:
+            replies = await asyncio.to_thread(ask)  # type: ignore[arg-type]
+            if expected in replies:
+                return
+            await asyncio.sleep(0)
+
+
+async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, client: Bus) -> None:
+    near = router.subscribe(KEYS.all_axes(RAW), decode_samples)
+    far = client.subscribe(KEYS.all_axes(RAW), decode_samples)
+    publisher = router.publisher(KEYS.key("X", RAW), RAW)
+    headers = []
+    arrivals = aiter(far)
+    async with asyncio.timeout(5.0):
+        first = asyncio.ensure_future(anext(arrivals))
+        while not first.done():
+            headers.append(publisher.publish(encode, time.time_ns()))
+            await asyncio.sleep(0)
+        axis, header, frame = await first
+    assert axis == "X"
+    assert header in headers
+    np.testing.assert_array_equal(frame.channels[TORQUE], FRAME.channels[TORQUE])
+    axis, header, _ = await anext(aiter(near))
+    assert header.sequence == 0
+    assert header.boot_epoch == publisher.boot_epoch
+
+
+async def test_a_reader_that_sleeps_loses_the_oldest_and_the_count_is_exact(router: Bus) -> None:
+    subscriber = router.subscribe(KEYS.all_axes(RAW), decode_samples, depth=4)
+    publisher = router.publisher(KEYS.key("X", RAW), RAW)
+    for _ in range(10):
+        publisher.publish(encode, 0)
+    subscriber.close()
+    sequences = [header.sequence async for _, header, _ in subscriber]
+    assert sequences == [6, 7, 8, 9]
+    assert subscriber.counters.received == 10
+    assert subscriber.counters.ring_overruns == 6
+
+
+async def test_holes_restarts_and_foreign_bytes_are_counted(router: Bus) -> None:
+    subscriber = router.subscribe(KEYS.all_axes(RAW), decode_samples)
+    raw = router._session.declare_publisher(KEYS.key("X", RAW))
+    for boot, sequence in ((1, 0), (1, 1), (1, 5), (2, 0), (2, 1)):
+        raw.put(encode(Header(sequence, boot, 0, 0)))
+    raw.put(b"no block")
+    subscriber.close()
+    assert len([item async for item in subscriber]) == 5
+    assert subscriber.counters.lost_payloads == 3
+    assert subscriber.counters.publisher_restarts == 1
+    assert subscriber.counters.malformed == 1
+
+
+async def test_a_stalled_foreign_reader_never_blocks_the_publisher(router: Bus) -> None:
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", '"client"'),
+        ("connect/endpoints", f'["{router.endpoint}"]'),
+        ("scouting/multicast/enabled", "false"),
+    ):
+        config.insert_json5(key, value)
+    stalled = await asyncio.to_thread(zenoh.open, config)
+    subscriber = stalled.declare_subscriber(
+        KEYS.key("X", RAW), zenoh.handlers.FifoChannel(1)
+    )  # nobody reads it
+    publisher = router.publisher(KEYS.key("X", RAW), RAW)
+    big = SampleFrame(np.zeros(20_000), {TORQUE: np.zeros(20_000)})
+    near = router.subscribe(KEYS.key("X", RAW), decode_samples, depth=1000)
+    try:
+        async with asyncio.timeout(60.0):
+            for _ in range(300):
+                publisher.publish(lambda header: encode_samples("X", header, big), 0)
+                await asyncio.sleep(0)
+        near.close()
+        assert len([item async for item in near]) == 300
+    finally:
+        subscriber.undeclare()
+        await asyncio.to_thread(stalled.close)
+
+
+async def test_the_last_payload_answers_a_query(router: Bus, client: Bus) -> None:
+    publisher = router.publisher(KEYS.key("X", RAW), RAW)
+    publisher.publish(encode, 5)
+    publisher.publish(encode, 6)
+    expected = encode(Header(1, publisher.boot_epoch, 6, 0))
+
+    def ask() -> list[bytes]:
+        replies = client._session.get(KEYS.key("X", RAW))
+        headers = [decode_samples(r.ok.payload.to_bytes())[1] for r in replies if r.ok]
+        return [encode(Header(h.sequence, h.boot_epoch, h.source_time_ns, 0)) for h in headers]
+
+    await answered(ask, expected)
+
+
+async def test_presence_shows_by_a_liveliness_token(router: Bus, client: Bus) -> None:
+    router.declare_alive(KEYS.alive)
+
+    def ask() -> list[bytes]:
+        replies = client._session.liveliness().get(KEYS.alive)
+        return [str(reply.ok.key_expr).encode() for reply in replies if reply.ok]
+
+    await answered(ask, KEYS.alive.encode())
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["tcp/0.0.0.0:0", "tcp/192.0.2.1:7447", "udp/127.0.0.1:0", "127.0.0.1", "tcp/x:1"]
+)
+async def test_other_than_loopback_is_refused(endpoint: str) -> None:
+    with pytest.raises(BusConfigurationError, match="loopback|form"):
+        await Bus.open(BusSettings(endpoint, "router"))
+
+
+async def test_a_taken_port_is_one_clear_line(router: Bus) -> None:
+    with pytest.raises(BusConfigurationError, match="in use by another process"):
+        await Bus.open(BusSettings(router.endpoint, "router"))
+
+
+async def test_no_bus_to_join_is_one_clear_line(router: Bus) -> None:
+    await router.close()
+    with pytest.raises(BusUnavailableError, match="no bus answers"):
+        await Bus.open(BusSettings(router.endpoint, "client"))
