@@ -1,0 +1,224 @@
+"""The simulated feed drive: production motion, wear, and everything a real drive reports."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from dataclasses import replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from edge_service.messages.channels import CHANNELS
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings, Sensors
+from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.wear import RUN_IN_SHARE, SCENARIOS, Wear
+
+from .base import (
+    DriverConfig,
+    DriverContext,
+    DriverMisconfiguredError,
+    DriverUnavailableError,
+    Probe,
+)
+
+SECONDS_PER_HOUR = 3600.0
+GREATEST_LAG_S = 1.0
+"""Further behind real time than this, the driver lets the missed time go instead of bursting."""
+
+_SENSORS = Sensors()
+
+
+class SimulatedConfig(DriverConfig):
+    """What a user sets. The defaults are the axis of the machine file, wearing out in 5 minutes.
+
+    Attributes:
+        scenario: how the preload is lost; `healthy` keeps the machine file's fresh preload.
+        life_h: wear time from start to end of the scenario, h.
+        acceleration: seconds of wear per second of axis time.
+        start_percent: preload at first, instead of the scenario's.
+        end_percent: preload at last, instead of the scenario's.
+        run_in_loss: share of the loss in the first tenth of the life; 0.1 is a straight line.
+        hold_s: axis time before the wear begins, s.
+        repeat: start anew, with the hold, when the life is over; else the end value stays.
+        motion: name of the commanded motion.
+        seed: of motion and noise; the same seed gives the same bytes.
+        rate_hz: rate of control and samples.
+        frame_s: axis time per frame, s.
+        speed: axis time over real time; 0 is as fast as possible.
+        guide_force_n: guide friction; the machine file's unless given.
+        bearing_drag_nm: drag of the screw's bearings; the machine file's unless given.
+        stribeck_excess_nm: breakaway torque above the Coulomb level; 0 is no Stribeck friction.
+        stribeck_speed_rad_s: motor speed at which the excess has fallen to 1/e.
+    """
+
+    scenario: Literal["healthy", "gradual", "partial", "sudden"] = "gradual"
+    life_h: float = Field(10_000.0, gt=0.0)
+    acceleration: float = Field(120_000.0, gt=0.0)
+    start_percent: float | None = Field(None, ge=0.0, le=100.0)
+    end_percent: float | None = Field(None, ge=0.0, le=100.0)
+    run_in_loss: float = Field(RUN_IN_SHARE, ge=0.0, le=1.0)
+    hold_s: float = Field(20.0, ge=0.0)
+    repeat: bool = False
+    motion: str = "production"
+    seed: int = Field(1, ge=0)
+    rate_hz: float = Field(1000.0, ge=500.0, le=8000.0)
+    frame_s: float = Field(0.02, ge=0.001, le=1.0)
+    speed: float = Field(1.0, ge=0.0, le=1000.0)
+    guide_force_n: float | None = Field(None, ge=0.0)
+    bearing_drag_nm: float | None = Field(None, ge=0.0)
+    stribeck_excess_nm: float = Field(0.0, ge=0.0)
+    stribeck_speed_rad_s: float = Field(2.0, gt=0.0)
+    torque_noise_nm: float = Field(_SENSORS.torque_noise_nm, ge=0.0)
+    angle_noise_rad: float = Field(_SENSORS.angle_noise_rad, ge=0.0)
+    table_noise_m: float = Field(_SENSORS.table_noise_m, ge=0.0)
+
+
+class _Bench:
+    """One run of the simulated axis from home: motion, wear clock and feed drive."""
+
+    def __init__(self, config: SimulatedConfig, context: DriverContext) -> None:
+        self._config = config
+        self._wear = _wear(config, context)
+        limits = motion_limits(context.machine)
+        if config.motion not in MOTIONS:
+            known = ", ".join(sorted(MOTIONS))
+            raise DriverMisconfiguredError("motion", f"{config.motion!r} is none of {known}")
+        segments = MOTIONS[config.motion](limits, np.random.default_rng((config.seed, 1)))
+        self._setpoints = Setpoints(segments, limits.low_m, config.rate_hz)
+        self.preload_percent = self._wear.start_percent
+        self._drive = FeedDrive(
+            _settings(config, context), limits.low_m, self.preload_percent, config.seed
+        )
+        self._sample = 0
+
+    def advance(self, count: int) -> SampleFrame:
+        """The next `count` samples."""
+        time_s = np.arange(self._sample, self._sample + count) / self._config.rate_hz
+        self._sample += count
+        preload_percent = self._preload_percent(time_s)
+        if count:
+            self.preload_percent = float(preload_percent[-1])
+        return self._drive.advance(self._setpoints.take(count), preload_percent)
+
+    def _preload_percent(self, time_s: Floats) -> Floats:
+        config = self._config
+        life_s = config.life_h * SECONDS_PER_HOUR
+        if config.repeat:
+            time_s = np.fmod(time_s, config.hold_s + life_s / config.acceleration)
+        return self._wear.preload_percent((time_s - config.hold_s) * config.acceleration, life_s)
+
+
+def _wear(config: SimulatedConfig, context: DriverContext) -> Wear:
+    scenario = SCENARIOS[config.scenario]
+    fresh = context.machine.fresh_preload_percent
+    if config.scenario == "healthy" and fresh is not None:
+        scenario = replace(scenario, start_percent=fresh, end_percent=fresh)
+    start, end = config.start_percent, config.end_percent
+    if config.scenario == "healthy" and end is None:
+        end = start
+    return replace(
+        scenario,
+        start_percent=scenario.start_percent if start is None else start,
+        end_percent=scenario.end_percent if end is None else end,
+        run_in_loss=config.run_in_loss,
+    )
+
+
+def _settings(config: SimulatedConfig, context: DriverContext) -> FeedDriveSettings:
+    try:
+        settings = FeedDriveSettings.of_machine(context.machine, config.rate_hz)
+    except ValueError as error:
+        raise DriverMisconfiguredError("machine", str(error)) from error
+    plant = settings.plant._replace(
+        stribeck_excess_nm=config.stribeck_excess_nm,
+        stribeck_speed_rad_s=config.stribeck_speed_rad_s,
+    )
+    if config.guide_force_n is not None:
+        plant = plant._replace(guide_force_n=config.guide_force_n)
+    if config.bearing_drag_nm is not None:
+        plant = plant._replace(bearing_drag_nm=config.bearing_drag_nm)
+    sensors = settings.sensors._replace(
+        torque_noise_nm=config.torque_noise_nm,
+        angle_noise_rad=config.angle_noise_rad,
+        table_noise_m=config.table_noise_m,
+    )
+    return replace(settings, plant=plant, sensors=sensors)
+
+
+class SimulatedDriver:
+    """A feed drive that exists only as equations.
+
+    With `speed` above 0 a frame is yielded when its last sample has been taken, against a fixed
+    start on the event loop's clock, so that nothing drifts. Axis time never jumps: after a delay
+    of more than GREATEST_LAG_S the axis goes on from where it was, and real time has moved on.
+    """
+
+    config_model: ClassVar[type[DriverConfig]] = SimulatedConfig
+
+    def __init__(
+        self,
+        config: SimulatedConfig,
+        context: DriverContext,
+        *,
+        clock: Callable[[], float] | None = None,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self._config = config
+        self._context = context
+        self._clock = clock
+        self._sleep = sleep
+        self._bench: _Bench | None = None
+        self._truth: float | None = None
+        self.paced = config.speed > 0.0
+
+    async def open(self) -> None:
+        """Put the axis at home; the first time, compile the plant in a thread."""
+        if self._bench is None:
+            bench = _Bench(self._config, self._context)
+            await asyncio.to_thread(self._compile)
+            self._bench = bench
+
+    async def frames(self) -> AsyncGenerator[SampleFrame, None]:
+        """Frames of `frame_s` each, without end, until `close`."""
+        bench = self._bench
+        if bench is None:
+            raise DriverUnavailableError("the simulated drive is not open")
+        config = self._config
+        count = max(round(config.frame_s * config.rate_hz), 1)
+        clock = self._clock or asyncio.get_running_loop().time
+        start_s, taken = clock(), 0
+        while self._bench is bench:
+            frame = bench.advance(count)
+            taken += count
+            wait_s = 0.0
+            if self.paced:
+                due_s = start_s + taken / config.rate_hz / config.speed
+                wait_s = due_s - clock()
+                if wait_s < -GREATEST_LAG_S:
+                    start_s -= wait_s
+            await self._sleep(max(wait_s, 0.0))
+            if self._bench is bench:
+                self._truth = bench.preload_percent
+                yield frame
+
+    async def probe(self) -> Probe:
+        """Channels and rate; raises DriverMisconfiguredError as `open` does."""
+        _Bench(self._config, self._context)
+        return Probe(
+            f"simulated feed drive, scenario {self._config.scenario}",
+            tuple(CHANNELS),
+            self._config.rate_hz,
+        )
+
+    async def close(self) -> None:
+        """End `frames`; the next `open` starts from home again."""
+        self._bench = None
+        self._truth = None
+
+    def truth(self) -> float | None:
+        """True preload in percent at the latest sample handed out, or None before the first."""
+        return self._truth
+
+    def _compile(self) -> None:
+        _Bench(self._config, self._context).advance(1)

@@ -1,0 +1,275 @@
+import asyncio
+import tomllib
+from collections.abc import AsyncIterator
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from drivers.base import (
+    ENTRY_POINT_GROUP,
+    Driver,
+    DriverContext,
+    DriverMisconfiguredError,
+    DriverUnavailableError,
+)
+from drivers.simulated import SimulatedConfig, SimulatedDriver
+from edge_service.messages.channels import CHANNELS, TORQUE
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
+
+BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
+
+
+def context() -> DriverContext:
+    return DriverContext("X", Machine.model_validate(tomllib.loads(BENCH.read_text())))
+
+
+def driver(**config: object) -> SimulatedDriver:
+    return SimulatedDriver(SimulatedConfig.model_validate({"speed": 0.0, **config}), context())
+
+
+async def take(frames: AsyncIterator[SampleFrame], count: int) -> list[SampleFrame]:
+    return [await anext(frames) for _ in range(count)]
+
+
+async def opened_frames(source: SimulatedDriver, count: int) -> list[SampleFrame]:
+    await source.open()
+    frames = source.frames()
+    taken = await take(frames, count)
+    await frames.aclose()
+    await source.close()
+    return taken
+
+
+class FakeTime:
+    """A clock that only sleeping moves, and a list of what was slept."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.slept_s: list[float] = []
+
+    def clock(self) -> float:
+        return self.now_s
+
+    async def sleep(self, duration_s: float) -> None:
+        self.slept_s.append(duration_s)
+        self.now_s += duration_s
+        await asyncio.sleep(0)
+
+
+def paced(time: FakeTime, **config: object) -> SimulatedDriver:
+    settings = SimulatedConfig.model_validate(config)
+    return SimulatedDriver(settings, context(), clock=time.clock, sleep=time.sleep)
+
+
+def test_it_is_found_by_its_name() -> None:
+    (entry,) = entry_points(group=ENTRY_POINT_GROUP, name="simulated")
+    source: Driver = entry.load()(SimulatedConfig(), context())
+    assert isinstance(source, SimulatedDriver)
+
+
+async def test_frames_hold_every_channel_at_the_rate_without_a_hole() -> None:
+    frames = await opened_frames(driver(frame_s=0.02), 50)
+    assert all(set(frame.channels) == set(CHANNELS) and len(frame) == 20 for frame in frames)
+    assert np.array_equal(np.concatenate([f.time_s for f in frames]), np.arange(1000) / 1000.0)
+
+
+async def test_frame_length_does_not_change_the_samples() -> None:
+    short = await opened_frames(driver(frame_s=0.01, hold_s=0.0), 60)
+    long = await opened_frames(driver(frame_s=0.2, hold_s=0.0), 3)
+    for name in CHANNELS:
+        values = [np.concatenate([f.channels[name] for f in frames]) for frames in (short, long)]
+        assert values[0].tobytes() == values[1].tobytes()
+
+
+async def test_after_close_open_starts_afresh_from_home() -> None:
+    source = driver()
+    first = await opened_frames(source, 5)
+    second = await opened_frames(source, 5)
+    assert [f.channels[TORQUE].tobytes() for f in first] == [
+        f.channels[TORQUE].tobytes() for f in second
+    ]
+
+
+async def test_open_and_close_are_safe_twice_and_in_any_order() -> None:
+    source = driver()
+    await source.close()
+    await source.open()
+    frames = source.frames()
+    (first,) = await take(frames, 1)
+    await source.open()
+    (second,) = await take(frames, 1)
+    assert second.time_s[0] > first.time_s[-1]
+    await source.close()
+    await source.close()
+    with pytest.raises(StopAsyncIteration):
+        await anext(frames)
+
+
+async def test_frames_without_open_say_so() -> None:
+    with pytest.raises(DriverUnavailableError, match="not open"):
+        await anext(driver().frames())
+
+
+async def test_close_ends_a_reader_that_is_waiting() -> None:
+    reached, leave = asyncio.Event(), asyncio.Event()
+
+    async def sleep(_duration_s: float) -> None:
+        reached.set()
+        await leave.wait()
+
+    source = SimulatedDriver(SimulatedConfig(), context(), sleep=sleep)
+    await source.open()
+    reader = asyncio.create_task(anext(source.frames(), None))
+    await reached.wait()
+    await source.close()
+    leave.set()
+    assert await reader is None
+
+
+async def test_cancelling_a_reader_leaves_nothing_running() -> None:
+    reached = asyncio.Event()
+
+    async def sleep(_duration_s: float) -> None:
+        reached.set()
+        await asyncio.Event().wait()
+
+    source = SimulatedDriver(SimulatedConfig(), context(), sleep=sleep)
+    await source.open()
+    frames = source.frames()
+    reader = asyncio.create_task(anext(frames))
+    await reached.wait()
+    reader.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await reader
+    await source.close()
+    assert asyncio.all_tasks() == {asyncio.current_task()}
+
+
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+async def test_pacing_follows_a_fixed_start_without_drift(speed: float) -> None:
+    time = FakeTime()
+    source = paced(time, speed=speed, frame_s=0.02)
+    assert source.paced
+    await source.open()
+    frames = source.frames()
+    for number in range(1, 101):
+        (frame,) = await take(frames, 1)
+        due_s = 100.0 + number * 0.02 / speed
+        assert time.now_s == pytest.approx(due_s, abs=1e-9)
+        assert frame.time_s[0] == pytest.approx((number - 1) * 0.02)
+        time.now_s += 0.004 / speed
+
+
+async def test_a_short_delay_is_caught_up_and_a_long_one_is_let_go() -> None:
+    time = FakeTime()
+    source = paced(time, frame_s=0.02)
+    await source.open()
+    frames = source.frames()
+    await take(frames, 1)
+    time.now_s += 0.5
+    await take(frames, 30)
+    assert time.now_s == pytest.approx(100.0 + 31 * 0.02)
+    time.now_s += 3600.0
+    late_s = time.now_s
+    caught_up = await take(frames, 50)
+    assert time.now_s == pytest.approx(late_s + 49 * 0.02)
+    assert caught_up[-1].time_s[-1] == pytest.approx(81 * 0.02 - 1e-3)
+
+
+async def test_flat_out_never_waits_but_lets_others_run() -> None:
+    time = FakeTime()
+    source = paced(time, speed=0.0)
+    assert not source.paced
+    await source.open()
+    await take(source.frames(), 20)
+    assert time.slept_s == [0.0] * 20
+
+
+async def test_truth_follows_the_scenario_and_its_wear_clock() -> None:
+    source = driver(scenario="gradual", life_h=1.0, acceleration=3600.0, hold_s=0.5, frame_s=0.1)
+    assert source.truth() is None
+    await source.open()
+    frames = source.frames()
+    truths = []
+    for _ in range(20):
+        await take(frames, 1)
+        truths.append(source.truth())
+    end_s = 0.1 * np.arange(1, 21) - 1e-3
+    assert truths == pytest.approx(np.interp(end_s, [0.5, 1.5], [10.0, 0.0]))
+    await source.close()
+    assert source.truth() is None
+
+
+async def test_a_repeated_scenario_starts_anew_with_its_hold() -> None:
+    source = driver(
+        scenario="sudden", life_h=1.0, acceleration=3600.0, hold_s=0.5, frame_s=0.25, repeat=True
+    )
+    await source.open()
+    frames = source.frames()
+    truths = []
+    for _ in range(12):
+        await take(frames, 1)
+        truths.append(source.truth())
+    assert truths == [10.0, 10.0, 10.0, 10.0, 0.0, 0.0] * 2
+
+
+@pytest.mark.parametrize(
+    ("config", "start", "end"),
+    [
+        ({"scenario": "healthy"}, 100.0 * 510.0 / 7450.0, 100.0 * 510.0 / 7450.0),
+        ({"scenario": "healthy", "start_percent": 4.0}, 4.0, 4.0),
+        ({"scenario": "partial"}, 7.5, 2.5),
+        ({"scenario": "gradual", "start_percent": 6.0, "end_percent": 3.0}, 6.0, 3.0),
+    ],
+)
+async def test_start_and_end_of_the_scenarios(
+    config: dict[str, object], start: float, end: float
+) -> None:
+    source = driver(**config, hold_s=0.0, life_h=1.0, acceleration=3600.0, frame_s=1.0)
+    await source.open()
+    frames = source.frames()
+    await take(frames, 1)
+    assert source.truth() == pytest.approx(end, abs=abs(end - start) * 2e-3)
+    await take(frames, 1)
+    assert source.truth() == pytest.approx(end)
+
+
+async def test_gradual_loss_takes_about_five_minutes_by_default() -> None:
+    config = SimulatedConfig()
+    assert config.life_h * 3600.0 / config.acceleration == pytest.approx(300.0)
+
+
+async def test_friction_overrides_reach_the_torque() -> None:
+    plain = await opened_frames(driver(scenario="healthy", frame_s=1.0), 8)
+    loaded = await opened_frames(
+        driver(scenario="healthy", frame_s=1.0, guide_force_n=60.0, bearing_drag_nm=0.05), 8
+    )
+    more = np.abs(np.concatenate([f.channels[TORQUE] for f in loaded])) - np.abs(
+        np.concatenate([f.channels[TORQUE] for f in plain])
+    )
+    assert np.percentile(more, 75) == pytest.approx(60.0 * 0.02 / (2.0 * np.pi) + 0.05, abs=0.03)
+
+
+async def test_probe_tells_channels_and_rate_without_opening() -> None:
+    probe = await driver(rate_hz=2000.0).probe()
+    assert set(probe.channels) == set(CHANNELS)
+    assert probe.rate_hz == 2000.0
+
+
+async def test_a_wrong_configuration_names_its_key() -> None:
+    with pytest.raises(DriverMisconfiguredError, match=r"motion: 'polka' is none of .*production"):
+        await driver(motion="polka").open()
+    bare = Machine.model_validate({"axis": {"lead_m": 0.02}, "model": {"inertia_kg_m2": 1.5e-3}})
+    source = SimulatedDriver(SimulatedConfig(), DriverContext("X", bare))
+    with pytest.raises(DriverMisconfiguredError, match=r"machine: axis\.dynamic_load_rating_n"):
+        await source.open()
+
+
+@pytest.mark.parametrize("key", ["speed", "frame_s", "life_h", "rate_hz", "scenario", "colour"])
+def test_values_out_of_range_and_unknown_keys_are_refused(key: str) -> None:
+    with pytest.raises(ValidationError, match=key):
+        SimulatedConfig.model_validate({key: -1})

@@ -1,0 +1,21 @@
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from edge_service.models.bench import plant_of
+from edge_service.models.machine import Machine
+from edge_service.models.plant import Plant
+
+BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
+
+
+@pytest.fixture
+def machine() -> Machine:
+    """The seed's bench."""
+    return Machine.model_validate(tomllib.loads(BENCH.read_text()))
+
+
+@pytest.fixture
+def plant(machine: Machine) -> Plant:
+    return plant_of(machine)

@@ -1,0 +1,58 @@
+import math
+
+import numpy as np
+import pytest
+
+from edge_service.models.controller import Gains, command_torque, gains_for
+
+INERTIA, RATIO, LIMIT_NM = 1.5e-3, 0.02 / (2.0 * math.pi), 16.0
+GAINS = gains_for(INERTIA, RATIO, LIMIT_NM, 1e-3)
+
+
+def speed_loop(gains: Gains, omega: np.ndarray) -> np.ndarray:
+    """Open speed loop of a rigid axis with 0.5 ms filter and half a period of hold."""
+    s = 1j * omega
+    pi = gains.speed_gain_nm_s_per_rad + gains.integral_gain_nm_per_rad / s
+    lag = np.exp(-s * gains.period_s / 2.0) / (1.0 + s * 5e-4)
+    return np.asarray(pi * lag / (INERTIA * s))
+
+
+def test_speed_loop_crosses_over_at_its_bandwidth_with_margin() -> None:
+    omega = np.geomspace(1.0, 3000.0, 20_000)
+    loop = speed_loop(GAINS, omega)
+    crossover = np.flatnonzero(np.abs(loop) < 1.0)[0]
+    assert omega[crossover] == pytest.approx(2.0 * math.pi * 60.0, rel=0.1)
+    assert 180.0 + np.degrees(np.angle(loop[crossover])) > 50.0
+
+
+def test_no_error_and_no_acceleration_need_no_torque() -> None:
+    setpoint = np.array([0.3, 0.1, 0.0])
+    torque, integral = command_torque(GAINS, setpoint, 0.3, 0.1 / RATIO, 0.0)
+    assert torque == pytest.approx(0.0, abs=1e-12)
+    assert integral == pytest.approx(0.0, abs=1e-12)
+
+
+def test_acceleration_is_fed_forward_through_the_inertia() -> None:
+    torque, _ = command_torque(GAINS, np.array([0.3, 0.0, 4.0]), 0.3, 0.0, 0.0)
+    assert torque == pytest.approx(INERTIA * 4.0 / RATIO)
+
+
+def test_position_error_acts_through_both_loops() -> None:
+    torque, integral = command_torque(GAINS, np.array([0.3 + 1e-5, 0.0, 0.0]), 0.3, 0.0, 0.0)
+    omega = 2.0 * math.pi * 60.0
+    speed_rad_s = omega / 4.0 * 1e-5 / RATIO
+    assert torque == pytest.approx(INERTIA * omega * speed_rad_s)
+    assert integral == pytest.approx(INERTIA * omega**2 / 4.0 * speed_rad_s * 1e-3)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_torque_is_limited_and_the_integral_does_not_wind_up(sign: float) -> None:
+    setpoint = np.array([0.3 + sign, 0.0, 0.0])
+    integral = 0.0
+    for _ in range(1000):
+        torque, integral = command_torque(GAINS, setpoint, 0.3, 0.0, integral)
+        assert torque == sign * LIMIT_NM
+    assert abs(integral) < LIMIT_NM
+    overshoot_m = setpoint[0] + sign * 1e-4
+    _, unwound = command_torque(GAINS, setpoint, overshoot_m, 0.0, sign * 5.0)
+    assert abs(unwound) < 5.0

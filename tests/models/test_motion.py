@@ -1,0 +1,138 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_service.models.machine import Machine
+from edge_service.models.motion import (
+    MOTIONS,
+    Dwell,
+    MotionLimits,
+    Move,
+    Setpoints,
+    motion_limits,
+)
+
+MOVES = st.builds(
+    Move,
+    distance_m=st.floats(1e-6, 2.0).flatmap(lambda d: st.sampled_from((d, -d))),
+    speed_m_s=st.floats(1e-3, 2.0),
+    acceleration_m_s2=st.floats(0.1, 20.0),
+    jerk_m_s3=st.floats(1.0, 2000.0),
+)
+LIMITS = MotionLimits(0.04, 0.76)
+
+
+@given(MOVES)
+def test_a_move_ends_exactly_where_it_should_and_keeps_its_limits(move: Move) -> None:
+    time_s = np.linspace(0.0, move.duration_s, 1001)
+    travel, speed, acceleration = move.setpoints(time_s).T
+    assert (travel[0], speed[0], acceleration[0]) == (0.0, 0.0, 0.0)
+    assert (travel[-1], speed[-1], acceleration[-1]) == (move.distance_m, 0.0, 0.0)
+    slack = 1.0 + 1e-9
+    assert np.max(np.abs(speed)) <= move.speed_m_s * slack
+    assert np.max(np.abs(acceleration)) <= move.acceleration_m_s2 * slack
+    step_s = time_s[1]
+    assert np.max(np.abs(np.diff(acceleration))) <= move.jerk_m_s3 * step_s * (1.0 + 1e-6)
+    assert np.all(np.diff(travel * np.sign(move.distance_m)) >= -1e-12)
+
+
+@given(MOVES)
+def test_travel_is_the_integral_of_speed_and_speed_that_of_acceleration(move: Move) -> None:
+    time_s = np.linspace(0.0, move.duration_s, 1001)
+    travel, speed, acceleration = move.setpoints(time_s).T
+    h = time_s[1]
+    speed_error = np.diff(speed) - h * 0.5 * (acceleration[1:] + acceleration[:-1])
+    travel_error = np.diff(travel) - h * 0.5 * (speed[1:] + speed[:-1])
+    assert np.max(np.abs(speed_error)) <= 0.25 * move.jerk_m_s3 * h**2 + 1e-12
+    assert np.max(np.abs(travel_error)) <= move.jerk_m_s3 * h**3 / 12.0 + 1e-12
+
+
+def test_duration_is_the_closed_form_where_all_limits_are_reached() -> None:
+    move = Move(0.5, 0.4, 4.0, 200.0)
+    assert move.duration_s == pytest.approx(0.5 / 0.4 + 0.4 / 4.0 + 4.0 / 200.0)
+    peaks = np.max(np.abs(move.setpoints(np.linspace(0.0, move.duration_s, 10_001))), axis=0)
+    assert peaks[1:] == pytest.approx([0.4, 4.0], rel=1e-6)
+
+
+def test_duration_of_a_short_step_is_four_jerk_phases() -> None:
+    move = Move(1e-4, 0.4, 4.0, 200.0)
+    assert move.duration_s == pytest.approx(4.0 * (1e-4 / 400.0) ** (1.0 / 3.0))
+
+
+def test_a_middle_distance_reaches_the_acceleration_but_not_the_speed() -> None:
+    move = Move(0.02, 2.0, 4.0, 200.0)
+    peaks = np.max(move.setpoints(np.linspace(0.0, move.duration_s, 10_001)), axis=0)
+    assert peaks[2] == pytest.approx(4.0, rel=1e-6)
+    assert peaks[1] < 2.0
+    assert peaks[1] == pytest.approx(0.02 / (move.duration_s / 2.0), rel=1e-3)
+
+
+def take_production(seed: int, parts: list[int]) -> np.ndarray:
+    segments = MOTIONS["production"](LIMITS, np.random.default_rng(seed))
+    source = Setpoints(segments, LIMITS.low_m, 1000.0)
+    return np.concatenate([source.take(n) for n in parts])
+
+
+@given(st.lists(st.integers(0, 700), min_size=1, max_size=12))
+def test_setpoints_do_not_depend_on_how_they_are_asked_for(parts: list[int]) -> None:
+    whole = take_production(3, [sum(parts)])
+    assert take_production(3, parts).tobytes() == whole.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_production_stays_inside_its_limits_and_is_continuous(seed: int) -> None:
+    position, speed, acceleration = take_production(seed, [120_000]).T
+    assert LIMITS.low_m - 1e-12 <= position.min() < 0.2
+    assert 0.6 < position.max() <= LIMITS.high_m + 1e-12
+    assert np.max(np.abs(speed)) <= LIMITS.speed_m_s * (1.0 + 1e-9)
+    assert np.max(np.abs(acceleration)) <= LIMITS.acceleration_m_s2 * (1.0 + 1e-9)
+    assert np.max(np.abs(np.diff(acceleration))) <= LIMITS.jerk_m_s3 * 1e-3 * (1.0 + 1e-6)
+    assert np.max(np.abs(np.diff(position) - 0.5e-3 * (speed[1:] + speed[:-1]))) < 1e-6
+
+
+def test_production_mixes_rapids_feeds_dwells_and_both_directions() -> None:
+    _, speed, _ = take_production(1, [120_000]).T
+    shares = [np.mean(s) for s in (speed == 0, abs(speed) > 0.3, speed > 1e-3, speed < -1e-3)]
+    assert min(shares) > 0.05
+    assert np.mean((np.abs(speed) > 0.005) & (np.abs(speed) < 0.1)) > 0.1
+
+
+def test_another_seed_is_another_motion() -> None:
+    assert not np.array_equal(take_production(1, [5000]), take_production(2, [5000]))
+
+
+def test_the_axis_stands_still_when_the_segments_end() -> None:
+    source = Setpoints(iter([Move(0.01, 0.1, 1.0, 50.0), Dwell(0.2)]), 0.3, 1000.0)
+    tail = source.take(5000)[-1000:]
+    assert tail == pytest.approx(np.tile([0.31, 0.0, 0.0], (1000, 1)), abs=1e-15)
+
+
+def test_segments_keep_their_distance_over_a_long_run() -> None:
+    segments = list(itertools.islice(MOTIONS["production"](LIMITS, np.random.default_rng(7)), 200))
+    end_m = LIMITS.low_m + math.fsum(segment.distance_m for segment in segments)
+    count = sum(math.ceil(segment.duration_s * 1000.0) for segment in segments)
+    source = Setpoints(iter(segments), LIMITS.low_m, 1000.0)
+    assert source.take(count + 1)[-1, 0] == pytest.approx(end_m, abs=1e-12)
+
+
+def test_limits_follow_the_machine_file(machine: Machine) -> None:
+    limits = motion_limits(machine)
+    assert (limits.low_m, limits.high_m) == pytest.approx((0.04, 0.76))
+    assert (limits.speed_m_s, limits.acceleration_m_s2) == (0.5, 4.0)
+    slow = {"max_speed_rad_s": 50.0, "max_acceleration_m_s2": 1.0, "stroke_m": 0.4}
+    axis = machine.axis.model_copy(update=slow)
+    limits = motion_limits(machine.model_copy(update={"axis": axis}))
+    assert limits.high_m == pytest.approx(0.38)
+    assert limits.speed_m_s == pytest.approx(50.0 * 0.02 / (2.0 * math.pi))
+    assert limits.acceleration_m_s2 == 1.0
+
+
+def test_a_weak_motor_accelerates_with_half_of_its_torque(machine: Machine) -> None:
+    axis = machine.axis.model_copy(update={"max_torque_nm": 1.0})
+    limits = motion_limits(machine.model_copy(update={"axis": axis}))
+    torque_nm = 1.5e-3 * limits.acceleration_m_s2 / (0.02 / (2.0 * math.pi))
+    assert torque_nm == pytest.approx(0.5)

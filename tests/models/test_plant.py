@@ -1,0 +1,277 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from edge_service.messages.samples import Floats
+from edge_service.models.bench import plant_of
+from edge_service.models.machine import Machine
+from edge_service.models.plant import (
+    MOTOR_SPEED,
+    MOTOR_TRAVEL,
+    STATE_SIZE,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    Load,
+    Plant,
+    advance_plant,
+    axial_compliance,
+    dry_torque,
+)
+
+PERIOD_S = 1e-3
+START_M = 0.4
+PRELOAD_PERCENT = 6.8
+
+
+def at_rest() -> Floats:
+    state = np.zeros(STATE_SIZE)
+    state[[MOTOR_TRAVEL, TABLE_POSITION]] = START_M
+    return state
+
+
+def compliance(plant: Plant) -> float:
+    return axial_compliance(plant, START_M, PRELOAD_PERCENT)
+
+
+def run(
+    plant: Plant,
+    torque_nm: Floats,
+    *,
+    force_n: float = 0.0,
+    drag_nm: float = 0.0,
+    period_s: float = PERIOD_S,
+    substeps: int = 16,
+    state: Floats | None = None,
+) -> Floats:
+    """States before and after each period, (n + 1, STATE_SIZE), at a fixed compliance."""
+    state = at_rest() if state is None else state
+    states = [state.copy()]
+    for torque in torque_nm:
+        load = Load(float(torque), force_n, drag_nm, compliance(plant))
+        advance_plant(plant, state, load, period_s, substeps)
+        states.append(state.copy())
+    return np.array(states)
+
+
+def linear_model(plant: Plant) -> tuple[Floats, Floats]:
+    """Continuous model of (5.3.21) in travel coordinates: state matrix and torque input."""
+    m1, m2, ratio = plant.motor_mass_kg, plant.table_mass_kg, plant.ratio_m_per_rad
+    k, c = 1.0 / compliance(plant), plant.damping_n_s_per_m
+    d1, d2 = plant.motor_viscous_nm_s_per_rad / ratio**2, plant.table_viscous_n_s_per_m
+    matrix = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [-k / m1, -(c + d1) / m1, k / m1, c / m1],
+            [0.0, 0.0, 0.0, 1.0],
+            [k / m2, c / m2, -k / m2, -(c + d2) / m2],
+        ]
+    )
+    return matrix, np.array([0.0, 1.0 / (m1 * ratio), 0.0, 0.0])
+
+
+def reference(plant: Plant, torque_nm: float, friction_n: tuple[float, float]) -> Floats:
+    """State after 50 ms of sliding forwards, by an independent integrator, (4,)."""
+    matrix, drive = linear_model(plant)
+    rest = np.array([START_M, 0.0, START_M, 0.0])
+    masses = np.array([plant.motor_mass_kg, plant.table_mass_kg])
+    dry = np.zeros(4)
+    dry[[1, 3]] = np.array(friction_n) / masses
+    solution = solve_ivp(
+        lambda _t, s: matrix @ (s - rest) + drive * torque_nm - dry,
+        (0.0, 0.05),
+        rest + np.array([0.0, 0.1, 0.0, 0.1]),
+        method="DOP853",
+        rtol=1e-10,
+        atol=1e-14,
+    )
+    return np.asarray(solution.y[:, -1])
+
+
+@pytest.mark.parametrize("guide_force_n", [0.0, 60.0])
+def test_sliding_agrees_with_an_independent_integrator(plant: Plant, guide_force_n: float) -> None:
+    plant = plant._replace(guide_force_n=guide_force_n, bearing_drag_nm=0.05)
+    drag_nm = 0.146
+    friction_n = ((drag_nm + 0.05) / plant.ratio_m_per_rad, guide_force_n)
+    expected = reference(plant, 1.0, friction_n)
+    errors_m = []
+    for substeps in (16, 32, 64):
+        state = at_rest()
+        state[[MOTOR_SPEED, TABLE_SPEED]] = 0.1
+        states = run(plant, np.full(50, 1.0), drag_nm=drag_nm, substeps=substeps, state=state)
+        errors_m.append(float(np.max(np.abs(states[-1, :4] - expected) * [1, 1e-3, 1, 1e-3])))
+    assert errors_m[0] < 2e-8
+    orders = np.log2(np.array(errors_m[:-1]) / np.array(errors_m[1:]))
+    assert orders == pytest.approx([2.0, 2.0], abs=0.1)
+
+
+def test_friction_through_reversals_converges_with_the_substeps(plant: Plant) -> None:
+    plant = plant._replace(guide_force_n=60.0, stribeck_excess_nm=0.1)
+    torque_nm = 1.0 * np.sin(2.0 * math.pi * 5.0 * np.arange(400) * PERIOD_S)
+    finest = run(plant, torque_nm, drag_nm=0.146, substeps=1024)
+    errors_m = [
+        float(np.max(np.abs(run(plant, torque_nm, drag_nm=0.146, substeps=n) - finest)[:, 0]))
+        for n in (16, 64, 256)
+    ]
+    travel_m = float(np.ptp(finest[:, MOTOR_TRAVEL]))
+    assert errors_m[0] < 1e-3 * travel_m
+    assert errors_m[1] < errors_m[0] / 3.0
+    assert errors_m[2] < errors_m[1] / 3.0
+
+
+def test_work_of_the_torque_is_kept_or_turned_to_heat(plant: Plant) -> None:
+    """Input work = kinetic + spring energy + viscous, damper and Coulomb heat, to 1e-6 of it."""
+    plant = plant._replace(guide_force_n=60.0, bearing_drag_nm=0.05, table_viscous_n_s_per_m=40.0)
+    h, ratio, drag_nm = 1.0 / 16_000.0, plant.ratio_m_per_rad, 0.146
+    torque_nm = np.repeat(1.5 * np.sin(2.0 * math.pi * 4.0 * np.arange(500) * PERIOD_S), 16)
+    states = run(plant, torque_nm, drag_nm=drag_nm, period_s=h, substeps=1)
+    travel = np.diff(states[:, [MOTOR_TRAVEL, TABLE_POSITION]], axis=0)
+    kinetic = 0.5 * (
+        plant.motor_mass_kg * states[:, MOTOR_SPEED] ** 2
+        + plant.table_mass_kg * states[:, TABLE_SPEED] ** 2
+    )
+    stretch = states[:, MOTOR_TRAVEL] - states[:, TABLE_POSITION]
+    stored = kinetic + 0.5 * stretch**2 / compliance(plant)
+    viscous = plant.motor_viscous_nm_s_per_rad / ratio**2 * travel[:, 0] ** 2 / h
+    viscous += plant.table_viscous_n_s_per_m * travel[:, 1] ** 2 / h
+    damper = plant.damping_n_s_per_m * (travel[:, 0] - travel[:, 1]) ** 2 / h
+    rubbed = np.sum(np.abs(travel), axis=0) @ [(drag_nm + 0.05) / ratio, plant.guide_force_n]
+    work = np.sum(torque_nm / ratio * travel[:, 0])
+    gross = np.sum(np.abs(torque_nm / ratio * travel[:, 0]))
+    heat = np.sum(viscous) + np.sum(damper) + rubbed
+    assert work == pytest.approx(stored[-1] - stored[0] + heat, abs=1e-6 * gross)
+    assert heat > 0.2 * gross
+
+
+def test_no_energy_is_lost_without_friction_at_any_step(plant: Plant) -> None:
+    free = plant._replace(motor_viscous_nm_s_per_rad=0.0, damping_n_s_per_m=0.0)
+    state = at_rest()
+    state[MOTOR_TRAVEL] += 1e-5
+    states = run(free, np.zeros(2000), period_s=2e-3, substeps=1, state=state)
+    energy = 0.5 * (
+        free.motor_mass_kg * states[:, MOTOR_SPEED] ** 2
+        + free.table_mass_kg * states[:, TABLE_SPEED] ** 2
+        + (states[:, MOTOR_TRAVEL] - states[:, TABLE_POSITION]) ** 2 / compliance(free)
+    )
+    assert energy == pytest.approx(energy[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [-0.999, 0.0, 0.999])
+def test_torque_below_the_breakaway_moves_nothing_at_all(plant: Plant, share: float) -> None:
+    plant = plant._replace(stribeck_excess_nm=0.1)
+    states = run(plant, np.full(500, share * 0.246), drag_nm=0.146)
+    assert np.array_equal(states, np.repeat(states[:1], 501, axis=0))
+
+
+def test_torque_above_the_breakaway_moves_the_axis(plant: Plant) -> None:
+    plant = plant._replace(stribeck_excess_nm=0.1)
+    states = run(plant, np.full(50, 1.001 * 0.246), drag_nm=0.146)
+    assert np.all(np.diff(states[1:, MOTOR_TRAVEL]) > 0.0)
+
+
+def test_table_sticks_in_its_guides_while_the_screw_winds_up(plant: Plant) -> None:
+    plant = plant._replace(guide_force_n=60.0)
+    torque_nm = 0.4 * 60.0 * plant.ratio_m_per_rad
+    states = run(plant, np.full(4000, torque_nm))
+    assert np.all(states[:, TABLE_POSITION] == START_M)
+    wound_m = states[-1, MOTOR_TRAVEL] - START_M
+    assert wound_m == pytest.approx(24.0 * compliance(plant), rel=1e-6)
+
+
+def test_a_sliding_axis_comes_to_an_exact_stop_after_its_braking_distance(machine: Machine) -> None:
+    plant = plant_of(machine)._replace(motor_viscous_nm_s_per_rad=0.0)
+    state = at_rest()
+    state[[MOTOR_SPEED, TABLE_SPEED]] = speed = 0.05
+    states = run(plant, np.zeros(400), drag_nm=0.146, state=state)
+    assert states[-1, MOTOR_SPEED] == 0.0
+    total_kg = machine.model.inertia_kg_m2.value / plant.ratio_m_per_rad**2
+    braking_m = 0.5 * total_kg * speed**2 / (0.146 / plant.ratio_m_per_rad)
+    assert states[-1, MOTOR_TRAVEL] - START_M == pytest.approx(braking_m, rel=2e-3)
+
+
+def test_steady_speed_needs_viscous_drag_bearing_and_guide_torque(plant: Plant) -> None:
+    plant = plant._replace(guide_force_n=60.0, bearing_drag_nm=0.05)
+    omega, drag_nm = 40.0, 0.146
+    torque_nm = 5e-3 * omega + drag_nm + 0.05 + 60.0 * plant.ratio_m_per_rad
+    state = at_rest()
+    state[[MOTOR_SPEED, TABLE_SPEED]] = omega * plant.ratio_m_per_rad
+    states = run(plant, np.full(3000, torque_nm), drag_nm=drag_nm, state=state)
+    speed_rad_s = states[-1, MOTOR_SPEED] / plant.ratio_m_per_rad
+    assert speed_rad_s == pytest.approx(omega, rel=1e-4)
+    stretch_m = states[-1, MOTOR_TRAVEL] - states[-1, TABLE_POSITION]
+    assert stretch_m == pytest.approx(60.0 * compliance(plant), rel=1e-4)
+
+
+def test_external_force_is_held_by_the_drag_up_to_its_level(plant: Plant) -> None:
+    holds_n = 0.146 / plant.ratio_m_per_rad
+    held = run(plant, np.zeros(2000), force_n=0.5 * holds_n, drag_nm=0.146)
+    assert np.all(held[:, MOTOR_TRAVEL] == START_M)
+    assert held[-1, TABLE_POSITION] - START_M == pytest.approx(0.5 * holds_n * compliance(plant))
+    moved = run(plant, np.zeros(200), force_n=1.05 * holds_n, drag_nm=0.146)
+    assert moved[-1, MOTOR_TRAVEL] > START_M
+
+
+def test_resonance_lies_where_the_two_masses_and_the_spring_put_it(plant: Plant) -> None:
+    plant = plant._replace(motor_viscous_nm_s_per_rad=0.0)
+    reduced_kg = 1.0 / (1.0 / plant.motor_mass_kg + 1.0 / plant.table_mass_kg)
+    natural_rad_s = math.sqrt(1.0 / compliance(plant) / reduced_kg)
+    damping = plant.damping_n_s_per_m / (2.0 * reduced_kg * natural_rad_s)
+    state = at_rest()
+    state[MOTOR_TRAVEL] += 1e-5
+    h = 1.0 / 16_000.0
+    states = run(plant, np.zeros(1600), period_s=h, substeps=1, state=state)
+    stretch = states[:, MOTOR_TRAVEL] - states[:, TABLE_POSITION]
+    falls = np.flatnonzero((stretch[:-1] > 0.0) & (stretch[1:] <= 0.0))
+    crossing_s = h * (falls + stretch[falls] / (stretch[falls] - stretch[falls + 1]))
+    ringing_rad_s = 2.0 * math.pi / np.mean(np.diff(crossing_s))
+    assert ringing_rad_s == pytest.approx(natural_rad_s * math.sqrt(1 - damping**2), rel=1e-3)
+    assert damping == pytest.approx(0.03, rel=0.1)
+    inner = stretch[1:-1]
+    peaks = np.flatnonzero((inner > stretch[:-2]) & (inner >= stretch[2:]) & (inner > 1e-7))
+    decay_per_s = -np.polyfit(h * (peaks + 1), np.log(inner[peaks]), 1)[0]
+    assert decay_per_s == pytest.approx(damping * natural_rad_s, rel=0.01)
+
+
+def test_stribeck_excess_falls_by_e_at_its_speed(plant: Plant) -> None:
+    plant = plant._replace(stribeck_excess_nm=0.2, bearing_drag_nm=0.05)
+    level = 0.146 + 0.05
+    assert dry_torque(plant, 0.146, 0.0, 0.0) == pytest.approx(level + 0.2)
+    at_speed = plant.stribeck_speed_rad_s * plant.ratio_m_per_rad
+    assert dry_torque(plant, 0.146, 0.0, at_speed) == pytest.approx(level + 0.2 / math.e)
+    assert dry_torque(plant, 0.146, 0.0, -at_speed) == pytest.approx(level + 0.2 / math.e)
+
+
+def test_drag_variation_leaves_the_mean_over_its_period(plant: Plant) -> None:
+    plant = plant._replace(drag_variation=0.1, drag_variation_period_m=0.1)
+    levels = [dry_torque(plant, 0.2, x, 0.0) for x in np.linspace(0.0, 0.1, 100, endpoint=False)]
+    assert np.mean(levels) == pytest.approx(0.2)
+    assert np.max(levels) == pytest.approx(0.22, rel=1e-3)
+
+
+def test_speed_filter_lags_by_its_time_constant(plant: Plant) -> None:
+    state = at_rest()
+    rate_n = plant.motor_mass_kg + plant.table_mass_kg
+    plant = plant._replace(motor_viscous_nm_s_per_rad=0.0)
+    acceleration_m_s2 = 2.0
+    torque_nm = rate_n * acceleration_m_s2 * plant.ratio_m_per_rad
+    states = run(plant, np.full(200, torque_nm), state=state)
+    lag_m_s = states[-1, MOTOR_SPEED] - states[-1, 4]
+    assert lag_m_s == pytest.approx(acceleration_m_s2 * plant.speed_lag_s, rel=0.05)
+
+
+def test_compiled_and_plain_python_agree(plant: Plant) -> None:
+    plant = plant._replace(guide_force_n=60.0)
+    torque_nm = 1.0 * np.sin(np.arange(50) / 8.0)
+    compiled_states = run(plant, torque_nm, drag_nm=0.146)
+    state = at_rest()
+    for torque in torque_nm:
+        load = Load(float(torque), 0.0, 0.146, compliance(plant))
+        advance_plant.py_func(plant, state, load, PERIOD_S, 16)  # type: ignore[attr-defined]
+    assert state == pytest.approx(compiled_states[-1], rel=1e-12)
+
+
+def test_a_table_heavier_than_the_inertia_is_refused(machine: Machine) -> None:
+    model = machine.model.model_copy(update={"table_mass_kg": machine.model.preload_n})
+    with pytest.raises(ValueError, match="leaves nothing for the motor"):
+        plant_of(machine.model_copy(update={"model": model}))
