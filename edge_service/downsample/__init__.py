@@ -1,0 +1,5 @@
+"""Native rate in, one block of sufficient statistics per interval out. Pure."""
+
+from .downsampler import Downsampler, DownsampleSettings
+
+__all__ = ["DownsampleSettings", "Downsampler"]

@@ -1,0 +1,187 @@
+"""Cuts screened rows into intervals on a fixed grid of time and summarises each."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ..messages.channels import TORQUE
+from ..messages.features import Fault, FeatureBlock
+from ..messages.samples import Floats, SampleFrame
+from .rows import RowCounters, RowScreen, Screened, T, table_of
+from .statistics import MotionHistory, PlausibilitySettings, summarise
+
+_LEARN_ROWS = 16  # rows from which the native period is learned
+_GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
+
+
+@dataclass(frozen=True, slots=True)
+class DownsampleSettings:
+    """How samples become intervals.
+
+    Attributes:
+        interval_s: length of an interval, s.
+        max_hole_rows: so many native periods without a row are bridged; more is a gap.
+    """
+
+    interval_s: float = 0.1
+    max_hole_rows: int = 6
+    plausibility: PlausibilitySettings = field(default_factory=PlausibilitySettings)
+
+
+@dataclass(slots=True, eq=False)
+class _Segment:
+    """Rows without a gap between them.
+
+    Attributes:
+        rows: (n, 8), from the reach before the current interval on.
+        fault: (n,), bits of Fault found just before each row.
+        first: first row of the current interval.
+        seen: rows that were searched for gaps.
+        history: motion before the current interval.
+    """
+
+    rows: Floats = field(default_factory=lambda: np.empty((0, 8)))
+    fault: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    first: int = 0
+    seen: int = 0
+    history: MotionHistory = field(default_factory=MotionHistory)
+
+    def append(self, rows: Floats, fault: npt.NDArray[np.int64]) -> None:
+        """Add rows at the end."""
+        self.rows = np.concatenate([self.rows, rows])
+        self.fault = np.concatenate([self.fault, fault])
+
+    def split(self, row: int) -> "_Segment":
+        """Cut before `row`; return what followed."""
+        rest = _Segment(self.rows[row:], self.fault[row:])
+        self.rows, self.fault = self.rows[:row], self.fault[:row]
+        return rest
+
+    def forget(self, reach: int) -> None:
+        """Keep only what later differences need."""
+        drop = max(0, self.first - reach - 1)
+        self.rows, self.fault = self.rows[drop:], self.fault[drop:]
+        self.first -= drop
+        self.seen = max(0, self.seen - drop)
+
+
+class Downsampler:
+    """Turns the sample frames of one axis into feature blocks.
+
+    The blocks depend on the samples alone, not on how they were parted into frames.
+
+    Args:
+        settings: interval and limits.
+        ratio_m_per_rad: table travel per radian of the screw.
+    """
+
+    def __init__(self, settings: DownsampleSettings, ratio_m_per_rad: float) -> None:
+        self._settings = settings
+        self._ratio = ratio_m_per_rad
+        self._screen: RowScreen | None = None
+        self._segment = _Segment()
+        self._period_s: float | None = None
+        self._reach = 1
+        self.faults: dict[str, int] = {}
+
+    @property
+    def row_counters(self) -> RowCounters:
+        """Counts of rows that were set aside so far."""
+        return self._screen.counters if self._screen else RowCounters()
+
+    def push(self, frame: SampleFrame) -> list[FeatureBlock]:
+        """Take the next samples; return the intervals that they complete."""
+        if len(frame) == 0:
+            return []
+        if self._screen is None:
+            self._screen = RowScreen(has_torque=TORQUE in frame.channels)
+        blocks: list[FeatureBlock] = []
+        for part in self._screen.split(table_of(frame, self._ratio)):
+            if part.new_clock:
+                blocks += self._end_segment(Fault.TIME_BACKWARDS)
+                self._period_s = None
+            blocks += self._take(part)
+        return blocks
+
+    def _take(self, part: Screened) -> list[FeatureBlock]:
+        """Append rows; part them where a gap is."""
+        self._segment.append(part.rows, part.fault)
+        if self._period_s is None and not self._learn_period():
+            return []
+        blocks: list[FeatureBlock] = []
+        while (gap := self._next_gap()) is not None:
+            rest = self._segment.split(gap)
+            blocks += self._end_segment(Fault.GAP)
+            self._segment = rest
+        return blocks + self._cut(look_ahead=self._reach)
+
+    def _learn_period(self) -> bool:
+        rows = self._segment.rows
+        if len(rows) < _LEARN_ROWS:
+            return False
+        self._period_s = float(np.median(np.diff(rows[:_LEARN_ROWS, T])))
+        window_s = self._settings.plausibility.direction_window_s
+        self._reach = max(1, round(window_s / self._period_s))
+        return True
+
+    def _next_gap(self) -> int | None:
+        """First row after a gap that was not seen yet; marks the holes before it."""
+        assert self._period_s is not None
+        segment = self._segment
+        start = max(segment.seen, 1)
+        steps = np.diff(segment.rows[start - 1 :, T]) / self._period_s
+        for hole in np.flatnonzero(steps > 1.5):
+            if steps[hole] > self._settings.max_hole_rows + 0.5:
+                return int(hole) + start
+            segment.fault[int(hole) + start] |= int(Fault.HOLE)
+        segment.seen = len(segment.rows)
+        return None
+
+    def _cut(self, look_ahead: int) -> list[FeatureBlock]:
+        """Summarise the complete intervals of the segment and drop their rows."""
+        segment = self._segment
+        if self._period_s is None or len(segment.rows) < 2:
+            return []
+        blocks = []
+        for end in self._interval_ends():
+            if end + look_ahead >= len(segment.rows):
+                break
+            blocks.append(self._summarise(int(end)))
+        segment.forget(self._reach)
+        return blocks
+
+    def _interval_ends(self) -> npt.NDArray[np.int64]:
+        """Rows after the current interval's first at which another interval begins."""
+        first = self._segment.first
+        time_s = self._segment.rows[first:, T]
+        interval = np.floor(time_s / self._settings.interval_s + _GRID_SLACK)
+        return np.asarray(np.flatnonzero(np.diff(interval)) + 1 + first)
+
+    def _summarise(self, end: int) -> FeatureBlock:
+        """The interval from the segment's first row up to the time of row `end`."""
+        segment = self._segment
+        inside = segment.fault[segment.first + 1 : end + 1]
+        block, segment.history = summarise(
+            segment.rows,
+            segment.first,
+            end,
+            Fault(int(np.bitwise_or.reduce(inside, initial=0))),
+            segment.history,
+            self._reach,
+            self._settings.plausibility,
+        )
+        segment.first = end
+        for fault in block.fault:
+            self.faults[str(fault.name)] = self.faults.get(str(fault.name), 0) + 1
+        return block
+
+    def _end_segment(self, reason: Fault) -> list[FeatureBlock]:
+        """Close the segment: what was begun is told as an interval with the reason as fault."""
+        blocks = self._cut(look_ahead=0)
+        segment = self._segment
+        if self._period_s is not None and len(segment.rows) - 1 > segment.first:
+            segment.fault[-1] |= int(reason)
+            blocks.append(self._summarise(len(segment.rows) - 1))
+        self._segment = _Segment()
+        return blocks

@@ -1,0 +1,223 @@
+"""Sufficient statistics of one interval of contiguous rows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.features import Fault, FeatureBlock
+from ..messages.samples import Floats
+from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
+
+
+@dataclass(frozen=True, slots=True)
+class PlausibilitySettings:
+    """Limits that tell a faulty channel from a moving axis.
+
+    Attributes:
+        standstill_speed_rad_s: slower than this is standstill.
+        direction_window_s: half width of the difference that tells the direction of motion.
+        stuck_s: a channel that repeats one value for this long while the axis moves is stuck.
+        max_speed_rad_s: a faster step of the encoder is no motion.
+        max_torque_nm: the drive's torque limit; None if unknown.
+    """
+
+    standstill_speed_rad_s: float = 0.05
+    direction_window_s: float = 0.004
+    stuck_s: float = 0.05
+    max_speed_rad_s: float = 1500.0
+    max_torque_nm: float | None = None
+
+
+WILDEST_ANGLE_RAD = 1e8
+WILDEST_TORQUE_NM = 1e5
+MOVED_TABLE_M = 20e-6
+MOVED_ANGLE_RAD = 0.02
+MOVED_SETPOINT_M = 100e-6
+
+
+@dataclass(frozen=True, slots=True)
+class MotionHistory:
+    """What the rows before an interval say about the motion at its start."""
+
+    direction: float = 0.0  # last known direction of motion, -1, 0 or 1
+    moving_since_s: float = np.inf  # start of the unbroken motion; inf at standstill
+
+
+def lever(values: Floats, edges_s: Floats) -> tuple[float, float]:
+    """Mean and lever of a held quantity.
+
+    Args:
+        values: (n,), each held from its edge to the next.
+        edges_s: (n + 1,), s.
+
+    Returns:
+        (1/T) int q dt and (1/T^2) int (T - s) q ds over the interval of length T.
+    """
+    rest = edges_s[-1] - edges_s
+    duration = rest[0]
+    mean = float(values @ -np.diff(rest)) / float(duration)
+    return mean, float(values @ -np.diff(rest**2)) / (2.0 * float(duration) ** 2)
+
+
+def summarise(
+    segment: Floats,
+    first: int,
+    end: int,
+    fault: Fault,
+    history: MotionHistory,
+    reach: int,
+    settings: PlausibilitySettings,
+) -> tuple[FeatureBlock, MotionHistory]:
+    """Statistics of the interval from row `first` up to the time of row `end`.
+
+    Args:
+        segment: (n, 8) contiguous rows; rows before `first` and after `end` serve the differences.
+        first, end: row indices; row `end` is the first of the next interval.
+        fault: faults already found by time and missing values.
+        history: motion before the interval.
+        reach: half width in rows of the difference that tells the direction.
+
+    Returns:
+        The block, and the motion history at its end.
+    """
+    inside = segment[first : end + 1]
+    edges = inside[:, T]
+    theta = inside[:, THETA]
+    torque = inside[:-1, U]
+    steps = np.diff(edges)
+    step_speed = np.diff(theta) / steps
+    direction = _directions(segment, first, end, reach, settings.standstill_speed_rad_s)
+    torque_mean, torque_lever = lever(torque, edges)
+    direction_mean, direction_lever = lever(direction, edges)
+    moving = direction != 0.0
+    reversals, after = _follow_motion(direction, edges, history)
+    speed_start, speed_end = _speed_at(segment, first), _speed_at(segment, end)
+    table_fault, table = _table_statistics(inside, theta, steps, settings)
+    fault |= _plausibility(inside, step_speed, settings) | table_fault
+    duration = float(edges[-1] - edges[0])
+    since = edges[0] - history.moving_since_s if direction[0] == history.direction else 0.0
+    return FeatureBlock(
+        time_s=float(edges[-1]),
+        duration_s=duration,
+        sample_count=end - first,
+        fault=fault,
+        torque_mean_nm=torque_mean,
+        torque_lever_nm=torque_lever,
+        torque_min_nm=float(torque.min()),
+        torque_max_nm=float(torque.max()),
+        torque_std_nm=float(torque.std()),
+        angle_start_rad=float(theta[0]),
+        angle_end_rad=float(theta[-1]),
+        angle_mean_rad=float((theta[1:] + theta[:-1]) @ steps) / (2.0 * duration),
+        speed_start_rad_s=speed_start,
+        speed_end_rad_s=speed_end,
+        speed_min_rad_s=float(step_speed.min()),
+        speed_max_rad_s=float(step_speed.max()),
+        direction_mean=direction_mean,
+        direction_lever=direction_lever,
+        moving_fraction=float(moving @ steps) / duration,
+        reversal_count=reversals,
+        since_reversal_s=max(0.0, float(since)),
+        table_start_m=table[0],
+        table_end_m=table[1],
+        table_mean_m=table[2],
+        temperature_c=_mean(inside[:-1, TEMP]),
+        external_force_n=_mean(inside[:-1, FORCE]),
+    ), after
+
+
+def _directions(segment: Floats, first: int, end: int, reach: int, standstill: float) -> Floats:
+    """Direction of motion of each row's interval, -1, 0 or 1, from a centred difference."""
+    time_s, theta = segment[:, T], segment[:, THETA]
+    rows = np.arange(first, end)
+    before = np.maximum(rows - reach + 1, 0)
+    behind = np.minimum(rows + reach, len(segment) - 1)
+    speed = (theta[behind] - theta[before]) / (time_s[behind] - time_s[before])
+    return np.sign(speed) * (np.abs(speed) > standstill)
+
+
+def _speed_at(segment: Floats, row: int) -> float:
+    before, behind = max(row - 1, 0), min(row + 1, len(segment) - 1)
+    return float(
+        (segment[behind, THETA] - segment[before, THETA])
+        / (segment[behind, T] - segment[before, T])
+    )
+
+
+def _follow_motion(
+    direction: Floats, edges: Floats, history: MotionHistory
+) -> tuple[int, MotionHistory]:
+    """Number of reversals, and the history at the interval's end."""
+    moved = direction[direction != 0.0]
+    known = moved if history.direction == 0.0 else np.concatenate([[history.direction], moved])
+    reversals = int(np.count_nonzero(np.diff(known))) if known.size else 0
+    if direction[-1] == 0.0:
+        return reversals, MotionHistory(float(known[-1]) if known.size else 0.0)
+    broken = np.flatnonzero(direction != direction[-1])
+    if broken.size:
+        since = float(edges[broken[-1] + 1])
+    elif direction[0] == history.direction and np.isfinite(history.moving_since_s):
+        since = history.moving_since_s
+    else:
+        since = float(edges[0])
+    return reversals, MotionHistory(float(direction[-1]), since)
+
+
+def _table_statistics(
+    inside: Floats, theta: Floats, steps: Floats, settings: PlausibilitySettings
+) -> tuple[Fault, tuple[float, float, float]]:
+    """Linear encoder at start and end and its mean, m; NaN if missing, holed or stuck."""
+    table = inside[:, X]
+    if np.isnan(table).any():
+        return Fault.NO_TABLE, (np.nan, np.nan, np.nan)
+    if _longest_run_s(table, inside[:, T]) >= settings.stuck_s and np.ptp(theta) > MOVED_ANGLE_RAD:
+        return Fault.NO_TABLE, (np.nan, np.nan, np.nan)
+    mean = float((table[1:] + table[:-1]) @ steps) / (2.0 * float(steps.sum()))
+    return Fault.NONE, (float(table[0]), float(table[-1]), mean)
+
+
+def _plausibility(inside: Floats, step_speed: Floats, settings: PlausibilitySettings) -> Fault:
+    fault = Fault.NONE
+    time_s, torque, theta = inside[:, T], inside[:, U], inside[:, THETA]
+    wild = (
+        np.abs(theta).max() > WILDEST_ANGLE_RAD
+        or np.nanmax(np.abs(torque), initial=0.0) > WILDEST_TORQUE_NM
+    )
+    if wild or np.abs(step_speed).max() > settings.max_speed_rad_s:
+        fault |= Fault.IMPLAUSIBLE
+    if np.isnan(torque).any():
+        fault |= Fault.NO_TORQUE
+    limit = settings.max_torque_nm
+    saturated = limit is not None and np.nanmax(np.abs(torque), initial=0.0) >= 0.995 * limit
+    if saturated:
+        fault |= Fault.SATURATED
+    if limit is not None and np.nanmax(np.abs(torque), initial=0.0) > 1.5 * limit:
+        fault |= Fault.IMPLAUSIBLE
+    if _longest_run_s(theta, time_s) >= settings.stuck_s and _others_moved(inside, settings):
+        fault |= Fault.STUCK
+    torque_stuck = _longest_run_s(torque, time_s) >= settings.stuck_s and not saturated
+    if torque_stuck and np.ptp(theta) > MOVED_ANGLE_RAD:
+        fault |= Fault.STUCK
+    return fault
+
+
+def _others_moved(inside: Floats, settings: PlausibilitySettings) -> bool:
+    """Whether a channel other than the angle says that the axis moved."""
+    with np.errstate(invalid="ignore"):
+        table = np.ptp(inside[:, X]) > MOVED_TABLE_M
+        setpoint = np.ptp(inside[:, SET]) > MOVED_SETPOINT_M
+        speed = np.abs(np.mean(inside[:, OMEGA])) > 10.0 * settings.standstill_speed_rad_s
+    return bool(table or setpoint or speed)
+
+
+def _longest_run_s(values: Floats, time_s: Floats) -> float:
+    """Longest time for which one value is repeated, s."""
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    edges = np.concatenate([[0], changes + 1, [len(values) - 1]])
+    lasting = time_s[np.minimum(edges[1:], len(values) - 1)] - time_s[edges[:-1]]
+    return float(lasting.max())
+
+
+def _mean(values: Floats) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if known.size else np.nan
