@@ -1,0 +1,232 @@
+"""The `edge-service` command: reads arguments, calls a room, turns mistakes into one line."""
+
+import asyncio
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from . import __version__
+from .config import DEFAULT_CONFIG, DEFAULT_MACHINE, ConfigError, EdgeConfig, load_config
+
+BAD_INPUT, INTERNAL_FAILURE, INTERRUPTED = 2, 1, 130
+_CONFIG = click.argument("config", type=click.Path(path_type=Path), required=False)
+_MACHINE = click.option(
+    "--machine",
+    type=click.Path(path_type=Path),
+    default=DEFAULT_MACHINE,
+    show_default="the bench of the seed, deploy/machine.toml",
+    help="Machine file: the baseline model.",
+)
+
+
+class InputError(Exception):
+    """Bad input, told in one line."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status (0 done, 2 bad input, 1 internal failure)."""
+    try:
+        status = cli.main(args=arguments, prog_name="edge-service", standalone_mode=False)
+    except click.ClickException as error:
+        return _complain(error.format_message(), BAD_INPUT)
+    except (KeyboardInterrupt, click.Abort):
+        return INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our pipe has gone; nothing is left to say
+        return INTERNAL_FAILURE
+    except Exception as error:  # the outermost edge: no traceback reaches a user
+        return _explain(error)
+    return status if isinstance(status, int) else 0
+
+
+def _explain(error: Exception) -> int:
+    if _is_bad_input(error):
+        return _complain(str(error), BAD_INPUT)
+    if os.environ.get("EDGE_SERVICE_DEBUG"):
+        raise error
+    kind = type(error).__name__
+    return _complain(
+        f"internal failure: {kind}: {error} (EDGE_SERVICE_DEBUG=1 shows where)", INTERNAL_FAILURE
+    )
+
+
+def _is_bad_input(error: Exception) -> bool:
+    from .bus.session import BusConfigurationError, BusUnavailableError
+    from .http_api.serve import AddressError
+    from .trace.columns import TraceError
+
+    kinds = (InputError, ConfigError, TraceError, BusConfigurationError, BusUnavailableError)
+    return isinstance(error, (*kinds, AddressError))
+
+
+def _complain(line: str, status: int) -> int:
+    click.echo(f"edge-service: {' '.join(line.split())}", err=True)
+    return status
+
+
+def _log_to_stderr() -> None:
+    logging.getLogger("uvicorn").setLevel(logging.WARNING)
+    logging.basicConfig(
+        level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s"
+    )
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="edge-service")
+def cli() -> None:
+    """Ball-screw preload from the signals a feed drive already has."""
+
+
+@cli.command(epilog="Example: edge-service run deploy/edge.toml --port 8080")
+@_CONFIG
+@click.option("--port", type=click.IntRange(0, 65535), help="HTTP port; 0 takes a free one.")
+@click.option("--bus", "endpoint", help="Endpoint of the bus, e.g. tcp/127.0.0.1:7447.")
+def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
+    """Run all nodes in one process: drives, bus, downsampling, estimator, health, HTTP.
+
+    Without CONFIG the simulated drive of the embedded default is run.
+    """
+    from .nodes.service import check_service, run_service
+
+    _log_to_stderr()
+    settings = _configured(config, port, endpoint)
+    check_service(settings)
+    asyncio.run(run_service(settings, _announce))
+
+
+@cli.command(epilog="Example: edge-service node bus & edge-service node http deploy/edge.toml")
+@click.argument(
+    "name", type=click.Choice(["bus", "acquire", "downsample", "estimate", "health", "http"])
+)
+@_CONFIG
+@click.option("--port", type=click.IntRange(0, 65535), help="HTTP port; 0 takes a free one.")
+@click.option("--bus", "endpoint", help="Endpoint of the bus, e.g. tcp/127.0.0.1:7447.")
+def node(name: str, config: Path | None, port: int | None, endpoint: str | None) -> None:
+    """Run one node alone. `bus` listens at the endpoint; every other node joins it there."""
+    from .nodes.service import check_service, run_node
+
+    _log_to_stderr()
+    settings = _configured(config, port, endpoint)
+    check_service(settings)
+    asyncio.run(run_node(settings, name, _announce))  # type: ignore[arg-type]
+
+
+def _configured(config: Path | None, port: int | None, endpoint: str | None) -> EdgeConfig:
+    settings = load_config(config or DEFAULT_CONFIG)
+    if port is not None:
+        settings = settings.model_copy(
+            update={"http": settings.http.model_copy(update={"port": port})}
+        )
+    if endpoint is not None:
+        settings = settings.model_copy(
+            update={"bus": settings.bus.model_copy(update={"endpoint": endpoint})}
+        )
+    return settings
+
+
+def _announce(address: str) -> None:
+    click.echo(f"edge-service: serving {address}")
+
+
+@cli.command("check-config", epilog="Example: edge-service check-config deploy/edge.toml")
+@_CONFIG
+def check_config(config: Path | None) -> None:
+    """Check a configuration with its machine files and driver settings; print what it means."""
+    from drivers.registry import driver_names
+
+    from .nodes.machines import load_machines
+    from .nodes.service import check_service
+
+    settings = load_config(config or DEFAULT_CONFIG)
+    check_service(settings)
+    machines = load_machines(settings)
+    for axis in settings.axes:
+        missing = machines[axis.name].missing_for_percent()
+        click.echo(
+            f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, "
+            + (f"drag only ({missing} is unknown)" if missing else "preload in %")
+        )
+    click.echo(f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}")
+    click.echo(f"drivers installed: {', '.join(driver_names())}")
+    click.echo("configuration is right")
+
+
+@cli.command(epilog="Example: edge-service record --axis X --duration 60 --out trace.csv")
+@_CONFIG
+@click.option("--axis", help="Axis to record; the first configured one by default.")
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help=".csv or .parquet")
+@click.option("--bus", "endpoint", help="Endpoint of the bus, e.g. tcp/127.0.0.1:7447.")
+def record(
+    config: Path | None, axis: str | None, duration_s: float | None, out: Path, endpoint: str | None
+) -> None:
+    """Write what a running service publishes to a trace file, until --duration or Ctrl-C."""
+    from .nodes.record_node import record_axis
+
+    settings = _configured(config, None, endpoint)
+    name = axis or settings.axes[0].name
+    rows, lost = asyncio.run(record_axis(settings, name, out, duration_s))
+    click.echo(f"{out}: {rows} rows of axis {name}, {lost} payloads lost")
+
+
+@cli.command(epilog="Example: edge-service replay --machine deploy/emps.toml trace.csv --speed 10")
+@click.argument("trace", type=click.Path(path_type=Path))
+@_MACHINE
+@click.option(
+    "--speed", default=1.0, show_default=True, help="Times real time; 0: as fast as possible."
+)
+@click.option("--loop", is_flag=True, help="Begin again at the end.")
+@click.option("--hold", is_flag=True, help="Keep serving after the end.")
+@click.option("--config", type=click.Path(path_type=Path), help="Configuration without its axes.")
+@click.option("--port", type=click.IntRange(0, 65535), help="HTTP port; 0 takes a free one.")
+@click.option("--bus", "endpoint", help="Endpoint of the bus, e.g. tcp/127.0.0.1:7447.")
+def replay(
+    trace: Path,
+    machine: Path,
+    speed: float,
+    loop: bool,
+    hold: bool,
+    config: Path | None,
+    port: int | None,
+    endpoint: str | None,
+) -> None:
+    """Send a recording through the whole service, and print the last answer at its end."""
+    from .nodes.replay_service import replay_trace
+
+    _log_to_stderr()
+    if speed < 0.0:
+        raise InputError(f"--speed: {speed:g}, expected 0 or more")
+    settings = _configured(config, port, endpoint)
+    for line in asyncio.run(
+        replay_trace(settings, trace, machine, speed, loop=loop, hold=hold, announce=_announce)
+    ):
+        click.echo(line)
+
+
+@cli.command(epilog="Example: edge-service estimate --machine m.toml trace.csv --out estimates.csv")
+@click.argument("trace", type=click.Path(path_type=Path))
+@_MACHINE
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="CSV, a row per block.")
+@click.option("--config", type=click.Path(path_type=Path), help="Choices of the estimator.")
+def estimate(trace: Path, machine: Path, out: Path, config: Path | None) -> None:
+    """Run the live estimator over a recording as fast as it can."""
+    from .nodes.offline import estimate_to_csv
+
+    click.echo(estimate_to_csv(trace, machine, out, load_config(config or DEFAULT_CONFIG)))
+
+
+@cli.command(epilog="Example: edge-service reproduce --out out/reproduce")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/reproduce"), show_default=True
+)
+def reproduce(out: Path) -> None:
+    """Repeat the seed's simulations and its Table 4.2 beside the published figures."""
+    from .studies.reproduce import reproduce as run_study
+
+    result = run_study(out)
+    click.echo(result.as_text())
+    click.echo(f"report: {out / 'reproduce.html'}")

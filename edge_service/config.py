@@ -1,0 +1,235 @@
+"""The service's configuration and machine files: read, checked, every mistake told by its key."""
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from .messages.addresses import is_loopback, split_endpoint
+from .messages.keys import MachineKeys, check_part
+from .models.machine import Machine
+
+DEFAULT_CONFIG = Path(__file__).parent / "defaults" / "edge.toml"
+DEFAULT_MACHINE = Path(__file__).parent / "defaults" / "machine.toml"
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+class ConfigError(Exception):
+    """A file or key that is wrong; the text is one line."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ServiceConfig(_Table):
+    """`[service]`: who we are on the bus."""
+
+    site: str = "bench"
+    machine: str = "lfd"
+
+    @field_validator("site", "machine")
+    @classmethod
+    def _key_part(cls, value: str) -> str:
+        return check_part(value)
+
+
+class BusConfig(_Table):
+    """`[bus]`: the loopback endpoint at which the bus listens."""
+
+    endpoint: str = "tcp/127.0.0.1:7447"
+
+    @field_validator("endpoint")
+    @classmethod
+    def _loopback(cls, value: str) -> str:
+        split_endpoint(value)
+        return value
+
+
+class HttpConfig(_Table):
+    """`[http]`: where the API and the page are served; loopback only. Port 0 takes a free one."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(8080, ge=0, le=65535)
+
+    @field_validator("host")
+    @classmethod
+    def _loopback(cls, value: str) -> str:
+        if not is_loopback(value):
+            raise ValueError(
+                f"{value!r}: only loopback addresses are allowed until TLS and roles exist"
+            )
+        return value
+
+
+class DownsampleConfig(_Table):
+    """`[downsample]`: length of an interval."""
+
+    interval_s: float = Field(0.1, ge=0.001, le=10.0)
+
+
+class EstimatorConfig(_Table):
+    """`[estimator]`: the seed's method and its choices."""
+
+    method: Literal["kf-imm", "sif-imm"] = "kf-imm"
+    engine: Literal["compiled", "filterpy"] = "compiled"
+    activation_exponent: float = Field(1.33, ge=1.0, le=8.0)
+    window_s: float = Field(1.0, ge=0.0, le=3600.0)
+
+    @model_validator(mode="after")
+    def _engine_fits(self) -> "EstimatorConfig":
+        if self.engine == "filterpy" and self.method != "kf-imm":
+            raise ValueError("engine 'filterpy' has no sliding innovation filter; use 'compiled'")
+        return self
+
+
+class HealthConfig(_Table):
+    """`[health]`: limits of the axis condition, in percent of the fresh screw's preload."""
+
+    warning_percent_of_fresh: float = Field(60.0, gt=0.0, le=100.0)
+    fault_percent_of_fresh: float = Field(30.0, gt=0.0, le=100.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "HealthConfig":
+        if self.fault_percent_of_fresh >= self.warning_percent_of_fresh:
+            raise ValueError("fault_percent_of_fresh must lie below warning_percent_of_fresh")
+        return self
+
+
+class AxisConfig(_Table):
+    """`[[axes]]`: one axis, its machine file and its driver."""
+
+    name: str
+    machine: Path = DEFAULT_MACHINE
+    driver: str = "simulated"
+    settings: dict[str, Any] = {}
+
+    @field_validator("name")
+    @classmethod
+    def _key_part(cls, value: str) -> str:
+        return check_part(value)
+
+
+class EdgeConfig(_Table):
+    """The whole configuration file."""
+
+    service: ServiceConfig = ServiceConfig()
+    bus: BusConfig = BusConfig()
+    http: HttpConfig = HttpConfig()
+    downsample: DownsampleConfig = DownsampleConfig()
+    estimator: EstimatorConfig = EstimatorConfig()
+    health: HealthConfig = HealthConfig()
+    axes: tuple[AxisConfig, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _unique_axes(self) -> "EdgeConfig":
+        names = [axis.name for axis in self.axes]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"axes: two axes are named {name!r}")
+        return self
+
+    @property
+    def keys(self) -> MachineKeys:
+        """Keys of this machine on the bus."""
+        return MachineKeys(self.service.site, self.service.machine)
+
+
+def load_config(path: Path) -> EdgeConfig:
+    """Read and check a configuration file; paths in it are relative to its folder.
+
+    Raises:
+        ConfigError: one line with the file, the key, what was wrong and what was expected.
+    """
+    config = _checked(EdgeConfig, _read_toml(path), path)
+    axes = tuple(
+        axis.model_copy(
+            update={
+                "machine": path.parent / axis.machine,
+                "settings": _anchored(axis.settings, path.parent),
+            }
+        )
+        for axis in config.axes
+    )
+    return config.model_copy(update={"axes": axes})
+
+
+def load_machine(path: Path) -> Machine:
+    """Read and check a machine file. Raises ConfigError like `load_config`."""
+    return _checked(Machine, _read_toml(path), path)
+
+
+def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:
+    """Check a driver's settings; ConfigError names the key below `where`."""
+    try:
+        return model.model_validate(settings)
+    except ValidationError as error:
+        raise ConfigError(f"{where}.{explain(error, model)}") from None
+
+
+def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A driver's `path` is relative to the configuration file, too."""
+    if isinstance(settings.get("path"), str):
+        return settings | {"path": str(folder / settings["path"])}
+    return settings
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: no TOML: {error}") from None
+
+
+def _checked(model: type[_Model], content: dict[str, Any], path: Path) -> _Model:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {explain(error, model)}") from None
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first mistake of a validation as one line, `key: what was wrong`."""
+    details = error.errors(include_url=False)
+    first = details[0]
+    location = _key_path(first["loc"])
+    if first["type"] == "extra_forbidden":
+        problem = "unknown key" + _closest(first["loc"], model)
+    elif first["type"] == "missing":
+        problem = "missing"
+    else:
+        problem = first["msg"].removeprefix("Value error, ")
+        if first["type"] != "value_error":
+            problem += f" (got {first['input']!r})"
+    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+    return f"{location}: {problem}{more}" if location else f"{problem}{more}"
+
+
+def _key_path(location: tuple[int | str, ...]) -> str:
+    path = ""
+    for part in location:
+        path += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return path.removeprefix(".")
+
+
+def _closest(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """A hint at the known key that was perhaps meant."""
+    known = {name for table in _tables(model) for name in table.model_fields}
+    near = difflib.get_close_matches(str(location[-1]), sorted(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _tables(model: type[BaseModel]) -> list[type[BaseModel]]:
+    tables = [model]
+    for field in model.model_fields.values():
+        for candidate in (field.annotation, *getattr(field.annotation, "__args__", ())):
+            if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+                tables += _tables(candidate)
+    return tables

@@ -1,0 +1,1 @@
+"""One file per process: wiring, loop, clock and signals; nothing clever."""

@@ -1,0 +1,127 @@
+"""One axis' driver in, raw samples out; keeps trying while the machine cannot be reached."""
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from functools import partial
+
+from drivers.base import Driver, DriverContext, DriverMisconfiguredError, DriverUnavailableError
+from drivers.registry import UnknownDriverError, load_driver
+
+from ..bus.publisher import Publisher
+from ..config import AxisConfig, ConfigError, check_settings, load_machine
+from ..messages.codec import decode_json, encode_samples
+from ..messages.estimate import PreloadEstimate
+from ..messages.health import ComponentStatus
+from ..messages.samples import SampleFrame
+from ..messages.topics import PRELOAD, RAW
+from .context import NodeContext, Reporter
+
+log = logging.getLogger(__name__)
+BACKOFF_FIRST_S, BACKOFF_CAP_S = 0.5, 5.0
+CREDIT_S = 3.0  # axis time that an unpaced source may run ahead of its estimates
+CREDIT_PATIENCE_S = 1.0  # wall time after which it goes on without an answer
+
+
+def make_driver(axis: AxisConfig) -> Driver:
+    """The axis' driver, its settings checked. Raises ConfigError."""
+    try:
+        driver = load_driver(axis.driver)
+    except UnknownDriverError as error:
+        raise ConfigError(f"axes.{axis.name}.driver: {error}") from None
+    settings = check_settings(driver.config_model, axis.settings, f"axes.{axis.name}.settings")
+    return driver(settings, DriverContext(axis.name, load_machine(axis.machine)))
+
+
+async def run(context: NodeContext, axis: AxisConfig) -> None:
+    """Publish the samples of one axis until its source ends or the task is cancelled.
+
+    Raises ConfigError if the driver says that its settings cannot work.
+    """
+    driver = make_driver(axis)
+    publisher = context.bus.publisher(context.config.keys.key(axis.name, RAW), RAW)
+    reporter = Reporter(context, "acquire", axis.name)
+    counts = {"samples": 0, "frames": 0, "reconnects": 0}
+    reporter.counters = lambda: counts | dict(getattr(driver, "counters", {}))
+    async with reporter.running():
+        try:
+            while True:
+                lost = await _read(context, axis, driver, publisher, reporter, counts)
+                if lost is None:
+                    return
+                await _retry_later(reporter, counts, lost)
+        except DriverMisconfiguredError as error:
+            reporter.to(ComponentStatus.PERMANENT_ERROR, str(error))
+            raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
+        finally:
+            await driver.close()
+
+
+async def _read(
+    context: NodeContext,
+    axis: AxisConfig,
+    driver: Driver,
+    publisher: Publisher,
+    reporter: Reporter,
+    counts: dict[str, int],
+) -> DriverUnavailableError | None:
+    """Read until the source ends (None) or is lost (the error)."""
+    try:
+        await driver.open()
+        if reporter.status is not ComponentStatus.OK:
+            log.info("axis %s: %s is there", axis.name, axis.driver)
+        reporter.to(ComponentStatus.OK)
+        frames = driver.frames()
+        async with aclosing(frames):
+            source = frames if driver.paced else _credited(context, axis.name, frames)
+            async for frame in source:
+                counts["samples"] += len(frame)
+                counts["frames"] += 1
+                publisher.publish(partial(encode_samples, axis.name, frame=frame), time.time_ns())
+    except DriverUnavailableError as error:
+        return error
+    return None
+
+
+async def _retry_later(
+    reporter: Reporter, counts: dict[str, int], lost: DriverUnavailableError
+) -> None:
+    if reporter.status is not ComponentStatus.RECOVERABLE_ERROR:
+        log.warning("lost: %s; trying again", lost)
+        counts["tries"] = 0
+    reporter.to(ComponentStatus.RECOVERABLE_ERROR, str(lost))
+    counts["reconnects"] += 1
+    counts["tries"] = counts.get("tries", 0) + 1
+    await asyncio.sleep(min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(counts["tries"] - 1, 10)))
+
+
+async def _credited(
+    context: NodeContext, axis: str, frames: AsyncIterator[SampleFrame]
+) -> AsyncIterator[SampleFrame]:
+    """Let an unpaced source run at most CREDIT_S ahead of the estimates that come back.
+
+    So a recording replayed flat out loses nothing although no reader ever blocks the bus.
+    """
+    subscriber = context.bus.subscribe(
+        context.config.keys.key(axis, PRELOAD),
+        partial(decode_json, PRELOAD.payload, PreloadEstimate),
+    )
+    answers = aiter(subscriber)
+    answered_s: float | None = None
+    try:
+        async for frame in frames:
+            yield frame
+            newest_s = float(frame.time_s[-1])
+            answered_s = float(frame.time_s[0]) if answered_s is None else answered_s
+            while newest_s - answered_s > CREDIT_S:
+                try:
+                    async with asyncio.timeout(CREDIT_PATIENCE_S):
+                        _, _, estimate = await anext(answers)
+                    answered_s = estimate.time_s
+                except TimeoutError:
+                    answered_s = newest_s
+                    answers = aiter(subscriber)
+    finally:
+        subscriber.close()

@@ -1,0 +1,76 @@
+"""What every node is given, and how it reports on itself."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from functools import partial
+
+from ..bus.session import Bus
+from ..config import EdgeConfig
+from ..health.component import ComponentStatusMachine
+from ..messages.codec import encode_json
+from ..messages.health import ComponentStatus
+from ..messages.topics import STATUS
+
+REPORT_PERIOD_S = 1.0
+
+
+@dataclass(slots=True)
+class NodeContext:
+    """The configuration and the bus, shared by the nodes of one process.
+
+    Attributes:
+        on_http_ready: called with the page's address once it is served.
+    """
+
+    config: EdgeConfig
+    bus: Bus
+    on_http_ready: Callable[[str], None] = field(default=lambda _url: None)
+
+
+class Reporter:
+    """Publishes the status and the counters of one component, on change and once a second."""
+
+    def __init__(self, context: NodeContext, component: str, axis: str | None = None) -> None:
+        self._axis = axis
+        self._machine = ComponentStatusMachine(component, axis)
+        self._publisher = context.bus.publisher(
+            context.config.keys.component(component, axis, STATUS), STATUS
+        )
+        self.counters: Callable[[], dict[str, int]] = dict
+
+    @property
+    def status(self) -> ComponentStatus:
+        """The status last reported."""
+        return self._machine.status
+
+    def to(self, status: ComponentStatus, reason: str = "") -> None:
+        """Enter a status (the same one again only renews the reason) and publish."""
+        self._machine.to(status, reason)
+        self.publish()
+
+    def publish(self) -> None:
+        """Put the report on the bus."""
+        report = self._machine.report(self.counters())
+        self._publisher.publish(
+            partial(encode_json, STATUS.payload, self._axis, payload=report), time.time_ns()
+        )
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Publish once a second inside; say on leaving that the component stops."""
+        repeating = asyncio.create_task(self._repeat())
+        try:
+            yield
+        finally:
+            repeating.cancel()
+            if self.status is not ComponentStatus.STOPPED:
+                self.to(ComponentStatus.STOPPING)
+                self.to(ComponentStatus.STOPPED)
+
+    async def _repeat(self) -> None:
+        while True:
+            self.publish()
+            await asyncio.sleep(REPORT_PERIOD_S)

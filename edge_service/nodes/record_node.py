@@ -1,0 +1,58 @@
+"""Raw samples of one axis from the bus into a trace file."""
+
+import asyncio
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+from ..bus.session import Bus, BusSettings
+from ..config import ConfigError, EdgeConfig
+from ..messages.codec import decode_samples
+from ..messages.topics import RAW
+from ..trace.writer import TraceWriter
+
+FIRST_FRAME_S = 5.0
+
+
+async def record_axis(
+    config: EdgeConfig, axis: str, out: Path, duration_s: float | None
+) -> tuple[int, int]:
+    """Record until `duration_s` of axis time, SIGINT or SIGTERM.
+
+    Returns:
+        Rows written and payloads lost on the way.
+
+    Raises:
+        ConfigError: nothing is published for the axis. BusUnavailableError: no service runs.
+    """
+    bus = await Bus.open(BusSettings(config.bus.endpoint, "client"))
+    try:
+        subscriber = bus.subscribe(config.keys.key(axis, RAW), decode_samples, depth=4096)
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with suppress(NotImplementedError, RuntimeError):
+                loop.add_signal_handler(number, subscriber.close)
+        frames = aiter(subscriber)
+        try:
+            async with asyncio.timeout(FIRST_FRAME_S):
+                _, _, frame = await anext(frames)
+        except (TimeoutError, StopAsyncIteration):
+            raise ConfigError(
+                f"{config.keys.key(axis, RAW)}: nothing is published there; is the axis right?"
+            ) from None
+        rows, first_s = 0, float(frame.time_s[0])
+        with TraceWriter(out, tuple(frame.channels)) as writer:
+            while True:
+                if duration_s is not None:
+                    frame = frame.until(first_s + duration_s)
+                writer.write(frame)
+                rows += len(frame)
+                if duration_s is not None and frame.time_s.size == 0:
+                    break
+                try:
+                    _, _, frame = await anext(frames)
+                except StopAsyncIteration:
+                    break
+        return rows, subscriber.counters.lost_payloads
+    finally:
+        await bus.close()

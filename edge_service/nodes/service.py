@@ -1,0 +1,130 @@
+"""Starts nodes on one bus session, and ends them together."""
+
+import asyncio
+import logging
+import signal
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from typing import Any, Literal
+
+from ..bus.session import Bus, BusSettings, BusUnavailableError
+from ..config import EdgeConfig
+from . import acquire_node, downsample_node, estimate_node, health_node, http_node
+from .context import NodeContext
+
+log = logging.getLogger(__name__)
+NodeName = Literal["acquire", "downsample", "estimate", "health", "http", "bus"]
+NODE_NAMES: tuple[NodeName, ...] = ("acquire", "downsample", "estimate", "health", "http", "bus")
+PIPELINE: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample", "acquire")
+_JOIN_PERIOD_S = 1.0
+DRAIN_S = 0.5
+
+
+async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) -> None:
+    """All nodes in one process, until SIGINT, SIGTERM or the failure of one of them.
+
+    The process is the bus' router: others connect to its endpoint.
+    """
+    bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+    await _run_on(bus, config, PIPELINE, on_http_ready)
+
+
+async def run_node(
+    config: EdgeConfig, name: NodeName, on_http_ready: Callable[[str], None]
+) -> None:
+    """One node alone: `bus` is the router, every other node waits for it and joins it."""
+    if name == "bus":
+        bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+        log.info("bus at %s", bus.endpoint)
+    else:
+        bus = await _join(config.bus.endpoint)
+    await _run_on(bus, config, (name,), on_http_ready)
+
+
+async def _join(endpoint: str) -> Bus:
+    waiting = False
+    while True:
+        try:
+            return await Bus.open(BusSettings(endpoint, "client"))
+        except BusUnavailableError as error:
+            if not waiting:
+                log.warning("%s; waiting for it", error)
+            waiting = True
+            await asyncio.sleep(_JOIN_PERIOD_S)
+
+
+async def _run_on(
+    bus: Bus, config: EdgeConfig, names: tuple[NodeName, ...], on_http_ready: Callable[[str], None]
+) -> None:
+    try:
+        bus.declare_alive(config.keys.alive)
+        await run_nodes(NodeContext(config, bus, on_http_ready), names, install_stop())
+    finally:
+        await bus.close()
+
+
+def install_stop() -> asyncio.Event:
+    """An event that SIGINT and SIGTERM set."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with suppress(NotImplementedError, RuntimeError):  # not the main thread: a test
+            loop.add_signal_handler(number, stop.set)
+    return stop
+
+
+async def run_nodes(
+    context: NodeContext,
+    names: tuple[NodeName, ...],
+    stop: asyncio.Event,
+    *,
+    until_sources_end: bool = False,
+) -> None:
+    """Run nodes until `stop` is set; the first failure ends all and is raised.
+
+    With `until_sources_end` they also end, drained, when every driver's source has ended.
+    """
+    tasks = [
+        asyncio.create_task(coroutine, name=name)
+        for name in names
+        for coroutine in _coroutines(context, name)
+    ]
+    stopping = asyncio.create_task(stop.wait())
+    try:
+        while not stopping.done():
+            pending = {task for task in tasks if not task.done()}
+            done, _ = await asyncio.wait({stopping, *pending}, return_when=asyncio.FIRST_COMPLETED)
+            for task in done - {stopping}:
+                task.result()  # raises what ended the node
+            if until_sources_end and all(t.done() for t in tasks if t.get_name() == "acquire"):
+                await asyncio.sleep(DRAIN_S)
+                return
+    finally:
+        for task in (stopping, *tasks):
+            task.cancel()
+        await asyncio.gather(stopping, *tasks, return_exceptions=True)
+
+
+def _coroutines(context: NodeContext, name: NodeName) -> list[Coroutine[Any, Any, None]]:
+    match name:
+        case "acquire":
+            return [acquire_node.run(context, axis) for axis in context.config.axes]
+        case "downsample":
+            return [downsample_node.run(context)]
+        case "estimate":
+            return [estimate_node.run(context)]
+        case "health":
+            return [health_node.run(context)]
+        case "http":
+            return [http_node.run(context)]
+        case "bus":
+            return []
+
+
+def check_service(config: EdgeConfig) -> None:
+    """Check what only the nodes know: machine files, drivers and their settings.
+
+    Raises ConfigError.
+    """
+    for axis in config.axes:
+        acquire_node.make_driver(axis)

@@ -1,0 +1,304 @@
+"""Intervals keep the physics exact, do not depend on chunking, and tell every data fault."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from edge_service.downsample import Downsampler, DownsampleSettings
+from edge_service.downsample.statistics import PlausibilitySettings, lever
+from edge_service.messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TORQUE
+from edge_service.messages.features import Fault, FeatureBlock
+from edge_service.messages.samples import Floats, SampleFrame
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+RATIO = 0.02 / (2.0 * np.pi)
+RNG_SEED = 3
+
+
+def trace(seconds: float = 2.0, rate_hz: float = 1000.0) -> dict[str, Floats]:
+    """A swing to and fro with noise on the torque, all channels."""
+    rng = np.random.default_rng(RNG_SEED)
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    theta = 40.0 * np.sin(1.5 * time_s)
+    return {
+        "time_s": time_s,
+        TORQUE: np.cos(1.5 * time_s) + 0.02 * rng.standard_normal(len(time_s)),
+        ANGLE: theta,
+        TABLE_POSITION: theta * RATIO + 1e-7 * rng.standard_normal(len(time_s)),
+        MOTOR_SPEED: 60.0 * np.cos(1.5 * time_s),
+        SETPOINT: theta * RATIO,
+    }
+
+
+def frame_of(columns: dict[str, Floats], rows: slice | Floats = slice(None)) -> SampleFrame:
+    time_s = columns["time_s"][rows]
+    return SampleFrame(time_s, {k: v[rows] for k, v in columns.items() if k != "time_s"})
+
+
+def blocks_of(
+    columns: dict[str, Floats],
+    cuts: Sequence[int] = (),
+    interval_s: float = 0.1,
+    limits: PlausibilitySettings | None = None,
+) -> list[FeatureBlock]:
+    downsampler = Downsampler(
+        DownsampleSettings(interval_s=interval_s, plausibility=limits or PlausibilitySettings()),
+        RATIO,
+    )
+    edges = [0, *sorted(set(cuts)), len(columns["time_s"])]
+    return [
+        block
+        for start, end in zip(edges[:-1], edges[1:], strict=True)
+        for block in downsampler.push(frame_of(columns, slice(start, end)))
+    ]
+
+
+def test_mean_and_lever_of_a_held_quantity() -> None:
+    # q = 3 on [0, 1), 5 on [1, 4): mean 18/4; lever (int (4-s) q) / 16 = (10.5 + 22.5) / 16
+    mean, arm = lever(np.array([3.0, 5.0]), np.array([0.0, 1.0, 4.0]))
+    assert mean == pytest.approx(4.5, rel=1e-15)
+    assert arm == pytest.approx(33.0 / 16.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("interval_s", [0.001, 0.007, 0.1, 0.3])
+def test_the_balance_of_momentum_and_angle_is_exact_for_any_interval(interval_s: float) -> None:
+    """J w' = u - d sgn(w), integrated exactly between samples with u held."""
+    inertia, drag, step = 1.5e-3, 0.1, 1e-3
+    torque = drag + 0.3 * np.cos(np.arange(400) / 60.0) ** 2 * np.random.default_rng(1).random(400)
+    accel = (torque - drag) / inertia
+    speed = 5.0 + np.concatenate([[0.0], np.cumsum(accel * step)])[:-1]
+    theta = np.concatenate([[0.0], np.cumsum(speed * step + accel * step**2 / 2)])[:-1]
+    columns = {"time_s": np.arange(400) * step, TORQUE: torque, ANGLE: theta}
+    blocks = blocks_of(columns, interval_s=interval_s)
+    assert blocks
+    for block in blocks:
+        duration, first = block.duration_s, round((block.time_s - block.duration_s) / step)
+        last = round(block.time_s / step)
+        gained = duration * (block.torque_mean_nm - drag * block.direction_mean) / inertia
+        assert gained == pytest.approx(speed[last] - speed[first], rel=1e-9, abs=1e-9)
+        path = duration**2 * (block.torque_lever_nm - drag * block.direction_lever) / inertia
+        travelled = block.angle_end_rad - block.angle_start_rad
+        assert speed[first] * duration + path == pytest.approx(travelled, rel=1e-9, abs=1e-12)
+
+
+def test_speeds_at_the_ends_and_means_of_known_motion() -> None:
+    time_s = np.arange(1000) * 1e-3
+    theta = 3.0 * time_s**2
+    blocks = blocks_of({"time_s": time_s, TORQUE: np.sin(time_s), ANGLE: theta})
+    block = blocks[4]
+    assert block.time_s == pytest.approx(0.5)
+    assert block.speed_start_rad_s == pytest.approx(6.0 * 0.4, rel=1e-9)
+    assert block.speed_end_rad_s == pytest.approx(6.0 * 0.5, rel=1e-9)
+    assert block.angle_mean_rad == pytest.approx((0.5**3 - 0.4**3) / 0.1, rel=1e-5)
+    assert block.direction_mean == 1.0
+    assert block.direction_lever == pytest.approx(0.5)
+    assert block.moving_fraction == 1.0
+
+
+def test_blocks_fall_on_the_grid_and_cover_the_trace() -> None:
+    blocks = blocks_of(trace(2.0))
+    np.testing.assert_allclose([b.time_s for b in blocks], np.arange(1, 20) * 0.1, atol=1e-12)
+    np.testing.assert_allclose([b.duration_s for b in blocks], 0.1, atol=1e-12)
+    assert {b.sample_count for b in blocks} == {100}
+    assert {b.fault for b in blocks} == {Fault.NONE}
+
+
+def test_a_jittering_clock_does_not_move_the_grid() -> None:
+    columns = trace(2.0)
+    jitter = 2.4e-8 * np.random.default_rng(2).standard_normal(len(columns["time_s"]))
+    blocks = blocks_of(columns | {"time_s": columns["time_s"] + jitter})
+    assert [b.sample_count for b in blocks] == [100] * 19
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.integers(1, 1999), max_size=30), st.sampled_from([0.005, 0.013, 0.1]))
+def test_blocks_do_not_depend_on_how_samples_were_parted(
+    cuts: list[int], interval_s: float
+) -> None:
+    columns = faulty_trace()
+    whole = blocks_of(columns, interval_s=interval_s)
+    assert repr(blocks_of(columns, cuts, interval_s)) == repr(whole)
+
+
+def faulty_trace() -> dict[str, Floats]:
+    """Two seconds with a repeat, a hole, a gap, rows out of order and missing values."""
+    columns = trace(2.0)
+    rows = np.concatenate(
+        [
+            np.arange(0, 150),
+            [149, 149],
+            np.arange(150, 350),
+            np.arange(353, 600),
+            [590, 595],
+            np.arange(600, 900),
+            np.arange(1200, 2000),
+        ]
+    )
+    columns = {name: values[rows] for name, values in columns.items()}
+    columns[TORQUE][1000:1003] = np.nan
+    return columns
+
+
+def at(blocks: list[FeatureBlock], time_s: float) -> FeatureBlock:
+    return min(blocks, key=lambda block: abs(block.time_s - time_s))
+
+
+def test_faults_of_time_are_told_where_they_are_and_nowhere_else() -> None:
+    blocks = blocks_of(faulty_trace())
+    assert at(blocks, 0.2).fault == Fault.REPEAT
+    assert at(blocks, 0.2).usable
+    assert at(blocks, 0.4).fault == Fault.HOLE
+    assert at(blocks, 0.4).usable
+    assert at(blocks, 0.4).uncertain
+    assert at(blocks, 0.6).fault == Fault.TIME_BACKWARDS
+    assert not at(blocks, 0.6).usable
+    gap = [block for block in blocks if Fault.GAP in block.fault]
+    assert [block.usable for block in gap] == [False]
+    told = {block.time_s for block in blocks if block.fault}
+    assert len(told) == 5  # the four above and the hole of missing values
+
+
+def test_a_hole_is_bridged_and_a_longer_one_is_a_gap() -> None:
+    columns = trace(1.0)
+    for missing, fault in ((1, Fault.HOLE), (5, Fault.HOLE), (8, Fault.GAP)):
+        rows = np.delete(np.arange(1000), np.arange(450, 450 + missing))
+        blocks = blocks_of({name: values[rows] for name, values in columns.items()})
+        assert {block.fault for block in blocks if block.fault} == {fault}
+
+
+def test_no_interval_spans_a_gap_and_none_is_invented_in_it() -> None:
+    columns = trace(4.0)
+    rows = np.concatenate([np.arange(0, 1050), np.arange(3050, 4000)])
+    blocks = blocks_of({name: values[rows] for name, values in columns.items()})
+    assert max(block.duration_s for block in blocks) < 0.101
+    assert not [block for block in blocks if 1.1 < block.time_s < 3.0]
+
+
+def test_a_clock_that_begins_anew_is_survived() -> None:
+    columns = trace(4.0)
+    restarted = columns | {
+        "time_s": np.where(columns["time_s"] < 2.0, columns["time_s"] + 5.0, columns["time_s"] - 2)
+    }
+    blocks = blocks_of(restarted)
+    late = [block for block in blocks if block.time_s < 2.0]
+    assert len(late) >= 18
+    assert all(block.usable for block in late)
+    assert [b for b in blocks if Fault.TIME_BACKWARDS in b.fault]
+
+
+def damaged(change: Callable[[dict[str, Floats]], None]) -> list[FeatureBlock]:
+    columns = {name: values.copy() for name, values in trace(1.0).items()}
+    change(columns)
+    return blocks_of(columns)
+
+
+@pytest.mark.parametrize("channel", [ANGLE, TORQUE])
+def test_a_stuck_channel_never_passes_as_good(channel: str) -> None:
+    def stick(columns: dict[str, Floats]) -> None:
+        columns[channel][400:620] = columns[channel][400]
+
+    blocks = damaged(stick)
+    assert Fault.STUCK in at(blocks, 0.5).fault
+    assert Fault.STUCK in at(blocks, 0.6).fault
+    assert at(blocks, 0.3).usable
+    assert at(blocks, 0.9).usable
+
+
+def test_a_stuck_linear_encoder_costs_the_table_and_nothing_else() -> None:
+    def stick(columns: dict[str, Floats]) -> None:
+        columns[TABLE_POSITION][400:620] = columns[TABLE_POSITION][400]
+
+    block = at(damaged(stick), 0.5)
+    assert block.fault == Fault.NO_TABLE
+    assert block.usable
+    assert np.isnan(block.table_mean_m)
+
+
+def test_an_axis_at_rest_is_not_stuck() -> None:
+    time_s = np.arange(1000) * 1e-3
+    still = np.full(1000, 2.0)
+    blocks = blocks_of(
+        {
+            "time_s": time_s,
+            TORQUE: np.full(1000, 0.05),
+            ANGLE: still,
+            TABLE_POSITION: still * RATIO,
+            SETPOINT: still * RATIO,
+        }
+    )
+    assert {block.fault for block in blocks} == {Fault.NONE}
+    assert {block.moving_fraction for block in blocks} == {0.0}
+
+
+def test_encoder_noise_at_rest_is_no_motion() -> None:
+    rng = np.random.default_rng(4)
+    time_s = np.arange(1000) * 1e-3
+    theta = 2.0 + 5e-6 * rng.standard_normal(1000)
+    blocks = blocks_of({"time_s": time_s, TORQUE: rng.standard_normal(1000), ANGLE: theta})
+    assert {block.moving_fraction for block in blocks} == {0.0}
+    assert {block.reversal_count for block in blocks} == {0}
+
+
+def test_a_wild_step_is_implausible() -> None:
+    def jump(columns: dict[str, Floats]) -> None:
+        columns[ANGLE][555] += 500.0
+
+    blocks = damaged(jump)
+    assert Fault.IMPLAUSIBLE in at(blocks, 0.6).fault
+    assert not at(blocks, 0.6).usable
+    assert at(blocks, 0.8).usable
+
+
+def test_saturation_is_told() -> None:
+    limits = PlausibilitySettings(max_torque_nm=1.0)
+    columns = trace(1.0)
+    columns[TORQUE] = np.clip(columns[TORQUE], -1.0, 1.0)
+    blocks = blocks_of(columns, limits=limits)
+    assert Fault.SATURATED in blocks[0].fault
+    assert blocks[0].uncertain
+
+
+def test_reversals_and_the_time_since_them() -> None:
+    blocks = blocks_of(trace(4.0))  # speed 60 cos(1.5 t): reversals at t = 1.047 and 3.142 s
+    assert [b.reversal_count for b in blocks if b.reversal_count] == [1, 1]
+    assert at(blocks, 1.1).reversal_count == 1
+    assert at(blocks, 1.2).since_reversal_s == pytest.approx(1.1 - np.pi / 3.0, abs=0.005)
+    assert at(blocks, 2.0).direction_mean == -1.0
+
+
+def test_without_a_rotary_encoder_the_linear_one_stands_in() -> None:
+    columns = trace(1.0)
+    del columns[ANGLE], columns[MOTOR_SPEED]
+    block = blocks_of(columns)[3]
+    reference = blocks_of(trace(1.0))[3]
+    assert block.angle_end_rad == pytest.approx(reference.angle_end_rad, abs=1e-3)
+    assert Fault.NO_TABLE in block.fault
+
+
+def test_without_torque_no_interval_is_usable() -> None:
+    columns = trace(1.0)
+    del columns[TORQUE]
+    blocks = blocks_of(columns)
+    assert blocks
+    assert all(Fault.NO_TORQUE in b.fault and not b.usable for b in blocks)
+
+
+garbage = st.tuples(
+    st.sampled_from(["time_s", TORQUE, ANGLE, TABLE_POSITION, SETPOINT]),
+    st.integers(0, 599),
+    st.floats(allow_nan=True, allow_infinity=True, width=64),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(garbage, max_size=20))
+def test_garbage_never_gives_a_usable_number_that_is_not_finite(
+    cells: list[tuple[str, int, float]],
+) -> None:
+    columns = trace(0.6)
+    for channel, row, value in cells:
+        columns[channel][row] = value
+    for block in blocks_of(columns):
+        numbers = [block.torque_mean_nm, block.torque_lever_nm, block.speed_end_rad_s]
+        assert not block.usable or np.isfinite(numbers).all()
