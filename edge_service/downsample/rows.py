@@ -29,6 +29,8 @@ _CHANNEL_COLUMNS = {
     TEMPERATURE: TEMP,
     EXTERNAL_FORCE: FORCE,
 }
+WILDEST = 1e12
+"""No quantity of an axis in SI units, nor its clock, is as large; such a value is a missing one."""
 CLOCK_RESET_S = 1.0
 """A step back in time by more than this is a new clock, less is rows out of order."""
 
@@ -43,7 +45,7 @@ def table_of(frame: SampleFrame, ratio_m_per_rad: float) -> Floats:
     for name, column in _CHANNEL_COLUMNS.items():
         if name in frame.channels:
             rows[:, column] = frame.channels[name]
-    rows[~np.isfinite(rows)] = np.nan
+    rows[~(np.abs(rows) < WILDEST)] = np.nan
     if ANGLE not in frame.channels:
         rows[:, THETA] = rows[:, X] / ratio_m_per_rad
         rows[:, X] = np.nan

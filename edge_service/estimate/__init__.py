@@ -1,0 +1,1 @@
+"""Filters and estimators: pure, fed by values that carry their own time."""

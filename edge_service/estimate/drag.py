@@ -1,0 +1,162 @@
+"""Coulomb drag of an axis from the torque balance of intervals, with its uncertainty.
+
+A Kalman filter on [drag, offset, viscous, inertia] with the exact balance of an interval
+(integral of 4.3.4)::
+
+    mean(u) = drag mean(sgn w) + offset + viscous mean(w) + inertia (w_end - w_start) / T + noise
+
+Drag wanders (random walk); offset, viscous and inertia are constants with the prior of the machine
+file. Noise is learned from the innovations, so an axis whose friction departs from the model gets a
+wider interval.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..messages.features import FeatureBlock
+from ..models.machine import Machine
+
+_STATES = 4
+_DRAG = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DragSettings:
+    """Noise and priors of the drag filter.
+
+    Attributes:
+        wander_per_sqrt_s: random walk of the drag, as a share of the greatest drag seen, 1/sqrt(s).
+        viscous_tolerance: least relative prior sigma of viscous friction (it falls with warm-up).
+        offset_share: prior sigma of the constant torque offset, as a share of the friction torque.
+        noise_memory: intervals over which the noise is learned.
+        correlation: ratio of the variance of a mean over many intervals to that of white noise,
+            as friction errors last longer than one interval.
+    """
+
+    wander_per_sqrt_s: float = 0.02
+    viscous_tolerance: float = 0.10
+    offset_share: float = 0.3
+    noise_memory: float = 50.0
+    correlation: float = 4.0
+
+
+class DragFilter:
+    """Drag torque and its standard deviation from informative intervals.
+
+    Args:
+        machine: gives inertia and viscous friction with their tolerances.
+        settings: noise and priors.
+    """
+
+    def __init__(self, machine: Machine, settings: DragSettings) -> None:
+        self._machine = machine
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        model = self._machine.model
+        self._state = np.array(
+            [0.0, 0.0, model.viscous_nm_s_per_rad.value, model.inertia_kg_m2.value]
+        )
+        self._covariance = np.zeros((_STATES, _STATES))
+        self._noise_var = 0.0
+        self._greatest_nm = 0.0
+        self._surprises = 0
+        self.count = 0
+        self.nis = float("nan")
+
+    def update(self, block: FeatureBlock, elapsed_s: float) -> None:
+        """Take an informative interval, `elapsed_s` after the one before."""
+        duration = block.duration_s
+        regressor = np.array(
+            [
+                block.direction_mean,
+                1.0,
+                (block.angle_end_rad - block.angle_start_rad) / duration,
+                (block.speed_end_rad_s - block.speed_start_rad_s) / duration,
+            ]
+        )
+        known = float(regressor[2:] @ self._state[2:])
+        if self.count == 0:
+            self._begin(block.torque_mean_nm - known)
+        self._greatest_nm = max(self._greatest_nm, abs(self.drag_nm))
+        wander_nm = self._settings.wander_per_sqrt_s * self._greatest_nm
+        self._covariance[_DRAG, _DRAG] += wander_nm**2 * elapsed_s
+        self._correct(regressor, block.torque_mean_nm - float(regressor @ self._state))
+        self.count += 1
+
+    def _begin(self, friction_nm: float) -> None:
+        model, scale = self._machine.model, max(abs(friction_nm), 1e-9)
+        viscous = model.viscous_nm_s_per_rad
+        sigma = np.array(
+            [
+                10.0 * scale,
+                self._settings.offset_share * scale,
+                max(viscous.sigma, self._settings.viscous_tolerance * viscous.value),
+                model.inertia_kg_m2.sigma,
+            ]
+        )
+        self._covariance = np.diag(sigma**2)
+        self._noise_var = (0.2 * scale) ** 2
+
+    def _correct(self, regressor: np.ndarray[Any, Any], innovation: float) -> None:
+        projected = self._covariance @ regressor
+        predicted_var = float(regressor @ projected)
+        innovation_var = predicted_var + self._settings.correlation * self._noise_var
+        self.nis = innovation**2 / (predicted_var + self._noise_var)
+        self._surprises = self._surprises + 1 if self.nis > 16.0 else 0
+        if self._surprises >= 3:  # a jump: believe the new level, keep the constants
+            self._covariance[_DRAG, _DRAG] += innovation**2
+            self._surprises = 0
+            self._correct(regressor, innovation)
+            return
+        gain = projected / innovation_var
+        self._state = self._state + gain * innovation
+        reduced = np.eye(_STATES) - np.outer(gain, regressor)
+        noise = self._settings.correlation * self._noise_var
+        self._covariance = reduced @ self._covariance @ reduced.T + np.outer(gain, gain) * noise
+        if self._surprises == 0:
+            share = 1.0 / min(self.count + 2.0, self._settings.noise_memory)
+            after = innovation * (1.0 - float(gain @ regressor))
+            seen = max(innovation * after, 0.0)
+            self._noise_var += share * (seen - self._noise_var)
+
+    @property
+    def drag_nm(self) -> float:
+        """Coulomb torque at the motor shaft, N m."""
+        return float(self._state[_DRAG])
+
+    @property
+    def sigma_nm(self) -> float:
+        """Its standard deviation, N m."""
+        return float(np.sqrt(self._covariance[_DRAG, _DRAG]))
+
+    @property
+    def friction_shift_nm(self) -> float:
+        """Offset that acts the same way in both directions, N m."""
+        return float(self._state[1])
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values."""
+        return {
+            "state": self._state.tolist(),
+            "covariance": self._covariance.tolist(),
+            "noise_var": self._noise_var,
+            "greatest_nm": self._greatest_nm,
+            "surprises": self._surprises,
+            "count": self.count,
+            "nis": None if np.isnan(self.nis) else self.nis,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        self._state = np.array(snapshot["state"], dtype=np.float64)
+        self._covariance = np.array(snapshot["covariance"], dtype=np.float64)
+        self._noise_var = float(snapshot["noise_var"])
+        self._greatest_nm = float(snapshot["greatest_nm"])
+        self._surprises = int(snapshot["surprises"])
+        self.count = int(snapshot["count"])
+        self.nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])

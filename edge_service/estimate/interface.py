@@ -1,0 +1,28 @@
+"""What every estimator of preload can do."""
+
+from typing import Any, Protocol
+
+from ..messages.estimate import PreloadEstimate
+from ..messages.features import FeatureBlock
+
+
+class PreloadEstimator(Protocol):
+    """Features in, estimates out; no clock, no I/O, no randomness.
+
+    The same blocks in the same order give bit-equal estimates, live or replayed.
+    """
+
+    def update(self, block: FeatureBlock) -> None:
+        """Take the next interval."""
+
+    def estimate(self) -> PreloadEstimate:
+        """What is known now."""
+
+    def reset(self) -> None:
+        """Forget everything."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as JSON-able values; `restore` of it goes on bit-equal."""
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot. ValueError if it is none of this estimator's."""

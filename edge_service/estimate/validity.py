@@ -1,0 +1,142 @@
+"""Whether an estimate may be read, and if not, why: with hysteresis."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..messages.estimate import EstimateStatus
+from ..messages.features import UNUSABLE, FeatureBlock
+
+_Verdict = tuple[EstimateStatus, tuple[str, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class ValiditySettings:
+    """Thresholds of the status.
+
+    Attributes:
+        learn_s: informative motion needed before the first number, s.
+        fault_s: without usable data for this long the estimate is invalid, s.
+        surprise_memory: informative intervals over which the surprise is averaged.
+        surprise_high: averaged surprise above which model and data disagree.
+        surprise_low: averaged surprise below which they agree again.
+    """
+
+    learn_s: float = 1.0
+    fault_s: float = 2.0
+    surprise_memory: float = 10.0
+    surprise_high: float = 9.0
+    surprise_low: float = 4.0
+
+
+class Validity:
+    """Follows excitation, data faults and surprise, and says the status.
+
+    Args:
+        settings: thresholds.
+        hold_s: a number may stand for this long without informative motion.
+    """
+
+    def __init__(self, settings: ValiditySettings, hold_s: float) -> None:
+        self._settings = settings
+        self._hold_s = hold_s
+        self.informative_s = 0.0
+        self._time_s: float | None = None
+        self._last_informative_s: float | None = None
+        self._last_usable_s: float | None = None
+        self._first_s: float | None = None
+        self._fault_names: tuple[str, ...] = ()
+        self._surprise = 0.0
+        self._disagreeing = False
+
+    @property
+    def time_s(self) -> float:
+        """End of the last interval on the axis' clock, s; 0 before the first."""
+        return 0.0 if self._time_s is None else self._time_s
+
+    def update(self, block: FeatureBlock, used: bool, surprise: float | None) -> None:
+        """Take an interval; `surprise` is its normalised innovation squared if it was used."""
+        if self._time_s is not None and block.time_s < self._time_s:
+            self._restart_clock()
+        self._time_s = block.time_s
+        if self._first_s is None:
+            self._first_s = block.time_s - block.duration_s
+        if block.usable:
+            self._last_usable_s = block.time_s
+        else:
+            self._fault_names = tuple(str(fault.name).lower() for fault in block.fault & UNUSABLE)
+        if used:
+            self.informative_s += block.duration_s
+            self._last_informative_s = block.time_s
+            if surprise is not None:
+                self._follow_surprise(surprise)
+
+    def _restart_clock(self) -> None:
+        """The axis' clock began anew: ages count from here."""
+        self._last_informative_s = None
+        self._last_usable_s = None
+        self._first_s = None
+
+    def _follow_surprise(self, surprise: float) -> None:
+        share = 1.0 / self._settings.surprise_memory
+        self._surprise += share * (min(surprise, 1e3) - self._surprise)
+        if self._surprise > self._settings.surprise_high:
+            self._disagreeing = True
+        elif self._surprise < self._settings.surprise_low:
+            self._disagreeing = False
+
+    def status(self) -> tuple[EstimateStatus, tuple[str, ...]]:
+        """The status, and the reasons why it is not `estimated`."""
+        if self._time_s is None or self._first_s is None:
+            return EstimateStatus.UNESTIMATED, ("no_data: no sample has come yet",)
+        usable_since = self._first_s if self._last_usable_s is None else self._last_usable_s
+        if self._time_s - usable_since >= self._settings.fault_s:
+            return EstimateStatus.INVALID, (f"data_fault: {', '.join(self._fault_names)}",)
+        return (
+            self._missing_motion(self._time_s, self._first_s)
+            or self._disagreement()
+            or (EstimateStatus.ESTIMATED, ())
+        )
+
+    def _missing_motion(self, time_s: float, first_s: float) -> _Verdict | None:
+        if self.informative_s == 0.0:
+            reason = "no_motion: the axis has not moved steadily yet"
+            return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
+        last_s = first_s if self._last_informative_s is None else self._last_informative_s
+        if time_s - last_s > self._hold_s:
+            reason = f"no_motion: no steady motion for {time_s - last_s:.0f} s"
+            return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
+        if self.informative_s < self._settings.learn_s:
+            return EstimateStatus.UNESTIMATED, (
+                f"learning: {self.informative_s:.1f} of {self._settings.learn_s:.1f} s "
+                "of steady motion seen",
+            )
+        return None
+
+    def _disagreement(self) -> _Verdict | None:
+        if not self._disagreeing:
+            return None
+        return EstimateStatus.INVALID, (
+            "model_mismatch: no level of the model explains the torque "
+            f"(normalised innovation squared {self._surprise:.0f}, expected about 1)",
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values."""
+        return {
+            name: getattr(self, name)
+            for name in (
+                "informative_s",
+                "_time_s",
+                "_last_informative_s",
+                "_last_usable_s",
+                "_first_s",
+                "_fault_names",
+                "_surprise",
+                "_disagreeing",
+            )
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        for name, value in snapshot.items():
+            setattr(self, name, tuple(value) if name == "_fault_names" else value)

@@ -1,0 +1,79 @@
+"""A small bench for tests of the whole service."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from edge_service.bus.session import Bus, BusSettings
+from edge_service.config import DEFAULT_MACHINE, AxisConfig, BusConfig, EdgeConfig, HttpConfig
+from edge_service.config import load_machine
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.nodes.context import NodeContext
+from edge_service.nodes.service import PIPELINE, NodeName, run_nodes
+from edge_service.trace.writer import TraceWriter
+
+PATIENCE_S = 30.0
+RATE_HZ = 1000.0
+
+
+def config_of(driver: str, settings: dict[str, Any], **changes: Any) -> EdgeConfig:
+    """A configuration with one axis X, free ports."""
+    axis = AxisConfig(name="X", machine=DEFAULT_MACHINE, driver=driver, settings=settings)
+    return EdgeConfig(
+        bus=BusConfig(endpoint="tcp/127.0.0.1:0"), http=HttpConfig(port=0), axes=(axis,), **changes
+    )
+
+
+class Running:
+    """A service inside the test's event loop."""
+
+    def __init__(self, bus: Bus, address: asyncio.Future[str], task: "asyncio.Task[None]") -> None:
+        self.bus = bus
+        self.address = address
+        self.task = task
+
+
+@asynccontextmanager
+async def running(
+    config: EdgeConfig, names: tuple[NodeName, ...] = PIPELINE, *, until_sources_end: bool = False
+) -> AsyncIterator[Running]:
+    """Run nodes on a bus of their own."""
+    bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+    address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    stop = asyncio.Event()
+    context = NodeContext(config, bus, address.set_result)
+    task = asyncio.create_task(run_nodes(context, names, stop, until_sources_end=until_sources_end))
+    try:
+        yield Running(bus, address, task)
+    finally:
+        stop.set()
+        await asyncio.wait([task])
+        await bus.close()
+
+
+async def until(probe: Callable[[], Awaitable[Any]]) -> Any:
+    """The first true answer of `probe`; fails after PATIENCE_S."""
+    async with asyncio.timeout(PATIENCE_S):
+        while not (answer := await probe()):
+            await asyncio.sleep(0.01)
+        return answer
+
+
+@pytest.fixture(scope="session")
+def trace_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twenty seconds of production motion at 6.85 % as a trace file."""
+    machine = load_machine(DEFAULT_MACHINE)
+    limits = motion_limits(machine)
+    segments = MOTIONS["production"](limits, np.random.default_rng(1))
+    setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(20_000)
+    drive = FeedDrive(FeedDriveSettings.of_machine(machine, RATE_HZ), limits.low_m, 6.846, 1)
+    frame = drive.advance(setpoints, np.full(20_000, 6.846))
+    path = tmp_path_factory.mktemp("trace") / "healthy.csv"
+    with TraceWriter(path, tuple(frame.channels)) as writer:
+        writer.write(frame)
+    return path

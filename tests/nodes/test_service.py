@@ -1,0 +1,259 @@
+"""From the drive to the answer: the whole service in one process and in several."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from edge_service.bus.session import Bus, BusSettings
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.messages.channels import ANGLE
+from edge_service.messages.codec import decode_json
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.topics import PRELOAD, STATUS
+from edge_service.nodes.context import NodeContext
+from edge_service.nodes.offline import estimates
+from edge_service.nodes.record_node import record_axis
+from edge_service.nodes.replay_service import replay_trace
+from edge_service.nodes.service import NodeName, run_nodes
+from edge_service.trace.reader import open_trace, read_trace
+
+from .conftest import config_of, running, until
+
+HEALTHY = {"scenario": "healthy", "speed": 20.0}
+TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
+
+
+async def answer(client: httpx.AsyncClient, path: str) -> Any:
+    response = await client.get(path)
+    return response.json() if response.status_code == 200 else None
+
+
+async def test_the_answer_follows_the_simulated_drive() -> None:
+    async with running(config_of("simulated", HEALTHY)) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+
+            async def settled() -> Any:
+                preload = await answer(client, "api/v1/axes/X/preload")
+                tight = preload and preload["high"] and preload["high"] - preload["low"] < 2.0
+                return preload if tight and preload["condition"] == "NORMAL" else None
+
+            preload = await until(settled)
+            assert preload["status"] == "estimated"
+            assert preload["low"] <= TRUTH_PERCENT <= preload["high"]
+            assert abs(preload["preload_percent"] - TRUTH_PERCENT) < 0.6
+            assert preload["preload_n"] == pytest.approx(preload["preload_percent"] * 74.5)
+            assert preload["age_s"] < 2.0
+            assert (await client.get("readyz")).status_code == 200
+            assert 'edge_service_preload_percent{axis="X"}' in (await client.get("metrics")).text
+            assert (await answer(client, "api/v1/axes"))["axes"][0]["axis"] == "X"
+
+
+async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
+    config = config_of("simulated", HEALTHY)
+    others: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample")
+    async with running(config, others) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+            stop = asyncio.Event()
+            drive = asyncio.create_task(
+                run_nodes(NodeContext(config, service.bus), ("acquire",), stop)
+            )
+
+            async def estimated() -> Any:
+                preload = await answer(client, "api/v1/axes/X/preload")
+                return preload if preload and preload["status"] == "estimated" else None
+
+            before = await until(estimated)
+            stop.set()
+            await drive
+
+            async def silent() -> Any:
+                preload = await answer(client, "api/v1/axes/X/preload")
+                return preload if preload["status"] != "estimated" else None
+
+            after = await until(silent)
+            numbers = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm")
+            assert [after[name] for name in numbers] == [None] * 5
+            assert after["condition"] == "UNAVAILABLE"
+            assert after["reasons"]
+            assert after["measured_at"] >= before["measured_at"]
+            ready = await client.get("readyz")
+            assert ready.status_code == 503
+            assert ready.json()["reasons"]
+
+
+async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> None:
+    config = config_of("replay", {"path": str(trace_path), "speed": 0.0, "frame_s": 0.5})
+    with open_trace(trace_path) as frames:
+        offline = [
+            e.model_dump_json() for e in estimates(frames, load_machine(DEFAULT_MACHINE), config)
+        ]
+    async with running(config, until_sources_end=True) as service:
+        subscriber = service.bus.subscribe(
+            config.keys.key("X", PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
+        )
+        await asyncio.wait_for(asyncio.shield(service.task), 60.0)
+        subscriber.close()
+        live = [estimate.model_dump_json() async for _, _, estimate in subscriber]
+    assert len(offline) == 199
+    assert live == offline
+
+
+async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path) -> None:
+    config = config_of("replay", {"path": str(trace_path), "speed": 50.0})
+    router = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+    buses = [await Bus.open(BusSettings(router.endpoint, "client")) for _ in range(4)]
+    stop = asyncio.Event()
+    try:
+        subscriber = buses[3].subscribe(
+            config.keys.all_axes(PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
+        )
+        names: tuple[NodeName, ...] = ("estimate", "downsample", "acquire")
+        tasks = [
+            asyncio.create_task(run_nodes(NodeContext(config, bus), (name,), stop))
+            for name, bus in zip(names, buses, strict=False)
+        ]
+        async with asyncio.timeout(30.0):
+            async for axis, _, estimate in subscriber:
+                if estimate.status is EstimateStatus.ESTIMATED:
+                    break
+        assert axis == "X"
+        stop.set()
+        await asyncio.gather(*tasks)
+    finally:
+        for bus in (*buses, router):
+            await bus.close()
+
+
+async def test_replay_service_tells_the_last_answer(trace_path: Path) -> None:
+    addresses: list[str] = []
+    config = config_of("simulated", {})
+    lines = await replay_trace(
+        config, trace_path, DEFAULT_MACHINE, 0.0, loop=False, hold=False, announce=addresses.append
+    )
+    assert addresses[0].startswith("http://127.0.0.1:")
+    assert lines[0].startswith("axis X: 199 estimates, status estimated at 19.9 s")
+    assert lines[1].startswith("preload ")
+
+
+async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_path: Path) -> None:
+    lines = trace_path.read_text().splitlines()
+    faulty = [
+        *lines[:3000],
+        lines[2999],
+        *lines[3000:6000],
+        ",".join(["6.0", *["nan"] * (lines[0].count(",") - 1), ""]),
+        *lines[6200:9000],
+        *lines[8000:8500],
+        *lines[9000:],
+        "20.0,1",
+    ]
+    path = tmp_path / "faulty.csv"
+    path.write_text("\n".join(faulty))
+    config = config_of("replay", {"path": str(path), "speed": 0.0, "frame_s": 0.5})
+    async with running(config, until_sources_end=True) as service:
+        reports = service.bus.subscribe(
+            config.keys.all_components(STATUS),
+            partial(decode_json, STATUS.payload, ComponentHealth),
+        )
+        subscriber = service.bus.subscribe(
+            config.keys.key("X", PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
+        )
+        await asyncio.wait_for(asyncio.shield(service.task), 60.0)
+        subscriber.close()
+        reports.close()
+        last = [estimate async for _, _, estimate in subscriber][-1]
+        counters: dict[str, int] = {}
+        async for _, _, report in reports:
+            counters |= report.counters
+    assert last.status is EstimateStatus.ESTIMATED
+    assert last.low is not None
+    assert last.high is not None
+    assert last.low <= TRUTH_PERCENT <= last.high
+    assert counters["fault_repeat"] >= 1
+    assert counters["fault_gap"] >= 1
+    assert counters["fault_time_backwards"] >= 1
+
+
+async def test_a_recording_of_the_bus_is_what_was_published(
+    trace_path: Path, tmp_path: Path
+) -> None:
+    config = config_of("replay", {"path": str(trace_path), "speed": 20.0, "loop": True})
+    async with running(config, ("acquire",)) as service:
+        there = config.model_copy(
+            update={"bus": config.bus.model_copy(update={"endpoint": service.bus.endpoint})}
+        )
+        out = tmp_path / "recorded.csv"
+        rows, lost = await asyncio.wait_for(record_axis(there, "X", out, 2.0), 30.0)
+    recorded, original = read_trace(out), read_trace(trace_path)
+    assert lost == 0
+    assert rows == len(recorded) == 2000
+    first = int(np.searchsorted(original.time_s, recorded.time_s[0] - 1e-9))
+    if first + 2000 <= len(original):  # else the loop began again in between
+        expected = original.channels[ANGLE][first : first + 2000]
+        np.testing.assert_array_equal(recorded.channels[ANGLE], expected)
+    assert list(tmp_path.iterdir()) == [out]
+
+
+async def test_a_driver_that_is_lost_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    from drivers.base import DriverUnavailableError
+    from drivers.simulated import SimulatedDriver
+    from edge_service.nodes import acquire_node
+
+    class Flaky(SimulatedDriver):
+        tries = 0
+
+        async def open(self) -> None:
+            Flaky.tries += 1
+            if Flaky.tries < 3:
+                raise DriverUnavailableError("no answer from the drive")
+            await super().open()
+
+    monkeypatch.setattr(acquire_node, "load_driver", lambda _name: Flaky)
+    monkeypatch.setattr(acquire_node, "BACKOFF_FIRST_S", 0.0)
+    config = config_of("simulated", HEALTHY)
+    async with running(config, ("acquire",)) as service:
+        reports = service.bus.subscribe(
+            config.keys.all_components(STATUS),
+            partial(decode_json, STATUS.payload, ComponentHealth),
+        )
+        seen = []
+        async with asyncio.timeout(20.0):
+            async for _, _, report in reports:
+                seen.append((report.status, report.reason))
+                if report.status is ComponentStatus.OK:
+                    break
+    assert (ComponentStatus.RECOVERABLE_ERROR, "no answer from the drive") in seen
+
+
+@pytest.mark.slow
+def test_the_command_serves_and_stops_cleanly_in_processes_of_their_own(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-m", "edge_service", "run", "--port", "0", "--bus", "tcp/127.0.0.1:0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+    ) as process:
+        assert process.stdout is not None
+        try:
+            line = process.stdout.readline()
+            assert line.startswith("edge-service: serving http://127.0.0.1:")
+            address = line.split()[-1]
+            assert httpx.get(address + "healthz").status_code == 200
+        finally:
+            process.send_signal(signal.SIGTERM)
+            _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 0
+    assert "Traceback" not in errors
