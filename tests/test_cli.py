@@ -1,0 +1,184 @@
+"""Every mistake of a user is one clear line and exit status 2; nothing is half-written."""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from edge_service.cli import cli, main
+
+COMMANDS = sorted(cli.commands)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_helps_with_an_example(command: str) -> None:
+    result = CliRunner().invoke(cli, [command, "--help"])
+    assert result.exit_code == 0
+    assert "Example: edge-service" in " ".join(result.output.split())
+
+
+def write(folder: Path, name: str, text: str) -> str:
+    path = folder / name
+    path.write_text(text)
+    return str(path)
+
+
+AXIS = '[[axes]]\nname = "X"\n'
+TRACE = "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n"
+Case = Callable[[Path], list[str]]
+CASES: dict[str, tuple[Case, str]] = {
+    "missing configuration": (lambda p: ["check-config", str(p / "no.toml")], "no such file"),
+    "no toml": (lambda p: ["check-config", write(p, "a.toml", "x = = 1")], "no TOML"),
+    "binary configuration": (
+        lambda p: ["check-config", str((p / "b.toml", (p / "b.toml").write_bytes(b"\xff\x00"))[0])],
+        "no TOML",
+    ),
+    "unknown key with a hint": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + "[http]\nprot = 1")],
+        "http.prot: unknown key; did you mean 'port'?",
+    ),
+    "unknown driver key": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + 'settings = { scenari = "sudden" }')],
+        "axes.X.settings.scenari: unknown key; did you mean 'scenario'?",
+    ),
+    "unknown scenario": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + 'settings = { scenario = "x" }')],
+        "axes.X.settings.scenario:",
+    ),
+    "unknown driver": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + 'driver = "x"')],
+        "no driver 'x' is installed; there are",
+    ),
+    "no axes": (lambda p: ["check-config", write(p, "a.toml", "axes = []")], "axes:"),
+    "two axes of one name": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + AXIS)],
+        "two axes are named 'X'",
+    ),
+    "axis name that is no key": (
+        lambda p: ["check-config", write(p, "a.toml", '[[axes]]\nname = "a/*"')],
+        "axes[0].name: 'a/*' is no key part",
+    ),
+    "public http address": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + '[http]\nhost = "0.0.0.0"')],
+        "http.host: '0.0.0.0': only loopback addresses are allowed until TLS and roles exist",
+    ),
+    "public bus address": (
+        lambda p: ["run", "--bus", "tcp/0.0.0.0:7447", write(p, "a.toml", AXIS)],
+        "only loopback addresses are allowed",
+    ),
+    "port that is none": (lambda p: ["run", "--port", "99999"], "99999"),
+    "wrong unit": (
+        lambda p: [
+            "check-config",
+            write(p, "a.toml", AXIS + f'machine = "{write(p, "m.toml", MACHINE_IN_MM)}"'),
+        ],
+        "axis.lead_m:",
+    ),
+    "machine without a lead": (
+        lambda p: [
+            "check-config",
+            write(p, "a.toml", AXIS + f'machine = "{write(p, "m.toml", "[axis]")}"'),
+        ],
+        "axis.lead_m: missing",
+    ),
+    "missing trace": (
+        lambda p: ["estimate", str(p / "no.csv"), "--out", str(p / "out.csv")],
+        "no such file",
+    ),
+    "trace that is none": (
+        lambda p: ["estimate", write(p, "t.csv", "<html></html>"), "--out", str(p / "out.csv")],
+        "t.csv",
+    ),
+    "trace without time": (
+        lambda p: ["estimate", write(p, "t.csv", "a,b\n1,2\n"), "--out", str(p / "out.csv")],
+        "time_s",
+    ),
+    "mapped column that is missing": (
+        lambda p: [
+            "estimate",
+            write(p, "t.csv", "t_s,q\n1,2\n"),
+            "--machine",
+            write(p, "m.toml", MACHINE + '[columns]\ntime_s = "t_s"\nmotor_angle_rad = "theta"'),
+            "--out",
+            str(p / "out.csv"),
+        ],
+        "theta",
+    ),
+    "replay of a missing trace": (
+        lambda p: ["replay", str(p / "no.csv"), "--port", "0", "--bus", "tcp/127.0.0.1:0"],
+        "no such file",
+    ),
+    "negative replay speed": (
+        lambda p: ["replay", write(p, "t.csv", TRACE), "--speed", "-1"],
+        "--speed",
+    ),
+    "record without a service": (
+        lambda p: ["record", "--bus", "tcp/127.0.0.1:1", "--out", str(p / "out.csv")],
+        "no bus answers",
+    ),
+    "unknown command": (lambda _: ["frobnicate"], "frobnicate"),
+    "unknown option": (lambda _: ["run", "--frob"], "--frob"),
+    "missing option": (lambda p: ["estimate", write(p, "t.csv", TRACE)], "--out"),
+}
+MACHINE = "[axis]\nlead_m = 0.02\n[model]\ninertia_kg_m2 = 1e-3\n"
+MACHINE_IN_MM = "[axis]\nlead_m = 20.0\n[model]\ninertia_kg_m2 = 1e-3\n"
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_mistake_is_one_line_and_status_2(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make, expected = CASES[name]
+    status = main(make(tmp_path))
+    captured = capsys.readouterr()
+    complaint = captured.err.strip().splitlines()[-1]
+    assert status == 2
+    assert complaint.startswith("edge-service: ")
+    assert expected in complaint
+    assert "Traceback" not in captured.err
+    assert not (tmp_path / "out.csv").exists()
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_a_port_in_use_is_one_line_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        status = main(["run", "--port", str(port), "--bus", "tcp/127.0.0.1:0"])
+        assert status == 2
+        assert f"127.0.0.1:{port} is in use" in capsys.readouterr().err
+        assert main(["run", "--port", "0", "--bus", f"tcp/127.0.0.1:{port}"]) == 2
+        assert f"tcp/127.0.0.1:{port} is in use" in capsys.readouterr().err
+
+
+def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path) -> None:
+    rows = "".join(f"{i / 1000},0.1,{i / 10}\n" for i in range(500))
+    trace = write(tmp_path, "t.csv", "time_s,torque_command_nm,motor_angle_rad\n" + rows)
+    out = tmp_path / "out.csv"
+    assert main(["estimate", trace, "--out", str(out)]) == 0
+    header, *body = out.read_text().splitlines()
+    assert header == "time_s,preload_percent,low,high,status,drag_torque_nm"
+    assert [line.split(",")[0] for line in body] == ["0.1", "0.2", "0.3", "0.4"]
+
+
+def test_check_config_says_what_the_default_means(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check-config"]) == 0
+    printed = capsys.readouterr().out
+    assert "axis X: driver simulated" in printed
+    assert "preload in %" in printed
+
+
+def test_the_command_starts_without_what_it_does_not_need() -> None:
+    """`--help` must not load numba, zenoh, scipy or matplotlib."""
+    script = (
+        "import sys; from edge_service.cli import main; main(['--help']);"
+        "print(sorted({'numba','zenoh','scipy','matplotlib','pyarrow','filterpy'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
