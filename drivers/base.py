@@ -70,6 +70,14 @@ class Driver(Protocol):
     paced: bool
     """Whether `frames` keeps time by itself; if not, the caller sets the pace."""
 
+    @property
+    def counters(self) -> dict[str, int]:
+        """Monotonic counts worth seeing, e.g. bad cells; may be empty."""
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """Values worth seeing that are no samples; may be empty."""
+
     def __init__(self, config: Any, context: DriverContext) -> None: ...
 
     async def open(self) -> None:

@@ -44,7 +44,8 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     publisher = context.bus.publisher(context.config.keys.key(axis.name, RAW), RAW)
     reporter = Reporter(context, "acquire", axis.name)
     counts = {"samples": 0, "frames": 0, "reconnects": 0}
-    reporter.counters = lambda: counts | dict(getattr(driver, "counters", {}))
+    reporter.counters = lambda: counts | driver.counters
+    reporter.readings = lambda: driver.readings
     async with reporter.running():
         try:
             while True:

@@ -40,6 +40,7 @@ class Reporter:
             context.config.keys.component(component, axis, STATUS), STATUS
         )
         self.counters: Callable[[], dict[str, int]] = dict
+        self.readings: Callable[[], dict[str, float]] = dict
 
     @property
     def status(self) -> ComponentStatus:
@@ -53,7 +54,7 @@ class Reporter:
 
     def publish(self) -> None:
         """Put the report on the bus."""
-        report = self._machine.report(self.counters())
+        report = self._machine.report(self.counters(), self.readings())
         self._publisher.publish(
             partial(encode_json, STATUS.payload, self._axis, payload=report), time.time_ns()
         )

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 import numpy as np
 import pytest
 import zenoh
+
 from edge_service.bus.session import (
     Bus,
     BusConfigurationError,
@@ -152,7 +153,7 @@ async def test_presence_shows_by_a_liveliness_token(router: Bus, client: Bus) ->
     "endpoint", ["tcp/0.0.0.0:0", "tcp/192.0.2.1:7447", "udp/127.0.0.1:0", "127.0.0.1", "tcp/x:1"]
 )
 async def test_other_than_loopback_is_refused(endpoint: str) -> None:
-    with pytest.raises(BusConfigurationError, match="loopback|form"):
+    with pytest.raises(BusConfigurationError, match=r"loopback|form"):
         await Bus.open(BusSettings(endpoint, "router"))
 
 

@@ -1,16 +1,18 @@
 """Intervals keep the physics exact, do not depend on chunking, and tell every data fault."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.downsample.statistics import PlausibilitySettings, lever
 from edge_service.messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.features import Fault, FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 RATIO = 0.02 / (2.0 * np.pi)
 RNG_SEED = 3
@@ -49,7 +51,7 @@ def blocks_of(
     edges = [0, *sorted(set(cuts)), len(columns["time_s"])]
     return [
         block
-        for start, end in zip(edges[:-1], edges[1:], strict=True)
+        for start, end in pairwise(edges)
         for block in downsampler.push(frame_of(columns, slice(start, end)))
     ]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.preload import ImmPreloadEstimator, ImmSettings

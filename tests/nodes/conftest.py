@@ -8,9 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from edge_service.bus.session import Bus, BusSettings
-from edge_service.config import DEFAULT_MACHINE, AxisConfig, BusConfig, EdgeConfig, HttpConfig
-from edge_service.config import load_machine
+from edge_service.config import (
+    DEFAULT_MACHINE,
+    AxisConfig,
+    BusConfig,
+    EdgeConfig,
+    HttpConfig,
+    load_machine,
+)
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.context import NodeContext

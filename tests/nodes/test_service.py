@@ -12,6 +12,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+
 from edge_service.bus.session import Bus, BusSettings
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.channels import ANGLE
@@ -124,9 +125,10 @@ async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path) -> No
             for name, bus in zip(names, buses, strict=False)
         ]
         async with asyncio.timeout(30.0):
-            async for axis, _, estimate in subscriber:
-                if estimate.status is EstimateStatus.ESTIMATED:
-                    break
+            heard = aiter(subscriber)
+            axis, _, estimate = await anext(heard)
+            while estimate.status is not EstimateStatus.ESTIMATED:
+                axis, _, estimate = await anext(heard)
         assert axis == "X"
         stop.set()
         await asyncio.gather(*tasks)

@@ -1,0 +1,128 @@
+"""The house keeps its layout, and what a user can set or ask is documented."""
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from pydantic import BaseModel
+
+from drivers.registry import driver_names, load_driver
+from edge_service.cli import cli
+from edge_service.config import EdgeConfig, load_config
+from edge_service.messages.topics import TOPICS
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+TOP_LEVEL = {"pyproject.toml", "edge_service", "drivers", "tests", "deploy", "README.md"}
+
+
+def test_the_top_level_is_the_one_agreed() -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if listed.returncode != 0:
+        pytest.skip("no git checkout")
+    names = {line.split("/")[0] for line in listed.stdout.splitlines()}
+    assert {name for name in names if not name.startswith(".")} - {"LICENSE"} == TOP_LEVEL
+
+
+def test_every_room_has_its_place_in_the_rules() -> None:
+    layers = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
+    placed = {name.strip() for layer in layers for name in layer.split("|")}
+    rooms = {f"edge_service.{path.parent.name}" for path in ROOT.glob("edge_service/*/__init__.py")}
+    assert rooms <= placed
+
+
+def test_no_rule_has_an_exception() -> None:
+    for contract in PROJECT["tool"]["importlinter"]["contracts"]:
+        assert not contract.get("ignore_imports")
+
+
+def keys_of(model: type[BaseModel]) -> set[str]:
+    keys = set()
+    for name, field in model.model_fields.items():
+        nested = [
+            each
+            for each in (field.annotation, *get_args(field.annotation))
+            if isinstance(each, type) and issubclass(each, BaseModel)
+        ]
+        keys |= {key for each in nested for key in keys_of(each)} | {name}
+    return keys
+
+
+def test_every_key_of_the_configuration_stands_in_the_example() -> None:
+    text = (ROOT / "deploy" / "edge.toml").read_text()
+    for key in keys_of(EdgeConfig):
+        assert re.search(rf"\b{key}\b", text), key
+    load_config(ROOT / "deploy" / "edge.toml")
+
+
+@pytest.mark.parametrize("name", driver_names())
+def test_every_driver_has_an_example_with_every_key(name: str) -> None:
+    path = ROOT / "deploy" / "drivers" / f"{name}.toml"
+    config = load_config(path)
+    model = load_driver(name).config_model
+    model.model_validate(config.axes[0].settings)
+    text = path.read_text()
+    for key, field in model.model_fields.items():
+        shown = re.search(rf"^(# )?{key} = (.+?)\s+#", text, re.MULTILINE)
+        assert shown, key
+        if not shown.group(1) and not field.is_required():
+            assert tomllib.loads(f"value = {shown.group(2)}")["value"] == field.default
+
+
+@pytest.mark.parametrize("command", sorted(cli.commands))
+def test_every_command_stands_in_the_readme(command: str) -> None:
+    assert f"edge-service {command}" in README
+
+
+def test_every_topic_stands_in_the_readme_with_its_times() -> None:
+    for topic in TOPICS.values():
+        row = next(line for line in README.splitlines() if line.startswith(f"| `{topic.name}`"))
+        assert topic.payload in row
+        assert topic.encoding in row
+        if topic.rate_hz:
+            assert f"{topic.rate_hz:g} Hz" in row
+            assert f"{topic.stale_after_s:g} s" in row
+
+
+def test_every_route_stands_in_the_readme() -> None:
+    from edge_service.health.board import Board
+    from edge_service.http_api.app import create_app
+
+    for path in create_app(Board({}, 0), lambda: 0).openapi()["paths"]:
+        assert f"`{path}" in README or f"GET {path}" in README, path
+
+
+def test_every_dependency_is_explained_in_the_readme() -> None:
+    for requirement in PROJECT["project"]["dependencies"]:
+        name = re.split(r"[<>=\[]", requirement)[0]
+        assert f"| {name} |" in README, name
+
+
+def test_pictures_in_the_readme_exist() -> None:
+    for target in re.findall(r"!\[[^]]+\]\(([^)]+)\)", README):
+        assert (ROOT / target).is_file(), target
+
+
+def test_the_lock_pins_every_package_with_a_hash() -> None:
+    lock = (ROOT / "deploy" / "requirements.lock").read_text()
+    pinned = re.findall(r"^([a-z0-9_.\-]+)==[^\s]+ \\\n    --hash=sha256:", lock, re.MULTILINE)
+    named = re.findall(r"^[a-z0-9_.\-]+", lock, re.MULTILINE)
+    assert pinned == named
+    for requirement in PROJECT["project"]["dependencies"]:
+        assert re.split(r"[<>=\[]", requirement)[0] in pinned
+
+
+def test_the_project_speaks_of_itself_alone() -> None:
+    code = [path for room in ("edge_service", "drivers") for path in ROOT.glob(f"{room}/**/*.py")]
+    for path in [*code, ROOT / "README.md"]:
+        assert not re.search(r"/(?:work|root|tmp)/", path.read_text()), path
