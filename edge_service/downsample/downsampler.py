@@ -1,11 +1,11 @@
 """Cuts screened rows into intervals on a fixed grid of time and summarises each."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.channels import TORQUE
+from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import Fault, FeatureBlock
 from ..messages.samples import Floats, SampleFrame
 from .rows import RowCounters, RowScreen, Screened, T, table_of
@@ -83,6 +83,7 @@ class Downsampler:
         self._segment = _Segment()
         self._period_s: float | None = None
         self._reach = 1
+        self._expected_faults = ~Fault.NONE
         self.faults: dict[str, int] = {}
 
     @property
@@ -96,6 +97,8 @@ class Downsampler:
             return []
         if self._screen is None:
             self._screen = RowScreen(has_torque=TORQUE in frame.channels)
+            if not {ANGLE, TABLE_POSITION} <= set(frame.channels):
+                self._expected_faults = ~Fault.NO_TABLE  # one encoder only: nothing is missing
         blocks: list[FeatureBlock] = []
         for part in self._screen.split(table_of(frame, self._ratio)):
             if part.new_clock:
@@ -172,6 +175,7 @@ class Downsampler:
             self._settings.plausibility,
         )
         segment.first = end
+        block = replace(block, fault=block.fault & self._expected_faults)
         for fault in block.fault:
             self.faults[str(fault.name)] = self.faults.get(str(fault.name), 0) + 1
         return block

@@ -275,7 +275,8 @@ def test_without_a_rotary_encoder_the_linear_one_stands_in() -> None:
     block = blocks_of(columns)[3]
     reference = blocks_of(trace(1.0))[3]
     assert block.angle_end_rad == pytest.approx(reference.angle_end_rad, abs=1e-3)
-    assert Fault.NO_TABLE in block.fault
+    assert block.fault == Fault.NONE
+    assert np.isnan(block.table_mean_m)
 
 
 def test_without_torque_no_interval_is_usable() -> None:

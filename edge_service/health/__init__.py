@@ -1,0 +1,1 @@
+"""Axis condition, component status, and the board that the HTTP interface reads."""

@@ -1,0 +1,185 @@
+"""What the JSON routes answer."""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
+
+from ..messages.estimate import EstimateStatus, Interval
+from ..messages.event import Severity
+from ..messages.health import AxisCondition, ComponentStatus
+
+Timestamp = Annotated[
+    str,
+    WithJsonSchema(
+        {"type": "string", "format": "date-time", "examples": ["2026-01-31T12:00:00.000Z"]}
+    ),
+]
+"""RFC 3339 in UTC, with milliseconds."""
+
+_PRELOAD_EXAMPLE: dict[str, Any] = {
+    "axis": "X",
+    "status": "estimated",
+    "preload_percent": 6.71,
+    "low": 6.58,
+    "high": 6.84,
+    "level": 0.95,
+    "preload_n": 500.1,
+    "drag_torque_nm": {"value": 0.141, "low": 0.139, "high": 0.143},
+    "condition": "NORMAL",
+    "reasons": [],
+    "mode_probability": {"10": 0.0, "7.5": 0.9, "5": 0.1},
+    "measured_at": "2026-01-31T12:00:00.000Z",
+    "age_s": 0.12,
+}
+
+
+class Answer(BaseModel):
+    """Base of every answer: no NaN, nothing beyond the documented members."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class PreloadAnswer(Answer):
+    """Preload of one axis; numbers are null unless the status is `estimated`."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_PRELOAD_EXAMPLE]})
+
+    axis: str
+    status: EstimateStatus = Field(description="Whether the numbers may be read.")
+    preload_percent: float | None = Field(
+        description="Preload in percent of the screw's dynamic load rating."
+    )
+    low: float | None = Field(description="Lower bound of the interval, percent.")
+    high: float | None = Field(description="Upper bound of the interval, percent.")
+    level: float = Field(description="Probability that the interval aims to hold the truth.")
+    preload_n: float | None = Field(description="Preload, N.")
+    drag_torque_nm: Interval | None = Field(
+        description="Coulomb drag torque of the axis at the motor shaft, N m."
+    )
+    condition: AxisCondition
+    reasons: list[str] = Field(description="Why, as `code: sentence`; empty if all is well.")
+    mode_probability: dict[str, float] = Field(
+        description="Probability of each preload level (percent) of the filter bank."
+    )
+    measured_at: Timestamp | None = Field(
+        description="Time of the newest sample behind the last estimate; null if there is none."
+    )
+    age_s: float | None = Field(description="Time since then, s.")
+
+
+class ComponentAnswer(Answer):
+    """Status of one component of the service."""
+
+    component: str = Field(examples=["estimate"])
+    axis: str | None = Field(description="The axis that it works for; null: all.")
+    status: ComponentStatus
+    reason: str
+    counters: dict[str, int] = Field(description="Counts since its start.")
+    readings: dict[str, float] = Field(
+        description="Values it wants seen, e.g. the simulated drive's true preload."
+    )
+
+
+class HealthAnswer(Answer):
+    """Condition of one axis, and the state of the data behind it."""
+
+    axis: str
+    condition: AxisCondition
+    reasons: list[str] = Field(description="Why, as `code: sentence`.")
+    since: Timestamp = Field(description="When the condition was entered.")
+    components: list[ComponentAnswer]
+    data_faults: dict[str, int] = Field(
+        description="Faulty intervals per kind since the start.", examples=[{"gap": 2}]
+    )
+
+
+class ServiceAnswer(Answer):
+    """Health of the whole service."""
+
+    time: Timestamp = Field(description="Time of this answer, by the clock of the service.")
+    ready: bool
+    reasons: list[str] = Field(description="Why the service is not ready, per axis.")
+    components: list[ComponentAnswer] = Field(description="Components that serve all axes.")
+    axes: list[HealthAnswer]
+
+
+class LimitsAnswer(Answer):
+    """Limits of one axis, percent of the dynamic load rating."""
+
+    fresh_percent: float = Field(description="Preload of the fresh screw, percent.")
+    warning_percent: float = Field(description="WARNING below this preload, percent.")
+    fault_percent: float = Field(description="FAULT below this preload, percent.")
+
+
+class AxisAnswer(Answer):
+    """One axis, with the paths of its answers."""
+
+    axis: str
+    condition: AxisCondition
+    status: EstimateStatus
+    limits: LimitsAnswer | None = Field(description="null if the fresh preload is not known.")
+    preload: str = Field(examples=["/api/v1/axes/X/preload"])
+    health: str = Field(examples=["/api/v1/axes/X/health"])
+    history: str = Field(examples=["/api/v1/axes/X/history"])
+
+
+class AxesAnswer(Answer):
+    """All axes."""
+
+    axes: list[AxisAnswer]
+
+
+class SpreadAnswer(Answer):
+    """Values inside a bucket."""
+
+    min: float
+    max: float
+    mean: float
+
+
+class BucketAnswer(Answer):
+    """What a span of time held; numbers are null where there was no estimate."""
+
+    time: Timestamp = Field(description="Start of the bucket.")
+    samples: int = Field(description="Estimates kept inside, with or without a number.")
+    estimated: int = Field(description="Those with a preload in percent.")
+    status: EstimateStatus = Field(description="Status of the newest one.")
+    preload_percent: SpreadAnswer | None
+    low: float | None = Field(description="Lowest lower bound, percent.")
+    high: float | None = Field(description="Highest upper bound, percent.")
+    drag_torque_nm: SpreadAnswer | None
+
+
+class HistoryAnswer(Answer):
+    """History of one axis in buckets, oldest first; empty buckets are absent."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    axis: str
+    start: Timestamp = Field(alias="from")
+    end: Timestamp = Field(alias="to")
+    step_s: float = Field(description="Length of a bucket, s.")
+    buckets: list[BucketAnswer]
+
+
+class EventAnswer(Answer):
+    """One event of an axis, or of the service (empty axis)."""
+
+    axis: str
+    kind: str = Field(examples=["condition_changed"])
+    severity: Severity
+    message: str
+    time: Timestamp
+    data: dict[str, str | float | int | None]
+
+
+class ReadyAnswer(Answer):
+    """The service can answer for every axis."""
+
+    ready: bool = True
+
+
+class AliveAnswer(Answer):
+    """The process answers."""
+
+    alive: bool = True

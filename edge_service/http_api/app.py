@@ -1,0 +1,66 @@
+"""The application."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, FastAPI
+from fastapi.responses import FileResponse
+from fastapi.staticfiles import StaticFiles
+
+from .. import __version__
+from ..health.board import Board
+from .context import Clock
+from .guard import LOOPBACK_HOSTS, Guard
+from .metrics import metrics_router
+from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
+from .routes import axis_router, service_router
+from .stream import stream_router
+
+STATIC = Path(__file__).with_name("static")
+
+page_router = APIRouter(include_in_schema=False)
+
+
+@page_router.get("/")
+async def dashboard() -> FileResponse:
+    """The live page."""
+    return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
+
+
+class _Application(FastAPI):
+    def openapi(self) -> dict[str, Any]:
+        """The description, with the schema of the problem documents."""
+        schema = super().openapi()
+        schema["components"]["schemas"].update(problem_schemas())
+        return schema
+
+
+def create_app(board: Board, clock: Clock, hosts: Iterable[str] = LOOPBACK_HOSTS) -> FastAPI:
+    """The HTTP interface of one board.
+
+    Parameters
+    ----------
+    board : Board
+        What is answered from.
+    clock : Callable[[], int]
+        UNIX time in ns.
+    hosts : Iterable[str]
+        Host names, without port, under which the service may be addressed.
+    """
+    app = _Application(
+        title="edge-service",
+        summary="Ball-screw preload, its uncertainty and the condition of the axis",
+        version=__version__,
+        docs_url=None,
+        redoc_url=None,
+        responses=DOCUMENTED_DEFAULT,
+    )
+    app.state.board = board
+    app.state.clock = clock
+    answer_with_problems(app)
+    for router in (service_router, axis_router, stream_router, metrics_router, page_router):
+        app.include_router(router)
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    app.add_middleware(Guard, hosts=tuple(hosts))
+    return app

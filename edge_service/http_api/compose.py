@@ -1,0 +1,155 @@
+"""From the board to the answers."""
+
+from ..health.board import Board
+from ..health.history import Bucket, Spread
+from ..health.settings import AxisLimits
+from ..messages.event import Event
+from ..messages.health import AxisHealth, ComponentHealth
+from .answers import (
+    AxesAnswer,
+    AxisAnswer,
+    BucketAnswer,
+    ComponentAnswer,
+    EventAnswer,
+    HealthAnswer,
+    HistoryAnswer,
+    LimitsAnswer,
+    PreloadAnswer,
+    ServiceAnswer,
+    SpreadAnswer,
+)
+from .times import rfc3339, rfc3339_s
+
+
+def preload_answer(board: Board, axis: str, now_ns: int) -> PreloadAnswer:
+    """Preload of one axis with its condition."""
+    reading = board.preload(axis, now_ns)
+    health = board.health(axis, now_ns)
+    estimate = reading.estimate
+    return PreloadAnswer(
+        axis=axis,
+        status=estimate.status,
+        preload_percent=estimate.preload_percent,
+        low=estimate.low,
+        high=estimate.high,
+        level=estimate.level,
+        preload_n=estimate.preload_n,
+        drag_torque_nm=estimate.drag_torque_nm,
+        condition=health.condition,
+        reasons=list(dict.fromkeys((*health.reasons, *estimate.reasons))),
+        mode_probability=estimate.mode_probability,
+        measured_at=None if reading.measured_ns is None else rfc3339(reading.measured_ns),
+        age_s=reading.age_s,
+    )
+
+
+def health_answer(board: Board, axis: str, now_ns: int) -> HealthAnswer:
+    """Condition of one axis."""
+    return _health(board.health(axis, now_ns))
+
+
+def service_answer(board: Board, now_ns: int) -> ServiceAnswer:
+    """Health of the whole service."""
+    reasons = board.unready(now_ns)
+    return ServiceAnswer(
+        time=rfc3339(now_ns),
+        ready=not reasons,
+        reasons=list(reasons),
+        components=[_component(report) for report in board.components(now_ns)],
+        axes=[health_answer(board, axis, now_ns) for axis in board.axes],
+    )
+
+
+def axes_answer(board: Board, now_ns: int) -> AxesAnswer:
+    """All axes, in the order of the configuration."""
+    return AxesAnswer(axes=[_axis(board, axis, now_ns) for axis in board.axes])
+
+
+def history_answer(
+    board: Board, axis: str, start_s: float, end_s: float, step_s: float
+) -> HistoryAnswer:
+    """History of one axis."""
+    buckets = board.history(axis, start_s, end_s, step_s)
+    return HistoryAnswer(
+        axis=axis,
+        start=rfc3339_s(start_s),
+        end=rfc3339_s(end_s),
+        step_s=step_s,
+        buckets=[_bucket(bucket) for bucket in buckets],
+    )
+
+
+def event_answer(event: Event) -> EventAnswer:
+    """One event."""
+    return EventAnswer(
+        axis=event.axis,
+        kind=event.kind,
+        severity=event.severity,
+        message=event.message,
+        time=rfc3339(event.time_ns),
+        data=event.data,
+    )
+
+
+def _axis(board: Board, axis: str, now_ns: int) -> AxisAnswer:
+    path = f"/api/v1/axes/{axis}"
+    return AxisAnswer(
+        axis=axis,
+        condition=board.health(axis, now_ns).condition,
+        status=board.preload(axis, now_ns).estimate.status,
+        limits=_limits(board.limits(axis)),
+        preload=f"{path}/preload",
+        health=f"{path}/health",
+        history=f"{path}/history",
+    )
+
+
+def _limits(limits: AxisLimits | None) -> LimitsAnswer | None:
+    if limits is None:
+        return None
+    return LimitsAnswer(
+        fresh_percent=limits.fresh_percent,
+        warning_percent=limits.warning_percent,
+        fault_percent=limits.fault_percent,
+    )
+
+
+def _health(health: AxisHealth) -> HealthAnswer:
+    return HealthAnswer(
+        axis=health.axis,
+        condition=health.condition,
+        reasons=list(health.reasons),
+        since=rfc3339(health.since_time_ns),
+        components=[_component(report) for report in health.components],
+        data_faults=health.data_faults,
+    )
+
+
+def _component(report: ComponentHealth) -> ComponentAnswer:
+    return ComponentAnswer(
+        component=report.component,
+        axis=report.axis,
+        status=report.status,
+        reason=report.reason,
+        counters=report.counters,
+        readings=report.readings,
+    )
+
+
+def _bucket(bucket: Bucket) -> BucketAnswer:
+    return BucketAnswer(
+        time=rfc3339_s(bucket.start_s),
+        samples=bucket.samples,
+        estimated=bucket.estimated,
+        status=bucket.status,
+        preload_percent=_spread(bucket.preload_percent),
+        low=bucket.low,
+        high=bucket.high,
+        drag_torque_nm=_spread(bucket.drag_torque_nm),
+    )
+
+
+def _spread(spread: Spread | None) -> SpreadAnswer | None:
+    if spread is None:
+        return None
+    return SpreadAnswer(min=spread.min, max=spread.max, mean=spread.mean)

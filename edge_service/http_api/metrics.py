@@ -1,0 +1,147 @@
+"""`/metrics`: the board in the words of Prometheus, read at the moment of the scrape."""
+
+from collections.abc import Callable, Iterable
+from operator import attrgetter
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from ..health.board import Board
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.health import AxisCondition, ComponentHealth, ComponentStatus
+from .context import BoardDep, NowDep
+
+metrics_router = APIRouter(tags=["service"])
+
+_PREFIX = "edge_service"
+
+_Number = Callable[[PreloadEstimate], float | None]
+
+
+def _of_drag(bound: str) -> _Number:
+    def number(estimate: PreloadEstimate) -> float | None:
+        drag = estimate.drag_torque_nm
+        return None if drag is None else float(getattr(drag, bound))
+
+    return number
+
+
+_NUMBERS: tuple[tuple[str, str, _Number], ...] = (
+    ("preload_percent", "Preload, percent of the load rating", attrgetter("preload_percent")),
+    ("preload_low_percent", "Lower bound of the preload, percent", attrgetter("low")),
+    ("preload_high_percent", "Upper bound of the preload, percent", attrgetter("high")),
+    ("preload_newtons", "Preload, N", attrgetter("preload_n")),
+    ("drag_torque_newton_metres", "Coulomb drag torque, N m", _of_drag("value")),
+    ("drag_torque_low_newton_metres", "Lower bound of the drag torque, N m", _of_drag("low")),
+    ("drag_torque_high_newton_metres", "Upper bound of the drag torque, N m", _of_drag("high")),
+    ("normalised_innovation_squared", "Mean 1 if the model holds", attrgetter("nis")),
+)
+
+
+@metrics_router.get("/metrics", response_class=Response)
+async def metrics(board: BoardDep, now_ns: NowDep) -> Response:
+    """Metrics in the text format of Prometheus; a number that does not exist has no sample."""
+    registry = CollectorRegistry()
+    registry.register(BoardCollector(board, now_ns))
+    return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
+
+
+class BoardCollector(Collector):
+    """The board as of one moment."""
+
+    def __init__(self, board: Board, now_ns: int) -> None:
+        self._board = board
+        self._now_ns = now_ns
+
+    def collect(self) -> Iterable[Metric]:
+        """All families."""
+        yield from self._estimates()
+        yield from self._conditions()
+        yield from self._components()
+        yield from self._counters()
+
+    def _estimates(self) -> Iterable[Metric]:
+        families = [_gauge(name, text) for name, text, _number in _NUMBERS]
+        age = _gauge("estimate_age_seconds", "Age of the newest sample behind the estimate")
+        status = _gauge("estimate_status", "1 for the present status", "axis", "status")
+        for axis in self._board.axes:
+            reading = self._board.preload(axis, self._now_ns)
+            for family, (_name, _text, number) in zip(families, _NUMBERS, strict=True):
+                _add(family, (axis,), number(reading.estimate))
+            _add(age, (axis,), reading.age_s)
+            for each in EstimateStatus:
+                _add(status, (axis, each.value), float(each is reading.estimate.status))
+        return (*families, age, status)
+
+    def _conditions(self) -> Iterable[Metric]:
+        family = _gauge("axis_condition", "1 for the present condition", "axis", "condition")
+        faults = _counter("data_faults", "Faulty intervals", "axis", "kind")
+        for axis in self._board.axes:
+            health = self._board.health(axis, self._now_ns)
+            for condition in AxisCondition:
+                value = float(condition is health.condition)
+                _add(family, (axis, condition.value), value)
+            for kind, count in health.data_faults.items():
+                _add(faults, (axis, kind), count)
+        return family, faults
+
+    def _components(self) -> Iterable[Metric]:
+        family = _gauge(
+            "component_status", "1 for the present status", "component", "axis", "status"
+        )
+        counts = _counter("component_counts", "What it counted", "component", "axis", "counter")
+        readings = _gauge(
+            "component_reading", "Value it wants seen", "component", "axis", "reading"
+        )
+        for report in self._reports():
+            labels = (report.component, report.axis or "")
+            for status in ComponentStatus:
+                _add(family, (*labels, status.value), float(status is report.status))
+            for counter, count in report.counters.items():
+                _add(counts, (*labels, counter), count)
+            for reading, value in report.readings.items():
+                _add(readings, (*labels, reading), value)
+        return family, counts, readings
+
+    def _reports(self) -> Iterable[ComponentHealth]:
+        yield from self._board.components(self._now_ns)
+        for axis in self._board.axes:
+            yield from self._board.health(axis, self._now_ns).components
+
+    def _counters(self) -> Iterable[Metric]:
+        lost = _counter("lost_payloads", "Holes in the sequence", "axis", "topic")
+        for axis in self._board.axes:
+            for topic, count in self._board.lost_payloads(axis).items():
+                _add(lost, (axis, topic), count)
+        ready = GaugeMetricFamily(
+            f"{_PREFIX}_ready",
+            "1 if every axis has fresh input",
+            not self._board.unready(self._now_ns),
+        )
+        readers = GaugeMetricFamily(
+            f"{_PREFIX}_live_readers", "Readers of the live stream", len(self._board.readers)
+        )
+        ignored = CounterMetricFamily(
+            f"{_PREFIX}_ignored_payloads",
+            "Payloads of axes that are not configured",
+            self._board.ignored_payloads,
+        )
+        return lost, ready, readers, ignored
+
+
+def _gauge(name: str, text: str, *labels: str) -> GaugeMetricFamily:
+    return GaugeMetricFamily(f"{_PREFIX}_{name}", text, labels=labels or ("axis",))
+
+
+def _counter(name: str, text: str, *labels: str) -> CounterMetricFamily:
+    return CounterMetricFamily(f"{_PREFIX}_{name}", text, labels=labels)
+
+
+def _add(
+    family: GaugeMetricFamily | CounterMetricFamily, labels: tuple[str, ...], value: float | None
+) -> None:
+    if value is not None:
+        family.add_metric(labels, value)

@@ -1,0 +1,118 @@
+"""Errors as problem documents (RFC 9457), for every status and without a word of a traceback."""
+
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+
+PROBLEM_TYPE = "application/problem+json"
+
+
+class ParameterProblem(BaseModel):
+    """What is wrong with one parameter of a request."""
+
+    parameter: str = Field(examples=["from"])
+    detail: str = Field(examples=["'noon' is no time"])
+
+
+class Problem(BaseModel):
+    """A problem document (RFC 9457)."""
+
+    type: str = Field("about:blank", description="Kind of problem; about:blank: as the status.")
+    title: str = Field(description="Words of the HTTP status.", examples=["Not Found"])
+    status: int = Field(description="HTTP status.", examples=[404])
+    detail: str = Field(description="What was wrong.", examples=["no axis 'Q'; there are X, Y"])
+    instance: str = Field(description="Path of the request.", examples=["/api/v1/axes/Q/health"])
+    reasons: list[str] | None = Field(None, description="Why the service is not ready.")
+    errors: list[ParameterProblem] | None = Field(None, description="Parameters to mend.")
+
+
+class ProblemResponse(JSONResponse):
+    """A response that carries a problem document."""
+
+    media_type = PROBLEM_TYPE
+
+
+def problem_response(
+    path: str,
+    status: int,
+    detail: str,
+    *,
+    headers: Mapping[str, str] | None = None,
+    reasons: list[str] | None = None,
+    errors: list[ParameterProblem] | None = None,
+) -> ProblemResponse:
+    """A problem document as a response."""
+    problem = Problem(
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=detail,
+        instance=path,
+        reasons=reasons,
+        errors=errors,
+    )
+    return ProblemResponse(problem.model_dump(exclude_none=True), status, headers)
+
+
+_DOCUMENTED = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+DOCUMENTED_DEFAULT: dict[int | str, dict[str, Any]] = {
+    "default": {"description": "Problem document (RFC 9457)", "content": _DOCUMENTED}
+}
+"""The `responses` of every route."""
+
+
+def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """The `responses` of a route that may answer with these problems."""
+    return {
+        status: {"description": HTTPStatus(status).phrase, "content": _DOCUMENTED}
+        for status in statuses
+    }
+
+
+def problem_schemas() -> dict[str, Any]:
+    """Schemas of a problem document, for the components of the description."""
+    schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    parts: dict[str, Any] = schema.pop("$defs", {})
+    return parts | {"Problem": schema}
+
+
+def answer_with_problems(app: FastAPI) -> None:
+    """Let the application answer every error with a problem document."""
+    app.add_exception_handler(HTTPException, _on_http_error)
+    app.add_exception_handler(RequestValidationError, _on_bad_request)
+    app.add_exception_handler(Exception, _on_failure)
+
+
+async def _on_http_error(request: Request, error: Exception) -> ProblemResponse:
+    assert isinstance(error, HTTPException)
+    plain = error.detail == HTTPStatus(error.status_code).phrase
+    detail = _PLAIN_DETAIL.get(error.status_code, error.detail) if plain else error.detail
+    path = request.url.path
+    return problem_response(path, error.status_code, detail, headers=error.headers)
+
+
+async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse:
+    assert isinstance(error, RequestValidationError)
+    errors = [
+        ParameterProblem(
+            parameter=str(item["loc"][-1]), detail=str(item["msg"]).removeprefix("Value error, ")
+        )
+        for item in error.errors()
+    ]
+    detail = "; ".join(f"{each.parameter}: {each.detail}" for each in errors)
+    return problem_response(request.url.path, 422, detail, errors=errors)
+
+
+async def _on_failure(request: Request, _error: Exception) -> ProblemResponse:
+    return problem_response(request.url.path, 500, "the service failed; its log says why")
+
+
+_PLAIN_DETAIL = {
+    404: "there is nothing at this path; /openapi.json lists what there is",
+    405: "this path does not take that method",
+}

@@ -1,0 +1,123 @@
+"""Serving the application on a loopback address."""
+
+import asyncio
+import contextlib
+import errno
+import ipaddress
+import socket
+from collections.abc import Callable, Iterator
+
+import uvicorn
+from starlette.types import ASGIApp
+
+_GRACE_S = 2
+
+
+class AddressError(ValueError):
+    """An address that the service must not, or cannot, listen on."""
+
+
+class PortInUseError(AddressError):
+    """Another program listens on the address."""
+
+
+class _Server(uvicorn.Server):
+    """Uvicorn without its own handlers of signals: the process that wires the nodes has them."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+async def serve(
+    app: ASGIApp,
+    host: str,
+    port: int,
+    *,
+    stop: asyncio.Event,
+    on_bound: Callable[[str, int], None] = lambda _host, _port: None,
+    before_stop: Callable[[], None] = lambda: None,
+) -> None:
+    """Serve until `stop` is set or the task is cancelled; both end it in good order.
+
+    Parameters
+    ----------
+    app : ASGIApp
+        The application.
+    host : str
+        A loopback address or `localhost`.
+    port : int
+        TCP port; 0 takes a free one.
+    stop : asyncio.Event
+        Set to end.
+    on_bound : Callable
+        Called with the address and the real port as soon as connections are taken.
+    before_stop : Callable
+        Called before the server waits for its connections to end: end the live streams here
+        (`Board.close`), or they are cut off after a short grace.
+
+    Raises
+    ------
+    AddressError
+        Before anything is served: the address is no loopback address (PortInUseError: or taken).
+    """
+    listener = bind(host, port)
+    config = uvicorn.Config(
+        app,
+        lifespan="off",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        ws="none",
+        timeout_graceful_shutdown=_GRACE_S,
+    )
+    server = _Server(config)
+    serving = asyncio.create_task(server.serve(sockets=[listener]))
+    stopping = asyncio.create_task(stop.wait())
+    try:
+        address = listener.getsockname()
+        on_bound(str(address[0]), int(address[1]))
+        await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        stopping.cancel()
+        before_stop()
+        server.should_exit = True
+        await serving
+        listener.close()
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """A socket that listens on a loopback address; AddressError if that cannot be."""
+    address = _loopback(host)
+    if not 0 <= port <= 65535:
+        raise AddressError(f"port {port} is no TCP port: expected 0 to 65535")
+    family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((str(address), port))
+        listener.listen()
+        listener.setblocking(False)
+    except OSError as error:
+        listener.close()
+        raise _bind_error(host, port, error) from error
+    return listener
+
+
+def _loopback(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    try:
+        address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host.strip("[]"))
+    except ValueError:
+        raise AddressError(f"host {host!r} is no IP address: expected e.g. 127.0.0.1") from None
+    if not address.is_loopback:
+        raise AddressError(
+            f"host {host}: only loopback addresses are allowed until TLS and roles exist"
+        )
+    return address
+
+
+def _bind_error(host: str, port: int, error: OSError) -> AddressError:
+    if error.errno == errno.EADDRINUSE:
+        return PortInUseError(f"{host}:{port} is in use by another program: choose another port")
+    return AddressError(f"cannot listen on {host}:{port}: {error.strerror}")

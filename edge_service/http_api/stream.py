@@ -1,0 +1,138 @@
+"""The live stream: server-sent events, resumable, with a bounded backlog per reader."""
+
+from collections.abc import AsyncIterator, Iterator
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Header, Query
+from fastapi.responses import StreamingResponse
+from fastapi.sse import format_sse_event
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from ..health.board import Board
+from ..health.event_log import LoggedEvent
+from ..health.fan_out import Batch, Subscription, concerns
+from ..messages.topics import HEALTH, PRELOAD
+from .compose import event_answer, health_answer, preload_answer, service_answer
+from .context import AxisFilterDep, BoardDep, Clock, clock_of
+from .problems import documented
+
+MOST_READERS = 64
+REFRESH_S = 1.0
+"""Every value is sent again after this long, so that a reader sees it grow old."""
+RETRY_MS = 2000
+
+stream_router = APIRouter(prefix="/api/v1", tags=["live"])
+
+
+class LostAnswer(BaseModel):
+    """Events that this reader will not see; `count` is null if nobody knows how many."""
+
+    count: int | None
+    reason: str
+
+
+async def reader(board: BoardDep, axis: AxisFilterDep) -> AsyncIterator[Subscription]:
+    """A place among the live readers, until the response has ended."""
+    if len(board.readers) >= MOST_READERS:
+        raise HTTPException(503, f"{MOST_READERS} live readers are connected, no more are taken")
+    with board.readers.subscribe(axis) as subscription:
+        yield subscription
+
+
+async def resume_after(
+    last_event_id: Annotated[int | None, Query(ge=0, description="As the header.")] = None,
+    header: Annotated[
+        int | None,
+        Header(alias="Last-Event-ID", ge=0, description="Send the events after this one first."),
+    ] = None,
+) -> int | None:
+    """Id of the last event that the reader has seen; the header of a reconnection wins."""
+    return last_event_id if header is None else header
+
+
+@stream_router.get(
+    "/events",
+    response_class=StreamingResponse,
+    responses=documented(404, 422, 503) | {200: {"content": {"text/event-stream": {}}}},
+)
+async def events(
+    board: BoardDep,
+    clock: Annotated[Clock, Depends(clock_of)],
+    subscription: Annotated[Subscription, Depends(reader)],
+    resume_id: Annotated[int | None, Depends(resume_after)],
+) -> StreamingResponse:
+    """Live stream: `event` (numbered), `preload`, `health` and `service` (newest values), `lost`.
+
+    Events can be resumed after `Last-Event-ID`, or after `last_event_id` (0: all that are kept).
+    """
+    return StreamingResponse(
+        _stream(board, clock, subscription, resume_id),
+        media_type="text/event-stream",
+        headers={"cache-control": "no-cache", "x-accel-buffering": "no"},
+    )
+
+
+async def _stream(
+    board: Board, clock: Clock, subscription: Subscription, resume_id: int | None
+) -> AsyncIterator[bytes]:
+    seen_id = board.events.last_id
+    first_id = seen_id if resume_id is None else resume_id
+    yield format_sse_event(id=str(first_id), retry=RETRY_MS)
+    if resume_id is not None:
+        for message in _missed(board, resume_id, subscription.axis):
+            yield message
+    refreshed_ns: int | None = None
+    while not subscription.closed:
+        now_ns = clock()
+        if refreshed_ns is None or abs(now_ns - refreshed_ns) >= REFRESH_S * 1e9:
+            refreshed_ns = now_ns
+            for message in _everything(board, subscription.axis, now_ns):
+                yield message
+        batch = await subscription.next(REFRESH_S)
+        for message in _news(board, batch, seen_id, clock()):
+            yield message
+
+
+def _missed(board: Board, resume_id: int, axis: str | None) -> Iterator[bytes]:
+    if resume_id and not board.events.holds_all_after(resume_id):
+        yield _lost(None, "older events are no longer kept")
+    for logged in board.events.after(resume_id):
+        if concerns(logged.event, axis):
+            yield _event(logged)
+
+
+def _everything(board: Board, axis: str | None, now_ns: int) -> Iterator[bytes]:
+    yield format_sse_event(comment="keep-alive")
+    yield _named("service", service_answer(board, now_ns))
+    for each in board.axes if axis is None else (axis,):
+        yield _value(board, PRELOAD.name, each, now_ns)
+        yield _value(board, HEALTH.name, each, now_ns)
+
+
+def _news(board: Board, batch: Batch, seen_id: int, now_ns: int) -> Iterator[bytes]:
+    if batch.lost:
+        yield _lost(batch.lost, "this reader is too slow")
+    for logged in batch.events:
+        if logged.id > seen_id:
+            yield _event(logged)
+    for topic, axis in batch.changed:
+        yield _value(board, topic, axis, now_ns)
+
+
+def _event(logged: LoggedEvent) -> bytes:
+    data = event_answer(logged.event).model_dump_json()
+    return format_sse_event(event="event", id=str(logged.id), data_str=data)
+
+
+def _value(board: Board, topic: str, axis: str, now_ns: int) -> bytes:
+    answer = preload_answer if topic == PRELOAD.name else health_answer
+    return _named(topic, answer(board, axis, now_ns))
+
+
+def _lost(count: int | None, reason: str) -> bytes:
+    return _named("lost", LostAnswer(count=count, reason=reason))
+
+
+def _named(event: str, answer: BaseModel) -> bytes:
+    return format_sse_event(event=event, data_str=answer.model_dump_json())

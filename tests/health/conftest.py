@@ -1,0 +1,98 @@
+"""A judge with a clock of its own, fed with estimates made by hand."""
+
+from dataclasses import dataclass, field
+
+import pytest
+
+from edge_service.health.judge import HealthJudge
+from edge_service.health.settings import HealthSettings
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import Event
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+from edge_service.messages.header import Header
+from edge_service.messages.health import AxisCondition
+
+NS = 1_000_000_000
+START_NS = 1_700_000_000 * NS
+FRESH_PERCENT = 10.0
+STEP_S = 0.1
+
+
+@dataclass
+class Scene:
+    """One judged axis: with a fresh preload of 10 %, WARNING is below 6 % and FAULT below 3 %."""
+
+    settings: HealthSettings = field(default_factory=HealthSettings)
+    fresh_percent: float | None = FRESH_PERCENT
+    now_ns: int = START_NS
+    boot_epoch: int = START_NS
+    sequence: int = 0
+    events: list[Event] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.judge = HealthJudge("X", self.fresh_percent, self.settings, self.now_ns)
+
+    def header(self) -> Header:
+        """The next header."""
+        header = Header(self.sequence, self.boot_epoch, self.now_ns, self.now_ns)
+        self.sequence += 1
+        return header
+
+    def estimate(
+        self, percent: float | None, half_width: float = 0.1, steps: int = 1, **more: object
+    ) -> None:
+        """Let `steps` estimates of the same preload come, 0.1 s apart."""
+        numbers = {}
+        if percent is not None:
+            numbers = {
+                "preload_percent": percent,
+                "low": percent - half_width,
+                "high": percent + half_width,
+            }
+        for _ in range(steps):
+            members = {"time_s": 0.0, "status": EstimateStatus.ESTIMATED} | numbers | more
+            estimate = PreloadEstimate.model_validate(members)
+            self.events += self.judge.on_preload(self.header(), estimate, self.now_ns)
+            self.wait(STEP_S)
+
+    def silent(self, status: EstimateStatus, seconds: float) -> None:
+        """Let estimates without a number come."""
+        self.estimate(None, steps=round(seconds / STEP_S), status=status)
+
+    def fault(self, fault: Fault) -> None:
+        """Let one interval with data faults come."""
+        values = {name: 0.0 for name in FEATURE_FIELDS if name != "fault"}
+        block = FeatureBlock(fault=fault, **values)  # type: ignore[arg-type]
+        self.events += self.judge.on_feature(self.header(), block, self.now_ns)
+        self.wait(STEP_S)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass without input."""
+        self.now_ns += round(seconds * NS)
+        self.events += self.judge.tick(self.now_ns)
+
+    @property
+    def condition(self) -> AxisCondition:
+        """Present condition."""
+        return self.judge.health(self.now_ns).condition
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons of the present condition."""
+        return self.judge.health(self.now_ns).reasons
+
+    def changes(self, kind: str = "condition_changed") -> list[str]:
+        """What the events of one kind changed to."""
+        return [str(event.data["to"]) for event in self.events if event.kind == kind]
+
+
+@pytest.fixture
+def scene() -> Scene:
+    """A judge that has heard nothing yet."""
+    return Scene()
+
+
+@pytest.fixture
+def make_scene() -> type[Scene]:
+    """To make judges with other settings."""
+    return Scene

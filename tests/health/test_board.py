@@ -1,0 +1,224 @@
+"""The board: what may be shown, the event log, and readers that are too slow."""
+
+import asyncio
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_service.health.board import Board, BoardSettings
+from edge_service.health.event_log import EventLog, LoggedEvent
+from edge_service.health.fan_out import FanOut
+from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.header import Header
+from edge_service.messages.health import AxisCondition, AxisHealth, ComponentHealth, ComponentStatus
+
+NS = 1_000_000_000
+START_NS = 1_700_000_000 * NS
+NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "nis")
+
+
+def _board(**settings: object) -> Board:
+    return Board({"X": None, "Y": None}, START_NS, BoardSettings(**settings))
+
+
+def _header(sequence: int, time_ns: int, boot_epoch: int = START_NS) -> Header:
+    return Header(sequence, boot_epoch, time_ns, time_ns)
+
+
+def _event(number: int = 0, axis: str = "X") -> Event:
+    return Event(
+        axis=axis, kind="test", severity=Severity.INFO, message=str(number), time_ns=START_NS
+    )
+
+
+def _estimate(percent: float = 5.0) -> PreloadEstimate:
+    return PreloadEstimate(
+        time_s=0.0,
+        status=EstimateStatus.ESTIMATED,
+        preload_percent=percent,
+        low=percent,
+        high=percent,
+        preload_n=percent * 74.5,
+        drag_torque_nm=Interval(value=0.1, low=0.1, high=0.1),
+        mode_probability={"5": 1.0},
+        nis=1.0,
+    )
+
+
+def _normal(since_ns: int = START_NS, axis: str = "X") -> AxisHealth:
+    return AxisHealth(axis=axis, condition=AxisCondition.NORMAL, since_time_ns=since_ns)
+
+
+updates = st.lists(
+    st.tuples(
+        st.sampled_from(EstimateStatus),
+        st.integers(0, 20),  # sequence
+        st.integers(0, 2),  # boot
+        st.integers(-5 * NS, 5 * NS),  # step of the clock
+        st.integers(-5 * NS, 5 * NS),  # source time against the clock
+    ),
+    max_size=12,
+)
+
+
+@given(updates=updates, look=st.integers(-10 * NS, 10 * NS))
+@settings(max_examples=150, deadline=None)
+def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, look):
+    board = _board(history_span_s=20.0)
+    now_ns = START_NS
+    for status, sequence, boot, step_ns, ahead_ns in updates:
+        now_ns += step_ns
+        header = Header(sequence, boot, now_ns + ahead_ns, 0)
+        estimate = _estimate().model_copy(update={"status": status})
+        board.on_preload("X", header, estimate, now_ns)
+    now_ns += look
+    reading = board.preload("X", now_ns)
+    numbers = [getattr(reading.estimate, name) for name in NUMBERS]
+    if reading.estimate.status is EstimateStatus.ESTIMATED:
+        assert None not in numbers
+        assert reading.age_s <= 2.0
+    else:
+        assert numbers == [None] * len(NUMBERS)
+        assert reading.estimate.mode_probability == {}
+
+
+def test_stale_estimate_keeps_its_time_but_no_number():
+    board = _board()
+    board.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    reading = board.preload("X", START_NS + 3 * NS)
+    assert reading.estimate.status is EstimateStatus.UNESTIMATED
+    assert reading.estimate.preload_percent is None
+    assert reading.estimate.reasons[0].startswith("stale_input:")
+    assert (reading.measured_ns, reading.age_s) == (START_NS, 3.0)
+
+
+def test_condition_is_unavailable_as_soon_as_the_preload_is_stale():
+    board = _board()
+    board.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    for second in range(4):
+        board.on_health(_header(second, START_NS + second * NS), _normal(), START_NS + second * NS)
+    now_ns = START_NS + 3 * NS
+    health = board.health("X", now_ns)
+    assert health.condition is AxisCondition.UNAVAILABLE
+    assert health.since_time_ns == START_NS + 2 * NS  # the topic's stale-after
+
+
+def test_condition_is_unavailable_when_it_is_not_renewed():
+    board = _board()
+    board.on_health(_header(0, START_NS), _normal(), START_NS)
+    for second in range(8):
+        now_ns = START_NS + second * NS
+        board.on_preload("X", _header(second, now_ns), _estimate(), now_ns)
+    assert board.preload("X", now_ns).estimate.status is EstimateStatus.ESTIMATED
+    health = board.health("X", now_ns)
+    assert health.condition is AxisCondition.UNAVAILABLE
+    assert [reason.split(":")[0] for reason in health.reasons] == ["stale_health"]
+
+
+def test_unready_names_every_axis_and_input():
+    board = _board()
+    board.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    board.on_health(_header(0, START_NS), _normal(), START_NS)
+    codes = [tuple(reason.split(": ")[:2]) for reason in board.unready(START_NS)]
+    assert codes == [("Y", "no_input"), ("Y", "no_health")]
+    assert len(board.unready(START_NS + 60 * NS)) == 4
+    assert Board({}, START_NS).unready(START_NS) == ("no_axis: no axis is configured",)
+
+
+def test_payloads_of_other_axes_are_ignored_and_counted():
+    board = _board()
+    board.on_preload("Q", _header(0, START_NS), _estimate(), START_NS)
+    board.on_health(_header(0, START_NS), _normal(axis="Q"), START_NS)
+    board.on_event(_event(axis="Q"), START_NS)
+    report = ComponentHealth(component="acquire", axis="Q", status=ComponentStatus.OK)
+    board.on_component(report, START_NS)
+    assert board.axes == ("X", "Y")
+    assert board.ignored_payloads == 4
+    assert board.events.after(0) == ()
+
+
+def test_components_are_the_judge_s_with_the_newer_own_reports():
+    board = _board()
+    told = ComponentHealth(component="estimate", axis="X", status=ComponentStatus.STARTING)
+    health = _normal().model_copy(update={"components": (told,)})
+    board.on_health(_header(0, START_NS), health, START_NS)
+    assert board.health("X", START_NS).components == (told,)
+    own = ComponentHealth(component="estimate", axis="X", status=ComponentStatus.OK)
+    shared = ComponentHealth(component="http", status=ComponentStatus.OK)
+    board.on_component(own, START_NS)
+    board.on_component(shared, START_NS)
+    assert board.health("X", START_NS).components == (own,)
+    assert board.components(START_NS) == (shared,)
+
+
+def test_lost_payloads_are_counted_from_the_sequence():
+    board = _board()
+    for sequence in (5, 6, 9, 8, 10):
+        board.on_preload("X", _header(sequence, START_NS), _estimate(), START_NS)
+    assert board.lost_payloads("X")["preload"] == 2
+
+
+def test_event_ids_grow_within_a_burst_and_across_restarts():
+    log = EventLog(10)
+    ids = [log.append(_event(), START_NS).id for _ in range(5)]
+    assert ids == sorted(set(ids))
+    restarted = EventLog(10).append(_event(), START_NS + NS).id
+    assert restarted > ids[-1]
+    assert restarted < 2**53
+
+
+def test_event_log_is_bounded_and_knows_what_it_dropped():
+    log = EventLog(3)
+    ids = [log.append(_event(number), START_NS).id for number in range(5)]
+    assert [logged.event.message for logged in log.after(0)] == ["2", "3", "4"]
+    assert [logged.id for logged in log.after(ids[3])] == [ids[4]]
+    assert not log.holds_all_after(ids[0])
+    assert log.holds_all_after(ids[1])
+
+
+async def test_slow_reader_loses_the_oldest_events_and_is_told():
+    readers = FanOut(capacity=10)
+    with readers.subscribe() as slow, readers.subscribe() as fast:
+        received = []
+        for number in range(1000):
+            readers.put_event(LoggedEvent(number, _event(number)))
+            readers.mark("preload", "X")
+            received += [logged.id for logged in (await fast.next(1.0)).events]
+            assert slow.backlog <= 11
+        assert received == list(range(1000))
+        batch = await slow.next(1.0)
+    assert batch.lost == 990
+    assert [logged.id for logged in batch.events] == list(range(990, 1000))
+    assert batch.changed == (("preload", "X"),)
+
+
+async def test_reader_of_one_axis_hears_it_and_the_service():
+    readers = FanOut(capacity=10)
+    with readers.subscribe("X") as reader:
+        for number, axis in enumerate(["X", "Y", ""]):
+            readers.put_event(LoggedEvent(number, _event(number, axis)))
+            readers.mark("health", axis)
+        batch = await reader.next(1.0)
+    assert [logged.event.axis for logged in batch.events] == ["X", ""]
+    assert batch.changed == (("health", "X"),)
+    assert len(readers) == 0
+
+
+async def test_close_wakes_waiting_and_future_readers():
+    board = _board()
+    with board.readers.subscribe() as reader:
+        waiting = asyncio.create_task(reader.next(60.0))
+        await asyncio.sleep(0)
+        board.close()
+        assert (await waiting).events == ()
+        assert reader.closed
+    with board.readers.subscribe() as late:
+        assert late.closed
+
+
+async def test_next_returns_empty_after_the_time_out():
+    readers = FanOut(capacity=10)
+    with readers.subscribe() as reader:
+        batch = await reader.next(0.001)
+    assert (batch.lost, batch.events, batch.changed) == (0, (), ())

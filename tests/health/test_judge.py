@@ -1,0 +1,271 @@
+"""Scenarios of one axis: what is said, how fast, and how often."""
+
+from dataclasses import replace
+
+import pytest
+
+from edge_service.health.settings import HealthSettings
+from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from edge_service.messages.event import Severity
+from edge_service.messages.features import Fault
+from edge_service.messages.health import AxisCondition, ComponentHealth, ComponentStatus
+
+NORMAL, WARNING = AxisCondition.NORMAL, AxisCondition.WARNING
+FAULT, UNAVAILABLE = AxisCondition.FAULT, AxisCondition.UNAVAILABLE
+STANDSTILL = EstimateStatus.INSUFFICIENT_EXCITATION
+
+
+def test_without_input_the_axis_is_unavailable(scene):
+    assert scene.condition is UNAVAILABLE
+    assert scene.reasons[0].startswith("no_input:")
+
+
+def test_healthy_axis_becomes_normal_once(scene):
+    scene.estimate(9.5, steps=50)
+    assert scene.condition is NORMAL
+    assert scene.changes() == ["NORMAL"]
+    assert scene.reasons == ()
+
+
+def test_first_numbers_of_a_worn_axis_are_never_called_normal(scene):
+    scene.estimate(1.0, steps=50)
+    assert scene.changes() == ["FAULT"]
+
+
+def test_sudden_drop_is_a_fault_within_half_a_second(scene):
+    scene.estimate(9.5, steps=50)
+    dropped_ns = scene.now_ns
+    scene.estimate(0.5, steps=10)
+    event = next(event for event in scene.events if event.data.get("to") == "FAULT")
+    assert event.time_ns - dropped_ns <= 0.5e9
+    assert event.severity is Severity.ERROR
+    assert event.data["preload_percent"] == 0.5
+
+
+def test_one_outlier_changes_nothing(scene):
+    scene.estimate(9.5, steps=50)
+    scene.estimate(0.5)
+    scene.estimate(9.5, steps=50)
+    assert scene.changes() == ["NORMAL"]
+
+
+def test_slow_ramp_passes_warning_and_fault_once_each_at_their_limits(scene):
+    percents = [9.0 - 0.02 * step for step in range(400)]
+    seen = {}
+    for percent in percents:
+        scene.estimate(percent)
+        seen.setdefault(scene.condition, percent)
+    assert scene.changes() == ["NORMAL", "WARNING", "FAULT"]
+    # The upper bound (+0.1) crosses the limit, then 0.3 s pass: 5 and 3 steps of 0.02 later.
+    assert 6.0 - 0.1 - 5 * 0.02 <= seen[WARNING] < 6.0
+    assert 3.0 - 0.1 - 5 * 0.02 <= seen[FAULT] < 3.0
+
+
+def test_flicker_around_a_limit_is_one_event(scene):
+    scene.estimate(9.5, steps=10)
+    scene.estimate(5.7, steps=10)
+    for _ in range(100):
+        scene.estimate(6.3, steps=3)
+        scene.estimate(5.7, steps=3)
+    assert scene.changes() == ["NORMAL", "WARNING"]
+
+
+def test_recovery_needs_the_hysteresis(scene):
+    scene.estimate(5.0, steps=10)
+    scene.estimate(6.4, steps=300)  # above the limit of 6.0, below 6.0 + 0.5
+    assert scene.condition is WARNING
+    scene.estimate(6.7, steps=10)
+    assert scene.condition is NORMAL
+
+
+def test_doubtful_fault_needs_the_long_delay(scene):
+    scene.estimate(9.5, steps=10)
+    scene.estimate(2.8, half_width=1.0, steps=50)  # 5 s: the interval [1.8, 3.8] holds the limit
+    assert scene.condition is WARNING
+    scene.estimate(2.8, half_width=1.0, steps=60)
+    assert scene.condition is FAULT
+
+
+def test_drop_shows_even_when_every_second_estimate_has_no_number(scene):
+    scene.estimate(9.5, steps=10)
+    for _ in range(5):
+        scene.estimate(0.5)
+        scene.estimate(None, status=STANDSTILL)
+    assert scene.condition is FAULT
+
+
+def test_estimate_without_bounds_is_doubtful(scene):
+    scene.estimate(9.5, steps=10)
+    scene.estimate(None, preload_percent=0.5, steps=50)
+    assert scene.condition is NORMAL
+    scene.estimate(None, preload_percent=0.5, steps=60)
+    assert scene.condition is FAULT
+
+
+def test_standstill_keeps_the_condition_for_the_grace_time_only(scene):
+    scene.estimate(5.0, steps=10)
+    scene.silent(STANDSTILL, 9.0)
+    assert scene.condition is WARNING
+    scene.silent(STANDSTILL, 2.0)
+    assert scene.condition is UNAVAILABLE
+    assert scene.reasons[0].startswith("no_number:")
+
+
+def test_limit_remembers_its_side_across_a_standstill(scene):
+    scene.estimate(5.0, steps=10)
+    scene.silent(STANDSTILL, 20.0)
+    scene.estimate(6.2, steps=10)  # inside the hysteresis
+    assert scene.changes() == ["WARNING", "UNAVAILABLE", "WARNING"]
+
+
+def test_axis_that_lost_preload_while_silent_is_not_called_normal(scene):
+    scene.estimate(9.5, steps=10)
+    scene.wait(3.0)
+    scene.estimate(0.5, steps=10)
+    assert scene.changes() == ["NORMAL", "UNAVAILABLE", "FAULT"]
+
+
+def test_silence_is_unavailable_without_any_call_in_between(scene):
+    scene.estimate(9.5, steps=10)
+    health = scene.judge.health(scene.now_ns + 3_000_000_000)
+    assert health.condition is UNAVAILABLE
+    assert health.reasons[0].startswith("stale_input:")
+
+
+def test_stale_input_is_one_event_without_a_number(scene):
+    scene.estimate(9.5, steps=10)
+    for _ in range(20):
+        scene.wait(0.5)
+    assert scene.changes() == ["NORMAL", "UNAVAILABLE"]
+    assert scene.events[-1].data["preload_percent"] is None
+
+
+def test_late_arrival_of_old_data_is_stale(scene):
+    scene.estimate(9.5, steps=10)
+    old = replace(scene.header(), source_time_ns=scene.now_ns - 60_000_000_000)
+    estimate = PreloadEstimate(
+        time_s=0.0, status=EstimateStatus.ESTIMATED, preload_percent=9.5, low=9.4, high=9.6
+    )
+    scene.judge.on_preload(old, estimate, scene.now_ns)
+    assert scene.condition is UNAVAILABLE
+
+
+def test_drag_without_percent_has_no_limit(scene):
+    drag = Interval(value=0.14, low=0.13, high=0.15)
+    scene.estimate(None, drag_torque_nm=drag, steps=50)
+    assert scene.condition is UNAVAILABLE
+    assert scene.reasons[0] == "no_limit: preload in % not available"
+    assert scene.changes() == []
+
+
+def test_unknown_fresh_preload_has_no_limit(make_scene):
+    scene = make_scene(fresh_percent=None)
+    scene.estimate(5.0, steps=50)
+    assert scene.condition is UNAVAILABLE
+    assert "fresh screw" in scene.reasons[0]
+
+
+def test_status_changes_are_events_on_change_only(scene):
+    scene.estimate(9.5, steps=10)
+    scene.silent(STANDSTILL, 1.0)
+    scene.silent(EstimateStatus.INVALID, 1.0)
+    scene.estimate(9.5, steps=10)
+    expected = ["estimated", "insufficient_excitation", "invalid", "estimated"]
+    assert scene.changes("status_changed") == expected
+
+
+def test_repeated_and_overtaken_payloads_are_ignored(scene):
+    scene.estimate(9.5, steps=10)
+    scene.sequence = 3
+    scene.estimate(0.5, steps=6)
+    assert scene.condition is NORMAL
+
+
+def test_restarted_publisher_counts_from_zero_again(scene):
+    scene.estimate(9.5, steps=10)
+    scene.boot_epoch, scene.sequence = scene.now_ns, 0
+    scene.estimate(0.5, steps=8)
+    assert scene.condition is FAULT
+
+
+def test_publisher_restarted_with_a_clock_set_back_is_heard_after_the_silence(scene):
+    scene.estimate(9.5, steps=10)
+    scene.boot_epoch, scene.sequence = scene.boot_epoch - 10**12, 0
+    scene.estimate(0.5, steps=60)
+    assert scene.condition is FAULT
+
+
+def test_data_faults_are_counted_and_told_on_change_only(scene):
+    for _ in range(10):
+        scene.fault(Fault.GAP | Fault.NO_TABLE)
+        scene.fault(Fault.NONE)
+    scene.wait(10.0)
+    told = [(event.data["fault"], event.data["state"]) for event in scene.events]
+    assert told == [
+        ("gap", "present"),
+        ("no_table", "present"),
+        ("gap", "over"),
+        ("no_table", "over"),
+    ]
+    assert scene.judge.health(scene.now_ns).data_faults == {"gap": 10, "no_table": 10}
+    severities = {event.data["fault"]: event.severity for event in scene.events[:2]}
+    assert severities == {"gap": Severity.WARNING, "no_table": Severity.INFO}
+
+
+def test_interval_heard_twice_is_counted_once(scene):
+    scene.fault(Fault.GAP)
+    scene.sequence = 0
+    scene.fault(Fault.GAP)
+    assert scene.judge.health(scene.now_ns).data_faults == {"gap": 1}
+
+
+def test_silence_says_whether_data_still_come(scene):
+    scene.estimate(9.5, steps=10)
+    scene.wait(3.0)
+    assert [reason.split(":")[0] for reason in scene.reasons] == ["stale_input", "no_data"]
+    scene.fault(Fault.NONE)
+    assert [reason.split(":")[0] for reason in scene.reasons] == ["stale_input"]
+
+
+def test_component_that_falls_silent_is_in_error(scene):
+    report = ComponentHealth(component="acquire", axis="X", status=ComponentStatus.OK)
+    scene.events += scene.judge.on_component(report, scene.now_ns)
+    scene.wait(4.0)
+    scene.wait(4.0)
+    assert scene.changes("component_changed") == ["ok", "recoverable_error"]
+    (shown,) = scene.judge.health(scene.now_ns).components
+    assert shown.status is ComponentStatus.RECOVERABLE_ERROR
+    assert shown.reason.startswith("silent:")
+
+
+def test_component_that_stopped_may_be_silent(scene):
+    report = ComponentHealth(component="acquire", axis="X", status=ComponentStatus.STOPPED)
+    scene.judge.on_component(report, scene.now_ns)
+    scene.wait(60.0)
+    assert scene.judge.health(scene.now_ns).components == (report,)
+
+
+def test_components_of_other_axes_are_ignored(scene):
+    report = ComponentHealth(component="acquire", axis="Y", status=ComponentStatus.OK)
+    assert scene.judge.on_component(report, scene.now_ns) == ()
+    assert scene.judge.health(scene.now_ns).components == ()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"warning_below_percent": 20.0},
+        {"fault_below_percent": 0.0},
+        {"warning_below_percent": 100.0},
+        {"delay_s": -1.0},
+        {"grace_s": float("nan")},
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong)).split("_")[0]):
+        HealthSettings(**wrong)
+
+
+def test_fresh_preload_must_be_positive():
+    with pytest.raises(ValueError, match="fresh_preload_percent"):
+        HealthSettings().limits(0.0)

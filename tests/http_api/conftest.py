@@ -1,0 +1,114 @@
+"""A board and its application, with a clock that the test moves."""
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+
+import httpx
+import pytest
+
+from edge_service.health.board import Board, BoardSettings
+from edge_service.health.settings import HealthSettings
+from edge_service.http_api.app import create_app
+from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.header import Header
+from edge_service.messages.health import (
+    AxisCondition,
+    AxisHealth,
+    ComponentHealth,
+    ComponentStatus,
+)
+
+NS = 1_000_000_000
+START_NS = 1_769_860_800 * NS  # 2026-01-31T12:00:00Z
+
+ESTIMATE = PreloadEstimate(
+    time_s=12.0,
+    status=EstimateStatus.ESTIMATED,
+    preload_percent=6.71,
+    low=6.58,
+    high=6.84,
+    preload_n=500.1,
+    drag_torque_nm=Interval(value=0.141, low=0.139, high=0.143),
+    mode_probability={"10": 0.0, "7.5": 0.9, "5": 0.1},
+    nis=1.1,
+)
+
+
+@dataclass
+class Scene:
+    """A service with the axes X (fresh preload 10 %) and Y (limits unknown)."""
+
+    now_ns: int = START_NS
+    sequence: int = 0
+    settings: BoardSettings = field(default_factory=BoardSettings)
+
+    def __post_init__(self) -> None:
+        axes = {"X": HealthSettings().limits(10.0), "Y": None}
+        self.board = Board(axes, self.now_ns, self.settings)
+        self.app = create_app(self.board, lambda: self.now_ns)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        self.now_ns += round(seconds * NS)
+
+    def header(self) -> Header:
+        """The next header."""
+        self.sequence += 1
+        return Header(self.sequence, START_NS, self.now_ns, self.now_ns)
+
+    def hear_preload(self, axis: str = "X", **changes: object) -> None:
+        """An estimate comes."""
+        estimate = ESTIMATE.model_copy(update=changes)
+        self.board.on_preload(axis, self.header(), estimate, self.now_ns)
+
+    def hear_health(
+        self, axis: str = "X", condition: AxisCondition = AxisCondition.NORMAL, **more: object
+    ) -> None:
+        """A condition comes."""
+        members = {"axis": axis, "condition": condition, "since_time_ns": START_NS} | more
+        health = AxisHealth.model_validate(members)
+        self.board.on_health(self.header(), health, self.now_ns)
+
+    def hear_component(self, component: str = "http", **more: object) -> None:
+        """A component reports."""
+        members = {"component": component, "status": ComponentStatus.OK} | more
+        self.board.on_component(ComponentHealth.model_validate(members), self.now_ns)
+
+    def hear_event(self, message: str, axis: str = "X") -> int:
+        """An event comes; its id."""
+        event = Event(
+            axis=axis,
+            kind="condition_changed",
+            severity=Severity.WARNING,
+            message=message,
+            time_ns=self.now_ns,
+        )
+        self.board.on_event(event, self.now_ns)
+        return self.board.events.last_id
+
+    def hear_all(self) -> None:
+        """Both axes are well."""
+        for axis in self.board.axes:
+            self.hear_preload(axis)
+            self.hear_health(axis)
+
+
+@pytest.fixture
+def scene() -> Scene:
+    """A service that has heard nothing yet."""
+    return Scene()
+
+
+@pytest.fixture
+def make_scene() -> type[Scene]:
+    """To make services of other sizes."""
+    return Scene
+
+
+@pytest.fixture
+async def client(scene: Scene) -> AsyncIterator[httpx.AsyncClient]:
+    """A client of the scene's application, without a socket."""
+    transport = httpx.ASGITransport(app=scene.app, raise_app_exceptions=False)
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        yield client

@@ -1,0 +1,183 @@
+"""The JSON routes against the contract."""
+
+import pytest
+
+from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.health import AxisCondition, ComponentStatus
+
+NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm")
+
+
+async def test_preload_is_the_answer_of_the_contract(scene, client):
+    scene.hear_preload(reasons=("warm: the axis is warming up",))
+    scene.hear_health()
+    scene.wait(0.12)
+    answer = await client.get("/api/v1/axes/X/preload")
+    assert answer.status_code == 200
+    assert answer.json() == {
+        "axis": "X",
+        "status": "estimated",
+        "preload_percent": 6.71,
+        "low": 6.58,
+        "high": 6.84,
+        "level": 0.95,
+        "preload_n": 500.1,
+        "drag_torque_nm": {"value": 0.141, "low": 0.139, "high": 0.143},
+        "condition": "NORMAL",
+        "reasons": ["warm: the axis is warming up"],
+        "mode_probability": {"10": 0.0, "7.5": 0.9, "5": 0.1},
+        "measured_at": "2026-01-31T12:00:00.000Z",
+        "age_s": 0.12,
+    }
+
+
+@pytest.mark.parametrize("status", [each for each in EstimateStatus if each != "estimated"])
+async def test_numbers_are_null_without_the_status_estimated(scene, client, status):
+    scene.hear_preload(status=status)
+    answer = (await client.get("/api/v1/axes/X/preload")).json()
+    assert answer["status"] == status
+    assert [answer[name] for name in NUMBERS] == [None] * 5
+    assert answer["mode_probability"] == {}
+
+
+async def test_stale_preload_has_no_number_but_its_true_time(scene, client):
+    scene.hear_preload()
+    scene.hear_health()
+    scene.wait(2.5)
+    answer = (await client.get("/api/v1/axes/X/preload")).json()
+    assert answer["status"] == "unestimated"
+    assert [answer[name] for name in NUMBERS] == [None] * 5
+    assert answer["condition"] == "UNAVAILABLE"
+    assert answer["measured_at"] == "2026-01-31T12:00:00.000Z"
+    assert answer["age_s"] == 2.5
+    assert answer["reasons"][0].startswith("stale_input:")
+
+
+async def test_axis_never_heard_is_there_and_unavailable(client):
+    answer = (await client.get("/api/v1/axes/X/preload")).json()
+    assert (answer["status"], answer["condition"]) == ("unestimated", "UNAVAILABLE")
+    assert (answer["measured_at"], answer["age_s"]) == (None, None)
+
+
+async def test_axes_with_condition_limits_and_paths_that_work(scene, client):
+    scene.hear_all()
+    axes = (await client.get("/api/v1/axes")).json()["axes"]
+    assert [axis["axis"] for axis in axes] == ["X", "Y"]
+    limits = {"fresh_percent": 10.0, "warning_percent": 6.0, "fault_percent": 3.0}
+    assert (axes[0]["limits"], axes[1]["limits"]) == (limits, None)
+    for axis in axes:
+        for member in ("preload", "health", "history"):
+            assert (await client.get(axis[member])).json()["axis"] == axis["axis"]
+
+
+async def test_health_of_an_axis(scene, client):
+    scene.hear_preload()
+    reason = "below_fault: too low"
+    scene.hear_health(condition=AxisCondition.FAULT, reasons=(reason,), data_faults={"gap": 2})
+    scene.hear_component("acquire", axis="X", counters={"samples": 7})
+    answer = (await client.get("/api/v1/axes/X/health")).json()
+    assert (answer["condition"], answer["reasons"]) == ("FAULT", [reason])
+    assert answer["since"] == "2026-01-31T12:00:00.000Z"
+    assert answer["data_faults"] == {"gap": 2}
+    assert answer["components"] == [
+        {
+            "component": "acquire",
+            "axis": "X",
+            "status": "ok",
+            "reason": "",
+            "counters": {"samples": 7},
+            "readings": {},
+        }
+    ]
+
+
+async def test_health_of_the_service(scene, client):
+    scene.hear_all()
+    scene.hear_component("http")
+    answer = (await client.get("/api/v1/health")).json()
+    assert (answer["ready"], answer["reasons"]) == (True, [])
+    assert [axis["condition"] for axis in answer["axes"]] == ["NORMAL", "NORMAL"]
+    assert [each["component"] for each in answer["components"]] == ["http"]
+    scene.wait(60.0)
+    answer = (await client.get("/api/v1/health")).json()
+    assert not answer["ready"]
+    assert [axis["condition"] for axis in answer["axes"]] == ["UNAVAILABLE", "UNAVAILABLE"]
+    assert answer["components"][0]["status"] == ComponentStatus.RECOVERABLE_ERROR
+
+
+async def test_alive_and_ready(scene, client):
+    assert (await client.get("/healthz")).status_code == 200
+    answer = await client.get("/readyz")
+    assert answer.status_code == 503
+    assert "X: no_input: no preload estimate heard yet" in answer.json()["reasons"]
+    scene.hear_all()
+    assert (await client.get("/readyz")).status_code == 200
+    scene.wait(3.0)
+    answer = await client.get("/readyz")
+    assert answer.status_code == 503
+    assert [reason.split(":")[0] for reason in answer.json()["reasons"]] == ["X", "Y"]
+    assert (await client.get("/healthz")).status_code == 200
+
+
+async def test_standing_axis_is_ready(scene, client):
+    scene.hear_all()
+    scene.hear_preload(status=EstimateStatus.INSUFFICIENT_EXCITATION)
+    assert (await client.get("/readyz")).status_code == 200
+
+
+async def test_history_in_buckets_without_the_empty_ones(scene, client):
+    for percent in (5.0, 7.0, 6.0):
+        scene.hear_preload(preload_percent=percent, low=percent - 1, high=percent + 1)
+        scene.wait(1.0)
+    scene.wait(100.0)
+    scene.hear_preload(status=EstimateStatus.INVALID)
+    answer = await client.get(
+        "/api/v1/axes/X/history",
+        params={"from": "2026-01-31T13:00:00+01:00", "to": "1769860920", "step": "10"},
+    )
+    assert answer.status_code == 200
+    history = answer.json()
+    assert (history["from"], history["to"]) == (
+        "2026-01-31T12:00:00.000Z",
+        "2026-01-31T12:02:00.000Z",
+    )
+    first, last = history["buckets"]
+    assert first["time"] == "2026-01-31T12:00:00.000Z"
+    assert first["preload_percent"] == {"min": 5.0, "max": 7.0, "mean": 6.0}
+    assert (first["low"], first["high"], first["samples"]) == (4.0, 8.0, 3)
+    assert last["time"] == "2026-01-31T12:01:40.000Z"
+    assert (last["preload_percent"], last["low"], last["status"]) == (None, None, "invalid")
+
+
+async def test_history_by_default_is_the_last_hour(scene, client):
+    scene.hear_preload()
+    scene.wait(3000.0)
+    scene.hear_preload()
+    buckets = (await client.get("/api/v1/axes/X/history")).json()["buckets"]
+    assert sum(bucket["samples"] for bucket in buckets) == 2
+    scene.wait(3000.0)
+    buckets = (await client.get("/api/v1/axes/X/history")).json()["buckets"]
+    assert sum(bucket["samples"] for bucket in buckets) == 1
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        ("from", "noon"),
+        ("from", "2026-01-31T12:00:00"),
+        ("to", "nan"),
+        ("to", "1e300"),
+        ("to", "-1"),
+        ("step", "0"),
+        ("step", "inf"),
+        ("step", "0.001"),
+        ("from", "1969-12-31T23:00:00Z"),
+        ("from", "2027-01-01T00:00:00Z"),
+    ],
+)
+async def test_bad_parameter_is_named(client, parameter, value):
+    answer = await client.get("/api/v1/axes/X/history", params={parameter: value})
+    assert answer.status_code == 422
+    problem = answer.json()
+    assert [error["parameter"] for error in problem["errors"]] == [parameter]
+    assert problem["detail"].startswith(f"{parameter}: ")

@@ -1,0 +1,113 @@
+"""Errors, headers and host names."""
+
+import httpx
+import pytest
+
+from edge_service.http_api.app import STATIC, create_app
+from edge_service.http_api.guard import SECURITY_HEADERS
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/nothing", 404),
+        ("GET", "/docs", 404),  # would load scripts from elsewhere
+        ("GET", "/redoc", 404),
+        ("GET", "/static/nothing.js", 404),
+        ("GET", "/static/..%2fapp.py", 404),
+        ("GET", "/api/v1/axes/Q/preload", 404),
+        ("GET", "/api/v1/axes/Q/health", 404),
+        ("GET", "/api/v1/axes/Q/history", 404),
+        ("GET", "/api/v1/events?axis=Q", 404),
+        ("GET", "/api/v1/events?last_event_id=last", 422),
+        ("POST", "/api/v1/axes", 405),
+        ("DELETE", "/", 405),
+        ("GET", "/readyz", 503),
+    ],
+)
+async def test_every_error_is_a_problem_document(client, method, path, status):
+    answer = await client.request(method, path)
+    assert answer.status_code == status
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem = answer.json()
+    assert {"type", "title", "status", "detail", "instance"} <= set(problem)
+    assert problem["status"] == status
+    assert problem["title"] == httpx.codes.get_reason_phrase(status)
+    assert problem["instance"] == path.partition("?")[0].replace("%2f", "/")
+
+
+async def test_405_says_what_is_allowed(client):
+    assert (await client.post("/api/v1/axes")).headers["allow"] == "GET"
+
+
+async def test_failure_says_nothing_about_the_inside(scene, client, monkeypatch):
+    def fail(now_ns: int) -> None:
+        raise RuntimeError("secret")
+
+    monkeypatch.setattr(scene.board, "unready", fail)
+    answer = await client.get("/readyz")
+    assert answer.status_code == 500
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert "secret" not in answer.text
+    assert "Traceback" not in answer.text
+
+
+@pytest.mark.parametrize("path", ["/", "/static/app.js", "/api/v1/axes", "/metrics", "/nothing"])
+async def test_security_headers_are_everywhere(client, path):
+    headers = (await client.get(path)).headers
+    for name, value in SECURITY_HEADERS.items():
+        assert headers[name] == value
+    assert "access-control-allow-origin" not in headers
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("127.0.0.1", 200),
+        ("127.0.0.1:8080", 200),
+        ("LOCALHOST:1", 200),
+        ("[::1]:8080", 200),
+        ("[::1]", 200),
+        ("evil.example", 400),
+        ("127.0.0.1.evil.example", 400),
+        ("localhost:8080@evil.example", 400),
+        ("testserver", 400),
+        ("", 400),
+    ],
+)
+async def test_only_loopback_names_are_answered(client, host, status):
+    answer = await client.get("/healthz", headers={"host": host})
+    assert answer.status_code == status
+
+
+async def test_further_hosts_are_an_argument(scene):
+    app = create_app(scene.board, lambda: scene.now_ns, hosts=["testserver"])
+    transport = httpx.ASGITransport(app=app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://testserver") as client:
+        assert (await client.get("/healthz")).status_code == 200
+
+
+async def test_description_documents_every_route_and_the_problems(scene, client):
+    schema = (await client.get("/openapi.json")).json()
+    assert schema["openapi"].startswith("3.")
+    assert {"/healthz", "/readyz", "/metrics", "/api/v1/axes", "/api/v1/events"} <= set(
+        schema["paths"]
+    )
+    for path, operations in schema["paths"].items():
+        operation = operations["get"]
+        assert operation["description"], path
+        assert "application/problem+json" in operation["responses"]["default"]["content"]
+    assert {"Problem", "PreloadAnswer", "HistoryAnswer"} <= set(schema["components"]["schemas"])
+    assert "HTTPValidationError" not in schema["components"]["schemas"]
+
+
+async def test_page_asks_for_nothing_outside_and_runs_nothing_inline(client):
+    page = (await client.get("/")).text
+    assert "<script>" not in page
+    assert "style=" not in page
+    for file in STATIC.iterdir():
+        text = file.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        assert "http://" not in text, file.name
+        assert "https://" not in text, file.name
+        answer = await client.get(f"/static/{file.name}")
+        assert answer.status_code == 200
