@@ -216,6 +216,16 @@ class SimulatedDriver:
         self._bench = None
         self._truth = None
 
+    @property
+    def counters(self) -> dict[str, int]:
+        """None: nothing is ever lost here."""
+        return {}
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """The true preload, to hold the estimate against."""
+        return {} if self._truth is None else {"true_preload_percent": self._truth}
+
     def truth(self) -> float | None:
         """True preload in percent at the latest sample handed out, or None before the first."""
         return self._truth

@@ -32,6 +32,7 @@ class ComponentHealth(Frozen):
         component: `acquire`, `downsample`, `estimate`, `health` or `http`.
         axis: the axis it works for, or None if it serves all.
         counters: monotonic counts since start, e.g. `samples`, `lost_payloads`, `ring_overruns`.
+        readings: values that it wants seen, e.g. the simulated drive's `true_preload_percent`.
     """
 
     component: str
@@ -39,6 +40,7 @@ class ComponentHealth(Frozen):
     status: ComponentStatus
     reason: str = ""
     counters: dict[str, int] = {}
+    readings: dict[str, float] = {}
 
 
 class AxisHealth(Frozen):

@@ -5,7 +5,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -47,7 +47,7 @@ def _use_cache_of_these_sources() -> None:
         except OSError:
             continue
         if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
-            numba.config.CACHE_DIR = str(folder)
+            cast(Any, numba.config).CACHE_DIR = str(folder)
             return
 
 

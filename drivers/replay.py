@@ -1,0 +1,264 @@
+"""A recording played back as if the axis were there."""
+
+import asyncio
+import threading
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
+from contextlib import aclosing
+from itertools import pairwise
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.trace.columns import TraceError
+from edge_service.trace.reader import TraceReader, open_trace
+
+from .base import (
+    DriverConfig,
+    DriverContext,
+    DriverMisconfiguredError,
+    DriverUnavailableError,
+    Probe,
+)
+
+LOOP_GAP_S = 1.0
+"""Axis time between the end of a recording and its next pass: the position jumps there."""
+LONGEST_STEP_S = 2.0
+"""A jump of the recorded clock is waited for no longer than this, in axis time."""
+GREATEST_LAG_S = 1.0
+"""Further behind real time than this, the driver lets the missed time go instead of bursting."""
+LARGEST_FRAME = 4096
+"""Rows of a frame, where the recorded clock stands still."""
+
+
+class ReplayConfig(DriverConfig):
+    """What a user sets.
+
+    Attributes:
+        path: the trace, CSV or Parquet; the machine file maps its columns.
+        speed: axis time over real time; 0 is as fast as possible.
+        loop: start again at the end, for ever.
+        frame_s: axis time per frame, s.
+    """
+
+    path: Path
+    speed: float = Field(1.0, ge=0.0)
+    loop: bool = False
+    frame_s: float = Field(0.02, ge=0.001, le=1.0)
+
+
+class ReplayDriver:
+    """Yields the rows of a trace in their order, each frame when its last sample is due.
+
+    Files are read in a thread, so the event loop never waits for a disk.
+    """
+
+    config_model: ClassVar[type[DriverConfig]] = ReplayConfig
+
+    def __init__(
+        self,
+        config: ReplayConfig,
+        context: DriverContext,
+        *,
+        clock: Callable[[], float] | None = None,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self.paced = config.speed > 0.0
+        self._config = config
+        self._columns = context.machine.columns
+        self._clock = clock
+        self._sleep = sleep
+        self._reader: TraceReader | None = None
+        self._lock = threading.Lock()  # held by the one thread that opens, reads or closes
+        self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Rows read, faults met and restarts of a loop, since the driver was made."""
+        reader = self._reader
+        return dict(self._finished) if reader is None else _total(self._finished, reader)
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """None: a recording knows no more than its samples."""
+        return {}
+
+    async def open(self) -> None:
+        """Open the trace and check its columns; raises DriverMisconfiguredError."""
+        await asyncio.to_thread(self._open)
+
+    async def frames(self) -> AsyncGenerator[SampleFrame, None]:
+        """Frames of about `frame_s` until the end of the trace, or until `close`."""
+        reader = self._reader
+        if reader is None:
+            raise DriverUnavailableError(f"{self._config.path}: the recording is not open")
+        pace = _Pace(self._config.speed, self._clock or asyncio.get_running_loop().time)
+        async with aclosing(self._cut_frames(reader)) as frames:
+            async for frame in frames:
+                # Even without a wait: the event loop must get its turn between two reads.
+                await self._sleep(pace.wait_s(frame.time_s))
+                if self._reader is None:
+                    return
+                yield frame
+
+    async def probe(self) -> Probe:
+        """Channels and rate of the first rows; raises DriverMisconfiguredError as `open` does."""
+        return await asyncio.to_thread(self._probe)
+
+    async def close(self) -> None:
+        """Close the trace, once a read that is under way has ended; safe twice."""
+        await asyncio.to_thread(self._close)
+
+    async def _cut_frames(self, reader: TraceReader) -> AsyncGenerator[SampleFrame, None]:
+        cutter = _FrameCutter(self._config.frame_s)
+        async with aclosing(self._blocks(reader)) as blocks:
+            async for block in blocks:
+                for frame in cutter.cut(block):
+                    yield frame
+        rest = cutter.rest()
+        if rest is not None:
+            yield rest
+
+    async def _blocks(self, reader: TraceReader) -> AsyncGenerator[SampleFrame, None]:
+        """Runs of rows as they are read; each further pass follows the one before in time."""
+        newest_s = -np.inf
+        shift_s = 0.0
+        following: TraceReader | None = reader
+        while following is not None:
+            reader, starts = following, newest_s > -np.inf
+            while (block := await asyncio.to_thread(self._read, reader)) is not None:
+                if starts:
+                    shift_s, starts = newest_s + LOOP_GAP_S - float(block.time_s[0]), False
+                shifted = SampleFrame(block.time_s + shift_s, block.channels)
+                newest_s = max(newest_s, float(shifted.time_s.max()))
+                yield shifted
+            following = await asyncio.to_thread(self._start_again, reader)
+
+    def _open(self) -> None:
+        with self._lock:
+            if self._reader is None:
+                self._reader = self._open_trace()
+
+    def _open_trace(self) -> TraceReader:
+        try:
+            return open_trace(self._config.path, self._columns)
+        except TraceError as error:
+            raise DriverMisconfiguredError("path", str(error)) from None
+
+    def _read(self, reader: TraceReader) -> SampleFrame | None:
+        """The next rows; None at the end or once `reader` is closed."""
+        with self._lock:
+            if self._reader is not reader:
+                return None
+            try:
+                return next(reader, None)
+            except TraceError as error:
+                raise DriverMisconfiguredError("path", str(error)) from None
+
+    def _start_again(self, reader: TraceReader) -> TraceReader | None:
+        """A reader for the next pass; None without `loop` or once `reader` is closed."""
+        with self._lock:
+            if self._reader is not reader or not self._config.loop:
+                return None
+            self._let_go(reader)
+            self._finished["restarts"] += 1
+            self._reader = self._open_trace()
+            return self._reader
+
+    def _close(self) -> None:
+        with self._lock:
+            if self._reader is not None:
+                self._let_go(self._reader)
+
+    def _let_go(self, reader: TraceReader) -> None:
+        reader.close()
+        self._finished, self._reader = _total(self._finished, reader), None
+
+    def _probe(self) -> Probe:
+        with self._open_trace() as reader:
+            try:
+                first = next(reader)
+            except TraceError as error:
+                raise DriverMisconfiguredError("path", str(error)) from None
+        return Probe(f"recording {self._config.path.name}", reader.channels, _rate_hz(first.time_s))
+
+
+class _Pace:
+    """When a frame is due, against one fixed start so that nothing drifts."""
+
+    def __init__(self, speed: float, clock: Callable[[], float]) -> None:
+        self._speed = speed
+        self._clock = clock
+        self._start_s: float | None = None
+        self._played_s = 0.0
+        self._newest_s = 0.0
+
+    def wait_s(self, time_s: Floats) -> float:
+        """Real time to wait until the last sample of a frame is due; its times, shape (n,)."""
+        if self._speed == 0.0:
+            return 0.0
+        if self._start_s is None:
+            self._start_s, self._newest_s = self._clock(), float(time_s[0])
+        step_s = float(time_s[-1]) - self._newest_s
+        self._newest_s = float(time_s[-1])
+        self._played_s += min(max(step_s, 0.0), LONGEST_STEP_S)
+        wait_s = self._start_s + self._played_s / self._speed - self._clock()
+        if wait_s < -GREATEST_LAG_S:
+            self._start_s -= wait_s
+        return max(wait_s, 0.0)
+
+
+class _FrameCutter:
+    """Cuts runs of rows where axis time passes a multiple of `frame_s`, forwards or backwards."""
+
+    def __init__(self, frame_s: float) -> None:
+        self._frame_s = frame_s
+        self._origin_s: float | None = None
+        self._rest: SampleFrame | None = None
+
+    def cut(self, block: SampleFrame) -> Iterator[SampleFrame]:
+        """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
+        rows = block if self._rest is None else _join(self._rest, block)
+        if self._origin_s is None:
+            self._origin_s = float(rows.time_s[0])
+        with np.errstate(over="ignore", invalid="ignore"):
+            number = np.floor((rows.time_s - self._origin_s) / self._frame_s)
+        edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]
+        for start, end in pairwise(edges):
+            cuts = range(start, end, LARGEST_FRAME)
+            for cut in cuts[:-1] if end == len(rows) else cuts:
+                yield _rows(rows, cut, min(cut + LARGEST_FRAME, end))
+        self._rest = _rows(rows, cuts[-1], len(rows))
+
+    def rest(self) -> SampleFrame | None:
+        """The rows kept at the end."""
+        return self._rest
+
+
+def _rows(frame: SampleFrame, start: int, end: int) -> SampleFrame:
+    channels = {name: values[start:end] for name, values in frame.channels.items()}
+    return SampleFrame(frame.time_s[start:end], channels)
+
+
+def _join(first: SampleFrame, second: SampleFrame) -> SampleFrame:
+    channels = {
+        name: np.concatenate([values, second.channels[name]])
+        for name, values in first.channels.items()
+    }
+    return SampleFrame(np.concatenate([first.time_s, second.time_s]), channels)
+
+
+def _rate_hz(time_s: Floats) -> float | None:
+    steps_s = np.diff(time_s)
+    steps_s = steps_s[steps_s > 0.0]
+    return float(1.0 / np.median(steps_s)) if steps_s.size else None
+
+
+def _total(finished: dict[str, int], reader: TraceReader) -> dict[str, int]:
+    return finished | {
+        "rows": finished["rows"] + reader.rows_read,
+        "bad_cells": finished["bad_cells"] + sum(reader.bad_cells.values()),
+        "ragged_rows": finished["ragged_rows"] + reader.ragged_rows,
+    }

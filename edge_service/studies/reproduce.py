@@ -1,0 +1,303 @@
+"""The seed's five simulations and Table 4.2 again, beside what was published."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..estimate.activation import centred_moving_average, weighted_level
+from ..messages.samples import Floats
+from ..models.thesis_plant import PRINTED_STEP_S, Discretisation
+from .report import write_report
+from .thesis_runs import (
+    LEVELS,
+    TABLE_WINDOW_STEPS,
+    ThesisCase,
+    has_false_drop,
+    mean_absolute_error,
+    run_case,
+    smoothed_preload,
+    steps_to_see_drop,
+)
+
+SEEDS = 60
+MAE_WINDOW_STEPS = 20
+WINDOWS_STEPS = (1, 3, 5, 10, 20, 40)
+SHORT_STEP_S = 0.01
+SHORT_STEP_SEEDS = 10
+
+PUBLISHED_TABLE: dict[float, tuple[tuple[float, ...], float, float]] = {
+    10.0: ((0.85, 0.07, 0.04, 0.03, 0.02), 9.3, 9.7),
+    7.5: ((0.04, 0.88, 0.04, 0.02, 0.02), 7.3, 7.5),
+    5.0: ((0.04, 0.05, 0.85, 0.04, 0.03), 5.1, 5.0),
+    2.5: ((0.02, 0.02, 0.04, 0.89, 0.03), 2.7, 2.5),
+    0.0: ((0.02, 0.02, 0.03, 0.05, 0.87), 0.6, 0.3),
+}
+"""Table 4.2: actual preload -> mode probabilities, linear and exponential prediction, percent."""
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class LevelRow:
+    """One constant level: the published row of Table 4.2 and ours, percent.
+
+    Attributes:
+        probability, linear_percent, percent: mean over runs of constant preload.
+        sliding_percent: the same of the sliding innovation bank.
+        ramp_percent: read from the ramp of simulation 1 where it passes the level, with a centred
+            window of TABLE_WINDOW_STEPS, which comes closest to the published table.
+    """
+
+    actual_percent: float
+    published_probability: tuple[float, ...]
+    published_linear_percent: float
+    published_percent: float
+    probability: tuple[float, ...]
+    linear_percent: float
+    percent: float
+    sliding_percent: float
+    ramp_percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class WindowRow:
+    """One causal window: mean absolute error in points of simulations 1 to 5, and its reaction.
+
+    Attributes:
+        drop_steps: most steps that any run of simulation 4 took to see the drop; None if one
+            never did.
+        false_drop_share: share of the runs of simulation 3 with a false drop.
+    """
+
+    window_steps: int
+    mae_points: tuple[float, ...]
+    drop_steps: int | None
+    false_drop_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class StepRow:
+    """One step length and discretisation; prediction at each level, error in simulations 1 to 4."""
+
+    step_s: float
+    discretisation: Discretisation
+    rescaled: bool
+    percent: tuple[float, ...]
+    diagonal: tuple[float, ...]
+    mae_points: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduction:
+    """Everything that the study found."""
+
+    seeds: int
+    short_step_seeds: int
+    levels: tuple[LevelRow, ...]
+    windows: tuple[WindowRow, ...]
+    steps: tuple[StepRow, ...]
+    printed_states_difference: float
+    printed_states_difference_points: float
+
+    @property
+    def scenario_mae_points(self) -> tuple[float, ...]:
+        """Mean absolute error of simulations 1 to 5 with the window of MAE_WINDOW_STEPS."""
+        return self.window(MAE_WINDOW_STEPS).mae_points
+
+    @property
+    def own_probability(self) -> tuple[float, ...]:
+        """Probability of the right mode at each constant level."""
+        return tuple(row.probability[index] for index, row in enumerate(self.levels))
+
+    def window(self, steps: int) -> WindowRow:
+        """The row of one window."""
+        return next(row for row in self.windows if row.window_steps == steps)
+
+    def as_text(self) -> str:
+        """The tables, for a terminal."""
+        return "\n\n".join([self._levels_text(), self._windows_text(), self._steps_text()])
+
+    def _levels_text(self) -> str:
+        lines = [
+            f"Table 4.2, constant levels, mean of {self.seeds} seeds, exponent 1.33 "
+            "(published in brackets)",
+            f"ramp: read from simulation 1, centred window of {TABLE_WINDOW_STEPS} steps",
+            "actual   own mode     linear       exp 1.33      sliding  ramp",
+        ]
+        for index, row in enumerate(self.levels):
+            lines.append(
+                f"{row.actual_percent:5.1f} %"
+                f"  {row.probability[index]:.2f} ({row.published_probability[index]:.2f})"
+                f"  {row.linear_percent:5.2f} ({row.published_linear_percent:4.1f})"
+                f"  {row.percent:5.2f} ({row.published_percent:4.1f})"
+                f"  {row.sliding_percent:6.2f}  {row.ramp_percent:5.2f}"
+            )
+        return "\n".join(lines)
+
+    def _windows_text(self) -> str:
+        lines = [
+            "Mean absolute error in points, causal moving average, exponent 1.33",
+            "window   sim 1  sim 2  sim 3  sim 4  sim 5  drop seen after  false drops in sim 3",
+        ]
+        for row in self.windows:
+            errors = "  ".join(f"{value:.3f}" for value in row.mae_points)
+            seen = "never" if row.drop_steps is None else f"{row.drop_steps} steps"
+            lines.append(
+                f"{row.window_steps:6d}   {errors}  {seen:>15}  {row.false_drop_share:20.0%}"
+            )
+        return "\n".join(lines)
+
+    def _steps_text(self) -> str:
+        lines = [
+            "Step length: prediction at 10, 7.5, 5, 2.5, 0 % and error in simulations 1 to 4 "
+            "(window 2 s)",
+        ]
+        for row in self.steps:
+            predictions = " ".join(f"{value:5.2f}" for value in row.percent)
+            errors = " ".join(f"{value:.3f}" for value in row.mae_points)
+            matrix = "rescaled" if row.rescaled else "printed "
+            lines.append(
+                f"{row.step_s:5g} s  {row.discretisation:5}  {matrix}  {predictions}   {errors}"
+            )
+        return "\n".join(lines)
+
+
+def reproduce(
+    out_dir: Path,
+    seeds: int = SEEDS,
+    short_step_seeds: int = SHORT_STEP_SEEDS,
+    progress: Progress | None = None,
+) -> Reproduction:
+    """Run the study; write `report.html` and `reproduction.json` into `out_dir`.
+
+    Args:
+        seeds: runs per case with the printed step of 0.1 s.
+        short_step_seeds: runs per case in the study of the step length (0.1 and 0.01 s).
+        progress: told what is being worked on.
+    """
+    if seeds < 1 or short_step_seeds < 1:
+        raise ValueError("seeds: expected at least 1")
+    say = progress or (lambda _: None)
+    say("Table 4.2")
+    ramp = _ramp_percent(seeds)
+    levels = tuple(_level_row(level, seeds, ramp[level]) for level in PUBLISHED_TABLE)
+    say("simulations 1 to 5")
+    windows = _window_rows(seeds)
+    steps = []
+    for step_s in (PRINTED_STEP_S, SHORT_STEP_S):
+        say(f"steps of {step_s:g} s")
+        steps += _step_rows(step_s, short_step_seeds)
+    difference, difference_points = _printed_states_difference()
+    result = Reproduction(
+        seeds=seeds,
+        short_step_seeds=short_step_seeds,
+        levels=levels,
+        windows=windows,
+        steps=tuple(steps),
+        printed_states_difference=difference,
+        printed_states_difference_points=difference_points,
+    )
+    say("report")
+    write_report(out_dir, result, asdict(result))
+    return result
+
+
+def mean_probability(case: ThesisCase, seeds: int) -> Floats:
+    """Mode probabilities (r,), mean over all steps and seeds."""
+    runs = [run_case(case, seed)[1].mode_probability.mean(axis=0) for seed in range(seeds)]
+    return np.asarray(np.mean(runs, axis=0))
+
+
+def _level_row(level: float, seeds: int, ramp_percent: float) -> LevelRow:
+    published, published_linear, published_percent = PUBLISHED_TABLE[level]
+    probability = mean_probability(ThesisCase(level), seeds)
+    sliding = mean_probability(ThesisCase(level, method="sif-imm"), seeds)
+    return LevelRow(
+        actual_percent=level,
+        published_probability=published,
+        published_linear_percent=published_linear,
+        published_percent=published_percent,
+        probability=tuple(probability.tolist()),
+        linear_percent=float(probability @ LEVELS),
+        percent=float(weighted_level(probability, LEVELS)),
+        sliding_percent=float(weighted_level(sliding, LEVELS)),
+        ramp_percent=ramp_percent,
+    )
+
+
+def _ramp_percent(seeds: int) -> dict[float, float]:
+    """Prediction where the ramp of simulation 1 passes each level, percent."""
+    case = ThesisCase(1)
+    truth = case.true_preload_percent()
+    smoothed = [
+        centred_moving_average(run_case(case, seed)[1].mode_probability, TABLE_WINDOW_STEPS)
+        for seed in range(seeds)
+    ]
+    percent = weighted_level(np.mean(smoothed, axis=0), LEVELS)
+    return {level: float(percent[np.argmin(np.abs(truth - level))]) for level in PUBLISHED_TABLE}
+
+
+def _window_rows(seeds: int) -> tuple[WindowRow, ...]:
+    cases = [ThesisCase(number) for number in (1, 2, 3, 4)] + [ThesisCase(5, method="sif-imm")]
+    runs = [[run_case(case, seed)[1].mode_probability for seed in range(seeds)] for case in cases]
+    truths = [case.true_preload_percent() for case in cases]
+    rows = []
+    for window in WINDOWS_STEPS:
+        estimates = [[smoothed_preload(run, window) for run in case_runs] for case_runs in runs]
+        errors = [
+            float(np.mean([mean_absolute_error(estimate, truth) for estimate in case_estimates]))
+            for case_estimates, truth in zip(estimates, truths, strict=True)
+        ]
+        delays = [steps_to_see_drop(estimate, truths[3]) for estimate in estimates[3]]
+        seen = [delay for delay in delays if delay is not None]
+        rows.append(
+            WindowRow(
+                window_steps=window,
+                mae_points=tuple(errors),
+                drop_steps=max(seen) if len(seen) == len(delays) else None,
+                false_drop_share=float(np.mean([has_false_drop(e) for e in estimates[2]])),
+            )
+        )
+    return tuple(rows)
+
+
+def _step_rows(step_s: float, seeds: int) -> list[StepRow]:
+    rescales = (True,) if step_s == PRINTED_STEP_S else (True, False)
+    discretisations: tuple[Discretisation, ...] = ("euler", "exact")
+    return [
+        _step_row(step_s, kind, rescale, seeds) for kind in discretisations for rescale in rescales
+    ]
+
+
+def _step_row(step_s: float, kind: Discretisation, rescale: bool, seeds: int) -> StepRow:
+    def case(preload: int | float) -> ThesisCase:
+        return ThesisCase(preload, step_s=step_s, discretisation=kind, rescale=rescale)
+
+    window = round(MAE_WINDOW_STEPS * PRINTED_STEP_S / step_s)
+    probabilities = [mean_probability(case(float(level)), seeds) for level in LEVELS]
+    errors = []
+    for number in (1, 2, 3, 4):
+        truth = case(number).true_preload_percent()
+        runs = [run_case(case(number), seed)[1].mode_probability for seed in range(seeds)]
+        estimates = [smoothed_preload(run, window) for run in runs]
+        errors.append(float(np.mean([mean_absolute_error(e, truth) for e in estimates])))
+    return StepRow(
+        step_s=step_s,
+        discretisation=kind,
+        rescaled=rescale,
+        percent=tuple(float(weighted_level(p, LEVELS)) for p in probabilities),
+        diagonal=tuple(float(p[index]) for index, p in enumerate(probabilities)),
+        mae_points=tuple(errors),
+    )
+
+
+def _printed_states_difference() -> tuple[float, float]:
+    """Largest difference in a mode probability, and mean one in points, over simulation 1."""
+    two = run_case(ThesisCase(1), 0)[1].mode_probability
+    three = run_case(ThesisCase(1, printed_states=True), 0)[1].mode_probability
+    points = np.abs(
+        smoothed_preload(two, MAE_WINDOW_STEPS) - smoothed_preload(three, MAE_WINDOW_STEPS)
+    )
+    return float(np.abs(two - three).max()), float(points.mean())

@@ -1,0 +1,107 @@
+"""Which column of a file holds which channel."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ..messages.channels import CHANNELS, POSITION_CHANNELS, TIME, TORQUE
+
+ROW_NUMBER = "#row"
+"""Stands for a column with the number of the row, from 0: the clock of a file without times."""
+
+_NAMES_SHOWN = 12
+
+
+class TraceError(Exception):
+    """A file that cannot be read or written as a trace; the text is one line."""
+
+
+class ColumnLike(Protocol):
+    """Anything that names a foreign column: SI value = `scale` * column + `offset`."""
+
+    @property
+    def column(self) -> str:
+        """Name of the column in the file."""
+
+    @property
+    def scale(self) -> float:
+        """Factor to SI units."""
+
+    @property
+    def offset(self) -> float:
+        """Added after scaling, in SI units."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnMap:
+    """One column of a file: SI value = `scale` * column + `offset`."""
+
+    column: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+def choose_columns(
+    path: Path, names: Sequence[str], columns: Mapping[str, ColumnLike]
+) -> dict[str, ColumnMap]:
+    """Column of `time_s` and of each channel that the file holds, in the order of writing.
+
+    A mapped channel whose foreign column is absent is read from its canonical column, so one
+    machine file serves foreign recordings and those of the service alike.
+
+    Args:
+        path: the file, for messages.
+        names: the columns that the file has.
+        columns: channel or `time_s` -> foreign column.
+
+    Raises:
+        TraceError: a mapped column, `time_s`, or every torque and position channel is missing, or
+            a wanted column is there twice.
+    """
+    chosen = {}
+    for channel in (TIME, *CHANNELS):
+        column = _choose(path, channel, names, columns.get(channel))
+        if column is not None:
+            chosen[channel] = column
+    if TIME not in chosen:
+        raise TraceError(f"{path}: no column {TIME!r}{_hint(TIME, names)}; {_there(names)}")
+    if not any(channel in chosen for channel in (TORQUE, *POSITION_CHANNELS)):
+        expected = ", ".join((TORQUE, *POSITION_CHANNELS))
+        raise TraceError(
+            f"{path}: no torque and no position channel; expected one of {expected}; "
+            f"{_there(names)}"
+        )
+    for column in chosen.values():
+        if list(names).count(column.column) > 1:
+            raise TraceError(f"{path}: column {column.column!r} is there more than once")
+    return chosen
+
+
+def _choose(
+    path: Path, channel: str, names: Sequence[str], mapped: ColumnLike | None
+) -> ColumnMap | None:
+    if mapped is not None and mapped.column in names:
+        return ColumnMap(mapped.column, mapped.scale, mapped.offset)
+    if channel in names:
+        return ColumnMap(channel)
+    if mapped is None:
+        return None
+    if channel == TIME and mapped.column == ROW_NUMBER:
+        return ColumnMap(ROW_NUMBER, mapped.scale, mapped.offset)
+    raise TraceError(
+        f"{path}: no column {mapped.column!r}, which the machine file gives for {channel}"
+        f"{_hint(mapped.column, names)}; {_there(names)}"
+    )
+
+
+def _hint(name: str, names: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, names, n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _there(names: Sequence[str]) -> str:
+    shown = ", ".join(repr(name[:40]) for name in names[:_NAMES_SHOWN])
+    more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
+    return f"there are {shown}{more}"

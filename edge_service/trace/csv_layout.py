@@ -1,0 +1,164 @@
+"""What the top of a text file says: delimiter, decimal point, column names."""
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from .columns import TraceError
+
+_DELIMITERS = (",", ";", "\t")
+_SAMPLE_LINES = 20
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_FOREIGN = {
+    b"\x1f\x8b": "a gzip archive: unpack it first",
+    b"PK\x03\x04": "a zip archive or a spreadsheet: export it as CSV",
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"%PDF": "a PDF document",
+    b"\xff\xfe": "UTF-16 text: save it as UTF-8",
+    b"\xfe\xff": "UTF-16 text: save it as UTF-8",
+    b"<": "an HTML or XML document",
+}
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ufffd]")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How a text file is laid out.
+
+    Attributes:
+        names: one name per cell of a row; empty where the file gives none.
+        delimiter: between two cells.
+        decimal_point: inside a number.
+        terminator: end of a line.
+        start: position of the first byte after the header, or of the first row.
+    """
+
+    names: tuple[str, ...]
+    delimiter: str
+    decimal_point: str
+    terminator: bytes
+    start: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    number: int
+    start: int
+    text: str
+
+
+def read_layout(path: Path, head: bytes) -> Layout:
+    """Layout of a text file whose first bytes are `head`; TraceError if it is no trace."""
+    _refuse_foreign(path, head)
+    terminator = b"\n" if b"\n" in head else b"\r"
+    lines = _lines(head, terminator)
+    comments = []
+    while lines and (not lines[0].text or lines[0].text.startswith("#")):
+        comments.append(lines.pop(0))
+    if not lines and not comments:
+        raise TraceError(f"{path}: holds no line of text; expected a header such as time_s,...")
+    header, rows = _header_and_rows(path, comments, lines)
+    delimiter, names = _names(path, header)
+    cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
+    start = rows[0].start if rows else len(head)
+    point = _decimal_point(delimiter, cells)
+    return Layout(_fit_names(names, cells), delimiter, point, terminator, start)
+
+
+def _refuse_foreign(path: Path, head: bytes) -> None:
+    text = head.removeprefix(_BYTE_ORDER_MARK).lstrip()
+    if not text:
+        raise TraceError(f"{path}: the file is empty; expected a header such as time_s,...")
+    for magic, what in _FOREIGN.items():
+        if text.startswith(magic):
+            raise TraceError(f"{path}: no trace but {what}")
+
+
+def _lines(head: bytes, terminator: bytes) -> list[_Line]:
+    """The lines of `head` with their positions."""
+    start = len(_BYTE_ORDER_MARK) if head.startswith(_BYTE_ORDER_MARK) else 0
+    lines = []
+    for number, raw in enumerate(head[start:].split(terminator), start=1):
+        lines.append(_Line(number, start, _decode(raw).strip(" \r\n")))
+        start += len(raw) + len(terminator)
+    return lines
+
+
+def _decode(raw: bytes) -> str:
+    """UTF-8, or Latin-1 as older data loggers write units."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def _header_and_rows(
+    path: Path, comments: list[_Line], lines: list[_Line]
+) -> tuple[_Line, list[_Line]]:
+    """The line with the names and the lines below it.
+
+    Some programs (numpy.savetxt) write the names as a comment: the last comment is the header if
+    the first line below holds as many numbers.
+    """
+    if not lines:
+        raise TraceError(f"{path}: holds comments only; expected a header such as time_s,...")
+    first = lines[0]
+    delimiter, cells = _names(path, first)
+    if not all(_is_number(cell) for cell in cells if cell):
+        return first, lines[1:]
+    if comments and comments[-1].text:
+        comment = comments[-1]
+        names = _Line(comment.number, comment.start, comment.text.lstrip("# "))
+        if len(_split(names.text, delimiter)) == len(cells):
+            return names, lines
+    raise TraceError(
+        f"{path}: line {first.number}: no header but numbers; expected column names such as time_s"
+    )
+
+
+def _names(path: Path, line: _Line) -> tuple[str, list[str]]:
+    """Delimiter and cells of a header line: the delimiter that gives the most cells."""
+    if _CONTROL.search(line.text):
+        raise TraceError(f"{path}: line {line.number}: no text; expected a header of column names")
+    cells = {delimiter: _split(line.text, delimiter) for delimiter in _DELIMITERS}
+    delimiter = max(_DELIMITERS, key=lambda delimiter: len(cells[delimiter]))
+    return delimiter, cells[delimiter]
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error:
+        return [line]
+    return [cell.strip() for cell in cells]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return cell.lower() not in {"nan", "inf"}
+
+
+def _decimal_point(delimiter: str, rows: list[list[str]]) -> str:
+    """A comma if the cells cannot be parted by it and some number holds one."""
+    if delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row):
+        return ","
+    return "."
+
+
+def _fit_names(names: list[str], rows: list[list[str]]) -> tuple[str, ...]:
+    """Add or drop one empty name where header and rows differ by a trailing delimiter."""
+    if not rows:
+        return tuple(names)
+    width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    if width == len(names) + 1 and all(not row[-1] for row in rows if len(row) == width):
+        return (*names, "")
+    if width == len(names) - 1 and not names[-1]:
+        return tuple(names[:-1])
+    return tuple(names)

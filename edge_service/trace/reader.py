@@ -1,0 +1,197 @@
+"""Reading a trace: any supported file in, frames of canonical channels in SI units out."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from ..messages.channels import TIME
+from ..messages.samples import Floats, SampleFrame
+from .block import Block, Source, Text
+from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
+from .csv_source import CsvSource
+from .parquet_source import MAGIC, ParquetSource
+
+PARQUET_SUFFIXES = (".parquet", ".pq")
+
+
+class TraceReader:
+    """An open trace: an iterator of frames, and a context manager that closes the file.
+
+    Faults inside a recording are data: a cell without a number is NaN and counted, a row without
+    a time or with the wrong number of cells is left out and counted; times that repeat, jump or
+    run backwards are handed on as they are.
+
+    Attributes:
+        path: the file.
+        channels: the channels that it holds, in the order of writing.
+        rows_read: rows handed out so far.
+        bad_cells: `time_s` or channel -> cells without a number so far.
+    """
+
+    def __init__(self, path: Path, source: Source, columns: Mapping[str, ColumnMap]) -> None:
+        self.path = path
+        self.channels = tuple(channel for channel in columns if channel != TIME)
+        self.rows_read = 0
+        self.bad_cells = dict.fromkeys(columns, 0)
+        self._source = source
+        self._columns = columns
+        self._only_text: dict[str, Text] = {}
+        self._has_number: set[str] = set()
+        names = dict.fromkeys(column.column for column in columns.values())
+        self._source.want([name for name in names if name != ROW_NUMBER])
+
+    @property
+    def ragged_rows(self) -> int:
+        """Rows with too few or too many cells so far."""
+        return self._source.ragged_rows
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> SampleFrame:
+        """The next frame, never empty. Raises TraceError for a file that turns out to be none."""
+        while True:
+            try:
+                block = self._source.read_block()
+            except OSError as error:
+                raise _unreadable(self.path, error) from None
+            if block is None:
+                self._check_whole()
+                raise StopIteration
+            self._note_text(block)
+            frame = self._frame(block)
+            if len(frame):
+                self.rows_read += len(frame)
+                return frame
+
+    def close(self) -> None:
+        """Close the file; safe twice."""
+        self._source.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _frame(self, block: Block) -> SampleFrame:
+        """Channels in SI units for the rows that have a time."""
+        time_s = self._values(TIME, block)
+        channels = {name: self._values(name, block) for name in self.channels}
+        timed = ~np.isnan(time_s)
+        if timed.all():
+            return SampleFrame(time_s, channels)
+        return SampleFrame(
+            time_s[timed], {name: values[timed] for name, values in channels.items()}
+        )
+
+    def _values(self, channel: str, block: Block) -> Floats:
+        column = self._columns[channel]
+        is_row_number = column.column == ROW_NUMBER
+        values = block.row_number if is_row_number else block.values[column.column]
+        if (column.scale, column.offset) != (1.0, 0.0):
+            with np.errstate(over="ignore", invalid="ignore"):
+                values = values * column.scale + column.offset
+        finite = np.isfinite(values)
+        self.bad_cells[channel] += int(values.size - np.count_nonzero(finite))
+        return np.where(finite, values, np.nan)
+
+    def _note_text(self, block: Block) -> None:
+        """Refuse a column of words at once if its first block holds nothing else."""
+        for name, values in block.values.items():
+            if name in self._has_number:
+                continue
+            if np.isfinite(values).any():
+                self._has_number.add(name)
+                self._only_text.pop(name, None)
+            elif name in block.text:
+                self._only_text.setdefault(name, block.text[name])
+                if self.rows_read == 0 and block.text[name].count == len(block):
+                    self._refuse_text(name)
+
+    def _check_whole(self) -> None:
+        """At the end: a trace has rows, and every column with content has a number."""
+        for name in self._only_text:
+            self._refuse_text(name)
+        if self.rows_read:
+            return
+        untimed = self.bad_cells[TIME]
+        if self.ragged_rows > untimed:
+            expected = len(self._source.names)
+            raise TraceError(
+                f"{self.path}: no row has the {expected} cells that the header names "
+                f"({self.ragged_rows} rows have fewer or more)"
+            )
+        problem = f"none of {untimed} rows holds a time" if untimed else "a header but no rows"
+        raise TraceError(f"{self.path}: {problem}; expected rows of numbers")
+
+    def _refuse_text(self, name: str) -> None:
+        first = self._only_text[name].first
+        raise TraceError(f"{self.path}: column {name!r} holds {first!r} and no number at all")
+
+
+def open_trace(path: Path, columns: Mapping[str, ColumnLike] | None = None) -> TraceReader:
+    """Open a trace file, CSV or Parquet, told apart by content.
+
+    Args:
+        path: the file.
+        columns: `time_s` or channel -> foreign column with its scale to SI units.
+
+    Raises:
+        TraceError: one line with the file, what was wrong and what was expected.
+    """
+    try:
+        source = _open_source(path)
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    try:
+        return TraceReader(path, source, choose_columns(path, source.names, columns or {}))
+    except BaseException:
+        source.close()
+        raise
+
+
+def read_trace(
+    path: Path, columns: Mapping[str, ColumnLike] | None = None, max_rows: int = 20_000_000
+) -> SampleFrame:
+    """Read a whole trace into one frame, for offline work.
+
+    Raises:
+        TraceError: like `open_trace`, and for a file of more than `max_rows` rows.
+    """
+    with open_trace(path, columns) as reader:
+        frames = []
+        for frame in reader:
+            if reader.rows_read > max_rows:
+                raise TraceError(f"{path}: more than {max_rows} rows; cut the recording")
+            frames.append(frame)
+        time_s = np.concatenate([frame.time_s for frame in frames])
+        channels = {
+            name: np.concatenate([frame.channels[name] for frame in frames])
+            for name in reader.channels
+        }
+        return SampleFrame(time_s, channels)
+
+
+def _open_source(path: Path) -> Source:
+    if path.exists() and not path.is_file():
+        raise TraceError(f"{path}: a folder or device; expected a CSV or Parquet file")
+    with path.open("rb") as file:
+        magic = file.read(len(MAGIC))
+    if magic == MAGIC or (not magic.strip() and path.suffix.lower() in PARQUET_SUFFIXES):
+        return ParquetSource(path)
+    return CsvSource(path)
+
+
+def _unreadable(path: Path, error: OSError) -> TraceError:
+    if isinstance(error, FileNotFoundError):
+        return TraceError(f"{path}: no such file; expected a CSV or Parquet trace")
+    return TraceError(f"{path}: cannot be read ({error.strerror or error})")

@@ -1,0 +1,170 @@
+"""Writing a trace: the file appears whole or not at all."""
+
+import contextlib
+import os
+import secrets
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+
+from ..messages.channels import TIME
+from ..messages.samples import SampleFrame
+from .columns import TraceError
+from .reader import PARQUET_SUFFIXES
+
+_ROWS_AT_ONCE = 1 << 16
+
+
+class TraceFormat(StrEnum):
+    """The two forms of a trace file."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+class TraceWriter:
+    """Writes frames to a temporary file beside `path`; `commit` puts it in place.
+
+    As a context manager it commits on success and aborts on an exception. Numbers are written
+    with all their digits, what is not finite as missing. A channel that a frame lacks is missing
+    in its rows.
+
+    Args:
+        path: the file to write; one that exists is replaced by `commit`.
+        channels: the channels to write beside `time_s`, in this order.
+        file_format: CSV or Parquet; by default what the suffix of `path` says.
+
+    Raises:
+        TraceError: unknown suffix, or a folder that cannot be written to.
+    """
+
+    def __init__(
+        self, path: Path, channels: Sequence[str], file_format: TraceFormat | None = None
+    ) -> None:
+        self.path = path
+        self.channels = tuple(channels)
+        self.rows_written = 0
+        self._format = file_format or _format_of(path)
+        self._pending: list[SampleFrame] = []
+        self._pending_rows = 0
+        self._temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+        self._file: BinaryIO | None = None
+        if path.is_dir():
+            raise TraceError(f"{path}: a folder; expected the name of a file")
+        with self._one_line_errors():
+            self._file = self._temporary.open("xb")
+            self._sink = _open_sink(self._format, self._file, (TIME, *self.channels))
+
+    def write(self, frame: SampleFrame) -> None:
+        """Add the rows of a frame.
+
+        Raises:
+            TraceError: the frame holds a channel that the header lacks, the file is finished, or
+                the disk is full.
+        """
+        if self._file is None:
+            raise TraceError(f"{self.path}: already finished; no more rows can be written")
+        for name in frame.channels:
+            if name not in self.channels:
+                raise TraceError(
+                    f"{self.path}: channel {name!r} came after the header was written; expected "
+                    f"{', '.join(self.channels)}"
+                )
+        self._pending.append(frame)
+        self._pending_rows += len(frame)
+        self.rows_written += len(frame)
+        if self._pending_rows >= _ROWS_AT_ONCE:
+            with self._one_line_errors():
+                self._flush()
+
+    def commit(self) -> None:
+        """Finish the file and put it in place of `path` in one step. Raises TraceError."""
+        if self._file is None:
+            return
+        with self._one_line_errors():
+            self._flush()
+            self._sink.close()
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self._temporary.replace(self.path)
+            self._file = None
+
+    def abort(self) -> None:
+        """Remove what was written; safe twice, and without effect after `commit`."""
+        if self._file is None:
+            return
+        with contextlib.suppress(OSError):
+            self._sink.close()
+        with contextlib.suppress(OSError):
+            self._file.close()
+        self._file = None
+        self._temporary.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.commit()
+        else:
+            self.abort()
+
+    def _flush(self) -> None:
+        import pyarrow as pa
+
+        if not self._pending:
+            return
+        columns = {TIME: np.concatenate([frame.time_s for frame in self._pending])}
+        for name in self.channels:
+            parts = [
+                frame.channels.get(name, np.full(len(frame), np.nan)) for frame in self._pending
+            ]
+            columns[name] = np.concatenate(parts)
+        self._pending, self._pending_rows = [], 0
+        arrays = {
+            name: pa.array(values, type=pa.float64(), mask=~np.isfinite(values))
+            for name, values in columns.items()
+        }
+        self._sink.write_table(pa.table(arrays))
+
+    @contextlib.contextmanager
+    def _one_line_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.abort()
+            reason = error.strerror or error
+            raise TraceError(f"{self.path}: cannot be written ({reason})") from None
+
+
+def _format_of(path: Path) -> TraceFormat:
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        return TraceFormat.CSV
+    if suffix in PARQUET_SUFFIXES:
+        return TraceFormat.PARQUET
+    raise TraceError(f"{path}: the name ends in {suffix!r}; expected .csv or .parquet")
+
+
+def _open_sink(file_format: TraceFormat, file: BinaryIO, names: Sequence[str]) -> Any:
+    """A writer of Arrow tables; the header of a CSV file is written unquoted."""
+    import pyarrow as pa
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    schema = pa.schema([(name, pa.float64()) for name in names])
+    if file_format is TraceFormat.PARQUET:
+        return pyarrow.parquet.ParquetWriter(file, schema, write_page_checksum=True)
+    file.write((",".join(names) + "\n").encode())
+    options = pyarrow.csv.WriteOptions(include_header=False)
+    return pyarrow.csv.CSVWriter(file, schema, write_options=options)

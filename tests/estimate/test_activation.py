@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from edge_service.estimate.activation import (
+    StreamingMovingAverage,
+    activated,
+    causal_moving_average,
+    centred_moving_average,
+    weighted_level,
+    window_steps,
+)
+
+LEVELS = np.array([10.0, 7.5, 5.0, 2.5, 0.0])
+
+
+@st.composite
+def probabilities(draw: st.DrawFn) -> np.ndarray:
+    raw = draw(arrays(np.float64, 5, elements=st.floats(1e-6, 1.0)))
+    return raw / raw.sum()
+
+
+@given(probabilities(), st.floats(0.1, 8.0))
+def test_sums_to_one_and_keeps_the_order(mu: np.ndarray, exponent: float) -> None:
+    result = activated(mu, exponent)
+    assert result.sum() == pytest.approx(1.0, abs=1e-14)
+    assert (np.diff(result[np.argsort(mu)]) >= 0.0).all()
+
+
+@given(probabilities())
+def test_square_is_the_printed_function(mu: np.ndarray) -> None:
+    np.testing.assert_allclose(activated(mu, 2.0), mu**2 / (mu**2).sum(), rtol=1e-12)
+
+
+@given(probabilities())
+def test_exponent_one_changes_nothing(mu: np.ndarray) -> None:
+    np.testing.assert_allclose(activated(mu, 1.0), mu, rtol=1e-12)
+
+
+def test_the_printed_example() -> None:
+    mu = np.array([0.04, 0.05, 0.85, 0.04, 0.03])  # sums to 1.01 in print (4.5.3)
+    assert float(weighted_level(mu, LEVELS, 1.0)) * 1.01 == pytest.approx(5.125, abs=1e-12)
+
+
+def test_published_prediction_follows_from_published_probabilities() -> None:
+    mu = np.array([0.85, 0.07, 0.04, 0.03, 0.02])  # Table 4.2, 10 %
+    assert float(weighted_level(mu, LEVELS)) == pytest.approx(9.7, abs=0.05)
+
+
+def test_tiny_probabilities_neither_underflow_nor_divide_by_zero() -> None:
+    np.testing.assert_allclose(activated(np.array([1e-300, 2e-300]), 8.0), [1 / 257, 256 / 257])
+
+
+@pytest.mark.parametrize("exponent", [0.0, -1.0, float("nan"), float("inf")])
+def test_impossible_exponents_are_refused(exponent: float) -> None:
+    with pytest.raises(ValueError, match="exponent"):
+        activated(np.array([0.5, 0.5]), exponent)
+
+
+series = arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.floats(-9, 9))
+
+
+@given(series, st.integers(1, 40))
+def test_causal_average_and_its_streaming_form_equal_the_definition(
+    values: np.ndarray, steps: int
+) -> None:
+    expected = [values[max(0, k - steps + 1) : k + 1].mean(axis=0) for k in range(len(values))]
+    np.testing.assert_allclose(causal_moving_average(values, steps), expected, atol=1e-12)
+    stream = StreamingMovingAverage(steps, 3)
+    np.testing.assert_allclose([stream.push(row) for row in values], expected, atol=1e-12)
+
+
+@given(series, st.integers(1, 40))
+def test_centred_average_equals_the_definition(values: np.ndarray, steps: int) -> None:
+    expected = [
+        values[max(0, k - steps // 2) : k + (steps - 1) // 2 + 1].mean(axis=0)
+        for k in range(len(values))
+    ]
+    np.testing.assert_allclose(centred_moving_average(values, steps), expected, atol=1e-12)
+
+
+def test_centred_average_of_a_line_has_no_delay_and_the_causal_one_has() -> None:
+    line = np.arange(100.0)
+    np.testing.assert_allclose(centred_moving_average(line, 11)[10:90], line[10:90])
+    np.testing.assert_allclose(causal_moving_average(line, 11)[10:], line[10:] - 5.0)
+
+
+def test_streaming_average_can_start_again() -> None:
+    stream = StreamingMovingAverage(3, 1)
+    for value in (5.0, 6.0, 7.0, 8.0):
+        stream.push(np.array([value]))
+    stream.reset()
+    assert stream.push(np.array([2.0])).tolist() == [2.0]
+
+
+def test_windows_in_seconds() -> None:
+    assert window_steps(2.0, 0.1) == 20
+    assert window_steps(0.01, 0.1) == 1
+
+
+@pytest.mark.parametrize("average", [causal_moving_average, centred_moving_average])
+def test_empty_windows_are_refused(average: object) -> None:
+    with pytest.raises(ValueError, match="at least one step"):
+        average(np.zeros(3), 0)  # type: ignore[operator]
+    with pytest.raises(ValueError, match="at least one step"):
+        StreamingMovingAverage(0, 2)

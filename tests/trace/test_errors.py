@@ -1,0 +1,101 @@
+"""Files that are no traces: one clear line each."""
+
+from pathlib import Path
+
+import pytest
+
+from edge_service.trace.columns import ColumnMap, TraceError
+from edge_service.trace.reader import open_trace, read_trace
+
+VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "empty"),
+        (b"\xef\xbb\xbf\r\n  \n", "empty"),
+        (b"# a comment\n", "comments only"),
+        (b"0.0,1.0\n0.1,2.0\n", "line 1: no header but numbers"),
+        (b"time_s,torque_command_nm\n", "a header but no rows"),
+        (b"time_s,torque_command_nm", "a header but no rows"),
+        (b"time_s,torque_command_nm\n1\n2\n", "no row has the 2 cells"),
+        (b"time_s,torque_command_nm\n,1\n,2\n", "none of 2 rows holds a time"),
+        (b"Time_s,torque_command_nm\n0,1\n", "no column 'time_s'; did you mean 'Time_s'?"),
+        (b"time_s,temperature_c\n0,1\n", "no torque and no position channel"),
+        (b"time_s,torque_command_nm,time_s\n0,1,0\n", "'time_s' is there more than once"),
+        (b"time_s,torque_command_nm\n0,on\n1,off\n", "holds 'on' and no number at all"),
+        (b"<!DOCTYPE html><html><body>404</body></html>", "HTML or XML"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "PNG"),
+        (b"\x1f\x8b\x08\x00", "gzip"),
+        (b"PK\x03\x04\x14\x00", "zip archive"),
+        ("time_s,torque_command_nm\n0,1\n".encode("utf-16"), "UTF-16"),
+        (b"\x7fELF\x02\x01\x01\x00" + bytes(64), "no text"),
+        (b"PAR1 and then nothing of the kind", "damaged Parquet"),
+        (b"Lorem ipsum dolor sit amet\n" * 20, "no column 'time_s'"),
+    ],
+)
+def test_no_trace_is_told_in_one_line(tmp_path: Path, content: bytes, says: str) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_bytes(content)
+    with pytest.raises(TraceError) as caught:
+        read_trace(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert says in message
+    assert "\n" not in message
+
+
+def test_missing_file_folder_and_unreadable_file(tmp_path: Path) -> None:
+    with pytest.raises(TraceError, match="no such file"):
+        open_trace(tmp_path / "missing.csv")
+    with pytest.raises(TraceError, match="folder"):
+        open_trace(tmp_path)
+    with pytest.raises(TraceError, match="cannot be read"):
+        open_trace(tmp_path / ("x" * 300 + ".csv"))
+
+
+def test_mapped_column_that_is_nowhere_names_what_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_text("time_s,motor_angle_rad,u_v\n0,1,2\n")
+    with pytest.raises(TraceError) as caught:
+        open_trace(path, VOLTS)
+    message = str(caught.value)
+    assert "no column 'u_V', which the machine file gives for torque_command_nm" in message
+    assert "did you mean 'u_v'?" in message
+    assert "there are 'time_s', 'motor_angle_rad', 'u_v'" in message
+
+
+def test_a_long_list_of_columns_is_cut(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_text(",".join(f"c{index}" for index in range(5000)) + "\n")
+    with pytest.raises(TraceError, match=r"and 4988 more$"):
+        open_trace(path)
+
+
+def test_only_the_time_may_be_the_row_number(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_text("time_s,motor_angle_rad\n0,1\n")
+    with pytest.raises(TraceError, match="no column '#row'"):
+        open_trace(path, {"torque_command_nm": ColumnMap("#row")})
+
+
+def test_too_many_rows_for_one_frame(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_text("time_s,motor_angle_rad\n0,1\n1,1\n2,1\n")
+    with pytest.raises(TraceError, match="more than 2 rows"):
+        read_trace(path, max_rows=2)
+    assert len(read_trace(path, max_rows=3)) == 3
+
+
+def test_text_only_at_first_is_data(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_text("time_s,motor_angle_rad\n[s],[rad]\n0,1\n1,2\n")
+    assert read_trace(path).channels["motor_angle_rad"].tolist() == [1.0, 2.0]
+
+
+def test_a_line_without_end_is_refused_before_it_fills_the_memory(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_bytes(b"time_s,motor_angle_rad\n" + b"1" * (5 << 20))
+    with pytest.raises(TraceError, match="a line of more than"):
+        read_trace(path)
