@@ -1,6 +1,7 @@
 """The `edge-service` command: reads arguments, calls a room, turns mistakes into one line."""
 
 import asyncio
+import json
 import logging
 import os
 import sys
@@ -227,6 +228,22 @@ def reproduce(out: Path) -> None:
     """Repeat the seed's simulations and its Table 4.2 beside the published figures."""
     from .studies.reproduce import reproduce as run_study
 
-    result = run_study(out)
-    click.echo(result.as_text())
-    click.echo(f"report: {out / 'reproduce.html'}")
+    click.echo(run_study(out, progress=_progress).as_text())
+    click.echo(f"report: {out / 'report.html'}")
+
+
+@cli.command(epilog="Example: edge-service bench")
+@click.option("--quick", is_flag=True, help="Shorter measurements.")
+@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
+def bench(quick: bool, as_json: bool) -> None:
+    """Measure speed and size: start, CPU, memory, delay, replay, estimator steps."""
+    from .studies.pipeline_bench import PipelineBenchSettings, run_pipeline_bench
+
+    figures = run_pipeline_bench(PipelineBenchSettings(quick=quick), _progress)
+    click.echo(json.dumps(figures.as_dict(), indent=2) if as_json else figures.as_text())
+
+
+def _progress(line: str) -> None:
+    """Tell a person at a terminal what is being done; stay quiet in a pipe."""
+    if sys.stderr.isatty():
+        click.echo(line, err=True)

@@ -6,25 +6,22 @@ from collections.abc import Callable
 import zenoh
 
 from ..messages.header import Header
-from ..messages.topics import Keep, Topic
-
-_MONITORED = frozenset({"preload", "health", "event", "status"})
+from ..messages.topics import JSON_ENCODING, Keep, Topic
 
 
 class Publisher:
     """Numbers, stamps and puts payloads; never waits for a reader."""
 
     def __init__(self, session: zenoh.Session, key: str, topic: Topic) -> None:
+        urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
         self._key = key
         self._publisher = session.declare_publisher(
             key,
             encoding=self._encoding,
             congestion_control=zenoh.CongestionControl.DROP,
-            priority=(
-                zenoh.Priority.INTERACTIVE_HIGH if topic.name in _MONITORED else zenoh.Priority.DATA
-            ),
-            express=True,
+            priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
+            express=urgent,
         )
         self._last: bytes | None = None
         self._queryable = (

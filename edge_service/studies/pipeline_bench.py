@@ -301,7 +301,7 @@ def _notes(load_before: float) -> tuple[str, ...]:
         "A sample's delay ends with the answer in the asker's hand: up to "
         f"{1e3 * POLL_PERIOD_S:g} ms of it is the wait between two questions, and on average half "
         f"of the interval of {INTERVAL_S:g} s is the wait for the interval's end.",
-        "`sample stamped late` is what the driver's own stamp lags behind a steady clock; it comes "
-        "on top of a delay.",
+        "`sample stamped late` is what the driver's own stamp lags behind a typical one on a "
+        "steady clock; it comes on top of a delay.",
         "`without start-up` compares the processor time of the recording with that of a short one.",
     )

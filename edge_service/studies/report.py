@@ -1,8 +1,6 @@
 """The study as one self-contained page and one JSON file."""
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, StrictUndefined
 
+from ..atomic import replaced_file
 from .figures import draw_figures
 from .thesis_runs import LEVELS, TABLE_WINDOW_STEPS
 
@@ -23,12 +22,11 @@ def write_report(out_dir: Path, result: "Reproduction", numbers: Mapping[str, An
     Args:
         numbers: the same result as JSON-able values.
     """
-    out_dir.mkdir(parents=True, exist_ok=True)
     document = {"schema": "reproduction/1", **numbers}
-    write_atomically(
-        out_dir / "reproduction.json", json.dumps(document, indent=2, allow_nan=False) + "\n"
-    )
-    write_atomically(out_dir / "report.html", render(result))
+    with replaced_file(out_dir / "reproduction.json") as file:
+        file.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    with replaced_file(out_dir / "report.html") as file:
+        file.write(render(result))
 
 
 def render(result: "Reproduction") -> str:
@@ -41,17 +39,3 @@ def render(result: "Reproduction") -> str:
         levels=LEVELS.tolist(),
         table_window_steps=TABLE_WINDOW_STEPS,
     )
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write beside the target and rename, so that a reader never sees half a file."""
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    temporary = Path(name)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 
@@ -45,14 +46,25 @@ class PreloadPoller:
     def ask(self) -> Sighting:
         """The answer of now; PipelineBenchError if there is none."""
         try:
-            self._connection.request("GET", self._path)
-            answer = json.loads(self._connection.getresponse().read())
+            answer = self._answer()
             seen_ns = time.time_ns()
             status, measured_at = answer["status"], answer["measured_at"]
         except (OSError, http.client.HTTPException, ValueError, KeyError) as error:
             problem = f"{type(error).__name__}: {error}"
             raise PipelineBenchError(f"GET {self._path}: no preload ({problem})") from None
         return Sighting(status, None if measured_at is None else unix_ns(measured_at), seen_ns)
+
+    def _answer(self) -> dict[str, Any]:
+        try:
+            return self._get()
+        except ConnectionError:  # a server ends a kept connection that was silent for a while
+            self._connection.close()
+            return self._get()
+
+    def _get(self) -> dict[str, Any]:
+        self._connection.request("GET", self._path)
+        answer: dict[str, Any] = json.loads(self._connection.getresponse().read())
+        return answer
 
     def close(self) -> None:
         """Close the connection; safe twice."""
@@ -103,11 +115,13 @@ def sample_delays_s(interval_delay_s: Floats, interval_s: float, period_s: float
 
 
 def stamp_lateness_s(firsts: Sequence[tuple[int, int]], interval_s: float) -> Floats:
-    """How far each `measured_at` lags behind a steady clock through the earliest, s, (n,).
+    """How far each `measured_at` lags behind the typical one of a steady clock, s, shape (n,).
 
     The service stamps a sample when the driver hands it over; what it is late by then does not
-    show in the other delays.
+    show in the other delays. The typical phase within an interval is the mean direction on its
+    circle; a quarter of an interval early to three quarters late can be told.
     """
-    measured_s = np.array([measured_ns - firsts[0][0] for measured_ns, _ in firsts]) / _NS_PER_S
-    behind_s = measured_s - interval_s * np.round(measured_s / interval_s)
-    return np.asarray(behind_s - behind_s.min())
+    interval_ns = round(interval_s * _NS_PER_S)
+    phase = np.array([measured_ns % interval_ns for measured_ns, _ in firsts]) / interval_ns
+    typical = np.angle(np.exp(2j * np.pi * phase).mean()) / (2.0 * np.pi)
+    return np.asarray(((phase - typical + 0.25) % 1.0 - 0.25) * interval_s)

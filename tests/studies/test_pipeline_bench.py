@@ -111,11 +111,19 @@ def test_samples_spread_evenly_over_their_interval(
     assert np.percentile(delays_s, percent) == pytest.approx(exact_s, abs=0.0006)
 
 
-@given(st.lists(st.integers(0, 40), min_size=2, max_size=30))
-def test_lateness_of_stamps_is_what_exceeds_the_earliest(late_ms: list[int]) -> None:
-    firsts = [((7 + 100 * k + late) * MS, 0) for k, late in enumerate(late_ms)]
-    expected_s = 1e-3 * (np.array(late_ms) - min(late_ms))
-    assert stamp_lateness_s(firsts, 0.1) == pytest.approx(expected_s, abs=1e-9)
+@given(
+    start_ms=st.integers(0, 10**12),
+    late_ms=st.lists(st.integers(0, 4), min_size=20, max_size=40),
+    stall_ms=st.integers(0, 70),
+)
+def test_lateness_of_stamps_is_against_the_typical_one(
+    start_ms: int, late_ms: list[int], stall_ms: int
+) -> None:
+    late_ms = [*late_ms, stall_ms]
+    firsts = [((start_ms + 100 * k + late) * MS, 0) for k, late in enumerate(late_ms)]
+    lateness_s = stamp_lateness_s(firsts, 0.1)
+    assert np.diff(lateness_s) == pytest.approx(1e-3 * np.diff(late_ms), abs=1e-9)
+    assert abs(np.median(lateness_s)) < 0.005
 
 
 def test_moment_of_an_answer() -> None:
@@ -233,9 +241,12 @@ def test_a_process_ends_with_an_interrupted_bench(tmp_path: Path) -> None:
 
 
 @contextmanager
-def _answering(body: dict[str, object], connections: list[object]) -> Iterator[tuple[str, int]]:
+def _answering(
+    body: dict[str, object], connections: list[object], *, answers_per_connection: int = 1000
+) -> Iterator[tuple[str, int]]:
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
+        answers = 0
 
         def setup(self) -> None:
             connections.append(self.client_address)
@@ -247,6 +258,8 @@ def _answering(body: dict[str, object], connections: list[object]) -> Iterator[t
             self.send_header("Content-Length", str(len(content)))
             self.end_headers()
             self.wfile.write(content)
+            self.answers += 1
+            self.close_connection = self.answers == answers_per_connection
 
         def log_message(self, *_: object) -> None:
             pass
@@ -272,6 +285,17 @@ def test_the_poller_asks_over_one_connection() -> None:
     ] * 3
     assert before_ns <= answers[0].seen_ns <= answers[-1].seen_ns <= time.time_ns()
     assert len(connections) == 1
+
+
+def test_the_poller_survives_a_connection_that_the_server_ends() -> None:
+    connections: list[object] = []
+    body: dict[str, object] = {"status": "unestimated", "measured_at": None}
+    with (
+        _answering(body, connections, answers_per_connection=2) as address,
+        closing(PreloadPoller(*address, "A1")) as poller,
+    ):
+        assert [poller.ask().status for _ in range(5)] == ["unestimated"] * 5
+    assert len(connections) == 3
 
 
 def test_an_answer_without_a_preload_is_told() -> None:

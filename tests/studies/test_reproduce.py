@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.activation import weighted_level
-from edge_service.studies.report import write_atomically
 from edge_service.studies.reproduce import (
     PUBLISHED_TABLE,
     Reproduction,
@@ -133,19 +132,3 @@ def test_needs_at_least_one_seed(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="seeds: expected at least 1"):
         reproduce(tmp_path / "none", seeds=0)
     assert not (tmp_path / "none").exists()
-
-
-def test_a_failed_write_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    target = tmp_path / "report.html"
-    target.write_text("old")
-
-    def fail(*_: object) -> None:
-        raise OSError("disk full")
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_atomically(target, "new")
-    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
-    assert target.read_text() == "old"
