@@ -13,7 +13,7 @@ import numpy as np
 
 from .bench_figures import Figure, PipelineBench, PipelineBenchError
 from .estimator_speed import measure_estimator_speed
-from .process_meter import ServiceProcess, Usage
+from .process_meter import ServiceProcess, Usage, read_stolen_s
 from .replay_speed import measure_replay
 from .sample_delay import (
     PreloadPoller,
@@ -127,7 +127,7 @@ def run_pipeline_bench(
     PipelineBenchError
         A process failed, or the system has no /proc; the text is one line.
     """
-    load_before = os.getloadavg()[0]
+    begun_s, stolen_s = time.monotonic(), read_stolen_s()
     with tempfile.TemporaryDirectory(prefix="edge-service-bench-") as name:
         folder, kernels = Path(name), Path(name) / "kernels"
         progress("cold start, 1 axis: no compiled kernels kept")
@@ -140,7 +140,8 @@ def run_pipeline_bench(
     progress("the simulated axis by itself; filter banks, compiled and filterpy")
     figures += [_simulation_figure(settings.window_s)]
     figures += _estimator_figures(settings.estimator_repeats)
-    return PipelineBench(tuple(figures), _notes(load_before))
+    stolen = (read_stolen_s() - stolen_s) / (time.monotonic() - begun_s)
+    return PipelineBench(tuple(figures), _notes(stolen))
 
 
 def write_config(path: Path, axes: int) -> None:
@@ -291,10 +292,11 @@ def _estimator_figures(repeats: int) -> list[Figure]:
     ]
 
 
-def _notes(load_before: float) -> tuple[str, ...]:
+def _notes(stolen: float) -> tuple[str, ...]:
     return (
-        f"Python {platform.python_version()}, {os.cpu_count()} cores, load {load_before:.2f} "
-        f"before and {os.getloadavg()[0]:.2f} after: other work on the machine slows the figures.",
+        f"Python {platform.python_version()}, {os.cpu_count()} cores, of which the host of a "
+        f"virtual machine gave {stolen:.2f} to others meanwhile; that, and other work on the "
+        "machine, slows the figures.",
         "The processor's share contains the simulated drives, which a real machine does not need.",
         "The first `estimated` contains 1 s of motion that the estimator needs before it says a "
         "number.",

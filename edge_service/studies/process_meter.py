@@ -63,11 +63,25 @@ def read_usage(pid: int) -> Usage:
 
 
 def _cpu_s(pid: int) -> float:
-    return cpu_s_of(_proc_text(pid, "stat"), os.sysconf("SC_CLK_TCK"))
+    return cpu_s_of(_proc_text(pid, "stat"), _ticks_per_s())
 
 
-def _proc_text(pid: int, name: str) -> str:
-    path = Path("/proc") / str(pid) / name
+def read_stolen_s() -> float:
+    """Processor time that the host of a virtual machine gave to others since its start, s."""
+    return stolen_s_of(_proc_text("stat"), _ticks_per_s())
+
+
+def stolen_s_of(stat: str, ticks_per_s: int) -> float:
+    """Stolen time of all processors in s from the text of /proc/stat (field 8 of its first line)."""
+    return int(stat.split(maxsplit=9)[8]) / ticks_per_s
+
+
+def _ticks_per_s() -> int:
+    return os.sysconf("SC_CLK_TCK")
+
+
+def _proc_text(*parts: str | int) -> str:
+    path = Path("/proc", *map(str, parts))
     try:
         return path.read_text()
     except OSError:

@@ -32,6 +32,7 @@ from edge_service.studies.process_meter import (
     cpu_s_of,
     memory_of,
     read_usage,
+    stolen_s_of,
 )
 from edge_service.studies.replay_speed import estimate_count, running_speed
 from edge_service.studies.sample_delay import (
@@ -54,6 +55,11 @@ def test_cpu_time_is_found_behind_a_name_with_brackets() -> None:
     fields_4_to_13 = "1 2 3 4 5 6 7 8 9 10"
     stat = f"4711 (odd) name (x) S {fields_4_to_13} 250 130 77 88 20 0 5 0 1234"
     assert cpu_s_of(stat, 100) == pytest.approx(3.8)
+
+
+def test_stolen_time_is_that_of_all_processors() -> None:
+    stat = "cpu  100 20 30 4000 50 6 7 890 0 0\ncpu0 50 10 15 2000 25 3 3 445 0 0\n"
+    assert stolen_s_of(stat, 100) == pytest.approx(8.9)
 
 
 def test_memory_is_read_in_bytes() -> None:

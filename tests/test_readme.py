@@ -1,0 +1,40 @@
+"""What the README shows works."""
+
+import asyncio
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from .nodes.conftest import config_of, running
+
+README = (Path(__file__).parents[1] / "README.md").read_text()
+
+
+def block(language: str, containing: str) -> str:
+    blocks = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    return next(text for text in blocks if containing in text)
+
+
+async def test_the_client_of_the_readme_hears_samples_and_preload() -> None:
+    source = block("python", "zenoh.open")
+    config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
+    async with running(config, ("acquire", "downsample", "estimate")) as service:
+        client = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-I",
+            "-c",
+            source,
+            service.bus.endpoint,
+            stdout=subprocess.PIPE,
+        )
+        assert client.stdout is not None
+        heard = set()
+        try:
+            async with asyncio.timeout(30.0):
+                while heard < {"torque", "preload"}:
+                    heard.add((await client.stdout.readline()).decode().split()[0])
+        finally:
+            client.kill()
+            await client.wait()
+    assert heard == {"torque", "preload"}
