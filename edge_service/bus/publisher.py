@@ -25,7 +25,9 @@ class Publisher:
         )
         self._last: bytes | None = None
         self._queryable = (
-            session.declare_queryable(key, self._answer, complete=True)
+            session.declare_queryable(
+                key, zenoh.handlers.Callback(self._answer, indirect=False), complete=True
+            )
             if topic.keep is Keep.LAST
             else None
         )
