@@ -35,5 +35,7 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv/bin/ed
   make_venv "$python"
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r deploy/requirements.lock
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+  echo "setup: compiling the numeric kernels" >&2
+  .venv/bin/python -c 'from edge_service.nodes.pipeline import warm_up; warm_up()'
   echo "$wanted" >"$stamp"
 fi

@@ -1,5 +1,6 @@
 """Finding drivers by name through the entry-point group."""
 
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import cast
 
@@ -28,5 +29,6 @@ def load_driver(name: str) -> type[Driver]:
         raise UnknownDriverError(f"driver {name!r} cannot be loaded: {error}") from error
 
 
+@cache
 def _entries() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}

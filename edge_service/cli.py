@@ -139,7 +139,7 @@ def check_config(config: Path | None) -> None:
     """Check a configuration with its machine files and driver settings; print what it means."""
     from drivers.registry import driver_names
 
-    from .nodes.machines import load_machines
+    from .nodes.pipeline import load_machines
     from .nodes.service import check_service
 
     settings = load_config(config or DEFAULT_CONFIG)

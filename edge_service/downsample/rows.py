@@ -84,6 +84,9 @@ class RowScreen:
     def split(self, rows: Floats) -> list[Screened]:
         """Screen rows in the order of arrival; a new clock starts a new element."""
         self.counters.rows += len(rows)
+        if self._is_faultless(rows):
+            self._newest_s = float(rows[-1, T])
+            return [Screened(rows, np.zeros(len(rows), dtype=np.int64), new_clock=False)]
         parts = []
         new_clock = False
         while True:
@@ -96,6 +99,12 @@ class RowScreen:
             self.counters.clock_resets += 1
             self._newest_s, self._pending = -np.inf, int(Fault.TIME_BACKWARDS)
             rows, new_clock = rows[end:], True
+
+    def _is_faultless(self, rows: Floats) -> bool:
+        """Whether nothing has to be set aside or told: by far the most frequent case."""
+        time_s = rows[:, T]
+        rising = time_s[0] > self._newest_s and bool((np.diff(time_s) > 0.0).all())
+        return rising and not self._pending and not np.isnan(rows[:, self._required]).any()
 
     def _screen(self, rows: Floats, newest: Floats, new_clock: bool) -> Screened:
         time_s = rows[:, T]

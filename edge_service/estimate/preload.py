@@ -9,6 +9,7 @@ mode probabilities rest with it: a screw does not wear while it stands still).
 
 from collections import deque
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -29,6 +30,12 @@ TWO_SIDED_95 = 1.959963984540054
 BEYOND_LEVELS_PERCENT = 0.6
 """Scale on which drag beyond the highest or lowest level counts as a misfit, points."""
 _SNAPSHOT_SCHEMA = "imm-preload/1"
+
+
+@lru_cache(maxsize=256)
+def _transition(duration_s: float) -> Floats:
+    """The printed matrix for an interval of another length."""
+    return scaled_transition(PRINTED_TRANSITION, duration_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +76,6 @@ class ImmPreloadEstimator:
         self._levels = np.array(LEVELS_PERCENT)
         self._per_percent = machine.drag_per_percent_nm
         self._drag = DragFilter(machine, settings.drag)
-        self._transitions: dict[float, Floats] = {}
         if self._per_percent is not None:
             self._balance = IntervalBalance(
                 machine, self._levels * self._per_percent, settings.balance
@@ -121,7 +127,7 @@ class ImmPreloadEstimator:
         if self._last_end_s is None or abs(start_s - self._last_end_s) > 0.5 * block.duration_s:
             state, covariance = self._balance.start(block)
             self._bank.reset(state, covariance, self._probability)
-        step, measurement = self._balance.step(block, self._transition(block.duration_s))
+        step, measurement = self._balance.step(block, _transition(round(block.duration_s, 6)))
         output = self._bank.step(step, measurement)
         self._probability = output.mode_probability
         self._nis = float(output.nis.min()) / len(measurement)
@@ -130,14 +136,6 @@ class ImmPreloadEstimator:
             if len(self._recent) == 1:
                 break
             self._recent.popleft()
-
-    def _transition(self, duration_s: float) -> Floats:
-        key = round(duration_s, 6)
-        if key not in self._transitions:
-            if len(self._transitions) > 64:
-                self._transitions.clear()
-            self._transitions[key] = scaled_transition(PRINTED_TRANSITION, key)
-        return self._transitions[key]
 
     def estimate(self) -> PreloadEstimate:
         """What is known after the last interval."""

@@ -3,27 +3,15 @@
 from functools import partial
 
 from ..bus.publisher import Publisher
-from ..config import DownsampleConfig
-from ..downsample import Downsampler, DownsampleSettings
-from ..downsample.statistics import PlausibilitySettings
+from ..downsample import Downsampler
 from ..messages.codec import decode_samples, encode_features
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import FEAT, RAW
-from ..models.machine import Machine
 from .context import NodeContext, Reporter
-from .machines import load_machines
-
-
-def make_downsampler(config: DownsampleConfig, machine: Machine) -> Downsampler:
-    """The downsampler of one axis: limits from its machine file."""
-    limits = PlausibilitySettings(max_torque_nm=machine.axis.max_torque_nm)
-    return Downsampler(
-        DownsampleSettings(interval_s=config.interval_s, plausibility=limits),
-        machine.transmission_ratio_m_per_rad,
-    )
+from .pipeline import load_machines, make_downsampler
 
 
 async def run(context: NodeContext) -> None:

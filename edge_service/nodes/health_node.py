@@ -15,7 +15,7 @@ from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.topics import EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from .context import NodeContext, Reporter
-from .machines import load_machines
+from .pipeline import load_machines
 
 HEALTH_PERIOD_S = 1.0
 

@@ -16,7 +16,7 @@ from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.topics import EVENT, HEALTH, PRELOAD, STATUS
 from .context import NodeContext, Reporter
 from .health_node import health_settings
-from .machines import load_machines
+from .pipeline import load_machines
 
 log = logging.getLogger(__name__)
 

@@ -11,8 +11,7 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..trace.reader import open_trace
 from .columns import column_maps
-from .downsample_node import make_downsampler
-from .estimate_node import make_estimator
+from .pipeline import make_downsampler, make_estimator
 
 COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm")
 

@@ -1,6 +1,7 @@
 """Starts nodes on one bus session, and ends them together."""
 
 import asyncio
+import gc
 import logging
 import signal
 from collections.abc import Callable, Coroutine
@@ -84,6 +85,8 @@ async def run_nodes(
 
     With `until_sources_end` they also end, drained, when every driver's source has ended.
     """
+    gc.collect()
+    gc.freeze()  # a full collection over the imported libraries would stop the loop for 0.2 s
     tasks = [
         asyncio.create_task(coroutine, name=name)
         for name in names

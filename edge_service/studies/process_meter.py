@@ -72,7 +72,7 @@ def read_stolen_s() -> float:
 
 
 def stolen_s_of(stat: str, ticks_per_s: int) -> float:
-    """Stolen time of all processors in s from the text of /proc/stat (field 8 of its first line)."""
+    """Stolen time of all processors, s, from the text of /proc/stat (eighth number)."""
     return int(stat.split(maxsplit=9)[8]) / ticks_per_s
 
 

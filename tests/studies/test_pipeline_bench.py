@@ -21,11 +21,8 @@ from edge_service.studies.bench_figures import (
     PipelineBenchError,
     number_text,
 )
-from edge_service.studies.pipeline_bench import (
-    PipelineBenchSettings,
-    run_pipeline_bench,
-    write_config,
-)
+from edge_service.studies.live_load import write_config
+from edge_service.studies.pipeline_bench import PipelineBenchSettings, run_pipeline_bench
 from edge_service.studies.process_meter import (
     FinishedRun,
     ServiceProcess,

@@ -1,0 +1,52 @@
+"""The pure stages of one axis as the configuration asks for them."""
+
+import numpy as np
+
+from ..config import DEFAULT_MACHINE, DownsampleConfig, EdgeConfig, EstimatorConfig, load_machine
+from ..downsample import Downsampler, DownsampleSettings
+from ..downsample.statistics import PlausibilitySettings
+from ..estimate.interface import PreloadEstimator
+from ..estimate.preload import ImmPreloadEstimator, ImmSettings
+from ..messages.channels import ANGLE, TORQUE
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+
+
+def load_machines(config: EdgeConfig) -> dict[str, Machine]:
+    """Machine of each axis, by the axis' name. Raises ConfigError."""
+    return {axis.name: load_machine(axis.machine) for axis in config.axes}
+
+
+def make_downsampler(config: DownsampleConfig, machine: Machine) -> Downsampler:
+    """The downsampler of one axis: limits from its machine file."""
+    limits = PlausibilitySettings(max_torque_nm=machine.axis.max_torque_nm)
+    return Downsampler(
+        DownsampleSettings(interval_s=config.interval_s, plausibility=limits),
+        machine.transmission_ratio_m_per_rad,
+    )
+
+
+def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimator:
+    """The configured estimator for one axis."""
+    return ImmPreloadEstimator(
+        machine,
+        ImmSettings(
+            method=config.method,
+            engine=config.engine,
+            activation_exponent=config.activation_exponent,
+            window_s=config.window_s,
+        ),
+    )
+
+
+def warm_up(
+    downsample: DownsampleConfig = DownsampleConfig(),  # noqa: B008  frozen
+    estimator: EstimatorConfig = EstimatorConfig(),  # noqa: B008
+) -> None:
+    """Compile the kernels before the first sample: it takes seconds on a new installation."""
+    machine = load_machine(DEFAULT_MACHINE)
+    time_s = np.arange(400, dtype=np.float64) / 1e3
+    steady = SampleFrame(time_s, {TORQUE: 0.1 + 0.01 * np.sin(time_s), ANGLE: 10.0 * time_s})
+    warm = make_estimator(estimator, machine)
+    for block in make_downsampler(downsample, machine).push(steady):
+        warm.update(block)
