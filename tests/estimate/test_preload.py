@@ -41,6 +41,7 @@ PROFILES: dict[str, Profile] = {
     "healthy": lambda share: np.full_like(share, 6.846),
     "gradual": lambda share: 10.0 - 10.0 * share,
     "partial": lambda share: 7.5 - 5.0 * share,
+    "fast": lambda share: 10.0 * np.clip(1.4 - 1.75 * share, 0.0, 1.0),
     "sudden": lambda share: np.where(share < 0.5, 10.0, 0.0),
 }
 
@@ -104,6 +105,13 @@ def test_a_sudden_loss_is_seen_within_seconds_of_motion() -> None:
     assert 30.0 <= low_since <= 33.0
     settled = [e.preload_percent for e in estimates if e.time_s > 40.0]
     assert max(p for p in settled if p is not None) < 1.0
+
+
+@pytest.mark.parametrize("interval_s", [0.02, 0.1])
+def test_a_loss_within_half_a_minute_stays_inside_the_interval(interval_s: float) -> None:
+    frame, truth = recording("fast", 50.0, 12)
+    _, covered = errors(run(blocks_of(frame, interval_s)), truth)
+    assert covered >= 0.93
 
 
 @pytest.mark.parametrize("interval_s", [0.02, 0.05])
