@@ -13,6 +13,7 @@ from pydantic import Field
 
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.trace.columns import TraceError
+from edge_service.trace.controller_axis import ControllerAxis
 from edge_service.trace.reader import TraceReader, open_trace
 
 from .base import (
@@ -68,6 +69,7 @@ class ReplayDriver:
         self.paced = config.speed > 0.0
         self._config = config
         self._columns = context.machine.columns
+        self._axis = ControllerAxis(lead_m=context.machine.axis.lead_m)
         self._clock = clock
         self._sleep = sleep
         self._reader: TraceReader | None = None
@@ -143,7 +145,7 @@ class ReplayDriver:
 
     def _open_trace(self) -> TraceReader:
         try:
-            return open_trace(self._config.path, self._columns)
+            return open_trace(self._config.path, self._columns, self._axis)
         except TraceError as error:
             raise DriverMisconfiguredError("path", str(error)) from None
 

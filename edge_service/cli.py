@@ -220,6 +220,62 @@ def estimate(trace: Path, machine: Path, out: Path, config: Path | None) -> None
     click.echo(estimate_to_csv(trace, machine, out, load_config(config or DEFAULT_CONFIG)))
 
 
+@cli.command(epilog="Example: edge-service convert trace.xml --axis-number 7 --out trace.parquet")
+@click.argument("source", type=click.Path(path_type=Path))
+@_MACHINE
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Ends in .csv, .parquet or .mcap."
+)
+@click.option(
+    "--axis-number",
+    type=click.IntRange(1),
+    show_default="the only one there, or 1",
+    help="The controller's number of the axis.",
+)
+@click.option(
+    "--torque-constant",
+    "torque_constant_nm_per_a",
+    type=click.FloatRange(0.0, min_open=True),
+    help="N m per A: reads a current as torque where there is no torque.",
+)
+@click.option("--interpolate", is_flag=True, help="Draw slower positions as lines, not as steps.")
+@click.option("--all", "keep_all", is_flag=True, help="Keep columns that are no channel.")
+def convert(
+    source: Path,
+    machine: Path,
+    out: Path,
+    axis_number: int | None,
+    torque_constant_nm_per_a: float | None,
+    interpolate: bool,
+    keep_all: bool,
+) -> None:
+    """Read a recording of any form and write it as a trace: CSV, Parquet or MCAP.
+
+    SOURCE is CSV, Parquet or the XML of a SINUMERIK trace; SINUMERIK and Industrial Edge names are
+    known. The machine file gives the lead and, under [columns], what comes before those names.
+    """
+    from .config import load_machine
+    from .nodes.convert import controller_axis
+    from .nodes.convert import convert as convert_trace
+
+    model = load_machine(machine)
+    axis = controller_axis(
+        model, axis_number, torque_constant_nm_per_a, interpolate_positions=interpolate
+    )
+    with click.progressbar(
+        length=1000, label="convert", file=sys.stderr, hidden=not sys.stderr.isatty()
+    ) as bar:
+        summary = convert_trace(
+            source,
+            out,
+            model,
+            axis,
+            keep_all=keep_all,
+            progress=lambda fraction: bar.update(int(1000 * fraction) - bar.pos),
+        )
+    click.echo(summary.as_text())
+
+
 @cli.command(epilog="Example: edge-service reproduce --out out/reproduce")
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/reproduce"), show_default=True

@@ -11,6 +11,7 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..trace.reader import open_trace
 from .columns import column_maps
+from .convert import controller_axis
 from .pipeline import make_downsampler, make_estimator
 
 COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm")
@@ -34,7 +35,7 @@ def estimate_to_csv(trace: Path, machine_file: Path, out: Path, config: EdgeConf
     rows = 0
     last: PreloadEstimate | None = None
     with (
-        open_trace(trace, column_maps(machine)) as frames,
+        open_trace(trace, column_maps(machine), controller_axis(machine)) as frames,
         replaced_file(out) as file,
     ):
         writer = csv.writer(file)

@@ -1,1 +1,1 @@
-"""Recordings in and out: CSV and Parquet, streamed in bounded memory."""
+"""Recordings in and out: CSV, Parquet, SINUMERIK trace XML, MCAP; streamed in bounded memory."""

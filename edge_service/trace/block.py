@@ -50,6 +50,17 @@ class Source(Protocol):
     names: tuple[str, ...]
     ragged_rows: int
 
+    @property
+    def fraction_read(self) -> float:
+        """How much of the file has been read, 0 to 1."""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the rows should know, one line each."""
+
+    def holds_numbers(self, name: str) -> bool:
+        """Whether a column may hold numbers."""
+
     def want(self, names: list[str]) -> None:
         """Read these columns only. Raises TraceError for one that cannot hold numbers."""
 

@@ -44,17 +44,21 @@ class ColumnMap:
 
 
 def choose_columns(
-    path: Path, names: Sequence[str], columns: Mapping[str, ColumnLike]
+    path: Path,
+    names: Sequence[str],
+    columns: Mapping[str, ColumnLike],
+    known: Mapping[str, ColumnMap] | None = None,
 ) -> dict[str, ColumnMap]:
     """Column of `time_s` and of each channel that the file holds, in the order of writing.
 
-    A mapped channel whose foreign column is absent is read from its canonical column, so one
-    machine file serves foreign recordings and those of the service alike.
+    A mapped channel whose foreign column is absent is read from its canonical column, or from the
+    one known by its name, so one machine file serves recordings of several makers.
 
     Args:
         path: the file, for messages.
         names: the columns that the file has.
         columns: channel or `time_s` -> foreign column.
+        known: channel -> column that is known by its name; present in `names`.
 
     Raises:
         TraceError: a mapped column, `time_s`, or every torque and position channel is missing, or
@@ -62,7 +66,7 @@ def choose_columns(
     """
     chosen = {}
     for channel in (TIME, *CHANNELS):
-        column = _choose(path, channel, names, columns.get(channel))
+        column = _choose(path, channel, names, columns.get(channel), (known or {}).get(channel))
         if column is not None:
             chosen[channel] = column
     if TIME not in chosen:
@@ -80,14 +84,18 @@ def choose_columns(
 
 
 def _choose(
-    path: Path, channel: str, names: Sequence[str], mapped: ColumnLike | None
+    path: Path,
+    channel: str,
+    names: Sequence[str],
+    mapped: ColumnLike | None,
+    known: ColumnMap | None,
 ) -> ColumnMap | None:
     if mapped is not None and mapped.column in names:
         return ColumnMap(mapped.column, mapped.scale, mapped.offset)
     if channel in names:
         return ColumnMap(channel)
-    if mapped is None:
-        return None
+    if mapped is None or known is not None:
+        return known
     if channel == TIME and mapped.column == ROW_NUMBER:
         return ColumnMap(ROW_NUMBER, mapped.scale, mapped.offset)
     raise TraceError(

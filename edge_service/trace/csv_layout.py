@@ -17,6 +17,7 @@ _FOREIGN = {
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"%PDF": "a PDF document",
+    b"\x89MCAP": "an MCAP file, which is written but not read: keep the CSV or Parquet form",
     b"\xff\xfe": "UTF-16 text: save it as UTF-8",
     b"\xfe\xff": "UTF-16 text: save it as UTF-8",
     b"<": "an HTML or XML document",

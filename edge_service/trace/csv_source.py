@@ -20,10 +20,13 @@ _QUOTED = re.compile(rb'"([^"\r\n]*)"')
 class CsvSource:
     """An open CSV file. Cells that are no numbers become NaN, ragged rows are counted."""
 
+    remarks: tuple[str, ...] = ()
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self.ragged_rows = 0
         self._rows_seen = 0
+        self._bytes = path.stat().st_size
         self._rest = b""
         self._wanted: list[int] = []
         self._file = path.open("rb")
@@ -34,6 +37,15 @@ class CsvSource:
             self._file.close()
             raise
         self.names = self._layout.names
+
+    @property
+    def fraction_read(self) -> float:
+        """How much of the file has been read, 0 to 1."""
+        return 1.0 if self._file.closed else self._file.tell() / max(self._bytes, 1)
+
+    def holds_numbers(self, name: str) -> bool:
+        """Any column may."""
+        return name in self.names
 
     def want(self, names: list[str]) -> None:
         """Read these columns only."""

@@ -15,6 +15,8 @@ _BUFFER_BYTES = 1 << 18
 class ParquetSource:
     """An open Parquet file. Nulls and cells that are no numbers become NaN."""
 
+    remarks: tuple[str, ...] = ()
+
     def __init__(self, path: Path) -> None:
         import pyarrow as pa
         import pyarrow.parquet
@@ -39,11 +41,21 @@ class ParquetSource:
             raise self._broken(error) from None
         self.names = tuple(self._schema.names)
 
+    @property
+    def fraction_read(self) -> float:
+        """How much of the file has been read, 0 to 1."""
+        return self._rows_seen / max(int(self._file.metadata.num_rows), 1)
+
+    def holds_numbers(self, name: str) -> bool:
+        """Whether a column is of a type that may hold numbers."""
+        cell_type = self._schema.field(name).type
+        return _holds_numbers(cell_type) or _holds_text(cell_type)
+
     def want(self, names: list[str]) -> None:
         """Read these columns only. Raises TraceError for one that cannot hold numbers."""
         for name in names:
-            cell_type = self._schema.field(name).type
-            if not _holds_numbers(cell_type) and not _holds_text(cell_type):
+            if not self.holds_numbers(name):
+                cell_type = self._schema.field(name).type
                 raise TraceError(
                     f"{self.path}: column {name!r} is of type {cell_type}; expected numbers"
                 )

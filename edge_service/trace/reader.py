@@ -7,14 +7,12 @@ from typing import Self
 
 import numpy as np
 
-from ..messages.channels import TIME
+from ..messages.channels import CHANNELS, TIME
 from ..messages.samples import Floats, SampleFrame
 from .block import Block, Source, Text
 from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
-from .csv_source import CsvSource
-from .parquet_source import MAGIC, ParquetSource
-
-PARQUET_SUFFIXES = (".parquet", ".pq")
+from .controller_axis import ControllerAxis
+from .formats import controller_columns, open_source
 
 
 class TraceReader:
@@ -26,27 +24,50 @@ class TraceReader:
 
     Attributes:
         path: the file.
-        channels: the channels that it holds, in the order of writing.
+        channels: the channels that it holds, in the order of writing; then, if asked for, its
+            other columns under their own names and in their own units.
+        ignored: columns that are there and not read.
         rows_read: rows handed out so far.
         bad_cells: `time_s` or channel -> cells without a number so far.
     """
 
-    def __init__(self, path: Path, source: Source, columns: Mapping[str, ColumnMap]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        source: Source,
+        columns: Mapping[str, ColumnMap],
+        remarks: tuple[str, ...] = (),
+    ) -> None:
         self.path = path
         self.channels = tuple(channel for channel in columns if channel != TIME)
         self.rows_read = 0
         self.bad_cells = dict.fromkeys(columns, 0)
         self._source = source
         self._columns = columns
+        self._remarks = remarks
         self._only_text: dict[str, Text] = {}
         self._has_number: set[str] = set()
         names = dict.fromkeys(column.column for column in columns.values())
+        self.ignored = tuple(name for name in source.names if name and name not in names)
+        self._needed = {
+            column.column for name, column in columns.items() if name == TIME or name in CHANNELS
+        }
         self._source.want([name for name in names if name != ROW_NUMBER])
 
     @property
     def ragged_rows(self) -> int:
         """Rows with too few or too many cells so far."""
         return self._source.ragged_rows
+
+    @property
+    def fraction_read(self) -> float:
+        """How much of the file has been read, 0 to 1."""
+        return self._source.fraction_read
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """How signals of a controller were read, one line each; complete at the end."""
+        return (*self._remarks, *self._source.remarks)
 
     def __iter__(self) -> Self:
         return self
@@ -107,7 +128,7 @@ class TraceReader:
     def _note_text(self, block: Block) -> None:
         """Refuse a column of words at once if its first block holds nothing else."""
         for name, values in block.values.items():
-            if name in self._has_number:
+            if name in self._has_number or name not in self._needed:
                 continue
             if np.isfinite(values).any():
                 self._has_number.add(name)
@@ -138,36 +159,54 @@ class TraceReader:
         raise TraceError(f"{self.path}: column {name!r} holds {first!r} and no number at all")
 
 
-def open_trace(path: Path, columns: Mapping[str, ColumnLike] | None = None) -> TraceReader:
-    """Open a trace file, CSV or Parquet, told apart by content.
+def open_trace(
+    path: Path,
+    columns: Mapping[str, ColumnLike] | None = None,
+    axis: ControllerAxis | None = None,
+    *,
+    keep_all: bool = False,
+) -> TraceReader:
+    """Open a trace file, told apart by content: CSV, Parquet or SINUMERIK trace XML.
 
     Args:
         path: the file.
-        columns: `time_s` or channel -> foreign column with its scale to SI units.
+        columns: `time_s` or channel -> foreign column with its scale to SI units. It comes before
+            what is known of a controller's signals; those it may call by their short names.
+        axis: which axis of a controller's recording, and what its units need.
+        keep_all: also read the columns that are no channel, under their own names.
 
     Raises:
         TraceError: one line with the file, what was wrong and what was expected.
     """
+    axis = axis or ControllerAxis()
     try:
-        source = _open_source(path)
+        source = open_source(path, axis)
     except OSError as error:
         raise _unreadable(path, error) from None
     try:
-        return TraceReader(path, source, choose_columns(path, source.names, columns or {}))
+        known = controller_columns(path, source, axis, columns or {})
+        chosen = choose_columns(path, source.names, known.resolve(columns or {}), known.columns)
+        remarks = known.remarks(chosen)
+        if keep_all:
+            chosen |= _other_columns(source, chosen)
+        return TraceReader(path, source, chosen, remarks)
     except BaseException:
         source.close()
         raise
 
 
 def read_trace(
-    path: Path, columns: Mapping[str, ColumnLike] | None = None, max_rows: int = 20_000_000
+    path: Path,
+    columns: Mapping[str, ColumnLike] | None = None,
+    max_rows: int = 20_000_000,
+    axis: ControllerAxis | None = None,
 ) -> SampleFrame:
     """Read a whole trace into one frame, for offline work.
 
     Raises:
         TraceError: like `open_trace`, and for a file of more than `max_rows` rows.
     """
-    with open_trace(path, columns) as reader:
+    with open_trace(path, columns, axis) as reader:
         frames = []
         for frame in reader:
             if reader.rows_read > max_rows:
@@ -181,17 +220,17 @@ def read_trace(
         return SampleFrame(time_s, channels)
 
 
-def _open_source(path: Path) -> Source:
-    if path.exists() and not path.is_file():
-        raise TraceError(f"{path}: a folder or device; expected a CSV or Parquet file")
-    with path.open("rb") as file:
-        magic = file.read(len(MAGIC))
-    if magic == MAGIC or (not magic.strip() and path.suffix.lower() in PARQUET_SUFFIXES):
-        return ParquetSource(path)
-    return CsvSource(path)
+def _other_columns(source: Source, chosen: Mapping[str, ColumnMap]) -> dict[str, ColumnMap]:
+    """Columns that may hold numbers and are no channel, as they are."""
+    used = {column.column for column in chosen.values()} | {TIME, *CHANNELS, ""}
+    return {
+        name: ColumnMap(name)
+        for name in source.names
+        if name not in used and source.names.count(name) == 1 and source.holds_numbers(name)
+    }
 
 
 def _unreadable(path: Path, error: OSError) -> TraceError:
     if isinstance(error, FileNotFoundError):
-        return TraceError(f"{path}: no such file; expected a CSV or Parquet trace")
+        return TraceError(f"{path}: no such file; expected a CSV, Parquet or XML trace")
     return TraceError(f"{path}: cannot be read ({error.strerror or error})")

@@ -14,16 +14,17 @@ import numpy as np
 from ..messages.channels import TIME
 from ..messages.samples import SampleFrame
 from .columns import TraceError
-from .reader import PARQUET_SUFFIXES
+from .formats import PARQUET_SUFFIXES
 
 _ROWS_AT_ONCE = 1 << 16
 
 
 class TraceFormat(StrEnum):
-    """The two forms of a trace file."""
+    """The forms of a trace file; MCAP is written only."""
 
     CSV = "csv"
     PARQUET = "parquet"
+    MCAP = "mcap"
 
 
 class TraceWriter:
@@ -36,10 +37,10 @@ class TraceWriter:
     Args:
         path: the file to write; one that exists is replaced by `commit`.
         channels: the channels to write beside `time_s`, in this order.
-        file_format: CSV or Parquet; by default what the suffix of `path` says.
+        file_format: CSV, Parquet or MCAP; by default what the suffix of `path` says.
 
     Raises:
-        TraceError: unknown suffix, or a folder that cannot be written to.
+        TraceError: unknown suffix, a folder that cannot be written to, or a missing package.
     """
 
     def __init__(
@@ -48,11 +49,12 @@ class TraceWriter:
         self.path = path
         self.channels = tuple(channels)
         self.rows_written = 0
-        self._format = file_format or _format_of(path)
+        self._format = file_format or format_of(path)
         self._pending: list[SampleFrame] = []
         self._pending_rows = 0
         self._temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
         self._file: BinaryIO | None = None
+        self._sink: Any = None
         if path.is_dir():
             raise TraceError(f"{path}: a folder; expected the name of a file")
         with self._one_line_errors():
@@ -99,7 +101,8 @@ class TraceWriter:
         if self._file is None:
             return
         with contextlib.suppress(OSError):
-            self._sink.close()
+            if self._sink is not None:
+                self._sink.close()
         with contextlib.suppress(OSError):
             self._file.close()
         self._file = None
@@ -145,19 +148,28 @@ class TraceWriter:
             self.abort()
             reason = error.strerror or error
             raise TraceError(f"{self.path}: cannot be written ({reason})") from None
+        except TraceError as error:
+            self.abort()
+            raise TraceError(f"{self.path}: {error}") from None
 
 
-def _format_of(path: Path) -> TraceFormat:
+def format_of(path: Path) -> TraceFormat:
     suffix = path.suffix.lower()
     if suffix == ".csv":
         return TraceFormat.CSV
     if suffix in PARQUET_SUFFIXES:
         return TraceFormat.PARQUET
-    raise TraceError(f"{path}: the name ends in {suffix!r}; expected .csv or .parquet")
+    if suffix == ".mcap":
+        return TraceFormat.MCAP
+    raise TraceError(f"{path}: the name ends in {suffix!r}; expected .csv, .parquet or .mcap")
 
 
 def _open_sink(file_format: TraceFormat, file: BinaryIO, names: Sequence[str]) -> Any:
     """A writer of Arrow tables; the header of a CSV file is written unquoted."""
+    if file_format is TraceFormat.MCAP:
+        from .mcap_sink import McapSink
+
+        return McapSink(file, names)
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet

@@ -1,0 +1,158 @@
+"""Names and units of controllers: SINUMERIK signals and Industrial Edge columns."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from edge_service.trace.columns import ColumnMap, TraceError
+from edge_service.trace.controller_axis import ControllerAxis
+from edge_service.trace.controller_signals import sinumerik_signal
+from edge_service.trace.reader import open_trace, read_trace
+
+AXIS = ControllerAxis(lead_m=0.01)
+RAD_PER_MM = 2.0 * math.pi / 10.0
+EDGE = (
+    "time_s,TORQUE|1,ENC1_POS|1,ENC2_POS|1,DES_POS|1,CURRENT|1,LOAD|1,CMD_SPEED|1,ENC1_POS|2\n"
+    "0.000,0.5,100.0,99.5,100.5,2.0,10,5.0,7.0\n"
+    "0.002,0.6,101.0,100.5,101.5,2.5,11,5.0,8.0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "units_type", "short", "axis", "unit"),
+    [
+        ("/Nck/!SD/nckServoDataActCurr32 [u1, 7]", "current", "ActCurr", 7, "A"),
+        ("/Nck/!SD/nckServoDataActVelMot32 [u1, 12]", "velo", "ActVelMot", 12, "mm/min"),
+        ("/Nck/!SD/nckServoDataActVelMot64 [u1, 4]", "veloRot", "ActVelMot", 4, "rev/min"),
+        ("/Nck/!SD/nckServoDataCmdTorque64 [u1, 1]", "611DTime1", "CmdTorque", 1, "N m"),
+        ("/Nck/!SD/nckServoDataCmdPos2ndEnc64 [u1, 7]", "posn", "CmdPos2ndEnc", 7, "mm"),
+        ("/Nck/!SEMA/measPos1 [u1, 7]", "posn", "measPos1", 7, "mm"),
+        ("/Channel/!SEMA/aaStat [u1, 7]", "none", "aaStat", 7, None),
+        ("measPos2[u1,3]", "", "measPos2", 3, None),
+    ],
+)
+def test_parts_of_a_name(
+    name: str, units_type: str, short: str, axis: int, unit: str | None
+) -> None:
+    found = sinumerik_signal(name, units_type)
+    assert found is not None
+    assert (found.short, found.axis, found.unit, found.column) == (short, axis, unit, name)
+
+
+@pytest.mark.parametrize("name", ["/Channel/!RP/rpa [15]", "/Nck/!S/x", "", "[u1, x]"])
+def test_a_name_without_an_axis(name: str) -> None:
+    assert sinumerik_signal(name, "posn") is None
+
+
+@pytest.mark.parametrize(
+    ("channel", "unit", "expected"),
+    [
+        ("table_position_m", "mm", 1e-3),
+        ("table_speed_m_s", "mm/min", 1.0 / 60_000.0),
+        ("table_speed_m_s", "mm/s", 1e-3),
+        ("motor_angle_rad", "mm", RAD_PER_MM),
+        ("motor_speed_rad_s", "mm/min", RAD_PER_MM / 60.0),
+        ("motor_speed_rad_s", "rev/min", math.pi / 30.0),
+        ("torque_command_nm", "N m", 1.0),
+        ("torque_command_nm", "A", None),
+        ("torque_command_nm", "mm", None),
+    ],
+)
+def test_units(channel: str, unit: str, expected: float | None) -> None:
+    scale = AXIS.scale(channel, unit)
+    assert scale == (expected if expected is None else pytest.approx(expected, rel=1e-14))
+
+
+def _write(folder: Path, suffix: str, text: str = EDGE) -> Path:
+    path = folder / f"edge{suffix}"
+    path.write_text(text)
+    if suffix == ".parquet":
+        names, *rows = [line.split(",") for line in text.splitlines()]
+        cells = [[float(cell) for cell in column] for column in zip(*rows, strict=True)]
+        pq.write_table(pa.table(dict(zip(names, cells, strict=True))), path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_edge_columns_are_known_by_their_names(tmp_path: Path, suffix: str) -> None:
+    path = _write(tmp_path, suffix)
+    frame = read_trace(path, axis=AXIS)
+    expected = {
+        "torque_command_nm": [0.5, 0.6],
+        "motor_angle_rad": [100.0 * RAD_PER_MM, 101.0 * RAD_PER_MM],
+        "table_position_m": [0.0995, 0.1005],
+        "position_setpoint_m": [0.1005, 0.1015],
+    }
+    assert set(frame.channels) == set(expected)
+    for name, values in expected.items():
+        np.testing.assert_allclose(frame.channels[name], values, rtol=1e-14)
+    with open_trace(path, axis=AXIS) as reader:
+        assert set(reader.ignored) == {"CURRENT|1", "LOAD|1", "CMD_SPEED|1", "ENC1_POS|2"}
+
+
+def test_another_axis_and_one_that_is_not_there(tmp_path: Path) -> None:
+    path = _write(tmp_path, ".csv")
+    frame = read_trace(path, axis=ControllerAxis(number=2, lead_m=0.02))
+    np.testing.assert_allclose(frame.channels["motor_angle_rad"], [0.7 * math.pi, 0.8 * math.pi])
+    with pytest.raises(TraceError, match="no signal of axis 3; axes there are: 1, 2"):
+        open_trace(path, axis=ControllerAxis(number=3))
+    without_1 = EDGE.replace("|1", "|5")
+    with pytest.raises(TraceError, match="axes there are: 2, 5; expected the number of the one"):
+        open_trace(_write(tmp_path, ".csv", without_1))
+
+
+def test_a_signal_in_the_machine_file_says_which_axis_is_meant(tmp_path: Path) -> None:
+    path = _write(tmp_path, ".csv", EDGE.replace("|1", "|5"))
+    frame = read_trace(path, {"motor_angle_rad": ColumnMap("ENC1_POS|5", 2.0)}, axis=AXIS)
+    assert frame.channels["motor_angle_rad"].tolist() == [200.0, 202.0]
+    assert frame.channels["torque_command_nm"].tolist() == [0.5, 0.6]
+
+
+def test_the_machine_file_comes_first_and_may_use_short_names(tmp_path: Path) -> None:
+    path = _write(tmp_path, ".csv")
+    columns = {
+        "torque_command_nm": ColumnMap("CURRENT", 0.4, 0.1),
+        "motor_speed_rad_s": ColumnMap("CMD_SPEED", 3.0),
+    }
+    with open_trace(path, columns, AXIS) as reader:
+        (frame,) = list(reader)
+    np.testing.assert_allclose(frame.channels["torque_command_nm"], [0.9, 1.1])
+    np.testing.assert_allclose(frame.channels["motor_speed_rad_s"], [15.0, 15.0])
+    assert not any(remark.startswith("torque_command_nm") for remark in reader.remarks)
+
+
+def test_a_current_is_a_torque_with_a_torque_constant_only(tmp_path: Path) -> None:
+    path = _write(tmp_path, ".csv", EDGE.replace("TORQUE|1", "POWER|1"))
+    with open_trace(path, axis=AXIS) as reader:
+        assert "torque_command_nm" not in reader.channels
+        wish = "torque_command_nm could be CURRENT, lacking: the torque constant in N m/A"
+        assert wish in reader.remarks
+    axis = ControllerAxis(lead_m=0.01, torque_constant_nm_per_a=0.5)
+    assert read_trace(path, axis=axis).channels["torque_command_nm"].tolist() == [1.0, 1.25]
+
+
+def test_without_a_lead_there_is_no_angle(tmp_path: Path) -> None:
+    with open_trace(_write(tmp_path, ".csv")) as reader:
+        assert "motor_angle_rad" not in reader.channels
+        assert "table_position_m" in reader.channels
+        assert "motor_angle_rad could be ENC1_POS, lacking: the lead of the screw" in reader.remarks
+
+
+def test_cycles_are_no_time_until_their_length_is_given(tmp_path: Path) -> None:
+    path = _write(tmp_path, ".csv", EDGE.replace("time_s", "CYCLE").replace("0.002,", "1,"))
+    with pytest.raises(TraceError, match="'CYCLE' counts position-control cycles"):
+        open_trace(path, axis=AXIS)
+    frame = read_trace(path, {"time_s": ColumnMap("CYCLE", 0.002)}, axis=AXIS)
+    assert frame.time_s.tolist() == [0.0, 0.002]
+
+
+def test_names_that_only_look_like_edge_are_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    path.write_text("time_s,torque_command_nm,SPINDLE|3\n0,1,2\n1,1,2\n")
+    with open_trace(path) as reader:
+        assert reader.channels == ("torque_command_nm",)
+        assert reader.remarks == ()

@@ -1,0 +1,384 @@
+"""SINUMERIK traces: sparse records of several clocks become rows; fixtures by hand."""
+
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_service.trace.columns import ColumnMap, TraceError
+from edge_service.trace.controller_axis import ControllerAxis
+from edge_service.trace.reader import TraceReader, open_trace, read_trace
+from edge_service.trace.record_grid import BLOCK_ROWS
+
+NAN = math.nan
+LEAD_M = 0.02
+AXIS = ControllerAxis(lead_m=LEAD_M)
+CURRENT = "/Nck/!SD/nckServoDataActCurr32 [u1, 7]"
+POSITION = "/Nck/!SEMA/measPos1 [u1, 7]"
+LINEAR = "/Nck/!SEMA/measPos2 [u1, 7]"
+STATUS = "/Channel/!SEMA/aaStat [u1, 7]"
+SIGNALS = {CURRENT: "current", POSITION: "posn", LINEAR: "posn", STATUS: "none"}
+
+
+def signal(key: str, name: str, interval: str, count: int | None, units: str = "") -> str:
+    counted = "" if count is None else f' datapointCount="{count}"'
+    units = units or SIGNALS.get(name, "posn")
+    return (
+        f'<dataSignal id="{key}" key="s{key}" interval="{interval}"{counted} name="{name}" '
+        f'unitsType="{units}" dataType="double" description="&lt;no&gt;"/>'
+    )
+
+
+def frame(header: str, signals: str, records: str) -> str:
+    return f"<dataFrame><frameHeader {header}/>{signals}{records}</dataFrame>"
+
+
+def session(*frames: str) -> str:
+    return (
+        '<?xml version="1.0" encoding="utf-8" ?>\n<!--SINUMERIK Solution Line Trace-->\n'
+        '<traceSession version="01.00.03.02"><traceCaptureSetup><signalSettings>'
+        f'<signal key="s1" name="{CURRENT}"/></signalSettings></traceCaptureSetup>'
+        f"<traceDisplaySetup/><traceData>{''.join(frames)}</traceData></traceSession>\n"
+    )
+
+
+TWO_CLOCKS = session(
+    frame(
+        'startTime="2026-06-03T17:57:40.613Z" stopInc="0.012000" dropOuts="0"',
+        signal("f2", STATUS, "0.004", 3)
+        + signal("f7", CURRENT, "0.002000", 7)
+        + signal("f8", POSITION, "0.004000", 3),
+        '<rec time="0.000000" f7="-0.5"/>'
+        '<rec time="0.002000" f2="4" f8="10.0"/>'
+        '<rec time="0.004000" f7="0.25"/>'
+        '<rec time="0.006000" f2="4" f8="12.0"/>'
+        '<rec time="0.012000" f7="1.5"/>',
+    )
+)
+"""Current at 0, 2, ... 12 ms, position and status at 2, 6, 10 ms; nothing changed at 8, 10 ms."""
+
+
+def write(folder: Path, text: str | bytes, name: str = "trace.xml") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def read_all(path: Path, axis: ControllerAxis = AXIS) -> tuple[TraceReader, dict[str, list[float]]]:
+    """Every column of a trace, in the file's own units, by a stand-in torque column."""
+    torque = {"torque_command_nm": ColumnMap("ActCurr", 2.0)}
+    with open_trace(path, torque, axis, keep_all=True) as reader:
+        frames = list(reader)
+    columns = {
+        name: np.concatenate([each.channels[name] for each in frames]).tolist()
+        for name in reader.channels
+    }
+    return reader, columns | {"time_s": np.concatenate([each.time_s for each in frames]).tolist()}
+
+
+def same(values: list[float], expected: list[float]) -> None:
+    np.testing.assert_allclose(values, expected, rtol=1e-12, atol=0.0)
+
+
+def test_two_clocks_by_hand(tmp_path: Path) -> None:
+    reader, columns = read_all(write(tmp_path, TWO_CLOCKS))
+    assert columns["time_s"] == [0.0, 0.002, 0.004, 0.006, 0.008, 0.010, 0.012]
+    same(columns["torque_command_nm"], [-1.0, -1.0, 0.5, 0.5, 0.5, 0.5, 3.0])
+    rad_per_mm = 2.0 * math.pi / 20.0
+    mm = [NAN, 10.0, 10.0, 12.0, 12.0, 12.0, 12.0]
+    same(columns["motor_angle_rad"], [rad_per_mm * each for each in mm])
+    same(columns[STATUS], [NAN, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0])
+    assert "motor_angle_rad = 0.314159 * measPos1 (mm, with a lead of 0.02 m)" in reader.remarks
+    assert any(f"held: {STATUS}, {POSITION}" in remark for remark in reader.remarks)
+
+
+def test_positions_are_interpolated_on_their_own_clock(tmp_path: Path) -> None:
+    axis = ControllerAxis(lead_m=LEAD_M, interpolate_positions=True)
+    _, columns = read_all(write(tmp_path, TWO_CLOCKS), axis)
+    rad_per_mm = 2.0 * math.pi / 20.0
+    mm = [NAN, 10.0, 11.0, 12.0, 12.0, 12.0, 12.0]
+    same(columns["motor_angle_rad"], [rad_per_mm * each for each in mm])
+    same(columns[STATUS], [NAN, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0])
+
+
+def test_wanted_signals_alone_set_the_clock(tmp_path: Path) -> None:
+    frame = read_trace(write(tmp_path, TWO_CLOCKS), axis=AXIS)
+    assert set(frame.channels) == {"motor_angle_rad"}
+    assert frame.time_s.tolist() == [0.002, 0.006, 0.010]
+
+
+def test_nothing_is_known_beyond_the_number_of_samples(tmp_path: Path) -> None:
+    text = session(
+        frame(
+            'stopInc="0.008"',
+            signal("a", CURRENT, "0.002", 3) + signal("b", LINEAR, "0.002", 5),
+            '<rec time="0" a="1" b="1"/>',
+        )
+    )
+    _, columns = read_all(write(tmp_path, text))
+    same(columns["torque_command_nm"], [2.0, 2.0, 2.0, NAN, NAN])
+    same(columns["table_position_m"], [1e-3] * 5)
+
+
+def test_without_drop_outs_silence_is_standstill_and_with_them_a_gap(tmp_path: Path) -> None:
+    def text(drop_outs: int) -> str:
+        header = f'stopInc="0.010" dropOuts="{drop_outs}"'
+        records = (
+            '<rec time="0" a="1"/><rec time="0.002" a="2"/>'
+            '<rec time="0.008" a="3"/><rec time="0.010" a="4"/>'
+        )
+        return session(frame(header, signal("a", LINEAR, "0.002", 6 - drop_outs), records))
+
+    still = read_trace(write(tmp_path, text(0)))
+    assert still.time_s.tolist() == [0.0, 0.002, 0.004, 0.006, 0.008, 0.010]
+    same(still.channels["table_position_m"].tolist(), [1e-3, 2e-3, 2e-3, 2e-3, 3e-3, 4e-3])
+    path = write(tmp_path, text(2))
+    dropped = read_trace(path)
+    assert dropped.time_s.tolist() == [0.0, 0.002, 0.008, 0.010]
+    same(dropped.channels["table_position_m"].tolist(), [1e-3, 2e-3, 3e-3, 4e-3])
+    with open_trace(path) as reader:
+        list(reader)
+        assert any("2 drop-outs" in remark for remark in reader.remarks)
+
+
+def test_frames_follow_at_the_distance_of_their_start_times(tmp_path: Path) -> None:
+    def one(start: str, key: str, value: float) -> str:
+        signals = signal(key, LINEAR, "0.002", 2)
+        return frame(
+            f'startTime="{start}" stopInc="0.002"', signals, f'<rec time="0" {key}="{value}"/>'
+        )
+
+    text = session(
+        one("2026-06-03T17:57:40.000Z", "f1", 1.0),
+        one("2026-06-03T17:57:50.500Z", "f9", 2.0),
+        one("", "f1", 3.0),
+    )
+    read = read_trace(write(tmp_path, text))
+    same(read.time_s.tolist(), [0.0, 0.002, 10.5, 10.502, 11.502, 11.504])
+    same(read.channels["table_position_m"].tolist(), [1e-3, 1e-3, 2e-3, 2e-3, 3e-3, 3e-3])
+
+
+def test_faults_inside_records_are_data(tmp_path: Path) -> None:
+    records = (
+        '<rec time="0" a="1"/><rec a="9"/><rec time="x" a="9"/><rec time="0.002" a="?" z="1"/>'
+        '<rec time="0.002" a="9"/><rec time="0.001" a="9"/><rec time="0.004" a="3"/>'
+    )
+    text = session(frame("", signal("a", LINEAR, "0.002", None), records))
+    with open_trace(write(tmp_path, text)) as reader:
+        (read,) = list(reader)
+    same(read.channels["table_position_m"].tolist(), [1e-3, NAN, 3e-3])
+    assert reader.ragged_rows == 4
+    assert reader.bad_cells["table_position_m"] == 1
+
+
+def test_descriptions_in_another_encoding_do_no_harm(tmp_path: Path) -> None:
+    text = TWO_CLOCKS.replace("&lt;no&gt;", "Stromistwert für Motor")
+    for raw in (text.encode("latin-1"), b"\xef\xbb\xbf" + text.encode()):
+        assert len(read_all(write(tmp_path, raw))[1]["time_s"]) == 7
+    with pytest.raises(TraceError, match="encoding 'hex'"):
+        read_trace(write(tmp_path, TWO_CLOCKS.replace('encoding="utf-8"', 'encoding="hex"')))
+
+
+ENTITIES = {
+    "billion laughs": '<!DOCTYPE traceSession [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>',
+    "quadratic": f'<!DOCTYPE traceSession [<!ENTITY a "{"x" * 10_000}">]>',
+    "external": '<!DOCTYPE traceSession [<!ENTITY a SYSTEM "file:///etc/passwd">]>',
+    "external document type": '<!DOCTYPE traceSession SYSTEM "http://127.0.0.1:9/trace.dtd">',
+    "parameter": '<!DOCTYPE traceSession [<!ENTITY % a SYSTEM "file:///etc/passwd"> %a;]>',
+    "empty": "<!DOCTYPE traceSession>",
+}
+
+
+@pytest.mark.parametrize("name", ENTITIES)
+def test_entities_are_refused(tmp_path: Path, name: str) -> None:
+    text = TWO_CLOCKS.replace("<traceSession", ENTITIES[name] + "<traceSession", 1)
+    with pytest.raises(TraceError, match="document type or entities; refused"):
+        read_trace(write(tmp_path, text))
+
+
+ONE = session(frame("", signal("a", LINEAR, "0.002", 9), "<rec time='0' a='1'/>RECORDS"))
+LINE = signal("a", LINEAR, "0.002", 9)
+HOSTILE = {
+    "a jump of the clock": (
+        ONE.replace("RECORDS", "<rec time='1e9' a='1'/>"),
+        "clock of the file is broken",
+    ),
+    "a promise of endless samples": (
+        ONE.replace('datapointCount="9"', 'datapointCount="1e15"'),
+        "clock of the file is broken",
+    ),
+    "deep nesting": (ONE.replace("RECORDS", "<rec>" * 100_000), "more than 32 deep"),
+    "an endless attribute": (
+        ONE.replace("RECORDS", f"<rec time='{'0' * (6 << 20)}'/>"),
+        "an element of more than 4194304 bytes",
+    ),
+    "an endless comment": (
+        ONE.replace("RECORDS", f"<!--{'-a' * (3 << 20)}-->"),
+        "an element of more than 4194304 bytes",
+    ),
+    "endless signals": (
+        ONE.replace(LINE, "".join(LINE.replace('"a"', f'"a{i}"') for i in range(5000))),
+        "more than 4096 signals",
+    ),
+    "an undeclared entity": (ONE.replace("RECORDS", "&a;"), "cut off or damaged"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused_in_one_line(tmp_path: Path, name: str) -> None:
+    text, says = HOSTILE[name]
+    with pytest.raises(TraceError, match=says) as caught:
+        read_trace(write(tmp_path, text))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+FOREIGN = {
+    "another document": ("<html><body>404</body></html>", "HTML or XML"),
+    "another root": ("<trace><traceSession/></trace>", "HTML or XML document <trace>"),
+    "no frame": ("<traceSession><traceData/></traceSession>", "a trace session without data"),
+    "no signals": (session(frame("", "", "")), "a trace session without data"),
+    "no records": (ONE.replace("<rec time='0' a='1'/>RECORDS", ""), "a header but no rows"),
+    "no interval": (ONE.replace('interval="0.002"', ""), "expected an id and seconds above 0"),
+    "no interval above 0": (ONE.replace("0.002", "-1"), "interval '-1'"),
+    "no channel": (
+        session(frame("", signal("a", STATUS, "0.004", 1), "<rec time='0' a='4'/>")),
+        "no torque and no position channel",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_foreign_files_are_told_in_one_line(tmp_path: Path, name: str) -> None:
+    text, says = FOREIGN[name]
+    path = write(tmp_path, text)
+    with pytest.raises(TraceError) as caught:
+        read_trace(path)
+    assert str(caught.value).startswith(str(path))
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_trace_cut_off_anywhere_is_an_error(tmp_path: Path) -> None:
+    whole = TWO_CLOCKS.strip().encode()
+    for length in range(len(whole)):
+        with pytest.raises(TraceError):
+            read_trace(write(tmp_path, whole[:length]), axis=AXIS)
+
+
+def test_a_cut_says_where_and_how_far_it_was_read(tmp_path: Path) -> None:
+    cut = TWO_CLOCKS[: TWO_CLOCKS.index('<rec time="0.006')]
+    with pytest.raises(TraceError, match=r"line 3, column \d+: cut off or damaged") as caught:
+        read_trace(write(tmp_path, cut), axis=AXIS)
+    assert "3 records were read up to 0.004000 s" in str(caught.value)
+
+
+US = 1e-6
+FAST_US = 2000
+
+
+@st.composite
+def dense_signals(draw: st.DrawFn) -> list[tuple[int, int, list[float], list[bool]]]:
+    """Signals as (interval, phase, samples, written though unchanged), times in us."""
+    clocks = draw(st.lists(st.sampled_from([(4000, 0), (4000, 2000), (8000, 6000)]), max_size=3))
+    cells = st.integers(-3, 3).map(lambda number: number * 0.125)
+    fast_phase = draw(st.sampled_from([0, 2000, 10_000]))
+    drawn = []
+    for interval, phase in [(FAST_US, fast_phase), *clocks]:
+        samples = draw(st.lists(cells, min_size=1, max_size=12))
+        written = draw(st.lists(st.booleans(), min_size=len(samples), max_size=len(samples)))
+        drawn.append((interval, phase, samples, written))
+    return drawn
+
+
+def encode(signals: list[tuple[int, int, list[float], list[bool]]], counted: bool) -> str:
+    """A sparse trace: a value stands where it changed, a record where any value stands."""
+    records: dict[int, str] = {}
+    headers = ""
+    for index, (interval, phase, samples, written) in enumerate(signals):
+        name = f"/Nck/!SEMA/{'measPos2' if index == 0 else f'other{index}'} [u1, 3]"
+        count = len(samples) if counted else None
+        headers += signal(f"f{index}", name, f"{interval * US:.6f}", count)
+        for tick, value in enumerate(samples):
+            if tick == 0 or written[tick] or value != samples[tick - 1]:
+                time_us = phase + tick * interval
+                records[time_us] = records.get(time_us, "") + f' f{index}="{value:.6f}"'
+    lines = "".join(f'<rec time="{t * US:.6f}"{records[t]}/>\n' for t in sorted(records))
+    stop_us = max(phase + (len(s) - 1) * interval for interval, phase, s, _ in signals)
+    return session(frame(f'stopInc="{stop_us * US:.6f}" dropOuts="0"', headers, lines))
+
+
+def decode(
+    signals: list[tuple[int, int, list[float], list[bool]]], counted: bool
+) -> tuple[list[float], list[list[float]]]:
+    """Times and values that the dense samples stand for: each held for an interval of its own."""
+    start_us = min(phase for _, phase, _, _ in signals)
+    stop_us = max(phase + (len(s) - 1) * interval for interval, phase, s, _ in signals)
+    rows_us = range(start_us, stop_us + 1, FAST_US)
+    columns = []
+    for interval, phase, samples, _ in signals:
+        column = []
+        for time_us in rows_us:
+            tick = (time_us - phase) // interval
+            if not counted:
+                tick = min(tick, len(samples) - 1)
+            column.append(samples[tick] if 0 <= tick < len(samples) else NAN)
+        columns.append(column)
+    return [time_us / 1e6 for time_us in rows_us], columns
+
+
+@settings(max_examples=150, deadline=None)
+@given(signals=dense_signals(), counted=st.booleans())
+def test_what_was_encoded_comes_back(
+    signals: list[tuple[int, int, list[float], list[bool]]], counted: bool
+) -> None:
+    with TemporaryDirectory() as folder:
+        path = write(Path(folder), encode(signals, counted))
+        with open_trace(path, keep_all=True) as reader:
+            frames = list(reader)
+    expected_s, expected = decode(signals, counted)
+    time_s = np.concatenate([each.time_s for each in frames])
+    np.testing.assert_array_equal(time_s, expected_s)
+    for name, column in zip(reader.channels, expected, strict=True):
+        scale = 1e-3 if name == "table_position_m" else 1.0
+        values = np.concatenate([each.channels[name] for each in frames])
+        np.testing.assert_array_equal(values, np.array(column) * scale)
+
+
+@pytest.mark.parametrize("interpolate", [False, True])
+def test_many_blocks_are_one_trace(tmp_path: Path, interpolate: bool) -> None:
+    """Rows come in blocks; where a block ends must not show."""
+    rows = 3 * BLOCK_ROWS + 77
+    rng = np.random.default_rng(5)
+    fast = np.cumsum(rng.integers(-1, 2, rows)) * 1e-3
+    slow = np.cumsum(rng.integers(0, 3, (rows + 1) // 2)) * 1e-3
+    records = []
+    for row in range(rows):
+        cells = f' a="{fast[row]:.6f}"' if row == 0 or fast[row] != fast[row - 1] else ""
+        tick, between = divmod(row, 2)
+        if not between and (tick == 0 or slow[tick] != slow[tick - 1]):
+            cells += f' b="{slow[tick]:.6f}"'
+        if cells and not (30_000 < row < 30_000 + BLOCK_ROWS // 2):
+            records.append(f'<rec time="{row * 0.002:.6f}"{cells}/>')
+        else:
+            fast[row], slow[tick] = fast[row - 1], slow[tick - 1] if not between else slow[tick]
+    signals = signal("a", POSITION, "0.002", rows) + signal("b", LINEAR, "0.004", len(slow))
+    path = write(tmp_path, session(frame("", signals, "".join(records))))
+    axis = ControllerAxis(lead_m=LEAD_M, interpolate_positions=interpolate)
+    read = read_trace(path, axis=axis)
+    number = np.arange(rows)
+    np.testing.assert_array_equal(read.time_s, np.round(number * 0.002, 9))
+    rad_per_m = 2.0 * math.pi / LEAD_M
+    np.testing.assert_allclose(
+        read.channels["motor_angle_rad"], fast * 1e-3 * rad_per_m, rtol=1e-12, atol=1e-15
+    )
+    held = slow[number // 2]
+    following = slow[np.minimum((number + 1) // 2, len(slow) - 1)]
+    expected = 0.5 * (held + following) if interpolate else held
+    np.testing.assert_allclose(
+        read.channels["table_position_m"], expected * 1e-3, rtol=1e-12, atol=1e-15
+    )
