@@ -160,10 +160,10 @@ def map_signals(
     meant = {signal.axis for signal in signals if signal.column in named}
     wanted = meant.pop() if axis.number is None and len(meant) == 1 else axis.number
     number = _axis_number(path, signals, wanted)
-    of_axis = {signal.short: signal for signal in reversed(signals) if signal.axis == number}
-    found = ControllerColumns(aliases={short: each.column for short, each in of_axis.items()})
+    of_axis = {s.short.lower(): s for s in reversed(signals) if s.axis == number}
+    found = ControllerColumns(aliases={each.short: each.column for each in of_axis.values()})
     for channel, names in meanings.items():
-        for signal in (of_axis[name] for name in names if name in of_axis):
+        for signal in (of_axis[name.lower()] for name in names if name.lower() in of_axis):
             if _map_signal(found, channel, signal, axis):
                 break
     return found
