@@ -1,232 +1,181 @@
-"""Commanded motion: jerk-limited moves and dwells, strung together by named motions."""
+"""Commanded motion: every named motion, within the limits of an axis."""
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from ..messages.samples import Floats
-from .controller import MAX_TORQUE_NM
-from .machine import Machine
+from .motions.axis_tests import acceleration, friction, reversals, signature, standstill
+from .motions.everyday import production, warmup
+from .motions.limits import MotionError, MotionLimits, motion_limits
+from .motions.route import Plan, Route
+from .motions.segments import Dwell, Move, Segment, Setpoints
+from .motions.shaking import chirp, multisine
 
-DEFAULT_STROKE_M = 0.8
-DEFAULT_SPEED_RAD_S = 628.0  # 6000 rpm, Table A.4
-DEFAULT_SPEED_M_S = 0.5
-DEFAULT_ACCELERATION_M_S2 = 4.0
-DEFAULT_JERK_M_S3 = 200.0
-STROKE_MARGIN = 0.05
-"""Share of the stroke that a motion leaves free at either end."""
+__all__ = [
+    "MOTIONS",
+    "Dwell",
+    "Motion",
+    "MotionError",
+    "MotionLimits",
+    "Move",
+    "Plan",
+    "Segment",
+    "Setpoints",
+    "motion_limits",
+    "production",
+]
+
+_FULL_WARMUP_S = 120.0
+_FULL_PRODUCTION_S = 60.0
+_SLACK_S = 1e-6
+
+
+class Motion(Protocol):
+    """A named motion; it starts at rest at `limits.low_m` and is fixed by its random generator."""
+
+    @property
+    def purpose(self) -> str:
+        """What it is for, one line."""
+
+    def __call__(self, limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
+        """Its segments, without end if it has none; raises MotionError as `plan` does."""
+
+    def duration_s(self, limits: MotionLimits) -> float | None:
+        """Its natural duration, s; None without end. Raises MotionError as `plan` does."""
+
+    def plan(
+        self,
+        limits: MotionLimits,
+        random: np.random.Generator,
+        *,
+        duration_s: float | None = None,
+        clip: bool = False,
+    ) -> Plan:
+        """Its segments and, at the end, standing still until `duration_s`.
+
+        Args:
+            limits: what the axis allows.
+            random: decides what is left to chance.
+            duration_s: of the whole; the natural duration unless given.
+            clip: leave out, and name, what the axis does not allow.
+
+        Raises:
+            MotionError: the axis or the duration does not allow it.
+        """
 
 
 @dataclass(frozen=True, slots=True)
-class MotionLimits:
-    """Where and how fast an axis may go; all in m and s, all rates greater than 0."""
+class FiniteMotion:
+    """A motion that ends where it began."""
 
-    low_m: float
-    high_m: float
-    speed_m_s: float = DEFAULT_SPEED_M_S
-    acceleration_m_s2: float = DEFAULT_ACCELERATION_M_S2
-    jerk_m_s3: float = DEFAULT_JERK_M_S3
+    name: str
+    purpose: str
+    draw: Callable[[Route, np.random.Generator], None]
 
-    @property
-    def span_m(self) -> float:
-        """Length of the usable stroke, m."""
-        return self.high_m - self.low_m
+    def __call__(self, limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
+        """Its segments."""
+        return iter(self.plan(limits, random).segments)
 
+    def duration_s(self, limits: MotionLimits) -> float | None:
+        """Its natural duration, s; chance does not change it."""
+        return self.plan(limits, np.random.default_rng(0)).duration_s
 
-def motion_limits(machine: Machine) -> MotionLimits:
-    """Limits from the machine file's axis table, and the defaults above for what it lacks.
-
-    The acceleration leaves half of the torque limit to friction, forces and control.
-    """
-    axis, ratio = machine.axis, machine.transmission_ratio_m_per_rad
-    max_torque = axis.max_torque_nm or MAX_TORQUE_NM
-    strongest = 0.5 * max_torque * ratio / machine.model.inertia_kg_m2.value
-    stroke = axis.stroke_m or DEFAULT_STROKE_M
-    return MotionLimits(
-        low_m=STROKE_MARGIN * stroke,
-        high_m=(1.0 - STROKE_MARGIN) * stroke,
-        speed_m_s=min(DEFAULT_SPEED_M_S, (axis.max_speed_rad_s or DEFAULT_SPEED_RAD_S) * ratio),
-        acceleration_m_s2=min(axis.max_acceleration_m_s2 or DEFAULT_ACCELERATION_M_S2, strongest),
-    )
-
-
-class Segment(Protocol):
-    """A piece of motion that starts and ends at rest."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s."""
-
-    @property
-    def distance_m(self) -> float:
-        """Signed travel from start to end, m."""
-
-    def setpoints(self, time_s: Floats) -> Floats:
-        """Travel m, speed m/s and acceleration m/s^2 at times (n,) since its start, (n, 3)."""
+    def plan(
+        self,
+        limits: MotionLimits,
+        random: np.random.Generator,
+        *,
+        duration_s: float | None = None,
+        clip: bool = False,
+    ) -> Plan:
+        """See `Motion.plan`."""
+        route = Route(self.name, limits, clip=clip)
+        self.draw(route, random)
+        plan = route.finish()
+        return plan if duration_s is None else _lengthened(self.name, plan, duration_s)
 
 
 @dataclass(frozen=True, slots=True)
-class Dwell:
-    """Standing still."""
+class EndlessMotion:
+    """A motion that goes on until it is stopped."""
 
-    duration_s: float
+    name: str
+    purpose: str
+    source: Callable[[MotionLimits, np.random.Generator], Iterator[Segment]]
 
-    @property
-    def distance_m(self) -> float:
-        """No travel."""
-        return 0.0
+    def __call__(self, limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
+        """Its segments, without end."""
+        return self.source(limits, random)
 
-    def setpoints(self, time_s: Floats) -> Floats:
-        """Zeros, shape (n, 3)."""
-        return np.zeros((len(time_s), 3))
+    def duration_s(self, limits: MotionLimits) -> float | None:
+        """None: it has no end."""
+        return None
 
-
-@dataclass(frozen=True, slots=True)
-class Move:
-    """A point-to-point move of seven phases: jerk, hold, jerk; cruise; and the same backwards.
-
-    Rest-to-rest double S in closed form (Biagiotti and Melchiorri, Trajectory Planning for
-    Automatic Machines and Robots, 2008, section 3.4). A distance too short for the given speed or
-    acceleration lowers what is reached. The second half mirrors the first in time, so the end is
-    exact.
-    """
-
-    distance_m: float
-    speed_m_s: float
-    acceleration_m_s2: float
-    jerk_m_s3: float
-
-    @property
-    def phases_s(self) -> tuple[float, float, float]:
-        """Duration of one jerk phase, of the acceleration held between two, and of the cruise."""
-        distance, speed = abs(self.distance_m), self.speed_m_s
-        acceleration, jerk = self.acceleration_m_s2, self.jerk_m_s3
-        jerk_s = min(acceleration / jerk, math.sqrt(speed / jerk))
-        rise_s = max(speed / acceleration + jerk_s, 2.0 * jerk_s)
-        if distance >= speed * rise_s:
-            return jerk_s, rise_s - 2.0 * jerk_s, distance / speed - rise_s
-        if distance >= 2.0 * acceleration**3 / jerk**2:
-            jerk_s = acceleration / jerk
-            rise_s = 0.5 * jerk_s + math.sqrt(0.25 * jerk_s**2 + distance / acceleration)
-            return jerk_s, max(rise_s - 2.0 * jerk_s, 0.0), 0.0
-        return math.cbrt(0.5 * distance / jerk), 0.0, 0.0
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s."""
-        jerk_s, hold_s, cruise_s = self.phases_s
-        return 4.0 * jerk_s + 2.0 * hold_s + cruise_s
-
-    def setpoints(self, time_s: Floats) -> Floats:
-        """Travel m, speed m/s and acceleration m/s^2 at times (n,) since its start, (n, 3)."""
-        duration = self.duration_s
-        since_start = np.clip(time_s, 0.0, duration)
-        late = since_start > 0.5 * duration
-        travel, speed, acceleration = self._first_half(
-            np.where(late, duration - since_start, since_start)
-        )
-        length = abs(self.distance_m)
-        sign = math.copysign(1.0, self.distance_m)
-        return sign * np.column_stack(
-            (
-                np.where(late, length - travel, travel),
-                speed,
-                np.where(late, -acceleration, acceleration),
-            )
-        )
-
-    def _first_half(self, time_s: Floats) -> tuple[Floats, Floats, Floats]:
-        """Travel, speed and acceleration of the rise and the cruise, at times (n,) from rest."""
-        jerk_s, hold_s, _cruise_s = self.phases_s
-        travel, speed, acceleration = (np.zeros_like(time_s) for _ in range(3))
-        start, x, v, a = 0.0, 0.0, 0.0, 0.0
-        for jerk, length in (
-            (self.jerk_m_s3, jerk_s),
-            (0.0, hold_s),
-            (-self.jerk_m_s3, jerk_s),
-            (0.0, math.inf),
-        ):
-            inside = time_s >= start
-            t = time_s[inside] - start
-            travel[inside] = x + t * (v + t * (a / 2.0 + t * jerk / 6.0))
-            speed[inside] = v + t * (a + t * jerk / 2.0)
-            acceleration[inside] = a + t * jerk
-            if math.isinf(length):
+    def plan(
+        self,
+        limits: MotionLimits,
+        random: np.random.Generator,
+        *,
+        duration_s: float | None = None,
+        clip: bool = False,
+    ) -> Plan:
+        """See `Motion.plan`; the segments that are over within `duration_s`, which it needs."""
+        if duration_s is None:
+            raise MotionError(f"{self.name}: has no end of its own; expected a duration")
+        segments: list[Segment] = []
+        left_s = duration_s
+        for segment in self.source(limits, random):
+            if segment.duration_s > left_s:
                 break
-            x += length * (v + length * (a / 2.0 + length * jerk / 6.0))
-            v += length * (a + length * jerk / 2.0)
-            a = a + length * jerk if jerk >= 0.0 else 0.0
-            start += length
-        return travel, speed, acceleration
+            segments.append(segment)
+            left_s -= segment.duration_s
+        if not segments:
+            raise MotionError(f"{self.name}: its first move takes longer than {duration_s:g} s")
+        return _lengthened(self.name, Plan(tuple(segments)), duration_s)
 
 
-def production(limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
-    """Endless production-like motion: rapids, feeds and short steps with dwells between.
+def _lengthened(name: str, plan: Plan, duration_s: float) -> Plan:
+    left_s = duration_s - plan.duration_s
+    if left_s < -_SLACK_S:
+        raise MotionError(
+            f"{name}: takes {plan.duration_s:.1f} s, a duration of {duration_s:g} s would cut it"
+        )
+    return Plan((*plan.segments, Dwell(max(left_s, 0.0))), plan.left_out)
 
-    Feeds run at 2 to 20 % of the rapid speed over 2 to 20 % of the stroke.
+
+def full(route: Route, random: np.random.Generator) -> None:
+    """The full protocol: each axis test, a warm-up, and the signature once more, warm.
+
+    A cold and a warm pass tell growth from lead errors; production at the end is for checking.
     """
-    position = limits.low_m
-    while True:
-        kind = random.choice(3, p=(0.5, 0.35, 0.15))
-        speed = limits.speed_m_s
-        if kind == 0:
-            target = random.uniform(limits.low_m, limits.high_m)
-            speed *= random.uniform(0.6, 1.0)
-        else:
-            length, share = (0.02, 0.2) if kind == 1 else (0.001, 0.01), (0.02, 0.2)
-            step = limits.span_m * math.exp(random.uniform(*np.log(length)))
-            step *= random.choice((-1.0, 1.0))
-            inside = limits.low_m <= position + step <= limits.high_m
-            target = position + (step if inside else -step)
-            speed *= math.exp(random.uniform(*np.log(share)))
-        move = Move(target - position, speed, limits.acceleration_m_s2, limits.jerk_m_s3)
-        position = target
-        yield move
-        yield Dwell(random.uniform(0.1, 0.6))
+    for draw in (standstill, reversals, signature, friction, acceleration, chirp, multisine):
+        draw(route, random)
+    route.go_to(route.limits.low_m)
+    _run_for(route, MOTIONS["warmup"], random, _FULL_WARMUP_S)
+    signature(route, random)
+    route.go_to(route.limits.low_m)
+    _run_for(route, MOTIONS["production"], random, _FULL_PRODUCTION_S)
 
 
-MotionSource = Callable[[MotionLimits, np.random.Generator], Iterator[Segment]]
+def _run_for(route: Route, motion: Motion, random: np.random.Generator, duration_s: float) -> None:
+    for segment in motion.plan(route.limits, random, duration_s=duration_s).segments:
+        route.add(segment)
 
-MOTIONS: dict[str, MotionSource] = {"production": production}
-"""Named motions; each starts at `limits.low_m` at rest and is fixed by its random generator."""
 
+_MOTIONS: tuple[FiniteMotion | EndlessMotion, ...] = (
+    FiniteMotion("standstill", "rest after either approach: tilt against friction", standstill),
+    FiniteMotion("reversals", "20 um to 2 mm at three positions: backlash, presliding", reversals),
+    FiniteMotion("friction", "ten speeds of Table 5.1, both ways: friction curve", friction),
+    FiniteMotion("signature", "20 revolutions and more, both ways: order spectrum", signature),
+    FiniteMotion("acceleration", "three accelerations along the stroke: stiffness", acceleration),
+    FiniteMotion("chirp", "5 to 300 Hz on a slow feed: frequency response", chirp),
+    FiniteMotion("multisine", "every hertz from 5 to 300 Hz: frequency response", multisine),
+    EndlessMotion("warmup", "rapids from end to end: a warm axis", warmup),
+    EndlessMotion("production", "rapids, feeds, steps and dwells: everyday load", production),
+    FiniteMotion("full", "all tests, a warm-up, the signature again, production", full),
+)
 
-class Setpoints:
-    """Samples segments at a fixed rate; the same numbers however they are asked for.
-
-    Every segment takes a whole number of samples, so each starts on a sample. When the segments
-    end, the axis stands still.
-    """
-
-    def __init__(self, segments: Iterator[Segment], start_m: float, rate_hz: float) -> None:
-        self._segments = segments
-        self._origin_m = start_m
-        self._rate_hz = rate_hz
-        self._segment: Segment = Dwell(0.0)
-        self._taken = 0
-        self._count = 0
-
-    def take(self, count: int) -> Floats:
-        """The next `count` setpoints: position m, speed m/s, acceleration m/s^2, (count, 3)."""
-        parts = []
-        while count > 0:
-            if self._taken == self._count:
-                self._next_segment()
-                continue
-            run = min(count, self._count - self._taken)
-            index = np.arange(self._taken, self._taken + run)
-            part = self._segment.setpoints(index / self._rate_hz)
-            part[:, 0] += self._origin_m
-            parts.append(part)
-            self._taken += run
-            count -= run
-        return np.concatenate(parts) if parts else np.empty((0, 3))
-
-    def _next_segment(self) -> None:
-        self._origin_m += self._segment.distance_m
-        self._segment = next(self._segments, Dwell(1.0))
-        self._taken = 0
-        self._count = math.ceil(self._segment.duration_s * self._rate_hz)
+MOTIONS: dict[str, Motion] = {motion.name: motion for motion in _MOTIONS}
+"""Named motions, in the order in which an axis is tested."""

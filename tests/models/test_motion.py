@@ -10,6 +10,7 @@ from edge_service.models.machine import Machine
 from edge_service.models.motion import (
     MOTIONS,
     Dwell,
+    MotionError,
     MotionLimits,
     Move,
     Setpoints,
@@ -56,6 +57,16 @@ def test_duration_is_the_closed_form_where_all_limits_are_reached() -> None:
     assert move.duration_s == pytest.approx(0.5 / 0.4 + 0.4 / 4.0 + 4.0 / 200.0)
     peaks = np.max(np.abs(move.setpoints(np.linspace(0.0, move.duration_s, 10_001))), axis=0)
     assert peaks[1:] == pytest.approx([0.4, 4.0], rel=1e-6)
+    assert (move.peak_speed_m_s, move.peak_acceleration_m_s2) == pytest.approx((0.4, 4.0))
+
+
+@given(MOVES)
+def test_the_peaks_that_a_move_states_are_those_of_its_setpoints(move: Move) -> None:
+    jerk_s, hold_s, _ = move.phases_s
+    times = np.array([jerk_s, 2.0 * jerk_s + hold_s])
+    _, speed, acceleration = np.abs(move.setpoints(times)).T
+    assert move.peak_acceleration_m_s2 == pytest.approx(acceleration[0], rel=1e-6)
+    assert move.peak_speed_m_s == pytest.approx(speed[1], rel=1e-6)
 
 
 def test_duration_of_a_short_step_is_four_jerk_phases() -> None:
@@ -88,7 +99,7 @@ def test_production_stays_inside_its_limits_and_is_continuous(seed: int) -> None
     position, speed, acceleration = take_production(seed, [120_000]).T
     assert LIMITS.low_m - 1e-12 <= position.min() < 0.2
     assert 0.6 < position.max() <= LIMITS.high_m + 1e-12
-    assert np.max(np.abs(speed)) <= LIMITS.speed_m_s * (1.0 + 1e-9)
+    assert np.max(np.abs(speed)) <= LIMITS.rapid_m_s * (1.0 + 1e-9)
     assert np.max(np.abs(acceleration)) <= LIMITS.acceleration_m_s2 * (1.0 + 1e-9)
     assert np.max(np.abs(np.diff(acceleration))) <= LIMITS.jerk_m_s3 * 1e-3 * (1.0 + 1e-6)
     assert np.max(np.abs(np.diff(position) - 0.5e-3 * (speed[1:] + speed[:-1]))) < 1e-6
@@ -122,17 +133,29 @@ def test_segments_keep_their_distance_over_a_long_run() -> None:
 def test_limits_follow_the_machine_file(machine: Machine) -> None:
     limits = motion_limits(machine)
     assert (limits.low_m, limits.high_m) == pytest.approx((0.04, 0.76))
-    assert (limits.speed_m_s, limits.acceleration_m_s2) == (0.5, 4.0)
+    assert limits.speed_m_s == pytest.approx(2.0, rel=1e-3)  # 6000 rpm of Table A.4, lead 20 mm
+    assert (limits.rapid_m_s, limits.acceleration_m_s2) == (0.5, 4.0)
+    assert (limits.lead_m, limits.torque_nm) == (0.02, 16.0)
     slow = {"max_speed_rad_s": 50.0, "max_acceleration_m_s2": 1.0, "stroke_m": 0.4}
     axis = machine.axis.model_copy(update=slow)
     limits = motion_limits(machine.model_copy(update={"axis": axis}))
     assert limits.high_m == pytest.approx(0.38)
     assert limits.speed_m_s == pytest.approx(50.0 * 0.02 / (2.0 * math.pi))
+    assert limits.rapid_m_s == limits.speed_m_s
     assert limits.acceleration_m_s2 == 1.0
 
 
 def test_a_weak_motor_accelerates_with_half_of_its_torque(machine: Machine) -> None:
     axis = machine.axis.model_copy(update={"max_torque_nm": 1.0})
     limits = motion_limits(machine.model_copy(update={"axis": axis}))
-    torque_nm = 1.5e-3 * limits.acceleration_m_s2 / (0.02 / (2.0 * math.pi))
+    ratio = 0.02 / (2.0 * math.pi)
+    torque_nm = 1.5e-3 * limits.acceleration_m_s2 / ratio
     assert torque_nm == pytest.approx(0.5)
+    friction_nm = 0.146 + 5e-3 * limits.rapid_m_s / ratio
+    assert friction_nm == pytest.approx(0.5)
+
+
+def test_a_motor_that_friction_holds_fast_is_refused(machine: Machine) -> None:
+    axis = machine.axis.model_copy(update={"max_torque_nm": 0.25})
+    with pytest.raises(MotionError, match=r"axis\.max_torque_nm: 0\.25 N m against .* 0\.146 N m"):
+        motion_limits(machine.model_copy(update={"axis": axis}))

@@ -1,0 +1,122 @@
+"""Strings segments together within the limits of an axis."""
+
+from dataclasses import dataclass
+
+from .limits import MotionError, MotionLimits
+from .segments import Dwell, Move, Segment
+
+_ON_THE_STROKE_M = 1e-9  # sums of distances are not exact
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A finite motion.
+
+    Attributes:
+        segments: in order; the first starts at rest at `MotionLimits.low_m`.
+        left_out: what the axis does not allow, one line each.
+    """
+
+    segments: tuple[Segment, ...]
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def duration_s(self) -> float:
+        """Time until rest, s."""
+        return sum(segment.duration_s for segment in self.segments)
+
+
+class Route:
+    """Collects the segments of one motion, from `limits.low_m` on.
+
+    Args:
+        name: of the motion, for messages.
+        limits: what the axis allows.
+        clip: leave out what the axis does not allow, instead of refusing the whole motion.
+    """
+
+    def __init__(self, name: str, limits: MotionLimits, *, clip: bool = False) -> None:
+        self.name = name
+        self.limits = limits
+        self.position_m = limits.low_m
+        self.segments: list[Segment] = []
+        self.left_out: list[str] = []
+        self._clip = clip
+
+    def accepts(
+        self,
+        what: str,
+        *,
+        speed_m_s: float = 0.0,
+        acceleration_m_s2: float = 0.0,
+        length_m: float = 0.0,
+    ) -> bool:
+        """Whether the axis allows a part; it is left out if not.
+
+        Raises:
+            MotionError: the axis does not allow it, and nothing may be left out.
+        """
+        excess = self.limits.excess(
+            speed_m_s=speed_m_s, acceleration_m_s2=acceleration_m_s2, length_m=length_m
+        )
+        if excess is None:
+            return True
+        line = f"{self.name}, {what}: {excess}"
+        if not self._clip:
+            raise MotionError(line)
+        self.left_out.append(line)
+        return False
+
+    def go_to(self, target_m: float) -> None:
+        """An ordinary move to a position."""
+        self.move(target_m - self.position_m, self.limits.rapid_m_s)
+        self.position_m = target_m
+
+    def move(
+        self,
+        distance_m: float,
+        speed_m_s: float,
+        acceleration_m_s2: float | None = None,
+        jerk_m_s3: float | None = None,
+    ) -> None:
+        """A move by a signed distance; acceleration and jerk are those allowed unless given."""
+        if distance_m != 0.0:
+            limits = self.limits
+            acceleration = acceleration_m_s2 or limits.acceleration_m_s2
+            self.add(Move(distance_m, speed_m_s, acceleration, jerk_m_s3 or limits.jerk_m_s3))
+
+    def rest(self, duration_s: float) -> None:
+        """Stand still."""
+        self.add(Dwell(duration_s))
+
+    def add(self, segment: Segment) -> None:
+        """Append a segment.
+
+        Raises:
+            MotionError: it breaks a limit or leaves the stroke.
+        """
+        limits = self.limits
+        excess = limits.excess(
+            speed_m_s=segment.peak_speed_m_s, acceleration_m_s2=segment.peak_acceleration_m_s2
+        )
+        end_m = self.position_m + segment.distance_m
+        if not limits.low_m - _ON_THE_STROKE_M <= end_m <= limits.high_m + _ON_THE_STROKE_M:
+            excess = (
+                f"stroke: asks for {end_m:.4g} m, the axis allows {limits.low_m:.4g} to "
+                f"{limits.high_m:.4g} m"
+            )
+        if excess is not None:
+            raise MotionError(f"{self.name}: {excess}")
+        self.position_m = end_m
+        self.segments.append(segment)
+
+    def finish(self) -> Plan:
+        """The plan; back at the start, at rest.
+
+        Raises:
+            MotionError: nothing is left of the motion.
+        """
+        if not self.segments:
+            raise MotionError(f"{self.name}: nothing is left of it; {self.left_out[0]}")
+        self.go_to(self.limits.low_m)
+        return Plan(tuple(self.segments), tuple(self.left_out))

@@ -1,0 +1,218 @@
+"""A named motion as a file for a controller: setpoints as CSV, or an NC program."""
+
+import difflib
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from ..atomic import replaced_file
+from ..models.machine import Machine
+from ..models.motion import (
+    MOTIONS,
+    Motion,
+    MotionError,
+    MotionLimits,
+    Plan,
+    Setpoints,
+    motion_limits,
+)
+from ..models.motions.excitation import Shaken
+from ..models.motions.limits import assumed_limits
+from ..models.motions.nc_program import nc_blocks
+from ..models.motions.segments import samples_of
+
+COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
+SETPOINTS, NC_PROGRAM = ".csv", ".mpf"
+MOST_ROWS = 20_000_000
+SAMPLES_PER_CYCLE = 2.5
+"""At least, of the highest frequency in a motion."""
+
+_CHUNK = 50_000
+_FORMAT = ("%.6f", "%.10f", "%.9f", "%.7f")
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class MotionFileSettings:
+    """How a motion is written.
+
+    Attributes:
+        duration_s: of the whole; the motion's own unless given.
+        rate_hz: of the setpoints; an NC program has none.
+        seed: of what is left to chance.
+        clip: leave out, and name, what the axis does not allow.
+    """
+
+    duration_s: float | None = None
+    rate_hz: float = 1000.0
+    seed: int = 1
+    clip: bool = False
+
+
+def list_motions(machine: Machine) -> str:
+    """Name, duration on this axis and purpose of every motion, a line each."""
+    limits = motion_limits(machine)
+    lines = []
+    for name, motion in MOTIONS.items():
+        try:
+            duration_s = motion.duration_s(limits)
+            length = "endless" if duration_s is None else f"{duration_s:.0f} s"
+            remark = ""
+        except MotionError as error:
+            length, remark = "refused", f" [{error}]"
+        lines.append(f"{name:<13}{length:>8}  {motion.purpose}{remark}")
+    return "\n".join(lines)
+
+
+def write_motion(
+    name: str,
+    machine: Machine,
+    out: Path,
+    settings: MotionFileSettings | None = None,
+    progress: Progress | None = None,
+) -> str:
+    """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
+
+    Returns:
+        What was written, and a line on each part that was left out.
+
+    Raises:
+        MotionError: one line; the name, a setting, the axis or the file does not allow it.
+    """
+    settings = settings or MotionFileSettings()
+    motion = _find(name)
+    if out.suffix not in (SETPOINTS, NC_PROGRAM):
+        raise MotionError(f"{out}: expected a name that ends in {SETPOINTS} or {NC_PROGRAM}")
+    if machine.axis.stroke_m is None:
+        raise MotionError(
+            "axis.stroke_m: the machine file lacks it; a file that moves an axis needs it"
+        )
+    limits = motion_limits(machine)
+    _check_settings(name, settings)
+    random = np.random.default_rng((settings.seed, 1))
+    plan = motion.plan(limits, random, duration_s=settings.duration_s, clip=settings.clip)
+    header = _header(name, motion, machine, limits, plan, settings)
+    if out.suffix == NC_PROGRAM:
+        rows = _write_program(out, name, machine, plan, limits, header)
+        size = f"{rows} blocks"
+    else:
+        rows = _write_setpoints(out, name, plan, limits, settings.rate_hz, header, progress)
+        size = f"{rows} setpoints at {settings.rate_hz:g} Hz"
+    return "\n".join((f"{out}: {name}, {plan.duration_s:.1f} s, {size}", *_left_out(plan)))
+
+
+def _find(name: str) -> Motion:
+    if name in MOTIONS:
+        return MOTIONS[name]
+    near = difflib.get_close_matches(name, MOTIONS, 1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise MotionError(f"no motion {name!r}{hint}; there are {', '.join(MOTIONS)}")
+
+
+def _check_settings(name: str, settings: MotionFileSettings) -> None:
+    duration, rate = settings.duration_s, settings.rate_hz
+    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
+        raise MotionError(f"{name}: a duration of {duration:g} s; expected more than 0")
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise MotionError(f"{name}: a rate of {rate:g} Hz; expected more than 0")
+    _check_rows(name, (duration or 0.0) * rate)
+
+
+def _check_rows(name: str, rows: float) -> None:
+    if rows > MOST_ROWS:
+        raise MotionError(f"{name}: {rows:.3g} setpoints; expected at most {MOST_ROWS}")
+
+
+def _header(
+    name: str,
+    motion: Motion,
+    machine: Machine,
+    limits: MotionLimits,
+    plan: Plan,
+    settings: MotionFileSettings,
+) -> tuple[str, ...]:
+    assumed = ", ".join(assumed_limits(machine))
+    return (
+        f"motion {name}: {motion.purpose}",
+        f"axis {machine.axis.name}, lead {limits.lead_m:g} m, duration {plan.duration_s:.3f} s, "
+        f"seed {settings.seed}",
+        f"position {limits.low_m:g} to {limits.high_m:g} m from the fixed-bearing end; start and "
+        f"rest at {limits.low_m:g} m",
+        f"speed {limits.speed_m_s:g} m/s, acceleration {limits.acceleration_m_s2:g} m/s2, "
+        f"torque {limits.torque_nm:g} N m, jerk of moves {limits.jerk_m_s3:g} m/s3",
+        *((f"assumed, as the machine file lacks them: {assumed}",) if assumed else ()),
+        *_left_out(plan),
+    )
+
+
+def _left_out(plan: Plan) -> tuple[str, ...]:
+    return tuple(f"left out: {line}" for line in plan.left_out)
+
+
+def _write_program(
+    out: Path,
+    name: str,
+    machine: Machine,
+    plan: Plan,
+    limits: MotionLimits,
+    header: tuple[str, ...],
+) -> int:
+    blocks = list(nc_blocks(name, machine.axis.name, plan.segments, limits))
+    allowed = f"ACC 100 % is taken as {limits.acceleration_m_s2:g} m/s2; set it in the machine data"
+    with _opened(out) as file:
+        file.writelines(f"; {line}\n" for line in (*header, allowed))
+        file.writelines(f"{block}\n" for block in blocks)
+    return len(blocks)
+
+
+def _write_setpoints(
+    out: Path,
+    name: str,
+    plan: Plan,
+    limits: MotionLimits,
+    rate_hz: float,
+    header: tuple[str, ...],
+    progress: Progress | None,
+) -> int:
+    fastest = max(
+        (each.wave.highest_hz for each in plan.segments if isinstance(each, Shaken)), default=0.0
+    )
+    if rate_hz < SAMPLES_PER_CYCLE * fastest:
+        raise MotionError(
+            f"{name}: a rate of {rate_hz:g} Hz for frequencies up to {fastest:g} Hz; expected at "
+            f"least {SAMPLES_PER_CYCLE * fastest:g} Hz"
+        )
+    _check_rows(name, plan.duration_s * rate_hz)
+    count = 1 + sum(samples_of(segment, rate_hz) for segment in plan.segments)
+    with _opened(out) as file:
+        file.writelines(f"# {line}\n" for line in (*header, f"rate {rate_hz:g} Hz, {count} rows"))
+        file.write(",".join(COLUMNS) + "\n")
+        for first, rows in _chunks(plan, limits, rate_hz, count):
+            np.savetxt(file, rows, fmt=_FORMAT, delimiter=",")
+            if progress is not None:
+                progress(f"{name}: {100 * (first + len(rows)) // count} %")
+    return count
+
+
+def _chunks(
+    plan: Plan, limits: MotionLimits, rate_hz: float, count: int
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Index of the first row, and rows of time and setpoints (n, 4)."""
+    source = Setpoints(iter(plan.segments), limits.low_m, rate_hz)
+    for first in range(0, count, _CHUNK):
+        index = np.arange(first, min(first + _CHUNK, count))
+        yield first, np.column_stack((index / rate_hz, source.take(len(index))))
+
+
+@contextmanager
+def _opened(out: Path) -> Iterator[TextIO]:
+    try:
+        with replaced_file(out) as file:
+            yield file
+    except OSError as error:
+        raise MotionError(f"{out}: cannot be written ({error.strerror})") from None
