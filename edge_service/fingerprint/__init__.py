@@ -1,0 +1,1 @@
+"""Tests of one axis from recorded traces: what its physics is today, and how sure that is."""

@@ -1,0 +1,82 @@
+"""What an identification says of one quantity: a value, where it may lie, and why not."""
+
+import math
+from dataclasses import dataclass
+
+from scipy import stats
+
+LEVEL = 0.95
+"""Probability with which [low, high] aims to hold the truth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """One identified quantity.
+
+    Attributes:
+        value: the estimate; NaN where the data says nothing.
+        low, high: bounds that hold the truth with probability `LEVEL`; infinite where the data
+            sets none.
+        unit: of the three.
+        n_effective: independent observations behind it; a correlated residual has fewer than rows.
+        note: why it is undetermined, or what to keep in mind.
+    """
+
+    value: float
+    low: float
+    high: float
+    unit: str
+    n_effective: float
+    note: str = ""
+
+    @property
+    def determined(self) -> bool:
+        """Whether both bounds are finite."""
+        return math.isfinite(self.low) and math.isfinite(self.high)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a normal distribution with the same interval; may be infinite."""
+        return (self.high - self.low) / (2.0 * normal_quantile())
+
+    def holds(self, truth: float) -> bool:
+        """Whether the interval holds `truth`."""
+        return self.low <= truth <= self.high
+
+    def scaled(self, factor: float, unit: str) -> "Identified":
+        """The quantity times `factor` (not 0), in another unit."""
+        low, high = sorted((self.low * factor, self.high * factor))
+        return Identified(self.value * factor, low, high, unit, self.n_effective, self.note)
+
+
+def normal_quantile() -> float:
+    """Half width of the interval of a normal distribution in standard deviations, 1.96."""
+    return float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
+
+
+def student_quantile(freedom: float) -> float:
+    """Half width of the interval in estimated standard deviations, Student's t.
+
+    Args:
+        freedom: effective observations less the parameters; below 1 there is no finite interval.
+    """
+    return float(stats.t.ppf(0.5 + 0.5 * LEVEL, freedom)) if freedom >= 1.0 else math.inf
+
+
+def around(
+    value: float, sigma: float, unit: str, n_effective: float, parameters: int = 1, note: str = ""
+) -> Identified:
+    """An estimate with a symmetric interval from its standard deviation.
+
+    >>> round(around(2.0, 0.5, "N m", 1e9).high, 4)
+    2.98
+    """
+    half = student_quantile(n_effective - parameters) * sigma
+    if not math.isfinite(half):
+        return undetermined(unit, note or "too few independent observations", n_effective)
+    return Identified(value, value - half, value + half, unit, n_effective, note)
+
+
+def undetermined(unit: str, note: str, n_effective: float = 0.0) -> Identified:
+    """A quantity that the data says nothing about."""
+    return Identified(math.nan, -math.inf, math.inf, unit, n_effective, note)

@@ -1,0 +1,260 @@
+"""Axial stiffness along the stroke from the stretch between the two encoders.
+
+A spring between motor and table is stretched by what the table needs,
+
+    R_t theta - x = C(x) (m x'' + F_guide sgn(v) - F_ext) + T v + e x + constant,
+
+so the stretch under known inertia force gives the compliance C of all springs in series (5.3.1),
+its reversal the lost motion, its part in proportion to the speed the skew T of the linear encoder's
+clock, and its slope along the stroke the lead or scale error e. The seed takes the same difference
+in its constant-acceleration test (5.2.1, Figure 5.5).
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..messages.channels import ANGLE, EXTERNAL_FORCE, TABLE_POSITION
+from ..messages.samples import Floats
+from ..models.machine import Quantity
+from .identified import LEVEL, Identified, normal_quantile, undetermined
+from .preparation import PreparedRun, derivative_noise_rms
+from .regression import LinearFit, least_squares
+
+MASS_UNKNOWN = "needs the table's mass (model.table_mass_kg)"
+
+
+@dataclass(frozen=True, slots=True)
+class StiffnessStation:
+    """The axis at one place of its stroke.
+
+    Attributes:
+        position_m: of the table.
+        stiffness: of all springs in series, N/m.
+        locked_resonance: of the table against a motor that is held, Hz: 1 / (2 pi sqrt(C m));
+            known without the mass.
+        lost_motion: difference of the stretch between the two directions, m: wind-up by the guide
+            force, and backlash.
+    """
+
+    position_m: float
+    stiffness: Identified
+    locked_resonance: Identified
+    lost_motion: Identified
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StiffnessFit:
+    """What the stretch tells.
+
+    Attributes:
+        stations: along the stroke.
+        guide_force: F_guide, N, if all lost motion were wind-up.
+        clock_skew: T, s; positive if the linear encoder is sampled late. Guide viscosity through
+            the compliance is in it.
+        scale_error: e, m/m; positive if the screw's lead is greater than stated.
+        fit: the regression behind it.
+    """
+
+    stations: tuple[StiffnessStation, ...]
+    guide_force: Identified
+    clock_skew: Identified
+    scale_error: Identified
+    fit: LinearFit
+
+
+def fit_stiffness(
+    runs: Iterable[PreparedRun],
+    positions_m: Sequence[float],
+    table_mass_kg: Quantity | None = None,
+) -> StiffnessFit:
+    """Compliance and lost motion at given places, linear in between and beyond.
+
+    The compliance of a screw that is fixed at one end is linear in the position (5.3.9), that of
+    one fixed at both ends a parabola (5.3.10), which a few places follow.
+
+    Args:
+        runs: with both encoders.
+        positions_m: rising, at least one.
+        table_mass_kg: table with workpiece; without it there is no stiffness in N/m.
+
+    Raises:
+        ValueError: one line; no linear encoder, positions that do not rise, too little motion.
+    """
+    nodes = np.asarray(positions_m, dtype=np.float64)
+    if nodes.size == 0 or (np.diff(nodes) <= 0.0).any():
+        raise ValueError("positions_m must rise and hold at least one place")
+    rows = [_rows(run, nodes, table_mass_kg) for run in runs]
+    if not rows:
+        raise ValueError("no unbroken run long enough in the recording")
+    design, stretch_m, noise_rms = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    noise = np.sqrt(np.mean(noise_rms**2, axis=0))
+    fit = least_squares(_names(len(nodes)), design, stretch_m, noise)
+    stations = tuple(
+        _station(fit, k, float(position), table_mass_kg) for k, position in enumerate(nodes)
+    )
+    return StiffnessFit(
+        stations,
+        _guide_force(fit, len(nodes), table_mass_kg),
+        fit.identified("speed", "s"),
+        fit.identified("position", "m/m"),
+        fit,
+    )
+
+
+def backlash(station: StiffnessStation, guide_force_n: Quantity | None) -> Identified:
+    """Play at one place: the lost motion less the wind-up 2 F_guide C that the guides cause, m.
+
+    Without a known guide force the two cannot be told apart, and the interval runs from no play to
+    all of the lost motion.
+    """
+    lost, stiffness = station.lost_motion, station.stiffness
+    if not lost.determined:
+        return undetermined("m", lost.note, lost.n_effective)
+    if guide_force_n is None or not stiffness.determined or stiffness.low <= 0.0:
+        note = "wind-up and play cannot be told apart without the guide force and the stiffness"
+        return Identified(math.nan, 0.0, max(lost.high, 0.0), "m", lost.n_effective, note)
+    windup = 2.0 * guide_force_n.value / stiffness.value
+    sigma = math.hypot(
+        lost.sigma,
+        2.0 * guide_force_n.sigma / stiffness.value,
+        windup * stiffness.sigma / stiffness.value,
+    )
+    value, half = lost.value - windup, normal_quantile() * sigma
+    return Identified(
+        max(value, 0.0), max(value - half, 0.0), max(value + half, 0.0), "m", lost.n_effective
+    )
+
+
+def _names(count: int) -> list[str]:
+    return [
+        *(f"load at {k}" for k in range(count)),
+        *(f"direction at {k}" for k in range(count)),
+        "speed",
+        "position",
+        "constant",
+    ]
+
+
+def _rows(
+    run: PreparedRun, nodes: Floats, table_mass_kg: Quantity | None
+) -> tuple[Floats, Floats, Floats]:
+    """Regressors (n, 2 k + 3), stretch (n,) and noise (n, 2 k + 3) of the moving rows of a run."""
+    if TABLE_POSITION not in run.channels:
+        raise ValueError(f"stiffness needs {TABLE_POSITION} beside {ANGLE} in an unbroken run")
+    table = run.channels[TABLE_POSITION]
+    mass = 1.0 if table_mass_kg is None else table_mass_kg.value
+    load = mass * run.rate(TABLE_POSITION, 2)
+    if table_mass_kg is not None and EXTERNAL_FORCE in run.channels:
+        load = load - run.channels[EXTERNAL_FORCE]
+    shares = _hats(table, nodes)
+    columns = np.column_stack(
+        (
+            shares * load[:, None],
+            shares * np.sign(run.speed_rad_s)[:, None],
+            run.rate(TABLE_POSITION),
+            table - nodes[0],
+            np.ones_like(table),
+        )
+    )
+    stretch = run.settings.ratio_m_per_rad * run.channels[ANGLE] - table
+    keep = run.moving_rows
+    noise = np.zeros(columns.shape)
+    noise[:, : len(nodes)] = shares * (mass * derivative_noise_rms(run, TABLE_POSITION, 2))
+    return (
+        run.decimated(columns)[keep],
+        run.decimated(stretch)[keep],
+        noise[:: run.settings.decimation][keep],
+    )
+
+
+def _hats(position_m: Floats, nodes: Floats) -> Floats:
+    """Weights of linear interpolation, (n, k): rows sum to 1; extrapolated beyond the ends."""
+    if len(nodes) == 1:
+        return np.ones((len(position_m), 1))
+    left = np.clip(np.searchsorted(nodes, position_m) - 1, 0, len(nodes) - 2)
+    share = (position_m - nodes[left]) / (nodes[left + 1] - nodes[left])
+    weights = np.zeros((len(position_m), len(nodes)))
+    row = np.arange(len(position_m))
+    weights[row, left], weights[row, left + 1] = 1.0 - share, share
+    return weights
+
+
+def _station(
+    fit: LinearFit, index: int, position_m: float, table_mass_kg: Quantity | None
+) -> StiffnessStation:
+    load = fit.identified(f"load at {index}", "m/N" if table_mass_kg else "s^2")
+    direction = fit.identified(f"direction at {index}", "m")
+    mass = table_mass_kg.value if table_mass_kg else 1.0
+    return StiffnessStation(
+        position_m=position_m,
+        stiffness=_stiffness(load, table_mass_kg),
+        locked_resonance=_resonance(load, mass),
+        lost_motion=direction.scaled(2.0, "m"),
+    )
+
+
+def _stiffness(compliance: Identified, table_mass_kg: Quantity | None) -> Identified:
+    """1 / C with the tolerance of the mass, N/m."""
+    if table_mass_kg is None:
+        return undetermined("N/m", MASS_UNKNOWN, compliance.n_effective)
+    inverse = _reciprocal(compliance, "N/m")
+    spread = normal_quantile() * table_mass_kg.tolerance
+    if not inverse.low > 0.0 or spread == 0.0:
+        return inverse
+    below = math.hypot(inverse.value / inverse.low - 1.0, spread)
+    above = math.hypot(inverse.high / inverse.value - 1.0, spread)
+    return replace(inverse, low=inverse.value / (1.0 + below), high=inverse.value * (1.0 + above))
+
+
+def _reciprocal(positive: Identified, unit: str) -> Identified:
+    """1 / x where x is positive by its nature and its estimate may not be."""
+    count = positive.n_effective
+    if not positive.determined:
+        return undetermined(unit, positive.note, count)
+    if positive.high <= 0.0:
+        return undetermined(unit, "no compliance seen: encoders or signs disagree", count)
+    if positive.low > 0.0:
+        low, high = 1.0 / positive.high, 1.0 / positive.low
+        return Identified(1.0 / positive.value, low, high, unit, count)
+    value = 1.0 / positive.value if positive.value > 0.0 else math.nan
+    note = "too stiff for this recording: bounded from below only"
+    return Identified(value, 1.0 / positive.high, math.inf, unit, count, note)
+
+
+def _resonance(load: Identified, mass_kg: float) -> Identified:
+    """1 / (2 pi sqrt(C m)), Hz; `load` is C, and the mass with which it was fitted cancels."""
+    inverse = _reciprocal(load, "1/s^2").scaled(1.0 / mass_kg, "1/s^2")
+    low, value, high = (
+        math.sqrt(bound) / (2.0 * math.pi) if bound > 0.0 else bound
+        for bound in (inverse.low, inverse.value, inverse.high)
+    )
+    return Identified(value, low, high, "Hz", inverse.n_effective, inverse.note)
+
+
+def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> Identified:
+    """F_guide from the ratio of the direction's to the load's coefficients, N.
+
+    Each place gives a ratio; they are averaged with the weights of their variances, which the
+    errors of C dominate and which are nearly independent.
+    """
+    if table_mass_kg is None:
+        return undetermined("N", MASS_UNKNOWN, fit.n_effective)
+    ratios, weights = [], []
+    for k in range(count):
+        load = fit.identified(f"load at {k}", "m/N")
+        direction = fit.identified(f"direction at {k}", "m")
+        if load.determined and direction.determined and load.low > 0.0:
+            ratio = direction.value / load.value
+            sigma = math.hypot(direction.sigma, ratio * load.sigma) / load.value
+            ratios.append(ratio)
+            weights.append(sigma**-2)
+    if not ratios:
+        return undetermined("N", "the compliance is undetermined", fit.n_effective)
+    value = float(np.average(ratios, weights=weights))
+    sigma = math.hypot(sum(weights) ** -0.5, value * table_mass_kg.tolerance)
+    half = normal_quantile() * sigma
+    note = f"{100 * LEVEL:g} % interval if there is no play; play counts as guide force"
+    return Identified(value, value - half, value + half, "N", fit.n_effective, note)

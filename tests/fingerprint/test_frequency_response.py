@@ -1,0 +1,177 @@
+"""Frequency response and two-mass fit against the transfer function of the plant."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from edge_service.fingerprint.frequency_response import (
+    Complexes,
+    FrequencyResponse,
+    ResponseSettings,
+    drive_response,
+    transmission_response,
+)
+from edge_service.fingerprint.two_mass_fit import TwoMassFit, fit_two_mass
+from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDriveSettings
+from edge_service.models.plant import axial_compliance
+
+from .conftest import FRESH, run_axis
+
+INERTIA, NOTCH_HZ, DAMPING, RATIO = 1.5e-3, 150.0, 0.03, 1.2
+
+
+def continuous(frequency_hz: Floats) -> Complexes:
+    """Motor speed over torque of the two-mass model (5.3.19 with equal dampers)."""
+    s = 2j * math.pi * frequency_hz
+    notch = 2.0 * math.pi * NOTCH_HZ
+    peak, peak_damping = notch * RATIO, DAMPING * RATIO
+    above = (s / notch) ** 2 + 2.0 * DAMPING * s / notch + 1.0
+    below = (s / peak) ** 2 + 2.0 * peak_damping * s / peak + 1.0
+    return np.asarray(above / below / (INERTIA * s), dtype=np.complex128)
+
+
+def held_record(seed: int, seconds: float = 60.0, noise_rad: float = 0.0) -> SampleFrame:
+    """Angle of the model to a held random torque, by scipy's exact discretisation."""
+    notch = 2.0 * math.pi * NOTCH_HZ
+    peak = notch * RATIO
+    above = [1.0 / notch**2, 2.0 * DAMPING / notch, 1.0]
+    below = [1.0 / peak**2, 2.0 * DAMPING * RATIO / peak, 1.0]
+    plant = signal.StateSpace(*signal.tf2ss(above, np.polymul(below, [INERTIA, 0.0, 0.0])))
+    discrete = plant.to_discrete(1e-3)
+    random = np.random.default_rng(seed)
+    count = round(1000.0 * seconds)
+    torque = random.standard_normal(count)
+    _, angle, _ = signal.dlsim(discrete, torque)
+    angle = angle[:, 0] + noise_rad * random.standard_normal(count)
+    return SampleFrame(np.arange(count) / 1000.0, {ANGLE: angle, TORQUE: torque})
+
+
+def assert_is_the_model(found: TwoMassFit) -> None:
+    assert found.inertia.holds(INERTIA)
+    assert found.antiresonance.holds(NOTCH_HZ)
+    assert found.resonance.holds(NOTCH_HZ * RATIO)
+    assert found.antiresonance_damping.holds(DAMPING)
+    assert found.resonance_damping.holds(DAMPING * RATIO)
+    assert found.table_share.holds(1.0 - RATIO**-2)
+    assert found.delay.holds(0.0)
+
+
+def exact_response(low_hz: float, high_hz: float, seed: int = 1) -> FrequencyResponse:
+    """The formula with 2 % of complex noise."""
+    frequency = np.arange(low_hz, high_hz, 2.0)
+    random = np.random.default_rng(seed)
+    noise = random.standard_normal((2, len(frequency))) * 0.02
+    return FrequencyResponse(
+        frequency,
+        continuous(frequency) * (1.0 + noise[0] + 1j * noise[1]),
+        np.full(len(frequency), 0.02),
+        np.ones(len(frequency)),
+        100.0,
+        "rad/(s N m)",
+        1e-3,
+        hold=False,
+        resolution_hz=0.0,
+    )
+
+
+def test_the_fit_finds_the_formula() -> None:
+    found = fit_two_mass(exact_response(10.0, 400.0))
+    assert_is_the_model(found)
+    assert found.resonance.sigma < 1.0
+    frequency = np.array([20.0, 100.0, 170.0, 300.0])
+    np.testing.assert_allclose(found.response(frequency), continuous(frequency), rtol=0.03)
+
+
+def test_below_the_resonance_there_is_no_resonance() -> None:
+    found = fit_two_mass(exact_response(5.0, 30.0))
+    assert found.inertia.holds(INERTIA)
+    assert found.table_share.holds(1.0 - RATIO**-2)
+    assert found.antiresonance.holds(NOTCH_HZ)
+    assert found.antiresonance.high == math.inf
+
+
+def test_a_held_torque_is_told_from_a_continuous_one() -> None:
+    record = held_record(1, 20.0)
+    measured = drive_response([record]).within(10.0, 400.0)
+    assert_is_the_model(fit_two_mass(measured))
+    far = measured.within(200.0, 400.0)
+    flexible = np.abs(far.response / continuous(far.frequency_hz) - 1.0)
+    assert np.median(flexible) < 0.05
+
+
+def test_relative_errors_are_the_scatter_over_records() -> None:
+    spectra = [
+        drive_response([held_record(seed, 12.0, 2e-4)], ResponseSettings(2.0, 0.0)).within(
+            40.0, 90.0
+        )
+        for seed in range(8)
+    ]
+    responses = np.array([spectrum.response for spectrum in spectra])
+    scatter = np.std(responses, axis=0) / np.abs(np.mean(responses, axis=0)) / math.sqrt(2.0)
+    stated = np.mean([spectrum.relative_error for spectrum in spectra], axis=0)
+    assert np.median(scatter / stated) == pytest.approx(1.0, abs=0.3)
+
+
+def test_frequencies_without_excitation_are_left_out() -> None:
+    time_s = np.arange(20_000) / 1000.0
+    torque = np.sin(2.0 * math.pi * 40.0 * time_s)
+    angle = -torque / (INERTIA * (2.0 * math.pi * 40.0) ** 2)
+    random = np.random.default_rng(1)
+    angle += 1e-8 * random.standard_normal(20_000)
+    torque += 1e-6 * random.standard_normal(20_000)
+    frame = SampleFrame(time_s, {ANGLE: angle, TORQUE: torque})
+    found = drive_response([frame], ResponseSettings(1.0, 0.9, hold=False))
+    assert 38.0 <= found.frequency_hz.min() <= found.frequency_hz.max() <= 42.0
+    (at_40,) = found.within(40.0, 40.0).response
+    assert abs(at_40) == pytest.approx(1.0 / (INERTIA * 2.0 * math.pi * 40.0), rel=1e-3)
+
+
+def multisine(count: int, seed: int) -> Floats:
+    """Slow travel in one direction with all lines of 5 to 300 Hz on top, (count, 3)."""
+    random = np.random.default_rng(seed)
+    time_s = np.arange(count) / 1000.0
+    turning = 2.0 * math.pi * np.arange(5.0, 301.0)
+    angle = np.outer(time_s, turning) + random.uniform(0.0, 2.0 * math.pi, len(turning))
+    size_m_s2 = 0.02
+    position = 0.4 + 0.012 * time_s - size_m_s2 * (np.sin(angle) / turning**2).sum(axis=1)
+    speed = 0.012 - size_m_s2 * (np.cos(angle) / turning).sum(axis=1)
+    return np.column_stack((position, speed, size_m_s2 * np.sin(angle).sum(axis=1)))
+
+
+def test_the_simulated_drive_has_the_modes_of_its_plant(settings: FeedDriveSettings) -> None:
+    frame = run_axis(settings, multisine(9000, 1), 1)
+    settled = SampleFrame(
+        frame.time_s[1000:], {name: values[1000:] for name, values in frame.channels.items()}
+    )
+    found = fit_two_mass(drive_response([settled]).within(10.0, 300.0))
+    plant = settings.plant
+    stiffness = 1.0 / axial_compliance(plant, 0.4 + 0.012 * 5.0, FRESH)
+    motor, table = plant.motor_mass_kg, plant.table_mass_kg
+    notch_hz = math.sqrt(stiffness / table) / (2.0 * math.pi)
+    peak_hz = math.sqrt(stiffness * (1.0 / motor + 1.0 / table)) / (2.0 * math.pi)
+    assert found.inertia.value == pytest.approx(1.5e-3, rel=0.01)
+    assert found.antiresonance.value == pytest.approx(notch_hz, rel=0.005)
+    assert found.resonance.value == pytest.approx(peak_hz, rel=0.005)
+    assert found.table_share.value == pytest.approx(table / (motor + table), rel=0.05)
+    damping = 0.5 * plant.damping_n_s_per_m / math.sqrt(table * stiffness)
+    assert found.antiresonance_damping.value == pytest.approx(damping, rel=0.1)
+    assert abs(found.delay.value) < 2e-5
+    ratio = np.abs(transmission_response([settled]).within(10.0, 20.0).response)
+    assert np.median(ratio) == pytest.approx(plant.ratio_m_per_rad, rel=0.01)
+
+
+def test_bad_input_is_one_line() -> None:
+    with pytest.raises(ValueError, match="no unbroken run of 100 s"):
+        drive_response([held_record(1, 20.0)], ResponseSettings(0.01))
+    with pytest.raises(ValueError, match="resolution_hz must be greater than 0"):
+        ResponseSettings(0.0)
+    with pytest.raises(ValueError, match=f"the recording lacks {TORQUE}"):
+        frame = held_record(1, 2.0)
+        drive_response([SampleFrame(frame.time_s, {ANGLE: frame.channels[ANGLE]})])
+    with pytest.raises(ValueError, match="9 coherent frequencies"):
+        fit_two_mass(exact_response(10.0, 28.0))
+    assert SETPOINT not in held_record(1, 2.0).channels

@@ -1,0 +1,170 @@
+"""Friction points from cruises, and curves through points whose truth is a formula."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from edge_service.fingerprint.friction_fit import (
+    FrictionForm,
+    fit_directional_friction,
+    fit_friction,
+)
+from edge_service.fingerprint.friction_points import FrictionPoint, friction_points
+from edge_service.fingerprint.preparation import PreparationSettings, prepare
+from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.friction import Friction, exponential_friction
+from edge_service.models.machine import Machine
+from edge_service.models.motion import Dwell, Move
+
+from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, setpoints_of
+
+RATIO = 0.02 / (2.0 * math.pi)
+TABLE_5_1_RPM = (15, 30, 60, 120, 150, 300, 600, 1200, 1500, 3000)
+SPEEDS_RAD_S = np.array(TABLE_5_1_RPM) * 2.0 * math.pi / 60.0
+BOTH_WAYS = np.concatenate((SPEEDS_RAD_S, -SPEEDS_RAD_S))
+EXPONENTIAL = {
+    "coulomb_nm": 0.3,
+    "stribeck_excess_nm": 0.12,
+    "stribeck_speed_rad_s": 4.0,
+    "viscous_nm_s_per_rad": 5e-3,
+    "offset_nm": -0.02,
+}
+ERROR_NM = 1e-3
+
+
+def points_on(torque_nm: Floats, speed_rad_s: Floats, seed: int) -> list[FrictionPoint]:
+    noise = ERROR_NM * np.random.default_rng(seed).standard_normal(len(torque_nm))
+    return [
+        FrictionPoint(0.0, float(v), float(u), ERROR_NM, 100.0, 0.4, 0.1, math.nan)
+        for v, u in zip(speed_rad_s, torque_nm + noise, strict=True)
+    ]
+
+
+def exponential_points(seed: int, speed_rad_s: Floats = BOTH_WAYS) -> list[FrictionPoint]:
+    friction = exponential_friction(speed_rad_s, 0.3, 0.42, 4.0, 5e-3)
+    return points_on(friction - 0.02, speed_rad_s, seed)
+
+
+def test_the_exponential_form_is_found_within_its_intervals() -> None:
+    found = fit_friction(exponential_points(1))
+    for name, truth in EXPONENTIAL.items():
+        assert found.parameters[name].holds(truth), name
+        assert found.parameters[name].sigma < 0.1 * abs(truth)
+    assert 15.0 * found.reduced_chi2 > stats.chi2.ppf(0.001, 15)
+    assert 15.0 * found.reduced_chi2 < stats.chi2.ppf(0.999, 15)
+    truth_nm = exponential_friction(SPEEDS_RAD_S, 0.3, 0.42, 4.0, 5e-3) - 0.02
+    np.testing.assert_allclose(found.torque_nm(SPEEDS_RAD_S), truth_nm, atol=3.0 * ERROR_NM)
+
+
+def test_the_printed_form_is_found_and_its_rounding_bounded_from_above_only() -> None:
+    contact = Friction(0.3, 0.42, 4.0, 0.05, 5e-3, 0.01)
+    found = fit_friction(
+        points_on(contact.force_n(BOTH_WAYS), BOTH_WAYS, 2), FrictionForm.PRINTED
+    ).parameters
+    for name, truth in (
+        ("coulomb_nm", 0.3),
+        ("stribeck_excess_nm", 0.12),
+        ("stribeck_speed_rad_s", 4.0),
+        ("viscous_nm_s_per_rad", 5e-3),
+        ("offset_nm", 0.01),
+        ("coulomb_speed_rad_s", 0.05),
+    ):
+        assert found[name].holds(truth), name
+    assert found["coulomb_speed_rad_s"].low == 0.0
+    assert found["coulomb_speed_rad_s"].high < 2.0 * SPEEDS_RAD_S[0]
+
+
+def test_without_slow_speeds_the_stribeck_speed_is_undetermined() -> None:
+    fast = BOTH_WAYS[np.abs(BOTH_WAYS) > 10.0]
+    found = fit_friction(exponential_points(3, fast)).parameters
+    assert not found["stribeck_speed_rad_s"].determined
+    assert found["stribeck_speed_rad_s"].high == math.inf
+    assert found["viscous_nm_s_per_rad"].holds(5e-3)
+    assert found["coulomb_nm"].holds(0.3)
+
+
+def test_one_direction_cannot_tell_the_offset() -> None:
+    points = exponential_points(4)
+    found = fit_friction([point for point in points if point.forward]).parameters
+    assert not found["offset_nm"].determined
+    assert found["coulomb_nm"].holds(0.3 - 0.02)
+    forward, backward = fit_directional_friction(points)
+    assert forward.parameters["coulomb_nm"].holds(0.28)
+    assert backward.parameters["coulomb_nm"].holds(0.32)
+
+
+def test_too_few_points_are_refused() -> None:
+    with pytest.raises(ValueError, match="no cruise at constant speed"):
+        fit_friction([])
+    with pytest.raises(ValueError, match="4 points cannot determine 5 parameters"):
+        fit_friction(exponential_points(1, BOTH_WAYS[8:12]))
+
+
+@pytest.mark.slow
+def test_coverage_of_the_friction_parameters() -> None:
+    hits, runs = dict.fromkeys(EXPONENTIAL, 0), 30
+    for seed in range(100, 100 + runs):
+        found = fit_friction(exponential_points(seed)).parameters
+        for name, truth in EXPONENTIAL.items():
+            hits[name] += found[name].holds(truth)
+    assert min(hits.values()) >= stats.binom.ppf(0.001, runs, 0.95), hits
+
+
+def cruises(frame: SampleFrame, **changes: float) -> Sequence[FrictionPoint]:
+    settings = PreparationSettings(RATIO, **changes)  # type: ignore[arg-type]
+    return list(friction_points(prepare(frame, settings)))
+
+
+def test_ripple_of_the_revolution_leaves_whole_revolutions_alone() -> None:
+    time_s = np.arange(6000) / 1000.0
+    angle = 7.0 * time_s
+    torque = 0.4 + 0.1 * np.sin(angle)
+    channels = {ANGLE: angle, TORQUE: torque, TEMPERATURE: np.full(6000, 31.0)}
+    (point,) = cruises(SampleFrame(time_s, channels))
+    assert point.speed_rad_s == pytest.approx(7.0, rel=1e-6)
+    assert point.torque_nm == pytest.approx(0.4, abs=1e-3)
+    assert point.travel_m == pytest.approx(0.02 * 6, rel=5e-3)
+    assert point.temperature_c == pytest.approx(31.0)
+    assert point.forward
+
+
+def test_the_standard_error_counts_independent_samples() -> None:
+    means, errors = [], []
+    time_s = np.arange(1500) / 1000.0
+    for seed in range(60):
+        torque = 0.4 + 0.05 * np.random.default_rng(seed).standard_normal(1500)
+        (point,) = cruises(SampleFrame(time_s, {ANGLE: 3.0 * time_s, TORQUE: torque}))
+        means.append(point.torque_nm)
+        errors.append(point.standard_error_nm)
+        assert point.n_effective < 500  # 100 Hz of noise in 1.3 s are about 260
+    assert np.mean(errors) == pytest.approx(np.std(means), rel=0.25)
+
+
+def test_speeds_and_torques_of_the_simulated_friction_test(
+    bench: Machine, drive: Callable[[Floats, int], SampleFrame]
+) -> None:
+    segments = [
+        segment
+        for speed in (0.02, 0.1, 0.3)
+        for way in (1.0, -1.0)
+        for segment in (Move(way * max(0.03, 0.8 * speed), speed, 4.0, 200.0), Dwell(0.2))
+    ]
+    points = cruises(drive(setpoints_of(segments, 0.1), 3))
+    assert [round(point.speed_rad_s * RATIO, 4) for point in points] == [
+        0.02,
+        -0.02,
+        0.1,
+        -0.1,
+        0.3,
+        -0.3,
+    ]
+    drag = bench.model.preload_drag_nm
+    assert drag is not None
+    coulomb_nm = drag.value + BEARING_DRAG_NM + GUIDE_FORCE_N * RATIO
+    for point in points:
+        expected = 5e-3 * point.speed_rad_s + math.copysign(coulomb_nm, point.speed_rad_s)
+        assert abs(point.torque_nm - expected) < 4.0 * point.standard_error_nm + 1e-3

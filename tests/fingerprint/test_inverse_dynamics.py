@@ -1,0 +1,235 @@
+"""Inverse dynamics: exact on a rigid axis, published on EMPS, true on the simulated drive."""
+
+import math
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from edge_service.fingerprint.identified import Identified
+from edge_service.fingerprint.inverse_dynamics import (
+    InverseDynamics,
+    fit_inverse_dynamics,
+    identify_inverse_dynamics,
+)
+from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun, prepare
+from edge_service.fingerprint.regressors import DIRECTIONAL, SYMMETRIC
+from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.machine import Machine
+from edge_service.models.motion import Dwell, Move
+from edge_service.trace.reader import read_trace
+
+from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, production_setpoints, setpoints_of
+
+ROOT = Path(__file__).parents[2]
+EMPS = ROOT.parent / "shared" / "data" / "emps"
+RATIO = 0.02 / (2.0 * math.pi)
+RIGID = {"inertia": 1.5e-3, "viscous": 5e-3, "coulomb": 0.3, "offset": -0.05}
+
+
+def back_and_forth(moves: int = 12) -> Floats:
+    speeds = np.geomspace(0.02, 0.5, moves)
+    return setpoints_of(
+        (
+            segment
+            for k, speed in enumerate(speeds)
+            for segment in (Move((-1.0) ** k * 0.3, speed, 4.0, 200.0), Dwell(0.1))
+        ),
+        0.1,
+    )
+
+
+def rigid_axis(torque_noise_nm: float, angle_noise_rad: float, seed: int) -> SampleFrame:
+    """A rigid axis that follows its setpoints exactly: torque from the formula."""
+    random = np.random.default_rng(seed)
+    setpoints = back_and_forth()
+    angle, speed, acceleration = (setpoints / RATIO).T
+    torque = (
+        RIGID["inertia"] * acceleration
+        + RIGID["viscous"] * speed
+        + RIGID["coulomb"] * np.sign(speed)
+        + RIGID["offset"]
+    )
+    count = len(setpoints)
+    return SampleFrame(
+        np.arange(count) / 1000.0,
+        {
+            ANGLE: angle + angle_noise_rad * random.standard_normal(count),
+            TORQUE: torque + torque_noise_nm * random.standard_normal(count),
+            SETPOINT: setpoints[:, 0],
+        },
+    )
+
+
+def prepared(frame: SampleFrame, **changes: float) -> list[PreparedRun]:
+    return list(prepare(frame, PreparationSettings(RATIO, **changes)))  # type: ignore[arg-type]
+
+
+def test_a_rigid_axis_without_noise_is_found_up_to_the_central_differences() -> None:
+    found = fit_inverse_dynamics(prepared(rigid_axis(0.0, 0.0, 1)))
+    assert found.method == "least_squares"
+    for name, truth in RIGID.items():
+        assert found.parameters[name].value == pytest.approx(truth, rel=1e-3)
+    assert found.fit.relative_residual < (2.0 * math.pi * 40.0 * 1e-3) ** 2 / 6.0
+
+
+@pytest.mark.parametrize("method", ["least_squares", "instrumental", "total"])
+def test_intervals_hold_the_truth_of_a_rigid_axis(method: str) -> None:
+    hits, runs = dict.fromkeys(RIGID, 0), 16
+    for seed in range(runs):
+        found = fit_inverse_dynamics(prepared(rigid_axis(0.05, 5e-6, seed)), method=method)  # type: ignore[arg-type]
+        for name, truth in RIGID.items():
+            hits[name] += found.parameters[name].holds(truth)
+    assert min(hits.values()) >= stats.binom.ppf(0.001, runs, 0.95)
+
+
+def test_encoder_noise_biases_least_squares_and_auto_takes_the_setpoints() -> None:
+    frame = rigid_axis(0.01, 3e-3, 2)
+    runs = prepared(frame)
+    plain = fit_inverse_dynamics(runs, method="least_squares")
+    assert plain.parameters["inertia"].value < 0.97 * RIGID["inertia"]
+    chosen = fit_inverse_dynamics(runs)
+    assert chosen.method == "instrumental"
+    assert chosen.parameters["inertia"].holds(RIGID["inertia"])
+    channels = {name: values for name, values in frame.channels.items() if name != SETPOINT}
+    blind = fit_inverse_dynamics(prepared(SampleFrame(frame.time_s, channels)))
+    assert blind.method == "total"
+    assert blind.parameters["inertia"].value == pytest.approx(RIGID["inertia"], rel=0.02)
+
+
+def test_cruise_in_one_direction_determines_neither_inertia_nor_offset() -> None:
+    random = np.random.default_rng(1)
+    time_s = np.arange(5000) / 1000.0
+    angle = 30.0 * time_s + 1e-5 * random.standard_normal(5000)
+    torque = 0.4 + 0.01 * random.standard_normal(5000)
+    runs = prepared(SampleFrame(time_s, {ANGLE: angle, TORQUE: torque}))
+    parameters = fit_inverse_dynamics(runs, method="least_squares").parameters
+    for name in ("inertia", "viscous", "coulomb", "offset"):
+        found = parameters[name]
+        assert found.sigma > abs(RIGID[name]), name
+    assert parameters["inertia"].note == "inertia is nothing but noise in this recording"
+    assert not parameters["coulomb"].determined
+
+
+def test_what_needs_more_data_says_so_in_one_line() -> None:
+    runs = prepared(rigid_axis(0.0, 0.0, 1))
+    with pytest.raises(ValueError, match="no regressor 'mass'; there are inertia"):
+        fit_inverse_dynamics(runs, ("mass",))
+    with pytest.raises(ValueError, match="no unbroken run"):
+        fit_inverse_dynamics([])
+    still = SampleFrame(np.arange(3000) / 1000.0, {ANGLE: np.zeros(3000), TORQUE: np.zeros(3000)})
+    with pytest.raises(ValueError, match="0 rows of motion for 4 parameters"):
+        fit_inverse_dynamics(prepared(still))
+
+
+def simulated_truth(machine: Machine) -> dict[str, float]:
+    drag = machine.model.preload_drag_nm
+    assert drag is not None
+    ratio = machine.transmission_ratio_m_per_rad
+    return {
+        "inertia": machine.model.inertia_kg_m2.value,
+        "viscous": machine.model.viscous_nm_s_per_rad.value,
+        "coulomb": drag.value + BEARING_DRAG_NM + GUIDE_FORCE_N * ratio,
+        "offset": 0.0,
+    }
+
+
+def identify_simulated(
+    machine: Machine, drive: Callable[[Floats, int], SampleFrame], seed: int
+) -> dict[str, Identified]:
+    frame = drive(production_setpoints(machine, 60_000, seed), seed)
+    settings = PreparationSettings(RATIO, torque_delay_s=0.5e-3)
+    return dict(identify_inverse_dynamics([frame], settings).parameters)
+
+
+def test_the_simulated_drive_is_found_within_its_intervals(
+    bench: Machine, drive: Callable[[Floats, int], SampleFrame]
+) -> None:
+    parameters = identify_simulated(bench, drive, 5)
+    for name, truth in simulated_truth(bench).items():
+        assert parameters[name].holds(truth), name
+        assert parameters[name].sigma < max(0.01 * truth, 0.002)
+
+
+@pytest.mark.slow
+def test_coverage_on_the_simulated_drive(
+    bench: Machine, drive: Callable[[Floats, int], SampleFrame]
+) -> None:
+    truth, runs = simulated_truth(bench), 30
+    hits = dict.fromkeys(truth, 0)
+    for seed in range(runs):
+        parameters = identify_simulated(bench, drive, seed)
+        for name in truth:
+            hits[name] += parameters[name].holds(truth[name])
+    assert min(hits.values()) >= stats.binom.ppf(0.001, runs, 0.95), hits
+
+
+# Janot, Gautier and Brunot, 2019: force domain, IDIM-LS, Butterworth of order 4 at 100 Hz run both
+# ways, central differences, decimated by 10. Their residuals keep a trace of the filters' edges.
+PUBLISHED_SYMMETRIC = {
+    "inertia": 95.1089,
+    "viscous": 203.5034,
+    "coulomb": 20.3935,
+    "offset": -3.1648,
+}
+PUBLISHED_DIRECTIONAL = {
+    "inertia": 95.154,
+    "viscous_forward": 166.7061,
+    "viscous_backward": 240.4236,
+    "coulomb_forward": 20.144,
+    "coulomb_backward": 20.6277,
+}
+
+
+@pytest.fixture(scope="module")
+def emps() -> Callable[[str], list[PreparedRun]]:
+    machine = Machine.model_validate(tomllib.loads((ROOT / "deploy" / "emps.toml").read_text()))
+    settings = PreparationSettings(
+        machine.transmission_ratio_m_per_rad, edge_s=0.003, standstill_rad_s=0.0
+    )
+
+    def load(name: str) -> list[PreparedRun]:
+        if not (EMPS / name).exists():
+            pytest.skip("the EMPS recordings are not here")
+        return list(prepare(read_trace(EMPS / name, machine.columns), settings))
+
+    return load
+
+
+def force_residual_n(found: InverseDynamics, runs: list[PreparedRun]) -> tuple[float, float]:
+    """Standard deviation of the residual, N, and its norm over that of the force."""
+    residual, torque = found.residual_nm(runs)
+    ratio = runs[0].settings.ratio_m_per_rad
+    return float(np.std(residual)) / ratio, float(np.linalg.norm(residual) / np.linalg.norm(torque))
+
+
+@pytest.mark.parametrize(
+    ("names", "published"),
+    [(SYMMETRIC, PUBLISHED_SYMMETRIC), (DIRECTIONAL, PUBLISHED_DIRECTIONAL)],
+)
+def test_emps_parameters_are_the_published_ones(
+    emps: Callable[[str], list[PreparedRun]],
+    names: tuple[str, ...],
+    published: dict[str, float],
+) -> None:
+    runs = emps("emps_estimation.csv")
+    ratio = runs[0].settings.ratio_m_per_rad
+    found = fit_inverse_dynamics(runs, names)
+    for name, force in published.items():
+        per_force = ratio if found.parameters[name].unit == "N m" else ratio**2
+        at_load = found.parameters[name].scaled(1.0 / per_force, "at the load")
+        assert at_load.value == pytest.approx(force, rel=0.01)
+        assert at_load.holds(force)
+
+
+def test_emps_residuals_are_the_published_ones(emps: Callable[[str], list[PreparedRun]]) -> None:
+    runs, pulses = emps("emps_estimation.csv"), emps("emps_validation_pulses.csv")
+    found = fit_inverse_dynamics(runs, SYMMETRIC)
+    assert force_residual_n(found, runs) == pytest.approx((2.1843, 0.040834), rel=0.01)
+    assert force_residual_n(found, pulses) == pytest.approx((3.4039, 0.059824), rel=0.01)
+    directional = fit_inverse_dynamics(runs, DIRECTIONAL)
+    assert force_residual_n(directional, runs)[0] == pytest.approx(1.6646, rel=0.01)

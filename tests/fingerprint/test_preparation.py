@@ -1,0 +1,156 @@
+"""Recordings with faults become runs whose motion is that of the formula."""
+
+import math
+
+import numpy as np
+import pytest
+
+from edge_service.fingerprint.preparation import (
+    PreparationSettings,
+    derivative_noise_rms,
+    prepare,
+    white_noise_rms,
+)
+from edge_service.fingerprint.uniform import uniform_runs
+from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
+from edge_service.messages.samples import Floats, SampleFrame
+
+RATIO = 0.02 / (2.0 * math.pi)
+HZ = 3.0
+
+
+def sine(time_s: Floats) -> SampleFrame:
+    """Angle of 10 rad amplitude at 3 Hz, torque in phase with it."""
+    phase = 2.0 * math.pi * HZ * time_s
+    return SampleFrame(time_s, {ANGLE: 10.0 * np.sin(phase), TORQUE: 2.0 * np.sin(phase)})
+
+
+def even(seconds: float) -> Floats:
+    return np.arange(round(1000.0 * seconds)) / 1000.0
+
+
+def test_an_even_recording_is_one_run_with_its_values_untouched() -> None:
+    frame = sine(even(2.0))
+    (run,) = uniform_runs(frame, (ANGLE, TORQUE))
+    assert run.period_s == pytest.approx(1e-3, rel=1e-9)
+    np.testing.assert_array_equal(run.channels[ANGLE], frame.channels[ANGLE])
+
+
+def test_repeats_and_rows_out_of_order_are_dropped() -> None:
+    time_s = even(1.0)
+    order = np.concatenate((np.arange(400), [399, 399, 395], np.arange(400, 1000)))
+    (run,) = uniform_runs(sine(time_s[order]), (ANGLE,))
+    np.testing.assert_allclose(run.time_s, time_s, atol=1e-9)
+    np.testing.assert_array_equal(run.channels[ANGLE], sine(time_s).channels[ANGLE])
+
+
+def test_lost_rows_are_bridged_gaps_and_new_clocks_are_not() -> None:
+    time_s = np.delete(even(4.0), [500, 900, 901])
+    (run,) = uniform_runs(sine(time_s), (ANGLE,))
+    assert len(run) == 4000
+    np.testing.assert_allclose(run.channels[ANGLE], sine(even(4.0)).channels[ANGLE], atol=1e-6)
+    jumped = np.where(even(4.0) >= 2.0, even(4.0) + 0.5, even(4.0))
+    assert [len(run) for run in uniform_runs(sine(jumped), (ANGLE,))] == [2000, 2000]
+    restarted = np.concatenate((even(2.0), even(1.0)))
+    assert [len(run) for run in uniform_runs(sine(restarted), (ANGLE,))] == [2000, 1000]
+
+
+def test_jitter_is_resampled() -> None:
+    time_s = even(2.0) + np.random.default_rng(1).uniform(-2e-4, 2e-4, 2000)
+    (run,) = uniform_runs(sine(time_s), (ANGLE,))
+    np.testing.assert_allclose(run.channels[ANGLE], sine(run.time_s).channels[ANGLE], atol=1e-6)
+
+
+def test_a_missing_required_value_is_a_lost_row_and_an_optional_one_costs_the_channel() -> None:
+    frame = sine(even(1.0))
+    torque, table = frame.channels[TORQUE].copy(), RATIO * frame.channels[ANGLE]
+    torque[300:303], table[10] = np.nan, np.nan
+    holed = SampleFrame(frame.time_s, {**frame.channels, TORQUE: torque, TABLE_POSITION: table})
+    (run,) = uniform_runs(holed, (ANGLE, TORQUE), optional=(TABLE_POSITION,))
+    assert set(run.channels) == {ANGLE, TORQUE}
+    np.testing.assert_allclose(run.channels[TORQUE], frame.channels[TORQUE], atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1, 7, 333, 5000])
+def test_frames_of_any_size_are_one_recording(size: int) -> None:
+    whole = sine(np.delete(even(3.0), range(1500, 1510)))
+    frames = [
+        SampleFrame(
+            whole.time_s[k : k + size],
+            {name: values[k : k + size] for name, values in whole.channels.items()},
+        )
+        for k in range(0, len(whole), size)
+    ]
+    runs = list(uniform_runs(frames, (ANGLE,), period_s=1e-3))
+    assert [len(run) for run in runs] == [1500, 1490]
+
+
+def test_long_runs_are_cut_to_bound_the_memory() -> None:
+    runs = list(uniform_runs(sine(even(10.0)), (ANGLE,), max_rows=3000))
+    assert [len(run) for run in runs] == [3000, 3000, 3000, 1000]
+
+
+def test_motion_is_that_of_the_formula() -> None:
+    (run,) = prepare(sine(even(4.0)), PreparationSettings(RATIO, edge_s=0.2))
+    turning = 2.0 * math.pi * HZ
+    phase = turning * run.time_s
+    np.testing.assert_allclose(run.channels[ANGLE], 10.0 * np.sin(phase), atol=1e-3)
+    np.testing.assert_allclose(run.speed_rad_s, 10.0 * turning * np.cos(phase), atol=0.03)
+    expected = -10.0 * turning**2 * np.sin(phase)
+    np.testing.assert_allclose(run.acceleration_rad_s2, expected, atol=1.0)
+
+
+def test_standstill_and_its_surroundings_are_masked() -> None:
+    time_s = even(3.0)
+    angle = np.where(time_s < 1.0, 0.0, 20.0 * (time_s - 1.0))
+    frame = SampleFrame(time_s, {ANGLE: angle, TORQUE: np.zeros(3000)})
+    (run,) = prepare(frame, PreparationSettings(RATIO))
+    assert not run.moving[run.time_s < 1.0].any()
+    assert run.moving[run.time_s > 1.1].all()
+
+
+def test_a_held_torque_can_be_shifted_to_where_it_acts() -> None:
+    frame = sine(even(2.0))
+    (run,) = prepare(frame, PreparationSettings(RATIO, torque_delay_s=0.5e-3))
+    expected = 2.0 * np.sin(2.0 * math.pi * HZ * (run.time_s - 0.5e-3))
+    np.testing.assert_allclose(run.channels[TORQUE], expected, atol=2e-3)
+
+
+def test_white_noise_is_seen_beneath_the_motion_and_carried_through_the_filters() -> None:
+    random = np.random.default_rng(4)
+    clean = sine(even(20.0))
+    noise = 1e-3 * random.standard_normal(20_000)
+    noisy = SampleFrame(clean.time_s, {**clean.channels, ANGLE: clean.channels[ANGLE] + noise})
+    assert white_noise_rms(noisy.channels[ANGLE]) == pytest.approx(1e-3, rel=0.05)
+    settings = PreparationSettings(RATIO)
+    (plain,), (run,) = prepare(clean, settings), prepare(noisy, settings)
+    for times, name in ((1, "speed_rad_s"), (2, "acceleration_rad_s2")):
+        left = run.decimated(getattr(run, name)) - plain.decimated(getattr(plain, name))
+        assert derivative_noise_rms(run, ANGLE, times) == pytest.approx(np.std(left), rel=0.1)
+
+
+def test_a_linear_encoder_stands_in_for_the_rotary_one() -> None:
+    frame = sine(even(1.0))
+    table = SampleFrame(
+        frame.time_s,
+        {TABLE_POSITION: RATIO * frame.channels[ANGLE], TORQUE: frame.channels[TORQUE]},
+    )
+    (run,), (expected,) = (
+        prepare(table, PreparationSettings(RATIO)),
+        prepare(frame, PreparationSettings(RATIO)),
+    )
+    np.testing.assert_allclose(run.speed_rad_s, expected.speed_rad_s, rtol=1e-9, atol=1e-9)
+    assert TABLE_POSITION not in run.channels
+
+
+def test_bad_input_is_one_line() -> None:
+    frame = sine(even(1.0))
+    with pytest.raises(ValueError, match=f"the recording lacks {SETPOINT}.*it has {ANGLE}"):
+        list(prepare(frame, PreparationSettings(RATIO), required=(SETPOINT,)))
+    with pytest.raises(ValueError, match=r"cutoff_hz: 600 Hz is not below half .* 500 Hz"):
+        list(prepare(frame, PreparationSettings(RATIO, cutoff_hz=600.0)))
+    with pytest.raises(ValueError, match="decimation must be finite and greater than 0"):
+        PreparationSettings(RATIO, decimation=0)
+    still = SampleFrame(np.zeros(100), {ANGLE: np.zeros(100)})
+    with pytest.raises(ValueError, match="time_s never increases"):
+        list(uniform_runs(still, (ANGLE,)))

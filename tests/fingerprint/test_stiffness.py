@@ -1,0 +1,219 @@
+"""Stiffness from the stretch: exact on a spring, true on the simulated drive."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from edge_service.fingerprint.identified import around, undetermined
+from edge_service.fingerprint.nut_preload import preload_from_stiffness
+from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun, prepare
+from edge_service.fingerprint.stiffness_fit import (
+    StiffnessFit,
+    StiffnessStation,
+    backlash,
+    fit_stiffness,
+)
+from edge_service.messages.channels import ANGLE, TABLE_POSITION
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDriveSettings
+from edge_service.models.machine import Machine, Quantity
+from edge_service.models.plant import axial_compliance
+from edge_service.models.stiffness import nut_stiffness
+
+from .conftest import FRESH, GUIDE_FORCE_N, production_setpoints, run_axis
+
+RATIO = 0.02 / (2.0 * math.pi)
+PLACES_M = (0.1, 0.4, 0.7)
+MASS = Quantity(value=20.0, tolerance=0.0)
+
+
+def compliance(position_m: Floats) -> Floats:
+    return 2.2e-8 + 1.5e-8 * position_m
+
+
+def spring_axis(machine: Machine, seed: int, noise_m: float = 5e-8) -> SampleFrame:
+    """Stretch from the formula on a production motion of the table."""
+    setpoints = production_setpoints(machine, 30_000, seed)
+    table, speed, acceleration = setpoints.T
+    stretch = compliance(table) * (20.0 * acceleration + GUIDE_FORCE_N * np.sign(speed))
+    stretch += 1e-4 * speed + 2e-5 * table + 3e-6
+    noise = noise_m * np.random.default_rng(seed).standard_normal(len(table))
+    return SampleFrame(
+        np.arange(len(table)) / 1000.0,
+        {ANGLE: (table + stretch) / RATIO, TABLE_POSITION: table + noise},
+    )
+
+
+def prepared(frame: SampleFrame) -> list[PreparedRun]:
+    return list(prepare(frame, PreparationSettings(RATIO), required=()))
+
+
+def assert_spring(found: StiffnessFit) -> None:
+    for station in found.stations:
+        truth = compliance(np.array(station.position_m))
+        assert station.stiffness.holds(1.0 / truth)
+        assert station.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
+        assert station.lost_motion.holds(2.0 * GUIDE_FORCE_N * truth)
+    assert found.guide_force.holds(GUIDE_FORCE_N)
+    assert found.clock_skew.holds(1e-4)
+    assert found.scale_error.holds(2e-5)
+
+
+def test_a_spring_is_found_with_its_skew_and_its_lead_error(bench: Machine) -> None:
+    found = fit_stiffness(prepared(spring_axis(bench, 1)), PLACES_M, MASS)
+    assert_spring(found)
+    assert all(station.stiffness.sigma < 0.01 * 5e7 for station in found.stations)
+
+
+def test_without_the_mass_only_the_resonance_is_known(bench: Machine) -> None:
+    found = fit_stiffness(prepared(spring_axis(bench, 1)), PLACES_M)
+    for station in found.stations:
+        truth = compliance(np.array(station.position_m))
+        assert not station.stiffness.determined
+        assert "table_mass_kg" in station.stiffness.note
+        assert station.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
+    assert not found.guide_force.determined
+
+
+def test_an_uncertain_mass_widens_the_stiffness(bench: Machine) -> None:
+    runs = prepared(spring_axis(bench, 1))
+    vague = fit_stiffness(runs, (0.4,), Quantity(value=20.0, tolerance=0.1))
+    found = vague.stations[0].stiffness
+    assert found.sigma / found.value == pytest.approx(0.1, rel=0.1)
+
+
+def test_places_that_the_axis_never_visits_are_undetermined(bench: Machine) -> None:
+    table = production_setpoints(bench, 20_000, 1)
+    low = table[:, 0] * 0.2
+    channels = {ANGLE: (low + 1e-6 * np.sign(table[:, 1])) / RATIO, TABLE_POSITION: low}
+    frame = SampleFrame(np.arange(20_000) / 1000.0, channels)
+    found = fit_stiffness(prepared(frame), (0.0, 0.1, 0.3, 0.5), MASS)
+    assert "too stiff" in found.stations[0].stiffness.note or found.stations[0].stiffness.low > 1e8
+    assert not found.stations[3].stiffness.determined
+    assert not found.stations[3].lost_motion.determined
+    assert found.stations[3].lost_motion.note
+
+
+def test_bad_input_is_one_line(bench: Machine) -> None:
+    frame = spring_axis(bench, 1)
+    with pytest.raises(ValueError, match="positions_m must rise"):
+        fit_stiffness(prepared(frame), (0.4, 0.1), MASS)
+    blind = SampleFrame(frame.time_s, {ANGLE: frame.channels[ANGLE]})
+    with pytest.raises(ValueError, match=f"stiffness needs {TABLE_POSITION}"):
+        fit_stiffness(prepared(blind), PLACES_M, MASS)
+
+
+def test_the_simulated_drive_has_the_stiffness_of_its_plant(
+    bench: Machine,
+    settings: FeedDriveSettings,
+    drive: Callable[[Floats, int], SampleFrame],
+) -> None:
+    frame = drive(production_setpoints(bench, 60_000, 3), 3)
+    found = fit_stiffness(prepared(frame), PLACES_M, MASS)
+    for station in found.stations:
+        truth = axial_compliance(settings.plant, station.position_m, FRESH)
+        assert station.stiffness.holds(1.0 / truth)
+        assert station.stiffness.sigma < 0.02 / truth
+        assert station.lost_motion.value == pytest.approx(2.0 * GUIDE_FORCE_N * truth, rel=0.02)
+    assert found.guide_force.holds(GUIDE_FORCE_N)
+
+
+@pytest.mark.slow
+def test_coverage_on_springs(bench: Machine) -> None:
+    runs, hits = 30, np.zeros(3)
+    for seed in range(runs):
+        found = fit_stiffness(prepared(spring_axis(bench, seed)), (0.1, 0.7), MASS)
+        near, far = found.stations
+        hits += (
+            near.stiffness.holds(1.0 / compliance(np.array(0.1))),
+            far.stiffness.holds(1.0 / compliance(np.array(0.7))),
+            found.guide_force.holds(GUIDE_FORCE_N),
+        )
+    assert hits.min() >= stats.binom.ppf(0.001, runs, 0.95), hits
+
+
+@pytest.mark.slow
+def test_coverage_on_the_simulated_drive(
+    bench: Machine,
+    settings: FeedDriveSettings,
+    drive: Callable[[Floats, int], SampleFrame],
+) -> None:
+    runs, hits = 30, np.zeros(len(PLACES_M))
+    truth = [1.0 / axial_compliance(settings.plant, place, FRESH) for place in PLACES_M]
+    for seed in range(runs):
+        frame = drive(production_setpoints(bench, 60_000, seed), seed)
+        found = fit_stiffness(prepared(frame), PLACES_M, MASS)
+        hits += [s.stiffness.holds(t) for s, t in zip(found.stations, truth, strict=True)]
+    assert hits.min() >= stats.binom.ppf(0.001, runs, 0.95), hits
+
+
+def station(lost_m: float, stiffness_n_per_m: float = 4e7) -> StiffnessStation:
+    return StiffnessStation(
+        0.4,
+        around(stiffness_n_per_m, 1e5, "N/m", 1e6),
+        around(200.0, 1.0, "Hz", 1e6),
+        around(lost_m, 5e-8, "m", 1e6),
+    )
+
+
+def test_backlash_is_the_lost_motion_that_the_guides_do_not_explain() -> None:
+    windup_m = 2.0 * 40.0 / 4e7
+    found = backlash(station(windup_m + 5e-6), Quantity(value=40.0, tolerance=0.05))
+    assert found.value == pytest.approx(5e-6, rel=1e-6)
+    assert found.sigma == pytest.approx(math.hypot(5e-8, 0.05 * windup_m, windup_m / 400), rel=1e-6)
+    none = backlash(station(windup_m), Quantity(value=40.0, tolerance=0.05))
+    assert none.low == 0.0
+    assert none.holds(0.0)
+    unknown = backlash(station(windup_m + 5e-6), None)
+    assert math.isnan(unknown.value)
+    assert unknown.low == 0.0
+    assert unknown.high == pytest.approx(windup_m + 5e-6 + 1.96 * 5e-8, rel=1e-3)
+
+
+def worn_axis(percent: float) -> tuple[float, float, float]:
+    """Series stiffness fresh and worn, and the fresh nut's, N/m."""
+    rest = 1.5e-8
+    fresh, worn = nut_stiffness(1.6e8, FRESH), nut_stiffness(1.6e8, percent)
+    return 1.0 / (rest + 1.0 / fresh), 1.0 / (rest + 1.0 / worn), fresh
+
+
+@pytest.mark.parametrize("percent", [1.0, 3.0, 5.0, FRESH])
+def test_preload_follows_from_the_change_of_the_stiffness(percent: float) -> None:
+    fresh, worn, nut = worn_axis(percent)
+    now, then = (around(value, 1e-4 * value, "N/m", 1e6) for value in (worn, fresh))
+    preload = Quantity(value=510.0, tolerance=0.0)
+    found = preload_from_stiffness(now, then, preload, Quantity(value=nut, tolerance=0.01))
+    truth = 510.0 * percent / FRESH
+    assert found.value == pytest.approx(truth, rel=1e-3)
+    assert found.holds(truth)
+    assert found.sigma < 0.1 * 510.0
+    ignorant = preload_from_stiffness(now, then, preload, None)
+    assert math.isnan(ignorant.value)
+    assert ignorant.low == 0.0
+    assert ignorant.holds(truth)
+    assert "nut_stiffness" in ignorant.note
+
+
+def test_preload_is_undetermined_without_a_stiffness() -> None:
+    known = around(4e7, 1e4, "N/m", 1e6)
+    nothing = undetermined("N/m", "none")
+    preload = Quantity(value=510.0, tolerance=0.0)
+    assert not preload_from_stiffness(nothing, known, preload, None).determined
+
+
+def test_a_preload_change_of_the_simulated_axis_is_seen_in_its_stiffness(
+    bench: Machine, settings: FeedDriveSettings
+) -> None:
+    setpoints = production_setpoints(bench, 60_000, 4)
+    fits = [
+        fit_stiffness(prepared(run_axis(settings, setpoints, 4, percent)), (0.1, 0.4), MASS)
+        for percent in (FRESH, 3.0)
+    ]
+    nut = Quantity(value=nut_stiffness(settings.plant.nut_catalogue_n_per_m, FRESH), tolerance=0.01)
+    fresh, worn = (fit.stations[1].stiffness for fit in fits)
+    found = preload_from_stiffness(worn, fresh, Quantity(value=510.0, tolerance=0.0), nut)
+    assert found.holds(74.5 * 3.0)
+    assert found.high < 0.8 * 510.0
