@@ -10,8 +10,10 @@ from pydantic import Field
 
 from edge_service.messages.channels import CHANNELS
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings, Sensors
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.effects.registry import parse_effect
+from edge_service.models.encoders import Sensors
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.motion import MOTIONS, MotionError, Setpoints, motion_limits
 from edge_service.models.wear import RUN_IN_SHARE, SCENARIOS, Wear
 
 from .base import (
@@ -48,8 +50,7 @@ class SimulatedConfig(DriverConfig):
         speed: axis time over real time; 0 is as fast as possible.
         guide_force_n: guide friction; the machine file's unless given.
         bearing_drag_nm: drag of the screw's bearings; the machine file's unless given.
-        stribeck_excess_nm: breakaway torque above the Coulomb level; 0 is no Stribeck friction.
-        stribeck_speed_rad_s: motor speed at which the excess has fallen to 1/e.
+        effects: what the axis has beyond the machine file, each as NAME[:key=value,...].
     """
 
     scenario: Literal["healthy", "gradual", "partial", "sudden"] = "gradual"
@@ -67,8 +68,7 @@ class SimulatedConfig(DriverConfig):
     speed: float = Field(1.0, ge=0.0, le=1000.0)
     guide_force_n: float | None = Field(None, ge=0.0)
     bearing_drag_nm: float | None = Field(None, ge=0.0)
-    stribeck_excess_nm: float = Field(0.0, ge=0.0)
-    stribeck_speed_rad_s: float = Field(2.0, gt=0.0)
+    effects: list[str] = []
     torque_noise_nm: float = Field(_SENSORS.torque_noise_nm, ge=0.0)
     angle_noise_rad: float = Field(_SENSORS.angle_noise_rad, ge=0.0)
     table_noise_m: float = Field(_SENSORS.table_noise_m, ge=0.0)
@@ -80,16 +80,21 @@ class _Bench:
     def __init__(self, config: SimulatedConfig, context: DriverContext) -> None:
         self._config = config
         self._wear = _wear(config, context)
-        limits = motion_limits(context.machine)
         if config.motion not in MOTIONS:
             known = ", ".join(sorted(MOTIONS))
             raise DriverMisconfiguredError("motion", f"{config.motion!r} is none of {known}")
-        segments = MOTIONS[config.motion](limits, np.random.default_rng((config.seed, 1)))
+        try:
+            limits = motion_limits(context.machine)
+            segments = MOTIONS[config.motion](limits, np.random.default_rng((config.seed, 1)))
+        except MotionError as error:
+            raise DriverMisconfiguredError("motion", str(error)) from error
         self._setpoints = Setpoints(segments, limits.low_m, config.rate_hz)
         self.preload_percent = self._wear.start_percent
-        self._drive = FeedDrive(
-            _settings(config, context), limits.low_m, self.preload_percent, config.seed
-        )
+        settings = _settings(config, context)
+        try:
+            self._drive = FeedDrive(settings, limits.low_m, self.preload_percent, config.seed)
+        except ValueError as error:
+            raise DriverMisconfiguredError("effects", str(error)) from error
         self._sample = 0
 
     def advance(self, count: int) -> SampleFrame:
@@ -126,14 +131,20 @@ def _wear(config: SimulatedConfig, context: DriverContext) -> Wear:
 
 
 def _settings(config: SimulatedConfig, context: DriverContext) -> FeedDriveSettings:
+    missing = context.machine.missing_for_percent()
+    if missing is not None:
+        raise DriverMisconfiguredError(
+            "machine", f"{missing}: the machine file lacks it, simulated preload needs it"
+        )
     try:
-        settings = FeedDriveSettings.of_machine(context.machine, config.rate_hz)
+        effects = [parse_effect(text) for text in config.effects]
+    except ValueError as error:
+        raise DriverMisconfiguredError("effects", str(error)) from error
+    try:
+        settings = FeedDriveSettings.of_machine(context.machine, config.rate_hz, effects)
     except ValueError as error:
         raise DriverMisconfiguredError("machine", str(error)) from error
-    plant = settings.plant._replace(
-        stribeck_excess_nm=config.stribeck_excess_nm,
-        stribeck_speed_rad_s=config.stribeck_speed_rad_s,
-    )
+    plant = settings.plant
     if config.guide_force_n is not None:
         plant = plant._replace(guide_force_n=config.guide_force_n)
     if config.bearing_drag_nm is not None:

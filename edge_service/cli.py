@@ -58,10 +58,13 @@ def _explain(error: Exception) -> int:
 def _is_bad_input(error: Exception) -> bool:
     from .bus.session import BusConfigurationError, BusUnavailableError
     from .http_api.serve import AddressError
+    from .models.motion import MotionError
+    from .studies.simulate import SimulationError
     from .trace.columns import TraceError
 
-    kinds = (InputError, ConfigError, TraceError, BusConfigurationError, BusUnavailableError)
-    return isinstance(error, (*kinds, AddressError))
+    bus = (BusConfigurationError, BusUnavailableError, AddressError)
+    twin = (MotionError, SimulationError)
+    return isinstance(error, (InputError, ConfigError, TraceError, *bus, *twin))
 
 
 def _complain(line: str, status: int) -> int:
@@ -274,6 +277,76 @@ def convert(
             progress=lambda fraction: bar.update(int(1000 * fraction) - bar.pos),
         )
     click.echo(summary.as_text())
+
+
+@cli.command(
+    epilog="Example: edge-service simulate --motion friction --effect stribeck:excess_nm=0.2 "
+    "--seed 7 --out trace.csv"
+)
+@_MACHINE
+@click.option("--motion", default="production", show_default=True, help="Name of the motion.")
+@click.option("--effect", "effects", multiple=True, help="NAME[:key=value,...]; repeatable.")
+@click.option("--duration", "duration_s", type=float, help="Axis time, s; the motion's own.")
+@click.option("--preload", "preload_percent", type=float, help="Percent; fresh by default.")
+@click.option("--added-mass", "added_mass_kg", default=0.0, help="Weight plates, kg.")
+@click.option("--external-force", "external_force_n", default=0.0, help="Loading screw, N.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help=".csv or .parquet")
+def simulate(
+    machine: Path,
+    motion: str,
+    effects: tuple[str, ...],
+    duration_s: float | None,
+    preload_percent: float | None,
+    added_mass_kg: float,
+    external_force_n: float,
+    seed: int,
+    out: Path,
+) -> None:
+    """Record the simulated axis with any set of effects."""
+    from .config import load_machine
+    from .studies.simulate import SimulationSettings
+    from .studies.simulate import simulate as run_simulation
+
+    settings = SimulationSettings(
+        motion, effects, duration_s, preload_percent, added_mass_kg, external_force_n, seed
+    )
+    click.echo(run_simulation(load_machine(machine), settings, out, _progress))
+
+
+@cli.command(epilog="Example: edge-service motion friction --out setpoints.csv")
+@click.argument("name", required=False)
+@_MACHINE
+@click.option("--list", "list_all", is_flag=True, help="Name every motion, with its duration.")
+@click.option("--duration", "duration_s", type=float, help="Of the whole, s.")
+@click.option("--rate", "rate_hz", default=1000.0, show_default=True, help="Setpoints per second.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--clip", is_flag=True, help="Leave out what the axis does not allow, and name it.")
+@click.option("--out", type=click.Path(path_type=Path), help=".csv setpoints or .mpf NC program")
+def motion(
+    name: str | None,
+    machine: Path,
+    list_all: bool,
+    duration_s: float | None,
+    rate_hz: float,
+    seed: int,
+    clip: bool,
+    out: Path | None,
+) -> None:
+    """Write a motion for a controller: setpoints as CSV, or an NC program.
+
+    It keeps to stroke, speed, acceleration and torque of the machine file, or is refused.
+    """
+    from .config import load_machine
+    from .studies.motion_file import MotionFileSettings, list_motions, write_motion
+
+    if list_all:
+        click.echo(list_motions(load_machine(machine)))
+        return
+    if name is None or out is None:
+        raise InputError("motion: expected a NAME and --out, or --list")
+    settings = MotionFileSettings(duration_s, rate_hz, seed, clip)
+    click.echo(write_motion(name, load_machine(machine), out, settings, _progress))
 
 
 @cli.command(epilog="Example: edge-service reproduce --out out/reproduce")

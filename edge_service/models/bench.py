@@ -20,14 +20,18 @@ NUT_CATALOGUE_N_PER_M = 1.6e8  # assumption: a 20 x 20 nut at a tenth of its loa
 BEARING_N_PER_M = 1.0e8  # assumption: fixed bearing with its support
 DAMPING_RATIO = 0.03  # assumption: of the resonance at mid-stroke
 SPEED_LAG_S = 5e-4  # the drive's speed filter lags 0.3 to 1 ms
-STRIBECK_SPEED_RAD_S = 2.0  # assumption
+LARGEST_TABLE_SHARE = 0.5  # assumption: of the whole inertia, where the table is not known
 
 
 def plant_of(machine: Machine) -> Plant:
-    """Plant constants from a machine file; raises ValueError if the table outweighs the inertia."""
+    """Plant constants from a machine file, without its effects.
+
+    Raises:
+        ValueError: the table is heavier than the whole inertia.
+    """
     axis, model = machine.axis, machine.model
     ratio = machine.transmission_ratio_m_per_rad
-    mass = model.table_mass_kg.value if model.table_mass_kg else TABLE_MASS_KG
+    mass = table_mass(machine)
     motor_inertia = model.inertia_kg_m2.value - table_inertia(mass, axis.lead_m)
     if motor_inertia <= 0.0:
         raise ValueError(
@@ -49,14 +53,36 @@ def plant_of(machine: Machine) -> Plant:
         support_compliance_m_per_n=1.0 / BEARING_N_PER_M + 1.0 / coupling,
         damping_n_s_per_m=0.0,
         bearing_drag_nm=model.bearing_drag_nm.value,
-        guide_force_n=model.guide_force_n.value,
-        stribeck_excess_nm=0.0,
-        stribeck_speed_rad_s=STRIBECK_SPEED_RAD_S,
-        drag_variation=0.0,
-        drag_variation_period_m=axis.lead_m,
+        guide_force_n=model.guide_force_n.value + _drag_of_no_screw_nm(machine) / ratio,
         speed_lag_s=SPEED_LAG_S,
     )
     return rigid._replace(damping_n_s_per_m=_structural_damping(rigid, machine))
+
+
+def table_mass(machine: Machine) -> float:
+    """Mass of table and workpiece, kg: the machine file's, or what the bench has if that fits."""
+    if machine.model.table_mass_kg:
+        return machine.model.table_mass_kg.value
+    whole_kg = machine.model.inertia_kg_m2.value / machine.transmission_ratio_m_per_rad**2
+    return min(TABLE_MASS_KG, LARGEST_TABLE_SHARE * whole_kg)
+
+
+def screw_drag(machine: Machine) -> tuple[float, float]:
+    """Drag of the screw without preload, N m, and its rise per point of preload, N m.
+
+    Where the file cannot tell preload in percent, the drag does not follow it.
+    """
+    drag = machine.model.preload_drag_nm
+    if drag is None or machine.model.preload_n is None:
+        return 0.0, 0.0
+    per_percent = machine.drag_per_percent_nm
+    return (drag.value, 0.0) if per_percent is None else (0.0, per_percent)
+
+
+def _drag_of_no_screw_nm(machine: Machine) -> float:
+    """`preload_drag_nm` where no preload is known: the whole Coulomb level, put on the guides."""
+    drag = machine.model.preload_drag_nm
+    return drag.value if drag and machine.model.preload_n is None else 0.0
 
 
 def _nut_catalogue(machine: Machine) -> float:

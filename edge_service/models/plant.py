@@ -2,11 +2,13 @@
 
 In travel coordinates x1 = R_t theta (motor side) and x2 = x (table), with m1 = J1 / R_t^2::
 
-    m1 x1'' = u / R_t - K (x1 - x2) - c (x1' - x2') - d1 x1' - f1
-    m2 x2'' = F_ext   + K (x1 - x2) + c (x1' - x2') - d2 x2' - f2
+    m1 x1'' = u / R_t - g F - d1 x1' - f1            F = K s + c s',  s = x1 + e - x2
+    m2 x2'' = F_ext   +   F - d2 x2' - f2            g = 1 + de / dx1
 
 (the seed's second model, 5.3.21, with friction). The drag of the screw and of its bearings f1 acts
-on the motor side, the friction of the guides f2 on the table.
+on the motor side, the friction of the guides f2 on the table. The shift e of the nut along the
+screw (lead error, growth) does no work of its own, hence g. With backlash the spring has a play;
+nothing but the guides' friction holds the table in it: without any, a closed loop hunts there.
 """
 
 import math
@@ -14,7 +16,9 @@ from typing import NamedTuple
 
 from ..messages.samples import Floats
 from .compiled import compiled
+from .dry_friction import Levels, rub
 from .stiffness import nut_stiffness, screw_compliance
+from .tables import NO_TABLES, Tables, find_friction, nut_shift
 
 MOTOR_TRAVEL = 0  # x1, m
 MOTOR_SPEED = 1  # x1', m/s
@@ -22,8 +26,12 @@ TABLE_POSITION = 2  # x2, m
 TABLE_SPEED = 3  # x2', m/s
 FILTERED_MOTOR_SPEED = 4  # behind the drive's speed filter, m/s
 FILTERED_TABLE_SPEED = 5  # behind the drive's speed filter, m/s
-STATE_SIZE = 6
+SHAFT_TORQUE = 6  # behind the lag of the torque path, N m
+MOTOR_FRICTION = 7  # dry friction against positive motion in the latest step, N
+TABLE_FRICTION = 8
+STATE_SIZE = 9
 
+LEAST_COMPLIANCE_M_PER_N = 1e-10
 _FRICTION_SWEEPS = 30
 
 
@@ -36,9 +44,14 @@ class Plant(NamedTuple):
         nut_catalogue_n_per_m: K of (5.3.11).
         support_compliance_m_per_n: bearing with its support, and coupling through the lead.
         damping_n_s_per_m: structural damping c parallel to the spring.
-        stribeck_excess_nm: breakaway torque above the Coulomb level, at the motor.
-        drag_variation: relative amplitude of the screw drag along the stroke, with its period.
         speed_lag_s: time constant of the drive's speed filters.
+        stretch_zero_m: s where x1 = x2, before any shift of the nut.
+        compliance_slope_per_n: compliance beyond that of the screw, per metre of position.
+        torque_lag_s: first-order lag between the torque command and the shaft.
+        backlash_m: play of the spring; its forward flank is at s = 0.
+        bristle_reach_m: friction level over presliding stiffness; 0.0 sticks without presliding.
+        load_friction: screw friction per torque that the spring carries.
+        tables: what follows speed, position or angle.
     """
 
     ratio_m_per_rad: float
@@ -54,11 +67,14 @@ class Plant(NamedTuple):
     damping_n_s_per_m: float
     bearing_drag_nm: float
     guide_force_n: float
-    stribeck_excess_nm: float
-    stribeck_speed_rad_s: float
-    drag_variation: float
-    drag_variation_period_m: float
     speed_lag_s: float
+    stretch_zero_m: float = 0.0
+    compliance_slope_per_n: float = 0.0
+    torque_lag_s: float = 0.0
+    backlash_m: float = 0.0
+    bristle_reach_m: float = 0.0
+    load_friction: float = 0.0
+    tables: Tables = NO_TABLES
 
     @property
     def motor_mass_kg(self) -> float:
@@ -70,54 +86,117 @@ class Load(NamedTuple):
     """What acts on the plant, and how stiff it is, during one period.
 
     Attributes:
-        torque_nm: at the motor shaft.
+        torque_nm: commanded, at the motor shaft.
         force_n: external force on the table, positive along x.
         screw_drag_nm: Coulomb level of the ball screw, without bearings and guides.
         compliance_m_per_n: of the spring between motor and table.
+        added_mass_kg: on the table.
+        motor_dry_nm, table_dry_nm: further dry friction on either side, at the motor.
+        resisting_nm: smooth torque against positive motion, at the motor.
+        strain: of the screw, m of shift per m of travel.
     """
 
     torque_nm: float
     force_n: float
     screw_drag_nm: float
     compliance_m_per_n: float
+    added_mass_kg: float = 0.0
+    motor_dry_nm: float = 0.0
+    table_dry_nm: float = 0.0
+    resisting_nm: float = 0.0
+    strain: float = 0.0
 
 
 @compiled
 def axial_compliance(plant: Plant, position_m: float, preload_percent: float) -> float:
     """Compliance of all springs in series, m/N (5.3.1)."""
-    return (
+    compliance = (
         plant.support_compliance_m_per_n
+        + plant.compliance_slope_per_n * position_m
         + screw_compliance(
             position_m, plant.screw_rigidity_n, plant.screw_length_m, plant.far_end_fixed
         )
         + 1.0 / nut_stiffness(plant.nut_catalogue_n_per_m, preload_percent)
     )
+    return max(compliance, LEAST_COMPLIANCE_M_PER_N)
 
 
 @compiled
-def dry_torque(plant: Plant, screw_drag_nm: float, position_m: float, speed_m_s: float) -> float:
-    """Level of the dry friction on the motor side, N m, not negative.
+def resistance(
+    plant: Plant, load: Load, travel_m: float, speed_m_s: float, spring_n: float
+) -> tuple[Levels, float, Levels, float]:
+    """Friction of the motor side and of the table: dry levels, and smooth force, N each.
 
-    Coulomb drag of screw and bearings, and the Stribeck excess F_s exp(-(omega / omega_s)^2).
+    Dry friction is the sum of its parts over speed, position, angle and time; where parts take away
+    more than there is, nothing is left.
     """
-    level_nm = screw_drag_nm + plant.bearing_drag_nm
-    if plant.drag_variation != 0.0:
-        phase = 2.0 * math.pi * position_m / plant.drag_variation_period_m
-        level_nm += screw_drag_nm * plant.drag_variation * math.sin(phase)
-    if plant.stribeck_excess_nm != 0.0:
-        slowness = speed_m_s / (plant.ratio_m_per_rad * plant.stribeck_speed_rad_s)
-        level_nm += plant.stribeck_excess_nm * math.exp(-slowness * slowness)
-    return max(level_nm, 0.0)
+    ratio, reach = plant.ratio_m_per_rad, plant.bristle_reach_m
+    found = find_friction(plant.tables, travel_m, travel_m / ratio, speed_m_s / ratio)
+    drag_nm = load.screw_drag_nm + plant.bearing_drag_nm + load.motor_dry_nm
+    drag_nm += plant.load_friction * abs(spring_n) * ratio
+    guide_nm = plant.guide_force_n * ratio + load.table_dry_nm
+    return (
+        Levels(
+            max(drag_nm + found.motor_forward_nm, 0.0) / ratio,
+            max(drag_nm + found.motor_backward_nm, 0.0) / ratio,
+            reach,
+        ),
+        (load.resisting_nm + found.motor_smooth_nm) / ratio,
+        Levels(
+            max(guide_nm + found.table_forward_nm, 0.0) / ratio,
+            max(guide_nm + found.table_backward_nm, 0.0) / ratio,
+            reach,
+        ),
+        found.table_smooth_nm / ratio,
+    )
 
 
 @compiled
-def _shrink(impulse: float, limit: float) -> float:
-    """What a friction impulse of at most `limit` leaves of `impulse`; 0.0 is sticking."""
-    if impulse > limit:
-        return impulse - limit
-    if impulse < -limit:
-        return impulse + limit
-    return 0.0
+def _spring(plant: Plant, state: Floats, strain: float) -> tuple[float, float, float]:
+    """Stretch of the spring, m, slope of x1 + e over x1, and 1.0 where the flanks touch."""
+    travel = state[MOTOR_TRAVEL]
+    shift, slope = nut_shift(plant.tables, travel, plant.ratio_m_per_rad)
+    stretch = plant.stretch_zero_m + (1.0 + strain) * travel + shift - state[TABLE_POSITION]
+    gear = 1.0 + strain + slope
+    if plant.backlash_m <= 0.0 or stretch > 0.0:
+        return stretch, gear, 1.0
+    stretch += plant.backlash_m
+    return stretch, gear, 1.0 if stretch < 0.0 else 0.0
+
+
+@compiled
+def _step(plant: Plant, state: Floats, load: Load, h: float) -> None:
+    """Advance all but the speed filters by one step of `h` seconds."""
+    ratio = plant.ratio_m_per_rad
+    m1 = plant.motor_inertia_kg_m2 / (ratio * ratio)
+    m2 = plant.table_mass_kg + load.added_mass_kg
+    d1 = plant.motor_viscous_nm_s_per_rad / (ratio * ratio)
+    d2 = plant.table_viscous_n_s_per_m
+    v1, v2 = state[MOTOR_SPEED], state[TABLE_SPEED]
+    stretch, gear, touching = _spring(plant, state, load.strain)
+    stiffness = touching / load.compliance_m_per_n
+    damper = touching * plant.damping_n_s_per_m + 0.5 * h * stiffness
+    a11 = m1 + 0.5 * h * (damper * gear * gear + d1)
+    a22 = m2 + 0.5 * h * (damper + d2)
+    a12 = 0.5 * h * damper * gear
+    spring = stiffness * stretch
+    drag, smooth1, guide, smooth2 = resistance(plant, load, state[MOTOR_TRAVEL], v1, spring)
+    carried = spring + 0.5 * damper * (gear * v1 - v2)
+    motor_n = state[SHAFT_TORQUE] / ratio - gear * carried - 0.5 * d1 * v1 - smooth1
+    impulse1 = m1 * v1 + h * motor_n
+    impulse2 = m2 * v2 + h * (load.force_n + carried - 0.5 * d2 * v2 - smooth2)
+    held1, held2 = state[MOTOR_FRICTION], state[TABLE_FRICTION]
+    w1, w2 = v1, v2
+    for _sweep in range(_FRICTION_SWEEPS):
+        u1, state[MOTOR_FRICTION] = rub(drag, impulse1 + a12 * w2, a11, h, held1, v1)
+        u2, state[TABLE_FRICTION] = rub(guide, impulse2 + a12 * u1, a22, h, held2, v2)
+        settled = u1 == w1 and u2 == w2
+        w1, w2 = u1, u2
+        if settled:
+            break
+    state[MOTOR_TRAVEL] += 0.5 * h * (v1 + w1)
+    state[TABLE_POSITION] += 0.5 * h * (v2 + w2)
+    state[MOTOR_SPEED], state[TABLE_SPEED] = w1, w2
 
 
 @compiled
@@ -126,46 +205,20 @@ def advance_plant(plant: Plant, state: Floats, load: Load, period_s: float, subs
 
     Moreau-Jean time stepping: the midpoint rule for spring, damper and viscous friction (second
     order, exact in energy, stable for any step and stiffness), and dry friction as an impulse
-    within +-limit that opposes the speed at the end of the step or holds it at exactly zero. The
+    within its levels that opposes the speed at the end of the step or holds it at exactly zero. The
     two impulses are coupled through spring and damper only; each sweep contracts the error by
     (h^2 K / 4)^2 / (m1 m2), about 1e-6 at 16 kHz, and they end when nothing changes any more. The
     step must resolve the resonance (h w < 1) for the result to be accurate, not to be stable.
+    Tables, load friction and the flank of a backlash are those at the beginning of the step.
     """
     h = period_s / substeps
-    ratio = plant.ratio_m_per_rad
-    stiffness = 1.0 / load.compliance_m_per_n
-    m1 = plant.motor_inertia_kg_m2 / (ratio * ratio)
-    m2 = plant.table_mass_kg
-    d1 = plant.motor_viscous_nm_s_per_rad / (ratio * ratio)
-    d2 = plant.table_viscous_n_s_per_m
-    damper = plant.damping_n_s_per_m + 0.5 * h * stiffness
-    a11 = m1 + 0.5 * h * (damper + d1)
-    a22 = m2 + 0.5 * h * (damper + d2)
-    a12 = 0.5 * h * damper
     filter_gain = 1.0 - math.exp(-h / plant.speed_lag_s)
-    x1, v1 = state[MOTOR_TRAVEL], state[MOTOR_SPEED]
-    x2, v2 = state[TABLE_POSITION], state[TABLE_SPEED]
-    y1, y2 = state[FILTERED_MOTOR_SPEED], state[FILTERED_TABLE_SPEED]
-    guide_limit = h * plant.guide_force_n
+    lag_left = math.exp(-h / plant.torque_lag_s) if plant.torque_lag_s > 0.0 else 0.0
     for _ in range(substeps):
-        spring = stiffness * (x1 - x2)
-        coupled = 0.5 * damper * (v1 - v2)
-        impulse1 = m1 * v1 + h * (load.torque_nm / ratio - spring - coupled - 0.5 * d1 * v1)
-        impulse2 = m2 * v2 + h * (load.force_n + spring + coupled - 0.5 * d2 * v2)
-        motor_limit = h * dry_torque(plant, load.screw_drag_nm, x2, v1) / ratio
-        w1, w2 = v1, v2
-        for _sweep in range(_FRICTION_SWEEPS):
-            u1 = _shrink(impulse1 + a12 * w2, motor_limit) / a11
-            u2 = _shrink(impulse2 + a12 * u1, guide_limit) / a22
-            settled = u1 == w1 and u2 == w2
-            w1, w2 = u1, u2
-            if settled:
-                break
-        x1 += 0.5 * h * (v1 + w1)
-        x2 += 0.5 * h * (v2 + w2)
-        y1 += filter_gain * (0.5 * (v1 + w1) - y1)
-        y2 += filter_gain * (0.5 * (v2 + w2) - y2)
-        v1, v2 = w1, w2
-    state[MOTOR_TRAVEL], state[MOTOR_SPEED] = x1, v1
-    state[TABLE_POSITION], state[TABLE_SPEED] = x2, v2
-    state[FILTERED_MOTOR_SPEED], state[FILTERED_TABLE_SPEED] = y1, y2
+        v1, v2 = state[MOTOR_SPEED], state[TABLE_SPEED]
+        lag_nm = state[SHAFT_TORQUE] - load.torque_nm
+        state[SHAFT_TORQUE] = load.torque_nm + lag_left * lag_nm
+        _step(plant, state, load, h)
+        mean1, mean2 = 0.5 * (v1 + state[MOTOR_SPEED]), 0.5 * (v2 + state[TABLE_SPEED])
+        state[FILTERED_MOTOR_SPEED] += filter_gain * (mean1 - state[FILTERED_MOTOR_SPEED])
+        state[FILTERED_TABLE_SPEED] += filter_gain * (mean2 - state[FILTERED_TABLE_SPEED])

@@ -254,6 +254,15 @@ async def test_friction_overrides_reach_the_torque() -> None:
     assert np.percentile(more, 75) == pytest.approx(60.0 * 0.02 / (2.0 * np.pi) + 0.05, abs=0.03)
 
 
+async def test_effects_reach_the_torque() -> None:
+    plain = await opened_frames(driver(scenario="healthy", frame_s=1.0), 4)
+    tilted = await opened_frames(
+        driver(scenario="healthy", frame_s=1.0, effects=["load_offset:constant_nm=0.3"]), 4
+    )
+    more = [b.channels[TORQUE] - a.channels[TORQUE] for a, b in zip(plain, tilted, strict=True)]
+    assert np.median(np.concatenate(more)) == pytest.approx(0.3, abs=0.02)
+
+
 async def test_probe_tells_channels_and_rate_without_opening() -> None:
     probe = await driver(rate_hz=2000.0).probe()
     assert set(probe.channels) == set(CHANNELS)
@@ -263,6 +272,10 @@ async def test_probe_tells_channels_and_rate_without_opening() -> None:
 async def test_a_wrong_configuration_names_its_key() -> None:
     with pytest.raises(DriverMisconfiguredError, match=r"motion: 'polka' is none of .*production"):
         await driver(motion="polka").open()
+    with pytest.raises(DriverMisconfiguredError, match=r"effects: no effect 'rust'"):
+        await driver(effects=["rust"]).open()
+    with pytest.raises(DriverMisconfiguredError, match=r"effects: .* leave a table of"):
+        await driver(effects=["inertia_error:change_kg_m2=-0.01"]).open()
     bare = Machine.model_validate({"axis": {"lead_m": 0.02}, "model": {"inertia_kg_m2": 1.5e-3}})
     source = SimulatedDriver(SimulatedConfig(), DriverContext("X", bare))
     with pytest.raises(DriverMisconfiguredError, match=r"machine: axis\.dynamic_load_rating_n"):

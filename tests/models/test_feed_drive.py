@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from edge_service.messages import channels
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.bench import plant_of
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings, Sensors
+from edge_service.models.effects.registry import effect_names, parse_effect
+from edge_service.models.encoders import Sensors
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, Dwell, Move, Setpoints, motion_limits
 from edge_service.models.plant import axial_compliance
@@ -60,7 +62,8 @@ def test_any_split_into_blocks_gives_the_same_bytes(cuts: list[int]) -> None:
             },
         }
     )
-    drive = bench(machine, Sensors(), stribeck_excess_nm=0.1)
+    effects = tuple(parse_effect(name) for name in effect_names())
+    drive = replace(bench(machine, Sensors()), effects=effects)
     setpoints, percent = production(machine, 2000), np.linspace(10.0, 5.0, 2000)
     whole = FeedDrive(drive, HOME_M, 10.0, seed=5).advance(setpoints, percent)
     axis = FeedDrive(drive, HOME_M, 10.0, seed=5)
@@ -221,7 +224,33 @@ def test_bad_input_is_refused_before_it_reaches_the_plant(machine: Machine) -> N
         axis.advance(np.full((10, 3), np.nan), np.full(10, FRESH))
 
 
-def test_a_machine_without_load_rating_cannot_be_simulated_in_percent(machine: Machine) -> None:
+def test_without_a_known_preload_the_whole_coulomb_level_is_on_the_guides(
+    machine: Machine,
+) -> None:
+    model = machine.model.model_copy(update={"preload_n": None})
+    drive = bench(machine.model_copy(update={"model": model}))
+    ratio = drive.plant.ratio_m_per_rad
+    assert drive.screw_drag_nm(5.0) == 0.0
+    assert drive.plant.guide_force_n * ratio == pytest.approx(0.146)
+    slow = Move(0.1, 0.05, 4.0, 200.0)
+    torque = run(drive, moves(slow, count=2000), 5.0).channels[channels.TORQUE]
+    assert np.mean(torque[1000:1900]) == pytest.approx(5e-3 * 0.05 / ratio + 0.146, rel=2e-3)
+
+
+def test_without_a_load_rating_the_drag_does_not_follow_the_preload(machine: Machine) -> None:
     axis = machine.axis.model_copy(update={"dynamic_load_rating_n": None})
-    with pytest.raises(ValueError, match=r"axis\.dynamic_load_rating_n"):
-        FeedDriveSettings.of_machine(machine.model_copy(update={"axis": axis}))
+    drive = bench(machine.model_copy(update={"axis": axis}))
+    assert drive.screw_drag_nm(np.array([0.0, 10.0])).tolist() == [0.146, 0.146]
+
+
+def test_added_mass_is_felt_as_inertia(machine: Machine) -> None:
+    drive = bench(machine)
+    setpoints = moves(Move(0.5, 0.5, 2.0, 200.0), count=1500)
+    percent = np.full(1500, FRESH)
+    torques = []
+    for mass_kg in (0.0, 25.0):
+        axis = FeedDrive(drive, HOME_M, FRESH, seed=1)
+        frame = axis.advance(setpoints, percent, added_mass_kg=np.full(1500, mass_kg))
+        torques.append(np.mean(frame.channels[channels.TORQUE][100:200]))
+    ratio = drive.plant.ratio_m_per_rad
+    assert torques[1] - torques[0] == pytest.approx(25.0 * ratio * 2.0, rel=0.01)

@@ -6,6 +6,8 @@ from scipy.integrate import solve_ivp
 
 from edge_service.messages.samples import Floats
 from edge_service.models.bench import plant_of
+from edge_service.models.effects.forward import put_into
+from edge_service.models.effects.registry import parse_effect
 from edge_service.models.machine import Machine
 from edge_service.models.plant import (
     MOTOR_SPEED,
@@ -17,12 +19,17 @@ from edge_service.models.plant import (
     Plant,
     advance_plant,
     axial_compliance,
-    dry_torque,
+    resistance,
 )
 
 PERIOD_S = 1e-3
 START_M = 0.4
 PRELOAD_PERCENT = 6.8
+MOTION = slice(MOTOR_TRAVEL, TABLE_SPEED + 1)
+
+
+def with_effects(plant: Plant, *texts: str) -> Plant:
+    return put_into(plant, [parse_effect(text) for text in texts], 0.0).plant
 
 
 def at_rest() -> Floats:
@@ -107,7 +114,7 @@ def test_sliding_agrees_with_an_independent_integrator(plant: Plant, guide_force
 
 
 def test_friction_through_reversals_converges_with_the_substeps(plant: Plant) -> None:
-    plant = plant._replace(guide_force_n=60.0, stribeck_excess_nm=0.1)
+    plant = with_effects(plant._replace(guide_force_n=60.0), "stribeck:excess_nm=0.1")
     torque_nm = 1.0 * np.sin(2.0 * math.pi * 5.0 * np.arange(400) * PERIOD_S)
     finest = run(plant, torque_nm, drag_nm=0.146, substeps=1024)
     errors_m = [
@@ -159,13 +166,13 @@ def test_no_energy_is_lost_without_friction_at_any_step(plant: Plant) -> None:
 
 @pytest.mark.parametrize("share", [-0.999, 0.0, 0.999])
 def test_torque_below_the_breakaway_moves_nothing_at_all(plant: Plant, share: float) -> None:
-    plant = plant._replace(stribeck_excess_nm=0.1)
+    plant = with_effects(plant, "stribeck:excess_nm=0.1")
     states = run(plant, np.full(500, share * 0.246), drag_nm=0.146)
-    assert np.array_equal(states, np.repeat(states[:1], 501, axis=0))
+    assert np.array_equal(states[:, MOTION], np.repeat(states[:1, MOTION], 501, axis=0))
 
 
 def test_torque_above_the_breakaway_moves_the_axis(plant: Plant) -> None:
-    plant = plant._replace(stribeck_excess_nm=0.1)
+    plant = with_effects(plant, "stribeck:excess_nm=0.1")
     states = run(plant, np.full(50, 1.001 * 0.246), drag_nm=0.146)
     assert np.all(np.diff(states[1:, MOTOR_TRAVEL]) > 0.0)
 
@@ -234,19 +241,25 @@ def test_resonance_lies_where_the_two_masses_and_the_spring_put_it(plant: Plant)
 
 
 def test_stribeck_excess_falls_by_e_at_its_speed(plant: Plant) -> None:
-    plant = plant._replace(stribeck_excess_nm=0.2, bearing_drag_nm=0.05)
-    level = 0.146 + 0.05
-    assert dry_torque(plant, 0.146, 0.0, 0.0) == pytest.approx(level + 0.2)
-    at_speed = plant.stribeck_speed_rad_s * plant.ratio_m_per_rad
-    assert dry_torque(plant, 0.146, 0.0, at_speed) == pytest.approx(level + 0.2 / math.e)
-    assert dry_torque(plant, 0.146, 0.0, -at_speed) == pytest.approx(level + 0.2 / math.e)
+    plant = plant._replace(bearing_drag_nm=0.05)
+    plant = with_effects(plant, "stribeck:excess_nm=0.2,speed_rad_s=2.0")
+    load, level = Load(0.0, 0.0, 0.146, compliance(plant)), 0.146 + 0.05
+    for speed_rad_s, excess in ((0.0, 0.2), (2.0, 0.2 / math.e), (-2.0, 0.2 / math.e)):
+        speed_m_s = speed_rad_s * plant.ratio_m_per_rad
+        drag, _, _, _ = resistance(plant, load, START_M, speed_m_s, 0.0)
+        expected_n = (level + excess) / plant.ratio_m_per_rad
+        assert drag.forward_n == pytest.approx(expected_n, rel=1e-5)
+        assert drag.backward_n == pytest.approx(expected_n, rel=1e-5)
 
 
-def test_drag_variation_leaves_the_mean_over_its_period(plant: Plant) -> None:
-    plant = plant._replace(drag_variation=0.1, drag_variation_period_m=0.1)
-    levels = [dry_torque(plant, 0.2, x, 0.0) for x in np.linspace(0.0, 0.1, 100, endpoint=False)]
-    assert np.mean(levels) == pytest.approx(0.2)
-    assert np.max(levels) == pytest.approx(0.22, rel=1e-3)
+def test_parts_of_the_friction_never_make_it_push(plant: Plant) -> None:
+    plant = with_effects(plant, "once_per_rev_friction:amplitude_nm=1.0")
+    load = Load(0.0, 0.0, 0.146, compliance(plant))
+    turn_m = 2.0 * math.pi * plant.ratio_m_per_rad
+    levels = [resistance(plant, load, x, 0.0, 0.0)[0] for x in np.linspace(0.0, turn_m, 100)]
+    assert min(level.forward_n for level in levels) == 0.0
+    greatest_n = (0.146 + 1.0) / plant.ratio_m_per_rad
+    assert max(level.forward_n for level in levels) == pytest.approx(greatest_n, rel=1e-3)
 
 
 def test_speed_filter_lags_by_its_time_constant(plant: Plant) -> None:

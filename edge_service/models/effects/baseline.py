@@ -1,0 +1,142 @@
+"""Measured motion, and the baseline model that says what torque it needs."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ..ball_screw import table_inertia
+from ..bench import plant_of
+from ..machine import Machine
+from ..plant import axial_compliance
+
+_COMPLIANCE_POINTS = 129
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Baseline:
+    """The numbers of a machine file that signatures need.
+
+    Attributes:
+        inertia_kg_m2: the whole axis' at the motor; `table_inertia_kg_m2` is the table's part.
+        coulomb_nm: the whole level of dry friction; `table_coulomb_nm` is what acts on the table.
+        position_m, compliance_m_per_n: compliance of the spring over the position, (k,) each.
+    """
+
+    ratio_m_per_rad: float
+    inertia_kg_m2: float
+    table_inertia_kg_m2: float
+    viscous_nm_s_per_rad: float
+    coulomb_nm: float
+    table_coulomb_nm: float
+    position_m: Floats
+    compliance_m_per_n: Floats
+
+    @classmethod
+    def of_machine(cls, machine: Machine) -> Self:
+        """The baseline of a machine file, completed by the seed's bench where it is silent.
+
+        Raises:
+            ValueError: the table is heavier than the whole inertia.
+        """
+        plant = plant_of(machine)
+        ratio = plant.ratio_m_per_rad
+        preload = machine.model.preload_drag_nm
+        screw_nm = preload.value if preload and machine.model.preload_n else 0.0
+        guide_nm = plant.guide_force_n * ratio
+        position = np.linspace(0.0, plant.screw_length_m, _COMPLIANCE_POINTS)
+        percent = machine.fresh_preload_percent or 0.0
+        return cls(
+            ratio_m_per_rad=ratio,
+            inertia_kg_m2=machine.model.inertia_kg_m2.value,
+            table_inertia_kg_m2=table_inertia(plant.table_mass_kg, machine.axis.lead_m),
+            viscous_nm_s_per_rad=machine.model.viscous_nm_s_per_rad.value,
+            coulomb_nm=screw_nm + plant.bearing_drag_nm + guide_nm,
+            table_coulomb_nm=guide_nm,
+            position_m=position,
+            compliance_m_per_n=np.array([axial_compliance(plant, x, percent) for x in position]),
+        )
+
+    @property
+    def table_share(self) -> float:
+        """Share of the dry friction that acts on the table; 0 without any friction."""
+        return self.table_coulomb_nm / self.coulomb_nm if self.coulomb_nm > 0.0 else 0.0
+
+    def wind_up_m(self, carried_nm: Floats, position_m: Floats) -> Floats:
+        """x - R theta where the spring carries a torque: -c(x) T / R, m, (n,)."""
+        compliance = np.interp(position_m, self.position_m, self.compliance_m_per_n)
+        wound_m: Floats = -compliance * carried_nm / self.ratio_m_per_rad
+        return wound_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Measured motion of one axis, filtered as the user of signatures likes; all (n,).
+
+    Attributes:
+        time_s: increasing, from the beginning of the recording.
+        direction: of the motor's motion: -1, 0 or 1.
+        torque_nm: commanded; NaN where unknown.
+        model_torque_nm: what the baseline needs for this motion (zero at rest).
+        load_torque_nm: the part of it that the spring between motor and table carries.
+    """
+
+    time_s: Floats
+    angle_rad: Floats
+    speed_rad_s: Floats
+    acceleration_rad_s2: Floats
+    position_m: Floats
+    direction: Floats
+    torque_nm: Floats
+    model_torque_nm: Floats
+    load_torque_nm: Floats
+
+    @classmethod
+    def of_samples(
+        cls,
+        baseline: Baseline,
+        time_s: Floats,
+        angle_rad: Floats,
+        speed_rad_s: Floats,
+        acceleration_rad_s2: Floats,
+        *,
+        position_m: Floats | None = None,
+        torque_nm: Floats | None = None,
+        external_force_n: Floats | None = None,
+        still_rad_s: float = 0.0,
+    ) -> Self:
+        """Motion with what the baseline says of it.
+
+        Args:
+            position_m: of the table; by the motor's angle unless given.
+            external_force_n: known force on the table, positive along x.
+            still_rad_s: up to this speed the axis is at rest.
+        """
+        direction = np.where(np.abs(speed_rad_s) > still_rad_s, np.sign(speed_rad_s), 0.0)
+        force = 0.0 if external_force_n is None else external_force_n
+        pushed_nm = -baseline.ratio_m_per_rad * force
+        load = baseline.table_inertia_kg_m2 * acceleration_rad_s2 + pushed_nm
+        whole = baseline.inertia_kg_m2 * acceleration_rad_s2 + pushed_nm
+        whole = whole + baseline.viscous_nm_s_per_rad * speed_rad_s
+        return cls(
+            time_s=time_s,
+            angle_rad=angle_rad,
+            speed_rad_s=speed_rad_s,
+            acceleration_rad_s2=acceleration_rad_s2,
+            position_m=baseline.ratio_m_per_rad * angle_rad if position_m is None else position_m,
+            direction=direction,
+            torque_nm=np.full_like(time_s, np.nan) if torque_nm is None else torque_nm,
+            model_torque_nm=whole + baseline.coulomb_nm * direction,
+            load_torque_nm=load + baseline.table_coulomb_nm * direction,
+        )
+
+    def __len__(self) -> int:
+        return int(self.time_s.shape[0])
+
+    @property
+    def approach(self) -> Floats:
+        """Direction of the latest motion, -1 or 1, (n,); before any, home's: 1."""
+        moved = np.where(self.direction != 0.0, np.arange(len(self)), -1)
+        latest = np.maximum.accumulate(moved)
+        return np.where(latest >= 0, self.direction[latest], 1.0)

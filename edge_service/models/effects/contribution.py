@@ -1,0 +1,119 @@
+"""What an effect does to an axis: a small closed set of contributions.
+
+Each is a number or a function of one variable. The same function is evaluated on measured motion
+(`signature`) and on the grids of the simulated plant (`forward`), so both mean the same physics.
+Torques are those that the motor must give in addition; directions are those of positive motion.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from ...messages.samples import Floats
+
+Curve = Callable[[Floats], Floats]
+"""A function of one variable, (n,) -> (n,)."""
+
+
+class Over(StrEnum):
+    """The variable of a curve."""
+
+    SPEED = "motor_speed_rad_s"  # signed
+    ANGLE = "motor_angle_rad"  # a curve over it has the period 2 pi
+    POSITION = "table_position_m"
+    TIME = "time_s"  # since the beginning of the recording
+
+
+class Side(StrEnum):
+    """Where friction acts: before the spring, behind it, or shared as the Coulomb level is."""
+
+    MOTOR = "motor"
+    TABLE = "table"
+    AS_DRAG = "as_drag"
+
+
+class Place(StrEnum):
+    """What is shifted: the nut along the screw, m, or the reading of the motor's angle, rad."""
+
+    NUT = "nut"
+    ANGLE_READING = "angle_reading"
+
+
+class Quantity(StrEnum):
+    """A constant of the axis that an effect adds to."""
+
+    TABLE_INERTIA = "table_inertia_kg_m2"  # at the motor
+    VISCOUS = "viscous_nm_s_per_rad"
+    COMMAND_SHARE = "command_share"  # command per torque that arrives, minus 1
+    TORQUE_LIMIT = "torque_limit_nm"  # of what arrives; the least one counts
+    TORQUE_LAG = "torque_lag_s"
+    POSITION_LAG = "position_lag_s"  # of the linear encoder behind the rotary one
+    BACKLASH = "backlash_m"
+    COMPLIANCE = "compliance_m_per_n"
+    COMPLIANCE_SLOPE = "compliance_slope_per_n"  # m/N per m of position
+    PRESLIDING_REACH = "presliding_reach_m"
+    LOAD_FRICTION = "load_friction"  # N m per N m that the spring carries
+
+
+@dataclass(frozen=True, slots=True)
+class DryFriction:
+    """Dry friction, N m: against the motion, and holding at rest; parts may be negative."""
+
+    over: Over
+    level_nm: Curve
+    side: Side
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothTorque:
+    """A torque, N m, that does not turn with the direction of motion."""
+
+    over: Over
+    torque_nm: Curve
+    side: Side
+
+
+@dataclass(frozen=True, slots=True)
+class TableForce:
+    """A force on the table over time, N, positive along x."""
+
+    force_n: Curve
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """A shift over angle or, for the nut, position, in the unit of its place."""
+
+    place: Place
+    over: Over
+    shift: Curve
+
+
+@dataclass(frozen=True, slots=True)
+class Strain:
+    """Growth of the screw over time, m of shift per m from the fixed bearing."""
+
+    strain: Curve
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A constant of the axis changed by `value`."""
+
+    quantity: Quantity
+    value: float
+
+
+Contribution = DryFriction | SmoothTorque | TableForce | Shift | Strain | Change
+
+
+def constant(value: float) -> Curve:
+    """The curve that has this value everywhere."""
+    return lambda variable: np.full_like(variable, value)
+
+
+def harmonic(amplitude: float, order: float, phase_rad: float) -> Curve:
+    """A sin(n theta + phi) over the angle theta, in the unit of the amplitude A."""
+    return lambda angle_rad: amplitude * np.sin(order * angle_rad + phase_rad)

@@ -1,0 +1,175 @@
+"""Any set of effects put into a plant: constants, tables, and what follows time."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ..plant import Plant
+from ..tables import (
+    COLUMNS,
+    DRY_MOTOR,
+    DRY_TABLE,
+    MISREADING,
+    NUT_SHIFT,
+    SMOOTH_MOTOR,
+    SMOOTH_TABLE,
+    Tables,
+    angle_grid,
+    position_grid,
+    speed_grid,
+    stack,
+)
+from .contribution import (
+    Change,
+    Contribution,
+    DryFriction,
+    Over,
+    Place,
+    Quantity,
+    Shift,
+    Side,
+    SmoothTorque,
+    Strain,
+    TableForce,
+)
+from .effect import ActiveEffect
+
+_Kind = TypeVar("_Kind", bound=Contribution)
+
+
+@dataclass(frozen=True, slots=True)
+class Forward:
+    """A plant with effects, and what of them lies outside the plant.
+
+    Attributes:
+        command_per_torque: command over the torque that the motor gives.
+        torque_limit_nm: beyond it the motor gives no more.
+        position_lag_s: of the linear channel behind the others, in the record only.
+    """
+
+    plant: Plant
+    contributions: tuple[Contribution, ...]
+    drag_table_share: float
+    command_per_torque: float
+    torque_limit_nm: float
+    position_lag_s: float
+
+    def over_time(self, time_s: Floats) -> "TimeLoad":
+        """What follows time at (n,) times since the beginning."""
+        force, motor_dry, table_dry, resisting, strain = np.zeros((5, len(time_s)))
+        for each in self.contributions:
+            match each:
+                case DryFriction(Over.TIME, curve, side):
+                    share = _table_share(side, self.drag_table_share)
+                    motor_dry += (1.0 - share) * curve(time_s)
+                    table_dry += share * curve(time_s)
+                case SmoothTorque(Over.TIME, curve, side):
+                    share = _table_share(side, self.drag_table_share)
+                    resisting += (1.0 - share) * curve(time_s)
+                    force -= share * curve(time_s) / self.plant.ratio_m_per_rad
+                case TableForce(curve):
+                    force += curve(time_s)
+                case Strain(curve):
+                    strain += curve(time_s)
+                case _:
+                    pass
+        return TimeLoad(force, motor_dry, table_dry, resisting, strain)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeLoad:
+    """What acts on the plant by time alone, (n,) each; names as in `plant.Load`."""
+
+    force_n: Floats
+    motor_dry_nm: Floats
+    table_dry_nm: Floats
+    resisting_nm: Floats
+    strain: Floats
+
+
+def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float) -> Forward:
+    """The plant with all effects.
+
+    Args:
+        screw_drag_nm: of the fresh screw, for friction that is shared as the Coulomb level is.
+
+    Raises:
+        ValueError: the effects leave no mass on the table.
+    """
+    parts = tuple(part for effect in effects for part in effect.contributions)
+    guide_nm = plant.guide_force_n * plant.ratio_m_per_rad
+    coulomb_nm = screw_drag_nm + plant.bearing_drag_nm + guide_nm
+    share = guide_nm / coulomb_nm if coulomb_nm > 0.0 else 0.0
+    limits = _changes(parts, Quantity.TORQUE_LIMIT)
+    return Forward(
+        plant=_changed(plant, parts)._replace(tables=_tables(plant, parts, share)),
+        contributions=parts,
+        drag_table_share=share,
+        command_per_torque=1.0 + sum(_changes(parts, Quantity.COMMAND_SHARE)),
+        torque_limit_nm=min(limits, default=np.inf),
+        position_lag_s=sum(_changes(parts, Quantity.POSITION_LAG)),
+    )
+
+
+def _changes(parts: Iterable[Contribution], quantity: Quantity) -> list[float]:
+    return [each.value for each in _of(Change, parts) if each.quantity is quantity]
+
+
+def _of(kind: type[_Kind], parts: Iterable[Contribution]) -> list[_Kind]:
+    return [each for each in parts if isinstance(each, kind)]
+
+
+def _changed(plant: Plant, parts: Iterable[Contribution]) -> Plant:
+    total = {quantity: sum(_changes(parts, quantity)) for quantity in Quantity}
+    mass = plant.table_mass_kg + total[Quantity.TABLE_INERTIA] / plant.ratio_m_per_rad**2
+    if mass <= 0.0:
+        raise ValueError(f"effects: they leave a table of {mass:.3g} kg, expected more than 0")
+    return plant._replace(
+        table_mass_kg=mass,
+        motor_viscous_nm_s_per_rad=plant.motor_viscous_nm_s_per_rad + total[Quantity.VISCOUS],
+        torque_lag_s=plant.torque_lag_s + total[Quantity.TORQUE_LAG],
+        backlash_m=plant.backlash_m + total[Quantity.BACKLASH],
+        support_compliance_m_per_n=plant.support_compliance_m_per_n + total[Quantity.COMPLIANCE],
+        compliance_slope_per_n=plant.compliance_slope_per_n + total[Quantity.COMPLIANCE_SLOPE],
+        bristle_reach_m=plant.bristle_reach_m + total[Quantity.PRESLIDING_REACH],
+        load_friction=plant.load_friction + total[Quantity.LOAD_FRICTION],
+    )
+
+
+def _tables(plant: Plant, parts: Sequence[Contribution], drag_share: float) -> Tables:
+    position, speed = position_grid(plant.screw_length_m), speed_grid()
+    return stack(
+        _table(parts, Over.POSITION, position, drag_share),
+        _table(parts, Over.ANGLE, angle_grid(), drag_share),
+        _table(parts, Over.SPEED, speed, drag_share),
+        _table(parts, Over.SPEED, -speed, drag_share),
+        plant.screw_length_m,
+    )
+
+
+def _table(parts: Sequence[Contribution], over: Over, grid: Floats, drag_share: float) -> Floats:
+    """Columns of `tables` over a grid, (n, COLUMNS); (0, COLUMNS) where nothing is over it."""
+    table, filled = np.zeros((len(grid), COLUMNS)), False
+    for each in parts:
+        match each:
+            case DryFriction(found, curve, side) if found is over:
+                share = _table_share(side, drag_share)
+                columns = {DRY_MOTOR: 1.0 - share, DRY_TABLE: share}
+            case SmoothTorque(found, curve, side) if found is over:
+                share = _table_share(side, drag_share)
+                columns = {SMOOTH_MOTOR: 1.0 - share, SMOOTH_TABLE: share}
+            case Shift(place, found, curve) if found is over:
+                columns = {NUT_SHIFT if place is Place.NUT else MISREADING: 1.0}
+            case _:
+                continue
+        filled = True
+        for column, weight in columns.items():
+            table[:, column] += weight * curve(grid)
+    return table if filled else table[:0]
+
+
+def _table_share(side: Side, drag_share: float) -> float:
+    return {Side.MOTOR: 0.0, Side.TABLE: 1.0, Side.AS_DRAG: drag_share}[side]

@@ -1,0 +1,17 @@
+"""Lost motion between screw and table."""
+
+from ..contribution import Change, Contribution, Quantity
+from ..effect import Effect, Parameter, Role, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (Change(Quantity.BACKLASH, values["width_m"]),)
+
+
+EFFECT = Effect(
+    name="backlash",
+    description="At a reversal the motor turns before the table moves: there is clearance.",
+    source="play operator; flanks touch after positive motion, so x - R theta is 0 or the width",
+    parameters=(Parameter("width_m", "m", "Clearance.", 0.0, 2e-3, 0.0, 1e-5, Role.SHAPE),),
+    contributions=_contributions,
+)

@@ -1,0 +1,19 @@
+"""Another Coulomb level than the model knows: what preload loss looks like."""
+
+from ..contribution import Contribution, DryFriction, Over, Side, constant
+from ..effect import Effect, Parameter, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (DryFriction(Over.TIME, constant(values["change_nm"]), Side.AS_DRAG),)
+
+
+EFFECT = Effect(
+    name="drag_error",
+    description="The constant part of the friction has changed; preload loss lowers it.",
+    source="seed (4.3.6), (5.3.14): torque s(v) dF_c, wind-up where the level acts on the table",
+    parameters=(
+        Parameter("change_nm", "N m", "Coulomb level at the motor, more.", -5.0, 5.0, 0.0, 0.06),
+    ),
+    contributions=_contributions,
+)

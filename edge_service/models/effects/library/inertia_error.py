@@ -1,0 +1,27 @@
+"""Another mass on the table than the model knows."""
+
+from ..contribution import Change, Contribution, Quantity
+from ..effect import Effect, Parameter, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (Change(Quantity.TABLE_INERTIA, values["change_kg_m2"]),)
+
+
+EFFECT = Effect(
+    name="inertia_error",
+    description="The axis carries more or less mass than the model knows, such as a workpiece.",
+    source="seed (4.3.2): dJ = dm (h_p / 2 pi)^2; torque dJ a, wind-up -R dJ a / K",
+    parameters=(
+        Parameter(
+            "change_kg_m2",
+            "kg m^2",
+            "Inertia at the motor that the table has more.",
+            -0.05,
+            0.2,
+            0.0,
+            2e-4,
+        ),
+    ),
+    contributions=_contributions,
+)

@@ -1,0 +1,19 @@
+"""Screw friction that grows with the load."""
+
+from ..contribution import Change, Contribution, Quantity
+from ..effect import Effect, Parameter, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (Change(Quantity.LOAD_FRICTION, values["coefficient"]),)
+
+
+EFFECT = Effect(
+    name="load_friction",
+    description="Friction grows with the force that the screw carries: its efficiency is low.",
+    source="torque s(v) mu |T_load|",
+    parameters=(
+        Parameter("coefficient", "1", "Friction torque over load torque.", 0.0, 0.9, 0.0, 0.15),
+    ),
+    contributions=_contributions,
+)

@@ -1,0 +1,45 @@
+"""A constant load, and Coulomb friction that differs by direction."""
+
+import numpy as np
+
+from ..contribution import Contribution, Curve, DryFriction, Over, Side, SmoothTorque, constant
+from ..effect import Effect, Parameter, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (
+        SmoothTorque(Over.TIME, constant(values["constant_nm"]), Side.TABLE),
+        DryFriction(Over.SPEED, _by_direction(values["asymmetry_nm"]), Side.AS_DRAG),
+    )
+
+
+def _by_direction(asymmetry_nm: float) -> Curve:
+    return lambda speed_rad_s: asymmetry_nm * np.sign(speed_rad_s)
+
+
+EFFECT = Effect(
+    name="load_offset",
+    description="One direction needs more torque: the axis is tilted, or rubs harder one way.",
+    source="tilt and gravity m g sin(angle) R, also at rest; (5.3.14) f_offset; EMPS' asymmetry",
+    parameters=(
+        Parameter(
+            "constant_nm",
+            "N m",
+            "Load torque against positive motion, held at rest too.",
+            -50.0,
+            50.0,
+            0.0,
+            0.1,
+        ),
+        Parameter(
+            "asymmetry_nm",
+            "N m",
+            "Coulomb level more forwards and less backwards.",
+            -5.0,
+            5.0,
+            0.0,
+            0.05,
+        ),
+    ),
+    contributions=_contributions,
+)

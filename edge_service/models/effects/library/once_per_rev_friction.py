@@ -1,0 +1,22 @@
+"""Friction that wavers within each turn."""
+
+from ..contribution import Contribution, DryFriction, Over, Side, harmonic
+from ..effect import Effect, Parameter, Values, order, phase
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    curve = harmonic(values["amplitude_nm"], values["order"], values["phase_rad"])
+    return (DryFriction(Over.ANGLE, curve, Side.MOTOR),)
+
+
+EFFECT = Effect(
+    name="once_per_rev_friction",
+    description="Friction wavers with the turn: a bent screw, a damaged ball or bearing.",
+    source="torque s(v) A sin(n theta + phi)",
+    parameters=(
+        Parameter("amplitude_nm", "N m", "Amplitude.", -5.0, 5.0, 0.0, 0.05),
+        order(1.0),
+        phase(),
+    ),
+    contributions=_contributions,
+)

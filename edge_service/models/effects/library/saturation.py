@@ -1,0 +1,21 @@
+"""A drive that gives less than its greatest torque."""
+
+from ..contribution import Change, Contribution, Quantity
+from ..effect import Effect, Parameter, Role, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (Change(Quantity.TORQUE_LIMIT, values["limit_nm"]),)
+
+
+EFFECT = Effect(
+    name="saturation",
+    description="The drive cuts the torque off below its command: a current limit is too low.",
+    source="command beyond the limit, (|tau| - L)+, does nothing",
+    parameters=(
+        Parameter(
+            "limit_nm", "N m", "Greatest torque that arrives.", 1e-3, 1e4, 1e4, 2.0, Role.SHAPE
+        ),
+    ),
+    contributions=_contributions,
+)

@@ -1,0 +1,19 @@
+"""Two encoders that are not read at the same time."""
+
+from ..contribution import Change, Contribution, Quantity
+from ..effect import Effect, Parameter, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (Change(Quantity.POSITION_LAG, values["skew_s"]),)
+
+
+EFFECT = Effect(
+    name="timestamp_skew",
+    description="The linear encoder is read later than the rotary one, which looks like stretch.",
+    source="x_measured(t) = x(t - T): x - R theta by -R v T",
+    parameters=(
+        Parameter("skew_s", "s", "How late the linear channel is.", -5e-3, 5e-3, 0.0, 5e-4),
+    ),
+    contributions=_contributions,
+)

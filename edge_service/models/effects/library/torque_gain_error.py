@@ -1,0 +1,27 @@
+"""The motor gives another torque than it is told to."""
+
+from ..contribution import Change, Contribution, Quantity
+from ..effect import Effect, Parameter, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (Change(Quantity.COMMAND_SHARE, values["excess_share"]),)
+
+
+EFFECT = Effect(
+    name="torque_gain_error",
+    description="The torque constant is off, as with warm or aged magnets: all torques are scaled.",
+    source="command = (1 + eps) torque: eps times the whole torque model",
+    parameters=(
+        Parameter(
+            "excess_share",
+            "1",
+            "Command above the torque that arrives, as a share of that.",
+            -0.6,
+            2.0,
+            0.0,
+            0.15,
+        ),
+    ),
+    contributions=_contributions,
+)

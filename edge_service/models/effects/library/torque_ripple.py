@@ -1,0 +1,22 @@
+"""A motor whose torque wavers with its angle."""
+
+from ..contribution import Contribution, Over, Side, SmoothTorque, harmonic
+from ..effect import Effect, Parameter, Values, order, phase
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    curve = harmonic(values["amplitude_nm"], values["order"], values["phase_rad"])
+    return (SmoothTorque(Over.ANGLE, curve, Side.MOTOR),)
+
+
+EFFECT = Effect(
+    name="torque_ripple",
+    description="The motor's torque wavers within each turn: cogging, or a fault of its windings.",
+    source="torque A sin(n theta + phi), whatever the direction",
+    parameters=(
+        Parameter("amplitude_nm", "N m", "Amplitude.", -5.0, 5.0, 0.0, 0.1),
+        order(6.0),
+        phase(),
+    ),
+    contributions=_contributions,
+)

@@ -1,0 +1,27 @@
+"""Another viscous friction than the model knows."""
+
+from ..contribution import Change, Contribution, Quantity
+from ..effect import Effect, Parameter, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    return (Change(Quantity.VISCOUS, values["change_nm_s_per_rad"]),)
+
+
+EFFECT = Effect(
+    name="viscous_error",
+    description="Friction grows faster with speed than the model knows, as with stiffer grease.",
+    source="seed (5.3.15): torque dD v",
+    parameters=(
+        Parameter(
+            "change_nm_s_per_rad",
+            "N m s/rad",
+            "Viscous coefficient at the motor, more.",
+            -0.1,
+            0.2,
+            0.0,
+            4e-3,
+        ),
+    ),
+    contributions=_contributions,
+)

@@ -1,0 +1,36 @@
+"""Friction that fades while the axis warms up."""
+
+import numpy as np
+
+from ..contribution import Contribution, Curve, DryFriction, Over, Side
+from ..effect import Effect, Parameter, Role, Values
+
+
+def _contributions(values: Values) -> tuple[Contribution, ...]:
+    curve = _fading(values["excess_nm"], values["time_constant_s"])
+    return (DryFriction(Over.TIME, curve, Side.AS_DRAG),)
+
+
+def _fading(excess_nm: float, time_constant_s: float) -> Curve:
+    return lambda time_s: excess_nm * np.exp(-time_s / time_constant_s)
+
+
+EFFECT = Effect(
+    name="warmup",
+    description="A cold axis rubs harder at first, and eases while its lubricant warms up.",
+    source="seed, Figure 5.11: s(v) F exp(-t / tau)",
+    parameters=(
+        Parameter("excess_nm", "N m", "Coulomb level more when cold.", -5.0, 5.0, 0.0, 0.06),
+        Parameter(
+            "time_constant_s",
+            "s",
+            "Time in which it falls to 1/e.",
+            1.0,
+            1e5,
+            1200.0,
+            1200.0,
+            Role.SHAPE,
+        ),
+    ),
+    contributions=_contributions,
+)

@@ -1,0 +1,243 @@
+"""The plant with effects in it: accuracy, energy, stability, and what one run shows of each."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from edge_service.messages import channels
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.effects.forward import put_into
+from edge_service.models.effects.registry import effect_names, parse_effect
+from edge_service.models.encoders import Sensors
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.machine import Machine
+from edge_service.models.motion import Dwell, Move, Setpoints
+from edge_service.models.plant import (
+    MOTOR_FRICTION,
+    MOTOR_SPEED,
+    MOTOR_TRAVEL,
+    SHAFT_TORQUE,
+    STATE_SIZE,
+    TABLE_FRICTION,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    Load,
+    Plant,
+    advance_plant,
+    axial_compliance,
+)
+from edge_service.models.tables import find_friction, misreading, nut_shift
+
+IDEAL = Sensors(*[0.0] * len(Sensors._fields))
+START_M, HOME_M, PERCENT = 0.4, 0.2, 6.8
+
+
+def with_effects(plant: Plant, *texts: str) -> Plant:
+    return put_into(plant, [parse_effect(text) for text in texts], 0.146).plant
+
+
+def moving(speed_m_s: float) -> Floats:
+    state = np.zeros(STATE_SIZE)
+    state[[MOTOR_TRAVEL, TABLE_POSITION]] = START_M
+    state[[MOTOR_SPEED, TABLE_SPEED]] = speed_m_s
+    return state
+
+
+def drive(machine: Machine, *texts: str, **plant: float) -> FeedDriveSettings:
+    effects = [parse_effect(text) for text in texts]
+    settings = FeedDriveSettings.of_machine(machine, effects=effects)
+    return replace(settings, sensors=IDEAL, plant=settings.plant._replace(**plant))
+
+
+def follow(settings: FeedDriveSettings, *segments: Move | Dwell) -> SampleFrame:
+    count = math.ceil(1000.0 * sum(segment.duration_s for segment in segments))
+    setpoints = Setpoints(iter(segments), HOME_M, 1000.0).take(count)
+    return FeedDrive(settings, HOME_M, PERCENT, seed=1).advance(setpoints, np.full(count, PERCENT))
+
+
+def difference(frame: SampleFrame, ratio: float) -> Floats:
+    return frame.channels[channels.TABLE_POSITION] - ratio * frame.channels[channels.ANGLE]
+
+
+def smooth_reference(plant: Plant, torque_nm: float, end_s: float) -> Floats:
+    """The equations with ripple, churning, wobble and load by an adaptive integrator, (4,)."""
+    ratio, d1 = plant.ratio_m_per_rad, plant.motor_viscous_nm_s_per_rad / plant.ratio_m_per_rad**2
+    stiffness = 1.0 / axial_compliance(plant, START_M, PERCENT)
+
+    def rate(_t: float, s: Floats) -> list[float]:
+        x1, v1, x2, v2 = s
+        angle = x1 / ratio
+        shift = 2e-5 * math.sin(angle) + 1e-4 * x1
+        gear = 1.0 + 2e-5 * math.cos(angle) / ratio + 1e-4
+        spring = stiffness * (x1 + shift - x2 - shift_zero)
+        spring += plant.damping_n_s_per_m * (gear * v1 - v2)
+        resisting_nm = 0.1 * math.sin(6.0 * angle + 0.5) + 1e-4 * (v1 / ratio) * abs(v1 / ratio)
+        a1 = (torque_nm - resisting_nm) / ratio - gear * spring - d1 * v1
+        return [v1, a1 / plant.motor_mass_kg, v2, (spring - 0.2 / ratio) / plant.table_mass_kg]
+
+    shift_zero = 2e-5 * math.sin(START_M / ratio) + 1e-4 * START_M
+    start = [START_M, 0.1, START_M, 0.1]
+    solution = solve_ivp(rate, (0.0, end_s), start, method="DOP853", rtol=1e-10, atol=1e-13)
+    return np.asarray(solution.y[:, -1])
+
+
+def test_smooth_effects_agree_with_an_independent_integrator(plant: Plant) -> None:
+    busy = with_effects(
+        plant,
+        "torque_ripple:amplitude_nm=0.1,order=6,phase_rad=0.5",
+        "quadratic_friction:coefficient_nm_s2_per_rad2=1e-4",
+        "lead_error:amplitude_m=2e-5,pitch_error=1e-4",
+    )
+    shift_m, _ = nut_shift(busy.tables, START_M, busy.ratio_m_per_rad)
+    busy = busy._replace(stretch_zero_m=-shift_m)
+    expected = smooth_reference(plant, 1.0, 0.05)
+    errors_m = []
+    for substeps in (16, 64, 256):
+        state = moving(0.1)
+        load_n = -0.2 / busy.ratio_m_per_rad
+        load = Load(1.0, load_n, 0.0, axial_compliance(busy, START_M, PERCENT))
+        for _ in range(50):
+            advance_plant(busy, state, load, 1e-3, substeps)
+        errors_m.append(np.max(np.abs(state[:4] - expected) * [1.0, 1e-3, 1.0, 1e-3]))
+    assert errors_m[0] < 1e-6
+    assert errors_m[2] < errors_m[0] / 10.0
+    assert abs(expected[0] - START_M) > 5e-3
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "stribeck:excess_nm=0.4",
+        "load_offset:constant_nm=0,asymmetry_nm=0.1",
+        "position_friction:excess_nm=0.5,centre_m=0.4,width_m=0.003",
+        "once_per_rev_friction:amplitude_nm=0.3",
+        "load_friction:coefficient=0.4",
+    ],
+)
+def test_dry_friction_never_gives_energy(plant: Plant, text: str) -> None:
+    rubbing, state, h = with_effects(plant._replace(guide_force_n=60.0), text), moving(0.0), 6.25e-5
+    compliance = axial_compliance(rubbing, START_M, PERCENT)
+    heat = []
+    for k in range(8000):
+        before = state.copy()
+        torque_nm = 1.2 * math.sin(2.0 * math.pi * 4.0 * k * h)
+        advance_plant(rubbing, state, Load(torque_nm, 0.0, 0.146, compliance), h, 1)
+        heat.append(state[MOTOR_FRICTION] * state[MOTOR_SPEED])
+        heat.append(state[TABLE_FRICTION] * state[TABLE_SPEED])
+        assert abs(state[MOTOR_TRAVEL] - before[MOTOR_TRAVEL]) < 1e-3
+    assert min(heat) >= 0.0
+    assert sum(heat) > 0.0
+
+
+def test_presliding_is_a_spring_that_dissipates_over_a_cycle(plant: Plant) -> None:
+    """Half of the level moves it by half of the reach, and a greater swing encloses an area."""
+    soft = with_effects(plant, "presliding:reach_m=2e-5")
+    level_n = 0.146 / soft.ratio_m_per_rad
+    compliance = axial_compliance(soft, START_M, PERCENT)
+    for share, elastic in ((0.45, True), (0.95, False)):
+        state, work, travel = moving(0.0), 0.0, []
+        for k in range(8000):
+            torque_nm = share * 0.146 * math.sin(2.0 * math.pi * 0.5 * k * 1e-3)
+            before, held_n = state[MOTOR_TRAVEL], state[MOTOR_FRICTION]
+            advance_plant(soft, state, Load(torque_nm, 0.0, 0.146, compliance), 1e-3, 16)
+            moved = state[MOTOR_TRAVEL] - before
+            travel.append(state[MOTOR_TRAVEL] - START_M)
+            work += 0.5 * (held_n + state[MOTOR_FRICTION]) * moved if k >= 4000 else 0.0
+        if elastic:
+            assert max(travel) == pytest.approx(share * 2e-5, rel=0.02)
+            assert abs(work) < 1e-3 * level_n * 2e-5
+        else:
+            assert max(travel) > 1.2 * share * 2e-5
+            assert work > 0.1 * level_n * 2e-5
+
+
+def test_backlash_lags_a_motion_backwards_by_its_width(machine: Machine) -> None:
+    settings = drive(machine, "backlash:width_m=8e-6", guide_force_n=150.0)
+    plain = drive(machine, guide_force_n=150.0)
+    there, back = Move(0.1, 0.05, 1.0, 50.0), Move(-0.1, 0.05, 1.0, 50.0)
+    lost, none = (
+        difference(follow(each, there, Dwell(0.5), back, Dwell(0.5)), each.plant.ratio_m_per_rad)
+        for each in (settings, plain)
+    )
+    assert lost[1000] - none[1000] == pytest.approx(0.0, abs=1e-8)
+    assert lost[3500] - none[3500] == pytest.approx(8e-6, rel=2e-3)
+
+
+def test_torque_lag_is_of_first_order(plant: Plant) -> None:
+    late, state = with_effects(plant, "delay:lag_s=4e-3"), moving(0.0)
+    load = Load(1.0, 0.0, 100.0, axial_compliance(late, START_M, PERCENT))
+    for _ in range(4):
+        advance_plant(late, state, load, 1e-3, 16)
+    assert state[SHAFT_TORQUE] == pytest.approx(1.0 - math.exp(-1.0))
+
+
+def test_skew_shifts_the_linear_channel_of_the_record_alone(machine: Machine) -> None:
+    move = Move(0.2, 0.3, 3.0, 100.0)
+    plain = follow(drive(machine), move).channels
+    late = follow(drive(machine, "timestamp_skew:skew_s=2e-3"), move).channels
+    half = follow(drive(machine, "timestamp_skew:skew_s=1.5e-3"), move).channels
+    early = follow(drive(machine, "timestamp_skew:skew_s=-1e-3"), move).channels
+    table = plain[channels.TABLE_POSITION]
+    for name in (channels.ANGLE, channels.TORQUE, channels.MOTOR_SPEED):
+        assert np.array_equal(late[name], plain[name])
+    assert late[channels.TABLE_POSITION][2:] == pytest.approx(table[:-2], abs=1e-15)
+    middle = 0.5 * (table[1:-1] + table[:-2])
+    assert half[channels.TABLE_POSITION][2:] == pytest.approx(middle, abs=1e-6)
+    assert early[channels.TABLE_POSITION][:-1] == pytest.approx(table[1:], abs=2e-7)
+    assert np.max(np.diff(table)) > 2.9e-4
+
+
+def test_saturation_cuts_the_torque_and_not_the_command(machine: Machine) -> None:
+    frame = follow(drive(machine, "saturation:limit_nm=0.5"), Move(0.4, 0.5, 4.0, 200.0))
+    angle = frame.channels[channels.ANGLE]
+    acceleration = np.gradient(np.gradient(angle, 1e-3), 1e-3)
+    assert np.max(np.abs(frame.channels[channels.TORQUE])) > 0.6
+    assert np.max(acceleration[100:200]) < (0.5 - 0.146) / 1.5e-3 * 1.02
+
+
+@pytest.mark.parametrize("substeps", [2, 4, 16])
+def test_all_effects_at_once_stay_bounded(machine: Machine, substeps: int) -> None:
+    names = [name for name in effect_names() if name != "saturation"]
+    settings = replace(drive(machine, *names, guide_force_n=60.0), substeps=substeps)
+    frame = follow(settings, Move(0.4, 0.5, 4.0, 200.0), Dwell(0.3), Move(-0.4, 0.5, 4.0, 200.0))
+    error = frame.channels[channels.SETPOINT] - frame.channels[channels.TABLE_POSITION]
+    assert np.isfinite(frame.channels[channels.TORQUE]).all()
+    assert np.max(np.abs(error)) < 1e-3
+
+
+def test_tables_are_the_functions(plant: Plant) -> None:
+    full = with_effects(
+        plant,
+        "stribeck:excess_nm=0.5,speed_rad_s=0.5,exponent=1",
+        "once_per_rev_friction:amplitude_nm=0.2,order=24",
+        "lead_error:amplitude_m=5e-6,order=3",
+        "encoder_eccentricity:amplitude_rad=2e-3,phase_rad=1",
+    )
+    random = np.random.default_rng(3)
+    for _ in range(300):
+        angle, speed = random.uniform(-300.0, 300.0), random.uniform(-1.0, 1.0) ** 3 * 600.0
+        found = find_friction(full.tables, 0.3, angle, speed)
+        level = 0.5 * math.exp(-abs(speed) / 0.5) + 0.2 * math.sin(24.0 * angle)
+        assert found.motor_forward_nm == pytest.approx(level, abs=1e-4)
+        assert found.motor_backward_nm == found.motor_forward_nm
+        shift, slope = nut_shift(full.tables, angle * full.ratio_m_per_rad, full.ratio_m_per_rad)
+        assert shift == pytest.approx(5e-6 * math.sin(3.0 * angle), abs=1e-10)
+        expected = 15e-6 * math.cos(3.0 * angle) / full.ratio_m_per_rad
+        assert slope == pytest.approx(expected, abs=1.5e-5)
+        error, error_slope = misreading(full.tables, angle)
+        assert error == pytest.approx(2e-3 * math.sin(angle + 1.0), abs=1e-8)
+        assert error_slope == pytest.approx(2e-3 * math.cos(angle + 1.0), abs=4e-6)
+
+
+def test_asymmetric_friction_breaks_away_at_its_own_level(plant: Plant) -> None:
+    lopsided = with_effects(plant, "load_offset:asymmetry_nm=0.05")
+    lopsided = lopsided._replace(bearing_drag_nm=0.0)
+    compliance = axial_compliance(lopsided, START_M, PERCENT)
+    for torque_nm, moves in ((0.19, False), (0.2, True), (-0.09, False), (-0.1, True)):
+        state = moving(0.0)
+        for _ in range(50):
+            advance_plant(lopsided, state, Load(torque_nm, 0.0, 0.146, compliance), 1e-3, 16)
+        assert (state[MOTOR_TRAVEL] != START_M) == moves, torque_nm

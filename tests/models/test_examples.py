@@ -1,0 +1,48 @@
+"""Every public function of the physics says where its equation is from and shows an example."""
+
+import doctest
+import inspect
+import re
+from types import ModuleType
+
+import pytest
+
+from edge_service.models import (
+    ball_screw,
+    bounds,
+    component_drive,
+    friction,
+    linear_drive,
+    series_stiffness,
+    state_space,
+    stiffness,
+)
+
+PHYSICS = (ball_screw, component_drive, friction, linear_drive, series_stiffness, stiffness)
+
+
+def public_functions(module: ModuleType) -> dict[str, str]:
+    """Docstrings of the functions that a module defines itself, by name."""
+    return {
+        name: inspect.getdoc(thing) or ""
+        for name, thing in vars(module).items()
+        if not name.startswith("_")
+        and callable(thing)
+        and not inspect.isclass(thing)
+        and getattr(thing, "__module__", None) == module.__name__
+    }
+
+
+@pytest.mark.parametrize("module", [*PHYSICS, state_space, bounds], ids=lambda m: m.__name__)
+def test_examples_hold(module: ModuleType) -> None:
+    result = doctest.testmod(module)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+@pytest.mark.parametrize("module", PHYSICS, ids=lambda m: m.__name__)
+def test_every_public_function_has_an_example_and_a_source(module: ModuleType) -> None:
+    source = re.compile(r"[(-][45]\.3\.\d|Table [4A]\.\d|Figure 5\.\d|Appendix A|Not in the seed")
+    functions = public_functions(module)
+    assert {name for name, text in functions.items() if ">>>" not in text} == set()
+    assert {name for name, text in functions.items() if not source.search(text)} == set()
