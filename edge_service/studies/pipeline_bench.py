@@ -11,6 +11,7 @@ from pathlib import Path
 from .bench_figures import Figure, PipelineBench
 from .estimator_speed import measure_estimator_speed
 from .live_load import INTERVAL_S, POLL_PERIOD_S, axes_text, cold_start_figures, live_figures
+from .plant_speed import plant_figures
 from .process_meter import read_stolen_s
 from .replay_speed import measure_replay
 from .simulated_axis import simulation_share
@@ -80,6 +81,7 @@ def run_pipeline_bench(
         figures += measure_replay(folder, kernels, settings.replay_s)
     progress("the simulated axis by itself; filter banks, compiled and filterpy")
     figures += [_simulation_figure(settings.window_s)]
+    figures += plant_figures(settings.estimator_repeats)
     figures += _estimator_figures(settings.estimator_repeats)
     stolen = (read_stolen_s() - stolen_s) / (time.monotonic() - begun_s)
     return PipelineBench(tuple(figures), _notes(stolen))
