@@ -13,6 +13,7 @@ from drivers.registry import driver_names, load_driver
 from edge_service.cli import cli
 from edge_service.config import EdgeConfig, load_config
 from edge_service.messages.topics import TOPICS
+from edge_service.models.effects.registry import effect_names, get_effect
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -126,3 +127,10 @@ def test_the_project_speaks_of_itself_alone() -> None:
     code = [path for room in ("edge_service", "drivers") for path in ROOT.glob(f"{room}/**/*.py")]
     for path in [*code, ROOT / "README.md"]:
         assert not re.search(r"/(?:work|root|tmp)/", path.read_text()), path
+
+
+def test_every_effect_stands_in_the_readme_with_its_parameters() -> None:
+    for name in effect_names():
+        row = next(line for line in README.splitlines() if line.startswith(f"| `{name}` |"))
+        for parameter in get_effect(name).parameters:
+            assert f"`{parameter.name}`" in row
