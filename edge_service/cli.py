@@ -32,6 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status (0 done, 2 bad input, 1 internal failure)."""
     try:
         status = cli.main(args=arguments, prog_name="edge-service", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return BAD_INPUT
     except click.ClickException as error:
         return _complain(error.format_message(), BAD_INPUT)
     except (KeyboardInterrupt, click.Abort):
@@ -94,12 +97,10 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 
     Without CONFIG the simulated drive of the embedded default is run.
     """
-    from .nodes.service import check_service, run_service
+    from .nodes.service import run_service
 
     _log_to_stderr()
-    settings = _configured(config, port, endpoint)
-    check_service(settings)
-    asyncio.run(run_service(settings, _announce))
+    asyncio.run(run_service(_configured(config, port, endpoint), _announce))
 
 
 @cli.command(epilog="Example: edge-service node bus & edge-service node http deploy/edge.toml")
@@ -111,11 +112,10 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 @click.option("--bus", "endpoint", help="Endpoint of the bus, e.g. tcp/127.0.0.1:7447.")
 def node(name: str, config: Path | None, port: int | None, endpoint: str | None) -> None:
     """Run one node alone. `bus` listens at the endpoint; every other node joins it there."""
-    from .nodes.service import check_service, run_node
+    from .nodes.service import run_node
 
     _log_to_stderr()
     settings = _configured(config, port, endpoint)
-    check_service(settings)
     asyncio.run(run_node(settings, name, _announce))  # type: ignore[arg-type]
 
 
@@ -146,7 +146,7 @@ def check_config(config: Path | None) -> None:
     from .nodes.service import check_service
 
     settings = load_config(config or DEFAULT_CONFIG)
-    check_service(settings)
+    unreachable = asyncio.run(check_service(settings))
     machines = load_machines(settings)
     for axis in settings.axes:
         missing = machines[axis.name].missing_for_percent()
@@ -154,6 +154,8 @@ def check_config(config: Path | None) -> None:
             f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, "
             + (f"drag only ({missing} is unknown)" if missing else "preload in %")
         )
+    for line in unreachable:
+        click.echo(f"not reachable now: {line}")
     click.echo(f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}")
     click.echo(f"drivers installed: {', '.join(driver_names())}")
     click.echo("configuration is right")

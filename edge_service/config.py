@@ -158,7 +158,15 @@ def load_config(path: Path) -> EdgeConfig:
 
 def load_machine(path: Path) -> Machine:
     """Read and check a machine file. Raises ConfigError like `load_config`."""
-    return _checked(Machine, _read_toml(path), path)
+    machine = _checked(Machine, _read_toml(path), path)
+    if machine.effects:
+        from .models.effects.registry import machine_effects
+
+        try:
+            machine_effects(machine)
+        except ValueError as error:
+            raise ConfigError(f"{path}: effects: {error}") from None
+    return machine
 
 
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:

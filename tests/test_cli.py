@@ -53,6 +53,25 @@ CASES: dict[str, tuple[Case, str]] = {
         lambda p: ["check-config", write(p, "a.toml", AXIS + 'driver = "x"')],
         "no driver 'x' is installed; there are",
     ),
+    "unknown motion": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + 'settings = { motion = "dance" }')],
+        "axes.X.settings.motion: 'dance' is none of",
+    ),
+    "unknown effect": (
+        lambda p: [
+            "check-config",
+            write(
+                p,
+                "a.toml",
+                AXIS + f'machine = "{write(p, "m.toml", MACHINE + EFFECT)}"',
+            ),
+        ],
+        "m.toml: effects: ",
+    ),
+    "output over its own input": (
+        lambda p: ["estimate", write(p, "t.csv", TRACE), "--out", str(p / "t.csv")],
+        "would overwrite its own input",
+    ),
     "no axes": (lambda p: ["check-config", write(p, "a.toml", "axes = []")], "axes:"),
     "two axes of one name": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + AXIS)],
@@ -125,6 +144,7 @@ CASES: dict[str, tuple[Case, str]] = {
     "missing option": (lambda p: ["estimate", write(p, "t.csv", TRACE)], "--out"),
 }
 MACHINE = "[axis]\nlead_m = 0.02\n[model]\ninertia_kg_m2 = 1e-3\n"
+EFFECT = '[[effects]]\nname = "nosuch"\n'
 MACHINE_IN_MM = "[axis]\nlead_m = 20.0\n[model]\ninertia_kg_m2 = 1e-3\n"
 
 

@@ -1,15 +1,16 @@
 """Cuts screened rows into intervals on a fixed grid of time and summarises each."""
 
+import sys
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ..messages.features import Fault, FeatureBlock
+from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.samples import Floats, SampleFrame
 from .rows import RowCounters, RowScreen, Screened, T, table_of
-from .statistics import MotionHistory, PlausibilitySettings, summarise
+from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
 _LEARN_ROWS = 16  # rows from which the native period is learned
 _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
@@ -83,6 +84,8 @@ class Downsampler:
         self._segment = _Segment()
         self._period_s: float | None = None
         self._reach = 1
+        self._absent: dict[int, Fault] = {}  # interval -> what its rows lack
+        self._last_kept = -sys.maxsize  # interval of the last row that was kept
         self._expected_faults = ~Fault.NONE
         self.faults: dict[str, int] = {}
 
@@ -104,20 +107,57 @@ class Downsampler:
             if part.new_clock:
                 blocks += self._end_segment(Fault.TIME_BACKWARDS)
                 self._period_s = None
+                self._absent.clear()
+                self._last_kept = -sys.maxsize
+            for time_s, fault in part.missing:
+                interval = self._interval_of(time_s)
+                self._absent[interval] = self._absent.get(interval, Fault.NONE) | fault
             blocks += self._take(part)
+            if part.missing:
+                blocks += self._tell_absent_so_far(part.missing[-1][0])
         return blocks
 
     def _take(self, part: Screened) -> list[FeatureBlock]:
         """Append rows; part them where a gap is."""
+        blocks: list[FeatureBlock] = []
+        if len(part.rows) and not len(self._segment.rows):
+            blocks += self._tell_absent(self._interval_of(part.rows[0, T]))
         self._segment.append(part.rows, part.fault)
         if self._period_s is None and not self._learn_period():
-            return []
-        blocks: list[FeatureBlock] = []
+            return blocks
         while (gap := self._next_gap()) is not None:
             rest = self._segment.split(gap)
             blocks += self._end_segment(Fault.GAP)
+            blocks += self._tell_absent(self._interval_of(rest.rows[0, T]))
             self._segment = rest
         return blocks + self._cut(look_ahead=self._reach)
+
+    def _interval_of(self, time_s: float) -> int:
+        return int(np.floor(time_s / self._settings.interval_s + _GRID_SLACK))
+
+    def _tell_absent_so_far(self, newest_s: float) -> list[FeatureBlock]:
+        """Tell the intervals that had rows, but none with the values that are needed."""
+        rows = self._segment.rows
+        blocks: list[FeatureBlock] = []
+        if len(rows):
+            longest_s = (self._settings.max_hole_rows + 0.5) * (self._period_s or 0.0)
+            if self._period_s is None or newest_s - rows[-1, T] <= longest_s:
+                return []
+            last = self._interval_of(rows[-1, T])
+            if self._interval_of(newest_s) <= last:
+                return []
+            blocks = self._end_segment(Fault.GAP)
+        return blocks + self._tell_absent(self._interval_of(newest_s))
+
+    def _tell_absent(self, before: int) -> list[FeatureBlock]:
+        """Intervals below `before` that had rows, but none that could be kept."""
+        told = sorted(interval for interval in self._absent if interval < before)
+        faults = [(interval, self._absent.pop(interval)) for interval in told]
+        return [
+            self._count(absent_block(interval, self._settings.interval_s, fault))
+            for interval, fault in faults
+            if interval > self._last_kept
+        ]
 
     def _learn_period(self) -> bool:
         rows = self._segment.rows
@@ -164,18 +204,22 @@ class Downsampler:
     def _summarise(self, end: int) -> FeatureBlock:
         """The interval from the segment's first row up to the time of row `end`."""
         segment = self._segment
-        inside = segment.fault[segment.first + 1 : end + 1]
+        inside = np.bitwise_or.reduce(segment.fault[segment.first + 1 : end + 1], initial=0)
+        # the speeds at both ends lean on one row outside
+        beside = np.bitwise_or.reduce(segment.fault[max(segment.first, 1) : end + 2], initial=0)
         block, segment.history = summarise(
             segment.rows,
             segment.first,
             end,
-            Fault(int(np.bitwise_or.reduce(inside, initial=0))),
+            Fault(int(inside)) | (Fault(int(beside)) & UNUSABLE),
             segment.history,
             self._reach,
             self._settings.plausibility,
         )
         segment.first = end
-        block = replace(block, fault=block.fault & self._expected_faults)
+        return self._count(replace(block, fault=block.fault & self._expected_faults))
+
+    def _count(self, block: FeatureBlock) -> FeatureBlock:
         for fault in block.fault:
             self.faults[str(fault.name)] = self.faults.get(str(fault.name), 0) + 1
         return block
@@ -187,5 +231,7 @@ class Downsampler:
         if self._period_s is not None and len(segment.rows) - 1 > segment.first:
             segment.fault[-1] |= int(reason)
             blocks.append(self._summarise(len(segment.rows) - 1))
+        if len(segment.rows):
+            self._last_kept = self._interval_of(segment.rows[-1, T])
         self._segment = _Segment()
         return blocks

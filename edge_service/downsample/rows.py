@@ -70,6 +70,7 @@ class Screened:
     rows: Floats  # (n, 8)
     fault: npt.NDArray[np.int64]  # (n,), bits of Fault
     new_clock: bool  # the first row belongs to a new clock
+    missing: tuple[tuple[float, Fault], ...] = ()  # time and fault of rows without a needed value
 
 
 class RowScreen:
@@ -110,7 +111,8 @@ class RowScreen:
         time_s = rows[:, T]
         repeated = time_s == newest
         backwards = time_s < newest
-        missing = np.isnan(rows[:, [T, *self._required]]).any(axis=1) & ~repeated & ~backwards
+        missing = np.isnan(rows[:, self._required]).any(axis=1) & ~repeated & ~backwards
+        missing &= ~np.isnan(time_s)
         self.counters.repeated += int(repeated.sum())
         self.counters.out_of_order += int(backwards.sum())
         self.counters.missing_value += int(missing.sum())
@@ -119,9 +121,15 @@ class RowScreen:
         bits = (
             repeated * int(Fault.REPEAT)
             | backwards * int(Fault.TIME_BACKWARDS)
-            | missing * int(Fault.HOLE)
+            | (missing | np.isnan(time_s)) * int(Fault.HOLE)
         )
-        return Screened(*self._keep(rows, bits), new_clock)
+        absent = tuple(self._why(rows[index]) for index in np.flatnonzero(missing))
+        return Screened(*self._keep(rows, bits), new_clock, absent)
+
+    def _why(self, row: Floats) -> tuple[float, Fault]:
+        """Time of a row without a needed value, and which one it lacks."""
+        lacking = Fault.NO_POSITION if np.isnan(row[THETA]) else Fault.NO_TORQUE
+        return float(row[T]), lacking
 
     def _keep(
         self, rows: Floats, bits: npt.NDArray[np.int64]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.features import Fault, FeatureBlock
+from ..messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from ..messages.samples import Floats
 from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
 
@@ -93,7 +93,8 @@ def summarise(
     reversals, after = _follow_motion(direction, edges, history)
     speed_start, speed_end = _speed_at(segment, first), _speed_at(segment, end)
     table_fault, table = _table_statistics(inside, theta, steps, settings)
-    fault |= _plausibility(inside, step_speed, settings) | table_fault
+    fault |= _plausibility(inside, settings) | table_fault
+    fault |= _wild_steps(segment[max(first - 1, 0) : end + 2], settings.max_speed_rad_s)
     duration = float(edges[-1] - edges[0])
     since = edges[0] - history.moving_since_s if direction[0] == history.direction else 0.0
     return FeatureBlock(
@@ -124,6 +125,14 @@ def summarise(
         temperature_c=_mean(inside[:-1, TEMP]),
         external_force_n=_mean(inside[:-1, FORCE]),
     ), after
+
+
+def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock:
+    """An interval of the grid in which no row had the values that are needed."""
+    unknown = dict.fromkeys(FEATURE_FIELDS, np.nan)
+    counts = {"sample_count": 0, "reversal_count": 0, "moving_fraction": 0.0}
+    known = {"time_s": (interval + 1) * interval_s, "duration_s": interval_s, "fault": fault}
+    return FeatureBlock(**(unknown | counts | known))  # type: ignore[arg-type]
 
 
 def _directions(segment: Floats, first: int, end: int, reach: int, standstill: float) -> Floats:
@@ -176,14 +185,20 @@ def _table_statistics(
     return Fault.NONE, (float(table[0]), float(table[-1]), mean)
 
 
-def _plausibility(inside: Floats, step_speed: Floats, settings: PlausibilitySettings) -> Fault:
+def _wild_steps(rows: Floats, max_speed_rad_s: float) -> Fault:
+    """Whether the angle steps faster than any axis, in or beside the interval."""
+    speed = np.diff(rows[:, THETA]) / np.diff(rows[:, T])
+    return Fault.IMPLAUSIBLE if np.abs(speed).max() > max_speed_rad_s else Fault.NONE
+
+
+def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
     fault = Fault.NONE
     time_s, torque, theta = inside[:, T], inside[:, U], inside[:, THETA]
     wild = (
         np.abs(theta).max() > WILDEST_ANGLE_RAD
         or np.nanmax(np.abs(torque), initial=0.0) > WILDEST_TORQUE_NM
     )
-    if wild or np.abs(step_speed).max() > settings.max_speed_rad_s:
+    if wild:
         fault |= Fault.IMPLAUSIBLE
     if np.isnan(torque).any():
         fault |= Fault.NO_TORQUE

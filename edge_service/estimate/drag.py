@@ -22,6 +22,8 @@ from ..models.machine import Machine
 
 _STATES = 5
 _DRAG = 0
+SURPRISE_NIS = 16.0
+SURPRISES_OF_A_JUMP = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +34,8 @@ class DragSettings:
         wander_per_sqrt_s: random walk of the drag, as a share of the greatest drag seen, 1/sqrt(s).
         viscous_tolerance: least relative prior sigma of viscous friction (it falls with warm-up).
         asymmetry_share: prior sigma of the asymmetry, as a share of the viscous friction.
+        viscous_floor_share: viscous friction is thought to be of the order of this share of the
+            first friction torque seen, at least, whatever the machine file states.
         offset_share: prior sigma of the constant torque offset, as a share of the friction torque.
         noise_memory: intervals over which the noise is learned.
         wander_adaption: step, in logs, of the wander's factor per interval.
@@ -43,6 +47,7 @@ class DragSettings:
     wander_per_sqrt_s: float = 0.02
     viscous_tolerance: float = 0.10
     asymmetry_share: float = 0.2
+    viscous_floor_share: float = 0.5
     offset_share: float = 0.3
     noise_memory: float = 50.0
     wander_adaption: float = 0.03
@@ -93,22 +98,23 @@ class DragFilter:
         )
         known = float(regressor[2:] @ self._state[2:])
         if self.count == 0:
-            self._begin(block.torque_mean_nm - known)
+            self._begin(block.torque_mean_nm - known, abs(speed))
         self._greatest_nm = max(self._greatest_nm, abs(self.drag_nm))
         wander_nm = self._haste * self._settings.wander_per_sqrt_s * self._greatest_nm
         self._covariance[_DRAG, _DRAG] += wander_nm**2 * elapsed_s
         self._correct(regressor, block.torque_mean_nm - float(regressor @ self._state))
         self.count += 1
 
-    def _begin(self, friction_nm: float) -> None:
+    def _begin(self, friction_nm: float, speed: float) -> None:
         model, scale = self._machine.model, max(abs(friction_nm), 1e-9)
         viscous = model.viscous_nm_s_per_rad
+        floor = max(viscous.value, self._settings.viscous_floor_share * scale / max(speed, 1.0))
         sigma = np.array(
             [
                 10.0 * scale,
                 self._settings.offset_share * scale,
-                max(viscous.sigma, self._settings.viscous_tolerance * viscous.value),
-                self._settings.asymmetry_share * viscous.value,
+                max(viscous.sigma, self._settings.viscous_tolerance * floor),
+                self._settings.asymmetry_share * floor,
                 model.inertia_kg_m2.sigma,
             ]
         )
@@ -120,19 +126,20 @@ class DragFilter:
         predicted_var = float(regressor @ projected)
         innovation_var = predicted_var + self._settings.correlation * self._noise_var
         self.nis = innovation**2 / (predicted_var + self._noise_var)
-        self._surprises = self._surprises + 1 if self.nis > 16.0 else 0
-        if self._surprises >= 3:  # a jump: believe the new level, keep the constants
+        self._surprises = self._surprises + 1 if self.nis > SURPRISE_NIS else 0
+        if self._surprises >= SURPRISES_OF_A_JUMP:  # believe the new level, keep the constants
             self._covariance[_DRAG, _DRAG] += innovation**2
             self._surprises = 0
             self._correct(regressor, innovation)
+            return
+        if self._surprises:  # perhaps an outlier: it must not move the constants
             return
         gain = projected / innovation_var
         self._state = self._state + gain * innovation
         reduced = np.eye(_STATES) - np.outer(gain, regressor)
         noise = self._settings.correlation * self._noise_var
         self._covariance = reduced @ self._covariance @ reduced.T + np.outer(gain, gain) * noise
-        if self._surprises == 0:
-            self._learn(innovation)
+        self._learn(innovation)
 
     def _learn(self, innovation: float) -> None:
         """Noise from the differences of successive innovations, wander from their products.

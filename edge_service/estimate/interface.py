@@ -18,6 +18,9 @@ class PreloadEstimator(Protocol):
     def estimate(self) -> PreloadEstimate:
         """What is known now."""
 
+    def interrupt(self) -> None:
+        """Nothing was heard for longer than a number may stand: none stands until motion comes."""
+
     def reset(self) -> None:
         """Forget everything."""
 

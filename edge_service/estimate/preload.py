@@ -94,6 +94,10 @@ class ImmPreloadEstimator:
         self._last_end_s: float | None = None
         self._nis = float("nan")
 
+    def interrupt(self) -> None:
+        """Nothing was heard for longer than a number may stand: none stands until motion comes."""
+        self._validity.interrupt()
+
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
         used = informative(block, self._settings.excitation)
@@ -156,6 +160,7 @@ class ImmPreloadEstimator:
                 reasons=(
                     f"no_percent: preload in % is not available, {missing} is unknown; "
                     "the drag torque is",
+                    *self._caveats(),
                 ),
                 drag_torque_nm=self._drag_interval(),
                 data_used_s=self._validity.informative_s,
@@ -184,7 +189,14 @@ class ImmPreloadEstimator:
             },
             data_used_s=self._validity.informative_s,
             nis=self._nis,
+            reasons=self._caveats(),
         )
+
+    def _caveats(self) -> tuple[str, ...]:
+        if not self._machine.effects:
+            return ()
+        names = ", ".join(effect.name for effect in self._machine.effects)
+        return (f"effects_unused: this estimator does not use the machine file's {names}",)
 
     def _smoothed(self) -> Floats:
         durations = np.array([duration for duration, _ in self._recent])

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..messages.estimate import EstimateStatus
-from ..messages.features import UNUSABLE, FeatureBlock
+from ..messages.features import UNUSABLE, Fault, FeatureBlock
 
 _Verdict = tuple[EstimateStatus, tuple[str, ...]]
 
@@ -45,6 +45,7 @@ class Validity:
         self._last_usable_s: float | None = None
         self._first_s: float | None = None
         self._fault_names: tuple[str, ...] = ()
+        self._stuck = False
         self._surprise = 0.0
         self._disagreeing = False
 
@@ -56,13 +57,14 @@ class Validity:
     def update(self, block: FeatureBlock, used: bool, surprise: float | None) -> None:
         """Take an interval; `surprise` is its normalised innovation squared if it was used."""
         if self._time_s is not None and block.time_s < self._time_s:
-            self._restart_clock()
+            self.interrupt()
         self._time_s = block.time_s
         if self._first_s is None:
             self._first_s = block.time_s - block.duration_s
-        if block.usable:
+        self._stuck = not used and (self._stuck or Fault.STUCK in block.fault)
+        if block.usable and not self._stuck:  # an axis at rest does not show that it is free again
             self._last_usable_s = block.time_s
-        else:
+        elif not block.usable:
             self._fault_names = tuple(str(fault.name).lower() for fault in block.fault & UNUSABLE)
         if used:
             self.informative_s += block.duration_s
@@ -70,8 +72,8 @@ class Validity:
             if surprise is not None:
                 self._follow_surprise(surprise)
 
-    def _restart_clock(self) -> None:
-        """The axis' clock began anew: ages count from here."""
+    def interrupt(self) -> None:
+        """What was seen before is of unknown age: no number stands on it until motion is seen."""
         self._last_informative_s = None
         self._last_usable_s = None
         self._first_s = None
@@ -92,18 +94,21 @@ class Validity:
         if self._time_s - usable_since >= self._settings.fault_s:
             return EstimateStatus.INVALID, (f"data_fault: {', '.join(self._fault_names)}",)
         return (
-            self._missing_motion(self._time_s, self._first_s)
+            self._missing_motion(self._time_s)
             or self._disagreement()
             or (EstimateStatus.ESTIMATED, ())
         )
 
-    def _missing_motion(self, time_s: float, first_s: float) -> _Verdict | None:
+    def _missing_motion(self, time_s: float) -> _Verdict | None:
         if self.informative_s == 0.0:
             reason = "no_motion: the axis has not moved steadily yet"
             return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
-        last_s = first_s if self._last_informative_s is None else self._last_informative_s
-        if time_s - last_s > self._hold_s:
-            reason = f"no_motion: no steady motion for {time_s - last_s:.0f} s"
+        if self._last_informative_s is None:
+            reason = "no_motion: no steady motion since the data were interrupted"
+            return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
+        rest_s = time_s - self._last_informative_s
+        if rest_s > self._hold_s:
+            reason = f"no_motion: no steady motion for {rest_s:.0f} s"
             return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
         if self.informative_s < self._settings.learn_s:
             return EstimateStatus.UNESTIMATED, (
@@ -131,6 +136,7 @@ class Validity:
                 "_last_usable_s",
                 "_first_s",
                 "_fault_names",
+                "_stuck",
                 "_surprise",
                 "_disagreeing",
             )

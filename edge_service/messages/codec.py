@@ -99,7 +99,7 @@ def decode_json(schema: str, model: type[_Payload], payload: bytes) -> tuple[str
         return axis or "", header, model.model_validate_json(json.dumps(members))
     except CodecError:
         raise
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise CodecError(f"no {schema} message: {error}") from error
 
 
@@ -134,7 +134,7 @@ def _decode_block(schema: str, payload: bytes) -> tuple[str, Header, dict[str, F
         return str(members["axis"]), _header_from(members), columns
     except CodecError:
         raise
-    except (ValueError, KeyError, TypeError, struct.error) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, struct.error) as error:
         raise CodecError(f"no edge block: {error}") from error
 
 

@@ -9,6 +9,9 @@ from ..messages.topics import FEAT, PRELOAD
 from .context import NodeContext, Reporter
 from .pipeline import load_machines, make_estimator, warm_up
 
+SILENCE_NS = 10 * 10**9
+"""Without features for this long, what was known before is of unknown age."""
+
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
@@ -19,6 +22,7 @@ async def run(context: NodeContext) -> None:
     }
     publishers = {axis: bus.publisher(config.keys.key(axis, PRELOAD), PRELOAD) for axis in machines}
     subscriber = bus.subscribe(config.keys.all_axes(FEAT), decode_features, depth=1024)
+    heard_ns: dict[str, int] = {}
     reporter = Reporter(context, "estimate")
     reporter.counters = subscriber.counters.as_dict
     async with reporter.running():
@@ -26,6 +30,9 @@ async def run(context: NodeContext) -> None:
         reporter.to(ComponentStatus.OK)
         async for axis, header, block in subscriber:
             if axis in estimators:
+                if header.source_time_ns - heard_ns.get(axis, header.source_time_ns) > SILENCE_NS:
+                    estimators[axis].interrupt()
+                heard_ns[axis] = header.source_time_ns
                 estimators[axis].update(block)
                 publishers[axis].publish(
                     partial(

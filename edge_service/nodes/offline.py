@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..atomic import replaced_file
-from ..config import EdgeConfig, load_machine
+from ..config import ConfigError, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
@@ -31,6 +31,9 @@ def estimates(
 
 def estimate_to_csv(trace: Path, machine_file: Path, out: Path, config: EdgeConfig) -> str:
     """Write the estimates of a trace; returns a line that says what was written."""
+    for given in (trace, machine_file):
+        if out.resolve() == given.resolve():
+            raise ConfigError(f"--out {out}: would overwrite its own input; choose another file")
     machine = load_machine(machine_file)
     rows = 0
     last: PreloadEstimate | None = None

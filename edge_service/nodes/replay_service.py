@@ -38,7 +38,7 @@ async def replay_trace(
         settings["frame_s"] = FLAT_OUT_FRAME_S
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)
     config = config.model_copy(update={"axes": (axis,)})
-    check_service(config)
+    await check_service(config)
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
     try:
         bus.declare_alive(config.keys.alive)

@@ -8,8 +8,10 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Literal
 
+from drivers.base import DriverMisconfiguredError, DriverUnavailableError
+
 from ..bus.session import Bus, BusSettings, BusUnavailableError
-from ..config import EdgeConfig
+from ..config import ConfigError, EdgeConfig
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
 from .context import NodeContext
 
@@ -26,6 +28,7 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
 
     The process is the bus' router: others connect to its endpoint.
     """
+    await check_service(config)
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
     await _run_on(bus, config, PIPELINE, on_http_ready)
 
@@ -34,6 +37,7 @@ async def run_node(
     config: EdgeConfig, name: NodeName, on_http_ready: Callable[[str], None]
 ) -> None:
     """One node alone: `bus` is the router, every other node waits for it and joins it."""
+    await check_service(config)
     if name == "bus":
         bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
         log.info("bus at %s", bus.endpoint)
@@ -124,10 +128,23 @@ def _coroutines(context: NodeContext, name: NodeName) -> list[Coroutine[Any, Any
             return []
 
 
-def check_service(config: EdgeConfig) -> None:
-    """Check what only the nodes know: machine files, drivers and their settings.
+async def check_service(config: EdgeConfig) -> tuple[str, ...]:
+    """Check what only the nodes and drivers know: machine files, drivers, settings, sources.
+
+    Returns:
+        One line on each source that cannot be reached now (trying again later may help).
 
     Raises ConfigError.
     """
+    unreachable = []
     for axis in config.axes:
-        acquire_node.make_driver(axis)
+        driver = acquire_node.make_driver(axis)
+        try:
+            await driver.probe()
+        except DriverUnavailableError as error:
+            unreachable.append(f"axis {axis.name}: {error}")
+        except DriverMisconfiguredError as error:
+            raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
+        finally:
+            await driver.close()
+    return tuple(unreachable)

@@ -155,10 +155,11 @@ def test_faults_of_time_are_told_where_they_are_and_nowhere_else() -> None:
     assert at(blocks, 0.4).uncertain
     assert at(blocks, 0.6).fault == Fault.TIME_BACKWARDS
     assert not at(blocks, 0.6).usable
+    assert at(blocks, 0.7).fault == Fault.TIME_BACKWARDS  # its speed at the start leans on it
     gap = [block for block in blocks if Fault.GAP in block.fault]
     assert [block.usable for block in gap] == [False]
     told = {block.time_s for block in blocks if block.fault}
-    assert len(told) == 5  # the four above and the hole of missing values
+    assert len(told) == 6  # the five above and the hole of missing values
 
 
 def test_a_hole_is_bridged_and_a_longer_one_is_a_gap() -> None:
@@ -193,6 +194,41 @@ def damaged(change: Callable[[dict[str, Floats]], None]) -> list[FeatureBlock]:
     columns = {name: values.copy() for name, values in trace(1.0).items()}
     change(columns)
     return blocks_of(columns)
+
+
+@pytest.mark.parametrize("row", [398, 399, 400, 401, 402, 450])
+def test_a_wild_value_spoils_no_good_interval_wherever_it_stands(row: int) -> None:
+    def jump(columns: dict[str, Floats]) -> None:
+        columns[ANGLE][row] += 4.0
+
+    clean, blocks = blocks_of(trace(1.0)), damaged(jump)
+    for block, truth in zip(blocks, clean, strict=True):
+        if block.usable:
+            assert block.speed_start_rad_s == truth.speed_start_rad_s
+            assert block.speed_end_rad_s == truth.speed_end_rad_s
+            assert block.angle_mean_rad == truth.angle_mean_rad
+
+
+@pytest.mark.parametrize(
+    ("channel", "fault"), [(TORQUE, Fault.NO_TORQUE), (ANGLE, Fault.NO_POSITION)]
+)
+@pytest.mark.parametrize("cuts", [[], [250, 333, 420, 480, 555, 700]])
+def test_rows_without_a_needed_value_are_told_interval_by_interval(
+    channel: str, fault: Fault, cuts: list[int]
+) -> None:
+    columns = {name: values.copy() for name, values in trace(1.0).items()}
+    columns[channel][230:670] = np.nan
+    blocks = blocks_of(columns, cuts)
+    assert [b.time_s for b in blocks if fault in b.fault] == pytest.approx([0.4, 0.5, 0.6])
+    assert repr(blocks) == repr(blocks_of(columns))
+    assert [round(b.time_s, 1) for b in blocks if b.usable] == [0.1, 0.2, 0.7, 0.8, 0.9]
+
+
+def test_a_trace_that_never_has_a_position_says_so() -> None:
+    columns = trace(1.0)
+    blocks = blocks_of({"time_s": columns["time_s"], TORQUE: columns[TORQUE]})
+    assert len(blocks) == 9
+    assert all(b.fault == Fault.NO_POSITION for b in blocks)
 
 
 @pytest.mark.parametrize("channel", [ANGLE, TORQUE])

@@ -16,7 +16,7 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
-from edge_service.models.machine import Machine
+from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
 
 MACHINE = load_machine(DEFAULT_MACHINE)
@@ -206,6 +206,74 @@ def test_a_model_that_does_not_fit_gives_a_reason_instead_of_a_number(
     late = [e for e in estimates if e.time_s > 10.0]
     assert all(e.preload_percent is None for e in late)
     assert all(e.reasons for e in late)
+
+
+@pytest.mark.parametrize("row", [19_999, 20_000, 20_001, 20_050])
+def test_one_wild_angle_does_not_spoil_what_follows(row: int) -> None:
+    frame, truth = recording("healthy", 40.0, 13)
+    angle = frame.channels[ANGLE].copy()
+    angle[row] += 4.0
+    estimates = run(blocks_of(changed(frame, motor_angle_rad=angle)))
+    late = [e for e in estimates if e.time_s > 22.0]
+    assert {e.status for e in late} == {EstimateStatus.ESTIMATED}
+    _, covered = errors(late, truth)
+    assert covered >= 0.93
+
+
+def test_a_clock_that_steps_back_does_not_spoil_what_follows() -> None:
+    frame, truth = recording("healthy", 40.0, 13)
+    back = SampleFrame(frame.time_s - 0.3 * (frame.time_s >= 20.0), frame.channels)
+    late = [e for e in run(blocks_of(back)) if e.time_s > 22.0]
+    assert {e.status for e in late} == {EstimateStatus.ESTIMATED}
+    assert errors(late, truth)[1] >= 0.93
+
+
+def test_no_number_outlives_a_new_clock() -> None:
+    frame, _ = recording("healthy", 15.0, 14)
+    rng = np.random.default_rng(15)
+    still = [
+        SampleFrame(
+            np.arange(8000) / RATE_HZ,
+            {TORQUE: 0.02 * rng.standard_normal(8000), ANGLE: np.full(8000, 3.0)},
+        )
+        for _ in range(3)
+    ]
+    downsampler = Downsampler(DownsampleSettings(), MACHINE.transmission_ratio_m_per_rad)
+    estimator = ImmPreloadEstimator(MACHINE, ImmSettings())
+    for block in downsampler.push(frame):
+        estimator.update(block)
+    assert estimator.estimate().status is EstimateStatus.ESTIMATED
+    for block in [block for part in still for block in downsampler.push(part)][1:]:
+        estimator.update(block)
+        assert estimator.estimate().status is EstimateStatus.INSUFFICIENT_EXCITATION
+
+
+def test_no_number_outlives_a_long_silence() -> None:
+    blocks = blocks_of(recording("healthy", 15.0, 14)[0])
+    estimator = ImmPreloadEstimator(MACHINE, ImmSettings())
+    for block in blocks:
+        estimator.update(block)
+    estimator.interrupt()
+    assert estimator.estimate().preload_percent is None
+    for block in blocks[:50]:
+        estimator.update(block)
+    assert estimator.estimate().status is EstimateStatus.ESTIMATED
+
+
+@pytest.mark.parametrize("channel", [ANGLE, TORQUE])
+def test_a_channel_that_is_stuck_throughout_is_a_fault_not_standstill(channel: str) -> None:
+    frame, _ = recording("healthy", 40.0, 13)
+    stuck = changed(frame, **{channel: np.full(len(frame), 0.1)})
+    late = [e.status for e in run(blocks_of(stuck)) if e.time_s > 10.0]
+    assert late.count(EstimateStatus.INVALID) > 0.9 * len(late)
+
+
+def test_unknown_viscous_friction_is_no_certainty() -> None:
+    model = MACHINE.model.model_copy(update={"viscous_nm_s_per_rad": Quantity(value=0.0)})
+    unknown = MACHINE.model_copy(update={"model": model})
+    frame, truth = recording("healthy", 60.0, 16)
+    error, covered = errors(run(blocks_of(frame), unknown), truth)
+    assert covered >= 0.9 or len(error) == 0
 
 
 def test_without_a_load_rating_there_is_drag_but_no_percent() -> None:

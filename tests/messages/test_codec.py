@@ -125,6 +125,16 @@ def test_damaged_blocks_are_refused_or_read_but_never_crash(
         decode_features(damaged)
 
 
+@pytest.mark.parametrize("depth", [100_000])
+def test_deep_nesting_is_refused_like_any_other_garbage(depth: int) -> None:
+    nested = b"[" * depth
+    for decode in (decode_samples, decode_features):
+        with pytest.raises(CodecError):
+            decode(b"EDB1" + struct.pack("<I", depth) + nested)
+    with pytest.raises(CodecError):
+        decode_json(PRELOAD.payload, PreloadEstimate, nested)
+
+
 def test_another_schema_is_refused() -> None:
     with pytest.raises(CodecError, match="samples/1"):
         decode_features(encode_samples("X", HEADER, samples()))
