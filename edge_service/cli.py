@@ -60,13 +60,14 @@ def _explain(error: Exception) -> int:
 
 def _is_bad_input(error: Exception) -> bool:
     from .bus.session import BusConfigurationError, BusUnavailableError
+    from .fingerprint.fingerprint_document import FingerprintError
     from .http_api.serve import AddressError
     from .models.motion import MotionError
     from .studies.simulate import SimulationError
     from .trace.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    twin = (MotionError, SimulationError)
+    twin = (MotionError, SimulationError, FingerprintError)
     return isinstance(error, (InputError, ConfigError, TraceError, *bus, *twin))
 
 
@@ -349,6 +350,18 @@ def motion(
         raise InputError("motion: expected a NAME and --out, or --list")
     settings = MotionFileSettings(duration_s, rate_hz, seed, clip)
     click.echo(write_motion(name, load_machine(machine), out, settings, _progress))
+
+
+@cli.command(epilog="Example: edge-service fingerprint friction.csv acceleration.csv --out out/now")
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_MACHINE
+@click.option("--baseline", type=click.Path(path_type=Path), help="An older fingerprint.json.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+def fingerprint(traces: tuple[Path, ...], machine: Path, baseline: Path | None, out: Path) -> None:
+    """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload."""
+    from .studies.fingerprint_report import fingerprint as run_fingerprint
+
+    click.echo(run_fingerprint(machine, traces, out, baseline))
 
 
 @cli.command(epilog="Example: edge-service reproduce --out out/reproduce")

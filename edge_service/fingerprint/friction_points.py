@@ -80,11 +80,11 @@ def friction_points(
     """
     settings = settings or CruiseSettings()
     for run in runs:
-        for cruise in _cruises(run, settings):
+        for cruise in cruises(run, settings):
             yield _point(run, cruise, inertia_kg_m2)
 
 
-def _cruises(run: PreparedRun, settings: CruiseSettings) -> Iterator[slice]:
+def cruises(run: PreparedRun, settings: CruiseSettings) -> Iterator[slice]:
     """Samples of constant speed, trimmed."""
     trend_hz = min(TREND_HZ, run.settings.cutoff_hz)
     speed = low_pass(run.speed_rad_s, trend_hz, 2, run.period_s)

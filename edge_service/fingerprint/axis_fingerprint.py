@@ -1,0 +1,143 @@
+"""The mechanical fingerprint of an axis: every test that its recordings allow."""
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from .cruise_tests import measure_equability, measure_signature
+from .friction_curve import measure_friction
+from .identified import Identified
+from .inverse_dynamics import identify_inverse_dynamics
+from .preparation import PreparationSettings, PreparedRun, prepare
+from .reversal_error import measure_reversal_error
+from .section import Contents, Section, judged
+from .transmission_tests import (
+    measure_backlash,
+    measure_preload,
+    measure_response,
+    measure_stiffness,
+    shakes,
+    stretch_fit,
+)
+
+CUTOFF_HZ = 100.0
+_CUTOFF_SHARE = 0.2
+"""Of the sampling rate, for slow recordings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisFingerprint:
+    """What recordings of one session tell of an axis.
+
+    Attributes:
+        machine: name of the axis.
+        sources: names of the recordings.
+        sections: by name, in the order of the report.
+    """
+
+    machine: str
+    sources: tuple[str, ...]
+    sections: Mapping[str, Section]
+
+    def figures(self) -> dict[str, Identified]:
+        """Every figure by `section.name`."""
+        return {
+            f"{section}.{name}": figure
+            for section, content in self.sections.items()
+            for name, figure in content.figures.items()
+        }
+
+
+def fingerprint_axis(
+    machine: Machine,
+    recordings: Mapping[str, SampleFrame],
+    fresh: AxisFingerprint | None = None,
+) -> AxisFingerprint:
+    """Every section from all recordings together; their order and names mean nothing.
+
+    Args:
+        recordings: of one session, by name.
+        fresh: of the same axis with the preload of the machine file, for the preload now.
+    """
+    frames = [recordings[name] for name in sorted(recordings)]
+    calm = [frame for frame in frames if not shakes(frame)]
+    with_torque = functools.cache(lambda: _prepared(machine, calm, (TORQUE,)))
+    moved = functools.cache(lambda: _prepared(machine, frames, ()))
+    both = (ANGLE, TABLE_POSITION)
+    stretch = functools.cache(lambda: stretch_fit(_prepared(machine, frames, both), machine))
+    inertia = machine.model.inertia_kg_m2.value
+    tests: dict[str, tuple[str, Callable[[], Contents]]] = {
+        "friction": ("friction", lambda: measure_friction(with_torque(), inertia)),
+        "stiffness": ("acceleration", lambda: measure_stiffness(stretch())),
+        "backlash": ("reversals", lambda: measure_backlash(stretch(), machine)),
+        "equability": ("friction", lambda: measure_equability(with_torque())),
+        "signature": ("signature", lambda: measure_signature(with_torque())),
+        "reversal_error": ("reversals", lambda: measure_reversal_error(moved())),
+        "frequency_response": ("multisine", lambda: measure_response(frames)),
+        "inertia": ("acceleration", lambda: _measure_inertia(machine, frames)),
+    }
+    sections = {name: judged(motion, measure) for name, (motion, measure) in tests.items()}
+    fresh_stiffness = fresh.sections["stiffness"].figures if fresh else {}
+    sections["preload"] = judged(
+        "friction",
+        lambda: measure_preload(
+            sections["friction"].figures.get("coulomb_nm"),
+            sections["stiffness"].figures,
+            fresh_stiffness,
+            machine,
+        ),
+    )
+    return AxisFingerprint(machine.axis.name, tuple(sorted(recordings)), sections)
+
+
+def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Contents:
+    """Inertia with the friction of the rigid model, which needs no constant speed."""
+    with_torque = [frame for frame in frames if TORQUE in frame.channels]
+    if not with_torque:
+        raise ValueError(f"no recording has {TORQUE}")
+    settings = min(
+        (_settings(machine, frame) for frame in with_torque), key=lambda each: each.cutoff_hz
+    )
+    fit = identify_inverse_dynamics(with_torque, settings)
+    figures = {
+        "inertia_kg_m2": fit.parameters["inertia"],
+        "rigid_coulomb_nm": fit.parameters["coulomb"],
+        "rigid_viscous_nm_s_per_rad": fit.parameters["viscous"],
+    }
+    return figures, ()
+
+
+def _prepared(
+    machine: Machine, frames: Sequence[SampleFrame], required: tuple[str, ...]
+) -> tuple[PreparedRun, ...]:
+    """Runs of all recordings that have the required channels.
+
+    Raises:
+        ValueError: one line; no recording has them.
+    """
+    if not frames:
+        raise ValueError("every recording shakes the axis; this needs steady motion")
+    able = [frame for frame in frames if set(required) <= frame.channels.keys()]
+    if not able:
+        raise ValueError(f"no recording has {' and '.join(required)}")
+    needed = tuple(name for name in required if name != ANGLE)
+    return tuple(run for frame in able for run in prepare(frame, _settings(machine, frame), needed))
+
+
+def _settings(machine: Machine, frame: SampleFrame) -> PreparationSettings:
+    steps = np.diff(frame.time_s)
+    forward = steps[steps > 0.0]
+    period_s = float(np.median(forward)) if forward.size else math.nan
+    if not math.isfinite(period_s):
+        raise ValueError("time_s never increases; a recording needs a clock")
+    return PreparationSettings(
+        machine.transmission_ratio_m_per_rad,
+        cutoff_hz=min(CUTOFF_HZ, _CUTOFF_SHARE / period_s),
+        torque_delay_s=0.5 * period_s,
+    )

@@ -1,0 +1,135 @@
+"""What constant speed tells beside friction: evenness of the torque, order spectrum."""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from ..messages.channels import ANGLE, TORQUE
+from ..messages.samples import Floats
+from .friction_points import CruiseSettings, cruises
+from .identified import Identified
+from .preparation import PreparedRun
+from .regression import effective_size
+from .section import Contents, Curve, mean_of, rounded_rpm
+
+SEGMENT_REVOLUTIONS = 8
+SAMPLES_PER_REVOLUTION = 128
+LOWEST_ORDER, HIGHEST_ORDER = 0.25, 32.0
+_WINDOW_BINS = 1.5
+"""Bins of noise that a Hann window lets into one."""
+
+
+def measure_equability(runs: Iterable[PreparedRun]) -> Contents:
+    """Root mean square of the torque about its mean at each constant speed.
+
+    Raises:
+        ValueError: one line; no cruise of a revolution or more.
+    """
+    ripples: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    for cruise in _torque_cruises(runs, least_revolutions=1.0):
+        ripple = signal.detrend(cruise.torque_nm)
+        rms = float(np.std(ripple))
+        error = 0.5 * rms * math.sqrt(2.0 / effective_size(ripple**2))
+        ripples[rounded_rpm(cruise.speed_rad_s)].append((rms, error))
+    if not ripples:
+        raise ValueError("no cruise of a revolution or more at constant speed")
+    figures = {}
+    for rpm in sorted(ripples, key=float):
+        rms_nm, errors_nm = zip(*ripples[rpm], strict=True)
+        figures[f"ripple_{rpm}_rpm_nm"] = mean_of(rms_nm, errors_nm, "N m")
+    curve = Curve(
+        "ripple",
+        np.array([float(rpm) for rpm in sorted(ripples, key=float)]),
+        np.array([figure.value for figure in figures.values()]),
+        "screw speed, rpm",
+        "torque ripple, N m rms",
+    )
+    return figures, (curve,)
+
+
+def measure_signature(runs: Iterable[PreparedRun]) -> Contents:
+    """Amplitudes of the torque over orders of the screw, at the slowest speed that allows it.
+
+    Welch's average over segments of whole revolutions, sampled evenly over the angle. Balls pass
+    at orders that need their number and diameter, so their band is given as a whole.
+
+    Raises:
+        ValueError: one line; no cruise is long enough.
+    """
+    spectra: dict[str, list[Floats]] = defaultdict(list)
+    for cruise in _torque_cruises(runs, least_revolutions=SEGMENT_REVOLUTIONS):
+        spectra[rounded_rpm(cruise.speed_rad_s)] += cruise.power_over_orders()
+    if not spectra:
+        raise ValueError(f"no cruise of {SEGMENT_REVOLUTIONS} revolutions at constant speed")
+    rpm = min(spectra, key=float)
+    power = np.array(spectra[rpm])
+    order = np.arange(power.shape[1]) / SEGMENT_REVOLUTIONS
+    bands = {
+        "below_once_per_rev": (LOWEST_ORDER, 0.75),
+        "once_per_rev": (0.75, 1.25),
+        "twice_per_rev": (1.75, 2.25),
+        "orders_3_to_8": (2.5, 8.0),
+        "balls_8_to_32": (8.0, HIGHEST_ORDER),
+    }
+    figures = {
+        f"{name}_{rpm}_rpm_nm": _band_rms(power[:, (order >= low) & (order <= high)])
+        for name, (low, high) in bands.items()
+    }
+    shown = (order >= LOWEST_ORDER) & (order <= HIGHEST_ORDER)
+    amplitude = np.sqrt(2.0 * np.mean(power, axis=0))
+    curve = Curve(
+        f"{rpm} rpm",
+        order[shown],
+        amplitude[shown],
+        "order, per revolution of the screw",
+        "torque amplitude, N m",
+    )
+    return figures, (curve,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TorqueCruise:
+    """Torque over the angle at one constant speed, (n,) each."""
+
+    angle_rad: Floats
+    torque_nm: Floats
+    speed_rad_s: float
+
+    def power_over_orders(self) -> list[Floats]:
+        """Mean squares in bins of 1 / SEGMENT_REVOLUTIONS of an order, one (m,) per segment."""
+        turned = np.abs(self.angle_rad - self.angle_rad[0]) / (2.0 * math.pi)
+        size = SEGMENT_REVOLUTIONS * SAMPLES_PER_REVOLUTION
+        grid = np.arange(0.0, turned[-1], 1.0 / SAMPLES_PER_REVOLUTION)
+        torque = np.interp(grid, turned, self.torque_nm)
+        window = signal.windows.hann(size, sym=False)
+        powers = []
+        for start in range(0, len(grid) - size + 1, size // 2):
+            piece = signal.detrend(torque[start : start + size]) * window
+            powers.append(2.0 * np.abs(np.fft.rfft(piece) / window.sum()) ** 2)
+        return powers
+
+
+def _torque_cruises(
+    runs: Iterable[PreparedRun], least_revolutions: float
+) -> Iterable[_TorqueCruise]:
+    for run in runs:
+        for inside in cruises(run, CruiseSettings()):
+            angle = run.channels[ANGLE][inside]
+            if abs(angle[-1] - angle[0]) > 2.0 * math.pi * (least_revolutions - 0.05):
+                speed = float(np.mean(run.speed_rad_s[inside]))
+                yield _TorqueCruise(angle, run.channels[TORQUE][inside], speed)
+
+
+def _band_rms(power: Floats) -> Identified:
+    """Root mean square within bins, (segments, bins); overlapping segments count as half."""
+    squares = np.sum(power, axis=1) / _WINDOW_BINS
+    mean = float(np.mean(squares))
+    error = float(np.std(squares)) / math.sqrt(max(0.5 * len(squares), 1.0))
+    if len(squares) < 3:
+        error = mean  # one or two segments say nothing of their scatter
+    rms = math.sqrt(mean)
+    return mean_of([rms], [0.5 * error / max(rms, 1e-12)], "N m")
