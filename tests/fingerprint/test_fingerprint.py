@@ -10,12 +10,14 @@ import pytest
 
 from edge_service.fingerprint.axis_fingerprint import AxisFingerprint, fingerprint_axis
 from edge_service.fingerprint.baseline_comparison import appeared_figures, compare_fingerprints
+from edge_service.fingerprint.cruise_tests import measure_signature
 from edge_service.fingerprint.fingerprint_document import (
     FingerprintError,
     read_fingerprint,
     to_document,
 )
 from edge_service.fingerprint.identified import around
+from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun
 from edge_service.fingerprint.section import Section, Status, mean_of, rounded_rpm
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import SampleFrame
@@ -243,3 +245,24 @@ def test_a_mean_is_as_wide_as_its_repeats_scatter() -> None:
     assert found.value == pytest.approx(7.0 / 3.0)
     assert found.high - found.value == pytest.approx(half, rel=1e-6)
     assert rounded_rpm(60.0 * 2.0 * math.pi / 60.0) == "60"
+
+
+def test_orders_above_the_low_pass_are_not_told() -> None:
+    """At 1500 rpm the 100 Hz low-pass begins at order 2.4; an order that it removes is no zero."""
+    time_s = np.arange(20_000, dtype=np.float64) / 1e3
+    speed = 2.0 * np.pi * 25.0
+    run = PreparedRun(
+        settings=PreparationSettings(ratio_m_per_rad=1e-3, cutoff_hz=100.0),
+        period_s=1e-3,
+        start_s=0.0,
+        noise_rms={},
+        channels={ANGLE: speed * time_s, TORQUE: 0.1 + 0.01 * np.sin(speed * time_s)},
+        speed_rad_s=np.full(len(time_s), speed),
+        acceleration_rad_s2=np.zeros(len(time_s)),
+        moving=np.ones(len(time_s), dtype=bool),
+    )
+    figures, (curve,) = measure_signature([run])
+    assert max(curve.x) <= 2.4
+    assert not [name for name in figures if name.startswith(("balls", "orders_3_to_8"))]
+    told = figures["once_per_rev_1500_rpm_nm"].value
+    assert told == pytest.approx(0.01 / math.sqrt(2.0), rel=0.01)
