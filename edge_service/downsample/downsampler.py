@@ -192,6 +192,9 @@ class Downsampler:
                 break
             blocks.append(self._summarise(int(end)))
         segment.forget(self._reach)
+        if self._absent:  # what lies before the current interval was bridged or told
+            current = self._interval_of(segment.rows[segment.first, T])
+            self._absent = {i: lacking for i, lacking in self._absent.items() if i >= current}
         return blocks
 
     def _interval_ends(self) -> npt.NDArray[np.int64]:

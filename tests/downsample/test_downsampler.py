@@ -224,6 +224,16 @@ def test_rows_without_a_needed_value_are_told_interval_by_interval(
     assert [round(b.time_s, 1) for b in blocks if b.usable] == [0.1, 0.2, 0.7, 0.8, 0.9]
 
 
+def test_bridged_rows_are_not_remembered_for_ever() -> None:
+    columns = trace(20.0)
+    columns[TORQUE][50::100] = np.nan
+    downsampler = Downsampler(DownsampleSettings(), RATIO)
+    for start in range(0, 20_000, 500):
+        downsampler.push(frame_of(columns, slice(start, start + 500)))
+    assert downsampler.faults == {"HOLE": 199}
+    assert len(downsampler._absent) <= 2
+
+
 def test_a_trace_that_never_has_a_position_says_so() -> None:
     columns = trace(1.0)
     blocks = blocks_of({"time_s": columns["time_s"], TORQUE: columns[TORQUE]})
