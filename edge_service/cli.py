@@ -214,6 +214,23 @@ def replay(
         click.echo(line)
 
 
+@cli.command(
+    epilog="Example: edge-service commission --machine m.toml healthy.csv --out commissioned.toml"
+)
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_MACHINE
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Machine file to write."
+)
+@click.option("--config", type=click.Path(path_type=Path), help="Length of the intervals.")
+def commission(traces: tuple[Path, ...], machine: Path, out: Path, config: Path | None) -> None:
+    """Learn from recordings of a healthy, cold axis what the estimator needs."""
+    from .nodes.commission import commission_to_file
+
+    service = load_config(config or DEFAULT_CONFIG)
+    click.echo(commission_to_file(machine, traces, out, service))
+
+
 @cli.command(epilog="Example: edge-service estimate --machine m.toml trace.csv --out estimates.csv")
 @click.argument("trace", type=click.Path(path_type=Path))
 @_MACHINE

@@ -71,9 +71,9 @@ class DownsampleConfig(_Table):
 
 
 class EstimatorConfig(_Table):
-    """`[estimator]`: the seed's method and its choices."""
+    """`[estimator]`: `auto` is `fused` where the machine file is commissioned, else `kf-imm`."""
 
-    method: Literal["kf-imm", "sif-imm"] = "kf-imm"
+    method: Literal["auto", "fused", "kf-imm", "sif-imm"] = "auto"
     engine: Literal["compiled", "filterpy"] = "compiled"
     activation_exponent: float = Field(1.33, ge=1.0, le=8.0)
     window_s: float = Field(1.0, ge=0.0, le=3600.0)
@@ -81,7 +81,7 @@ class EstimatorConfig(_Table):
     @model_validator(mode="after")
     def _engine_fits(self) -> "EstimatorConfig":
         if self.engine == "filterpy" and self.method != "kf-imm":
-            raise ValueError("engine 'filterpy' has no sliding innovation filter; use 'compiled'")
+            raise ValueError("engine 'filterpy' has Kalman filters only; set method = 'kf-imm'")
         return self
 
 

@@ -1,11 +1,12 @@
 """Sufficient statistics of one interval of contiguous rows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from ..messages.samples import Floats
+from .phases import PhaseSettings, steady_phases
 from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
 
 
@@ -26,6 +27,7 @@ class PlausibilitySettings:
     stuck_s: float = 0.05
     max_speed_rad_s: float = 1500.0
     max_torque_nm: float | None = None
+    phases: PhaseSettings = field(default_factory=PhaseSettings)
 
 
 WILDEST_ANGLE_RAD = 1e8
@@ -124,6 +126,15 @@ def summarise(
         table_mean_m=table[2],
         temperature_c=_mean(inside[:-1, TEMP]),
         external_force_n=_mean(inside[:-1, FORCE]),
+        **steady_phases(
+            segment,
+            first,
+            end,
+            reach,
+            since_s=_moving_since(direction, edges, history),
+            has_table=not table_fault,
+            settings=settings.phases,
+        ),
     ), after
 
 
@@ -170,6 +181,16 @@ def _follow_motion(
     else:
         since = float(edges[0])
     return reversals, MotionHistory(float(direction[-1]), since)
+
+
+def _moving_since(direction: Floats, edges: Floats, history: MotionHistory) -> Floats:
+    """For each row the time at which its unbroken motion began, s; inf at standstill, (n,)."""
+    before = np.concatenate([[history.direction], direction[:-1]])
+    known = direction[0] == history.direction and np.isfinite(history.moving_since_s)
+    starts = np.where(direction != before, edges[:-1], -np.inf)
+    starts[0] = history.moving_since_s if known else edges[0]
+    since = np.maximum.accumulate(starts)
+    return np.where(direction == 0.0, np.inf, since)
 
 
 def _table_statistics(

@@ -15,13 +15,13 @@ the members of the header beside those of the payload, and a `schema` member.
 import json
 import struct
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .channels import CHANNELS, TIME
 from .estimate import Frozen
-from .features import FEATURE_FIELDS, Fault, FeatureBlock
+from .features import FEATURE_FIELDS, PHASE_FIELDS, PHASES, Fault, FeatureBlock, Phase
 from .header import Header
 from .samples import Floats, SampleFrame
 from .topics import FEAT, RAW
@@ -30,17 +30,20 @@ MAGIC = b"EDB1"
 _PREFIX = struct.Struct("<4sI")
 _HEADER_KEYS = ("sequence", "boot_epoch", "source_time_ns", "monotonic_time_ns")
 _INTEGER_FEATURES = frozenset({"sample_count", "reversal_count"})
+_PHASE_COLUMNS = {(phase, field): f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS}
 _FEATURE_UNITS = {"s": "s", "nm": "N m", "rad": "rad", "m": "m", "c": "degC", "n": "N"}
 _Payload = TypeVar("_Payload", bound=Frozen)
 
 
 def _feature_unit(name: str) -> str:
+    if name.endswith("rad_s2"):
+        return "rad/s^2"
     if name.endswith("rad_s"):
         return "rad/s"
     return _FEATURE_UNITS.get(name.rpartition("_")[2], "")
 
 
-FEATURE_UNITS = {name: _feature_unit(name) for name in FEATURE_FIELDS}
+FEATURE_UNITS = {name: _feature_unit(name) for name in (*FEATURE_FIELDS, *_PHASE_COLUMNS.values())}
 """Unit of each column of a block of features."""
 
 
@@ -65,20 +68,27 @@ def decode_samples(payload: bytes) -> tuple[str, Header, SampleFrame]:
 
 
 def encode_features(axis: str, header: Header, block: FeatureBlock) -> bytes:
-    """One interval as an edge block of one row; the columns are the fields of FeatureBlock."""
+    """One interval as an edge block of one row: the fields of FeatureBlock and of its phases."""
     columns = {name: np.array([float(getattr(block, name))]) for name in FEATURE_FIELDS}
+    for (phase, field), name in _PHASE_COLUMNS.items():
+        columns[name] = np.array([float(getattr(getattr(block, phase), field))])
     return _encode_block(FEAT.payload, axis, header, columns, FEATURE_UNITS)
 
 
 def decode_features(payload: bytes) -> tuple[str, Header, FeatureBlock]:
     """Axis, header and interval of an edge block; CodecError if it is none."""
     axis, header, columns = _decode_block(FEAT.payload, payload)
-    if set(columns) != set(FEATURE_FIELDS) or any(len(c) != 1 for c in columns.values()):
+    if set(columns) != set(FEATURE_UNITS) or any(len(c) != 1 for c in columns.values()):
         raise CodecError("a block of features with other columns than this version's")
     values: dict[str, float] = {name: float(column[0]) for name, column in columns.items()}
     integers = {name: int(values.pop(name)) for name in _INTEGER_FEATURES}
     fault = Fault(int(values.pop("fault")))
-    return axis, header, FeatureBlock(fault=fault, **integers, **values)  # type: ignore[arg-type]
+    phases = {
+        phase: Phase(**{field: values.pop(_PHASE_COLUMNS[phase, field]) for field in PHASE_FIELDS})
+        for phase in PHASES
+    }
+    fields: dict[str, Any] = integers | values | phases
+    return axis, header, FeatureBlock(fault=fault, **fields)
 
 
 def encode_json(schema: str, axis: str | None, header: Header, payload: Frozen) -> bytes:

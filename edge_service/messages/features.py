@@ -1,5 +1,6 @@
 """What the downsampling node says about one interval of one axis."""
 
+import math
 from dataclasses import dataclass, fields
 from enum import IntFlag
 
@@ -29,6 +30,27 @@ UNUSABLE = (
     | Fault.NO_POSITION
 )
 """An interval with one of these is no good data."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """Means over the rows of an interval that move steadily in one direction and one phase.
+
+    Torque and acceleration went through the same triangular window, so that
+    `torque_nm = J acceleration + friction` holds without any approximation of the motion, and a
+    mean over any rows says as much as the rows themselves. Without such rows all is NaN.
+    """
+
+    steady_s: float = 0.0  # time of the rows
+    torque_nm: float = math.nan
+    acceleration_rad_s2: float = math.nan
+    speed_rad_s: float = math.nan  # signed
+    angle_rad: float = math.nan
+    table_m: float = math.nan
+
+
+PHASES = ("accelerating", "cruising", "braking")
+"""Phases of a motion, by the sign of the acceleration along the direction of motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +95,17 @@ class FeatureBlock:
     temperature_c: float
     external_force_n: float
 
+    steady_direction: float = 0.0  # of the rows behind the phases, -1 or 1; 0 without any
+    accelerating: Phase = Phase()
+    cruising: Phase = Phase()
+    braking: Phase = Phase()
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The phases in which the axis moved steadily."""
+        every = (self.accelerating, self.cruising, self.braking)
+        return tuple(phase for phase in every if phase.steady_s > 0.0)
+
     @property
     def usable(self) -> bool:
         """Whether an estimator may read this interval as good data."""
@@ -84,4 +117,6 @@ class FeatureBlock:
         return self.usable and bool(self.fault & (Fault.HOLE | Fault.SATURATED))
 
 
-FEATURE_FIELDS = tuple(field.name for field in fields(FeatureBlock))
+PHASE_FIELDS = tuple(field.name for field in fields(Phase))
+FEATURE_FIELDS = tuple(field.name for field in fields(FeatureBlock) if field.name not in PHASES)
+"""Names of the numbers of a block beside those of its phases."""

@@ -7,6 +7,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from ..messages.channels import CHANNELS, TIME
 from .ball_screw import transmission_ratio
+from .commissioned import CommissionedConfig
 
 DEFAULT_TOLERANCE = 0.01
 """Relative calibration tolerance of a number that states none (one standard deviation)."""
@@ -113,6 +114,7 @@ class Machine(_Table):
     model: ModelConfig
     columns: dict[str, Annotated[ColumnConfig, BeforeValidator(_as_column)]] = {}
     effects: tuple[EffectConfig, ...] = ()
+    commissioned: CommissionedConfig | None = None
 
     @model_validator(mode="after")
     def _check_columns(self) -> "Machine":

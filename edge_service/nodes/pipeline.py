@@ -2,9 +2,17 @@
 
 import numpy as np
 
-from ..config import DEFAULT_MACHINE, DownsampleConfig, EdgeConfig, EstimatorConfig, load_machine
+from ..config import (
+    DEFAULT_MACHINE,
+    ConfigError,
+    DownsampleConfig,
+    EdgeConfig,
+    EstimatorConfig,
+    load_machine,
+)
 from ..downsample import Downsampler, DownsampleSettings
 from ..downsample.statistics import PlausibilitySettings
+from ..estimate.fused import FusedPreloadEstimator
 from ..estimate.interface import PreloadEstimator
 from ..estimate.preload import ImmPreloadEstimator, ImmSettings
 from ..messages.channels import ANGLE, TORQUE
@@ -27,11 +35,19 @@ def make_downsampler(config: DownsampleConfig, machine: Machine) -> Downsampler:
 
 
 def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimator:
-    """The configured estimator for one axis."""
+    """The configured estimator for one axis. Raises ConfigError if the machine lacks for it."""
+    able = machine.commissioned is not None and machine.drag_per_percent_nm is not None
+    if config.method == "fused" and not able:
+        raise ConfigError(
+            "estimator.method 'fused': needs a machine file written by `edge-service commission` "
+            "with model.preload_n, model.preload_drag_nm and axis.dynamic_load_rating_n"
+        )
+    if able and config.method in ("auto", "fused"):
+        return FusedPreloadEstimator(machine)
     return ImmPreloadEstimator(
         machine,
         ImmSettings(
-            method=config.method,
+            method="sif-imm" if config.method == "sif-imm" else "kf-imm",
             engine=config.engine,
             activation_exponent=config.activation_exponent,
             window_s=config.window_s,

@@ -77,7 +77,9 @@ def test_every_feature_with_a_dimension_has_a_unit() -> None:
         "direction_lever",
         "moving_fraction",
         "reversal_count",
+        "steady_direction",
     }
+    assert FEATURE_UNITS["braking_acceleration_rad_s2"] == "rad/s^2"
     assert FEATURE_UNITS["speed_end_rad_s"] == "rad/s"
     assert FEATURE_UNITS["torque_mean_nm"] == "N m"
 

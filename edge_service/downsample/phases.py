@@ -1,0 +1,93 @@
+"""The rows of an interval that move steadily, as means over the phases of the motion."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..messages.features import PHASES, Phase
+from ..messages.samples import Floats
+from .rows import THETA, T, U, X
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseSettings:
+    """Which rows move steadily.
+
+    Attributes:
+        gate_s: time after a reversal or a start that is left out (presliding, wind-up).
+        min_speed_rad_s: slower rows are left out (Stribeck friction, creeping jogs).
+        cruise_rad_s2: up to this acceleration the axis cruises.
+        even_share: rows whose neighbours are not this evenly spaced are left out.
+    """
+
+    gate_s: float = 0.05
+    min_speed_rad_s: float = 2.0
+    cruise_rad_s2: float = 30.0
+    even_share: float = 0.2
+
+
+def steady_phases(
+    segment: Floats,
+    first: int,
+    end: int,
+    reach: int,
+    since_s: Floats,
+    has_table: bool,
+    settings: PhaseSettings,
+) -> dict[str, Any]:
+    """Direction and phases of the rows `first` to `end` (without it), as fields of FeatureBlock.
+
+    Acceleration is the second difference over `reach` rows on either side, which is the mean of the
+    true acceleration under a triangular window; torque goes through the same window.
+
+    Args:
+        segment: (n, 8) contiguous rows.
+        first, end: row indices.
+        reach: half width of the window, rows.
+        since_s: (end - first,), when the motion of each row began, s; inf at standstill.
+        has_table: whether the linear encoder may be read.
+        settings: what is steady.
+    """
+    rows = np.arange(max(first, reach), min(end, len(segment) - reach))
+    if not len(rows):
+        return {}
+    before, here, behind = segment[rows - reach], segment[rows], segment[rows + reach]
+    span = behind[:, T] - before[:, T]
+    half = 0.5 * span
+    speed = (behind[:, THETA] - before[:, THETA]) / span
+    bend = behind[:, THETA] - 2.0 * here[:, THETA] + before[:, THETA]
+    acceleration = bend / half**2
+    moving_s = before[:, T] - since_s[rows - first]
+    steady = (moving_s >= settings.gate_s) & (np.abs(speed) >= settings.min_speed_rad_s)
+    steady &= np.abs(here[:, T] - before[:, T] - half) <= settings.even_share * half
+    steady &= np.sign(here[:, THETA] - before[:, THETA]) == np.sign(speed)
+    steady &= np.sign(behind[:, THETA] - here[:, THETA]) == np.sign(speed)
+    if not steady.any():
+        return {}
+    direction = 1.0 if np.count_nonzero(speed[steady] > 0.0) * 2 >= steady.sum() else -1.0
+    steady &= speed * direction > 0.0
+    torque = _windowed(segment[:, U], rows, reach)
+    along = acceleration * direction
+    parts = (
+        along > settings.cruise_rad_s2,
+        np.abs(along) <= settings.cruise_rad_s2,
+        along < -settings.cruise_rad_s2,
+    )
+    period_s = float(np.median(span)) / (2.0 * reach)
+    table = here[:, X] if has_table else np.full(len(rows), np.nan)
+    columns = np.column_stack([torque, acceleration, speed, here[:, THETA], table])
+    phases = {
+        name: Phase(float(np.count_nonzero(chosen)) * period_s, *columns[chosen].mean(axis=0))
+        for name, part in zip(PHASES, parts, strict=True)
+        if (chosen := steady & part).any()
+    }
+    return {"steady_direction": direction, **phases}
+
+
+def _windowed(torque: Floats, rows: npt.NDArray[np.int64], reach: int) -> Floats:
+    """Torque under the triangular window of the second difference, held from row to row, (n,)."""
+    offsets = np.arange(-reach, reach)
+    weights = (reach - np.abs(offsets + 0.5)) / reach**2
+    return np.asarray(torque[rows[:, None] + offsets] @ weights)

@@ -1,0 +1,309 @@
+"""Preload from two witnesses, drag and stretch, over what may have happened to the axis."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ..messages.features import FeatureBlock, Phase
+from ..messages.samples import Floats
+from ..models.machine import Machine
+from .fused_kernel import (
+    CAPACITY,
+    DRY,
+    GUIDE,
+    MASS,
+    PRELOAD,
+    RATE,
+    STATES,
+    VISCOUS,
+    WEARING,
+    GrownMap,
+    Mixture,
+    Reading,
+    take,
+)
+from .fused_model import FusedSettings, drift_of, fused_model, normal_cdf, start_of
+from .transition import LEVELS_PERCENT
+from .validity import Validity, ValiditySettings
+
+_SNAPSHOT_SCHEMA = "fused-preload/1"
+_ARRAYS = Mixture._fields
+_START_PERCENTS = (0.2, 0.6, 1.1, 1.7, 2.4, 3.2, 4.1, 5.1, 6.2, 7.4, 8.7, 10.1)
+SPAWN_S = 2.0
+VIBRATING_SHARE = 0.25
+GROWTH_NODE_M = 0.025
+COLD_MAP_SIGMA_M = 2e-8
+MODEL_ERROR_SHARE = 0.02
+"""Error of the cube root law, as a share of the way from the fresh preload."""
+MODEL_ERROR_PERCENT = 0.12
+LAG_S = 1.5
+"""A preload that runs at a rate is followed with about this delay, s of motion."""
+LEAST_KNOWN_PERCENT = 0.4
+"""Below this nothing tells a preload from none: a clearance may be there."""
+
+
+class FusedPreloadEstimator:
+    """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        settings: FusedSettings | None = None,
+        validity: ValiditySettings | None = None,
+        hold_s: float = 10.0,
+    ) -> None:
+        if machine.commissioned is None:
+            raise ValueError("the fused estimator needs a commissioned machine file")
+        self._settings = settings or FusedSettings()
+        self._validity_settings = validity or ValiditySettings()
+        self._hold_s = hold_s
+        self._machine = machine
+        self._model = fused_model(machine, self._settings)
+        self._drift = drift_of(machine, self._model, self._settings)
+        self._start = start_of(machine, self._model, self._settings)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._validity = Validity(self._validity_settings, self._hold_s)
+        self._mixture = _begin(self._start.mean, self._start.covariance, self._settings)
+        self._grown = _cold_map(self._machine, self._settings)
+        self._last_s: float | None = None
+        self._since_spawn_s = 0.0
+        self._nis = float("nan")
+
+    def interrupt(self) -> None:
+        """Nothing was heard for longer than a number may stand: none stands until motion comes."""
+        self._validity.interrupt()
+
+    def update(self, block: FeatureBlock) -> None:
+        """Take the next interval."""
+        quiet = block.usable and not vibrates(block)
+        surprises = [self._take(block, phase) for phase in block.phases] if quiet else []
+        calm = [surprise for surprise in surprises if not math.isnan(surprise)]
+        self._validity.update(block, bool(calm), max(calm, default=None))
+
+    def _take(self, block: FeatureBlock, phase: Phase) -> float:
+        elapsed_s = block.duration_s if self._last_s is None else block.time_s - self._last_s
+        elapsed_s = min(max(elapsed_s, 0.0), 1e5)
+        self._last_s = block.time_s
+        self._since_spawn_s += phase.steady_s
+        spawn = self._since_spawn_s >= SPAWN_S
+        if spawn:
+            self._since_spawn_s = 0.0
+        reading = self._reading(block, phase)
+        nis = take(self._mixture, self._grown, self._model, self._drift, reading, elapsed_s, spawn)
+        self._nis = self._nis if math.isnan(nis) else nis
+        return nis
+
+    def _reading(self, block: FeatureBlock, phase: Phase) -> Reading:
+        ratio = self._model.ratio_m_per_rad
+        stretch, torque = math.nan, phase.torque_nm
+        if self._model.compliance_m_per_n > 0.0:
+            stretch = ratio * phase.angle_rad - phase.table_m
+        if not math.isnan(block.external_force_n):
+            torque += ratio * block.external_force_n
+            stretch += self._model.compliance_m_per_n * block.external_force_n
+        return Reading(
+            phase.steady_s,
+            block.steady_direction,
+            torque,
+            phase.acceleration_rad_s2,
+            phase.speed_rad_s,
+            phase.table_m,
+            stretch,
+        )
+
+    def estimate(self) -> PreloadEstimate:
+        """What is known after the last interval."""
+        status, reasons = self._validity.status()
+        if status is EstimateStatus.ESTIMATED and (doubt := self._implausible()):
+            status, reasons = EstimateStatus.INVALID, (doubt,)
+        if status is not EstimateStatus.ESTIMATED:
+            return PreloadEstimate(
+                time_s=self._validity.time_s,
+                status=status,
+                reasons=reasons,
+                data_used_s=self._validity.informative_s,
+            )
+        weight, mean, sigma = self._marginal()
+        percent = max(float(weight @ mean), 0.0)
+        low, high = _interval(weight, mean, sigma)
+        rating = self._machine.axis.dynamic_load_rating_n
+        assert rating is not None
+        return PreloadEstimate(
+            time_s=self._validity.time_s,
+            status=status,
+            reasons=self._caveats(),
+            preload_percent=percent,
+            low=min(low, percent),
+            high=max(high, percent),
+            preload_n=percent / 100.0 * rating,
+            drag_torque_nm=self._drag(),
+            mode_probability=_levels(weight, mean, sigma),
+            data_used_s=self._validity.informative_s,
+            nis=self._nis,
+        )
+
+    def _implausible(self) -> str | None:
+        """Why no axis can be as the leading hypothesis says; None if one can."""
+        state = self._mixture.mean[int(np.argmax(self._mixture.log_weight))]
+        model, start = self._model, self._start.mean
+        rest_nm = state[DRY] + model.ratio_m_per_rad * state[GUIDE]
+        coulomb_nm = start[DRY] + model.ratio_m_per_rad * start[GUIDE]
+        coulomb_nm += model.drag_per_percent_nm * model.fresh_percent
+        for name, value, low, high in (
+            ("preload", state[PRELOAD], -1.0, 1.5 * model.fresh_percent + 1.0),
+            ("friction beside the screw's", rest_nm, -0.1 * coulomb_nm, 3.0 * coulomb_nm),
+            ("viscous friction", state[VISCOUS], 0.2 * start[VISCOUS], 4.0 * start[VISCOUS]),
+            ("payload", state[MASS], -0.8 * model.table_mass_kg, 5.0 * model.table_mass_kg),
+        ):
+            if not low - 1e-9 <= value <= high + 1e-9:
+                return (
+                    f"model_mismatch: {name} would be {value:.3g}, expected {low:.3g} to "
+                    f"{high:.3g}: check torque constant, lead, signs and units"
+                )
+        return None
+
+    def _caveats(self) -> tuple[str, ...]:
+        if not self._machine.effects:
+            return ()
+        names = ", ".join(effect.name for effect in self._machine.effects)
+        return (f"effects_unused: this estimator does not use the machine file's {names}",)
+
+    def _marginal(self) -> tuple[Floats, Floats, Floats]:
+        """Weights, means and standard deviations of the preload, %, one per hypothesis."""
+        alive = slice(0, int(self._mixture.alive[0]))
+        weight = np.exp(self._mixture.log_weight[alive])
+        mean = self._mixture.mean[alive]
+        variance = np.maximum(self._mixture.covariance[alive, PRELOAD, PRELOAD], 0.0)
+        away = mean[:, PRELOAD] - self._model.fresh_percent
+        drag = self._machine.model.preload_drag_nm
+        scale = MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance)
+        lag = LAG_S * mean[:, RATE] * (self._mixture.mode[alive] == WEARING)
+        systematic = (scale * away) ** 2 + MODEL_ERROR_PERCENT**2 + lag**2
+        return weight / weight.sum(), mean[:, PRELOAD], np.sqrt(variance + systematic)
+
+    def _drag(self) -> Interval:
+        """Coulomb torque of the whole axis, N m."""
+        slope = np.zeros(STATES)
+        slope[PRELOAD], slope[DRY] = self._model.drag_per_percent_nm, 1.0
+        slope[GUIDE] = self._model.ratio_m_per_rad
+        alive = slice(0, int(self._mixture.alive[0]))
+        weight = np.exp(self._mixture.log_weight[alive])
+        weight = weight / weight.sum()
+        means = self._mixture.mean[alive] @ slope
+        value = float(weight @ means)
+        within = np.einsum("i,kij,j->k", slope, self._mixture.covariance[alive], slope)
+        sigma = float(np.sqrt(max(weight @ (within + (means - value) ** 2), 0.0)))
+        return Interval(value=value, low=value - 1.96 * sigma, high=value + 1.96 * sigma)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as JSON-able values."""
+        return {
+            "schema": _SNAPSHOT_SCHEMA,
+            "validity": self._validity.snapshot(),
+            "mixture": {
+                name: np.where(np.isfinite(array), array, -1e300).tolist()
+                for name, array in zip(_ARRAYS, self._mixture, strict=True)
+            },
+            "grown": [self._grown.value_m.tolist(), self._grown.variance_m2.tolist()],
+            "last_s": self._last_s,
+            "since_spawn_s": self._since_spawn_s,
+            "nis": None if math.isnan(self._nis) else self._nis,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none of this estimator's."""
+        if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
+            raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
+        self._validity.restore(snapshot["validity"])
+        for name, array in zip(_ARRAYS, self._mixture, strict=True):
+            array[...] = np.array(snapshot["mixture"][name], dtype=array.dtype)
+        for kept, array in zip(snapshot["grown"], self._grown[:2], strict=True):
+            array[...] = np.array(kept)
+        self._last_s = snapshot["last_s"]
+        self._since_spawn_s = float(snapshot["since_spawn_s"])
+        self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
+
+
+def vibrates(block: FeatureBlock) -> bool:
+    """Whether a process shakes the axis: it speeds up and slows down for much of one interval."""
+    steady_s = sum(phase.steady_s for phase in block.phases)
+    shaken_s = min(block.accelerating.steady_s, block.braking.steady_s)
+    return shaken_s > VIBRATING_SHARE * steady_s and shaken_s > 0.0
+
+
+def _begin(mean: Floats, covariance: Floats, settings: FusedSettings) -> Mixture:
+    """One hypothesis per preload that the axis may have at the start."""
+    mixture = Mixture(
+        np.zeros(1, dtype=np.int64),
+        np.full(CAPACITY, -np.inf),
+        np.zeros(CAPACITY, dtype=np.int64),
+        np.full(CAPACITY, -1, dtype=np.int64),
+        np.full(CAPACITY, np.inf),
+        np.zeros(CAPACITY),
+        np.full(1, 1e3),
+        np.zeros((CAPACITY, STATES)),
+        np.zeros((CAPACITY, STATES, STATES)),
+    )
+    mixture.alive[0] = len(_START_PERCENTS)
+    for k, percent in enumerate(_START_PERCENTS):
+        mixture.log_weight[k] = -math.log(len(_START_PERCENTS))
+        mixture.mean[k] = mean
+        mixture.mean[k, PRELOAD] = percent
+        mixture.covariance[k] = covariance
+        mixture.covariance[k, PRELOAD, PRELOAD] = (0.15 + 0.06 * percent) ** 2
+    return mixture
+
+
+def _cold_map(machine: Machine, settings: FusedSettings) -> GrownMap:
+    """No growth yet; a node every 2.5 cm."""
+    stroke, taught = machine.axis.stroke_m, machine.commissioned
+    used = stroke is not None and taught is not None and taught.transmission is not None
+    nodes = round(stroke / GROWTH_NODE_M) + 1 if used and stroke is not None else 0
+    return GrownMap(np.zeros(nodes), np.full(nodes, COLD_MAP_SIGMA_M**2), settings.uneven_growth_m)
+
+
+def _interval(weight: Floats, mean: Floats, sigma: Floats) -> tuple[float, float]:
+    """95 % interval of a mixture that cannot be negative: one-sided at 0."""
+    below_zero = _cdf(0.0, weight, mean, sigma)
+    rest = 1.0 - below_zero
+    if rest <= 1e-9:
+        return 0.0, float(1.96 * sigma.max())
+    if below_zero > 0.025:
+        return 0.0, _quantile(below_zero + 0.95 * rest, weight, mean, sigma)
+    if float(weight @ mean) < LEAST_KNOWN_PERCENT:
+        return 0.0, _quantile(below_zero + 0.95 * rest, weight, mean, sigma)
+    low = _quantile(below_zero + 0.025 * rest, weight, mean, sigma)
+    return max(low, 0.0), _quantile(below_zero + 0.975 * rest, weight, mean, sigma)
+
+
+def _cdf(x: float, weight: Floats, mean: Floats, sigma: Floats) -> float:
+    return sum(
+        float(w) * normal_cdf((x - float(m)) / float(s))
+        for w, m, s in zip(weight, mean, sigma, strict=True)
+    )
+
+
+def _quantile(probability: float, weight: Floats, mean: Floats, sigma: Floats) -> float:
+    low, high = float((mean - 8.0 * sigma).min()), float((mean + 8.0 * sigma).max())
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if _cdf(middle, weight, mean, sigma) < probability:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _levels(weight: Floats, mean: Floats, sigma: Floats) -> dict[str, float]:
+    """Probability that each of the seed's levels is the nearest."""
+    levels = sorted(LEVELS_PERCENT)
+    edges = [0.5 * (a + b) for a, b in pairwise(levels)]
+    below = [0.0, *(_cdf(edge, weight, mean, sigma) for edge in edges), 1.0]
+    share = dict(zip(levels, np.diff(below).tolist(), strict=True))
+    return {f"{level:g}": share[level] for level in LEVELS_PERCENT}

@@ -1,0 +1,615 @@
+"""One step of the fused estimator: a Gaussian mixture over what may have happened to an axis.
+
+The state of every hypothesis is Gaussian; its elements are the indices below. A phase of steady
+motion (messages.features.Phase) measures two quantities, with s the direction, x the table
+position, a and v acceleration and speed of the motor::
+
+    torque    u = (J + R^2 dM) a + D v + A |v| + s (k m(x) p + R G + B + St(v)) + b
+    stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + T R v
+                            + (c0 + c1 (x - x0) - cn) F + 3 F0 cn y(F, m(x) p)
+                            + s chi (c0 + c1 (x - x0)) k p / R
+              F = (M + dM) R a + s G + V R v
+
+The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
+(4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
+share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). The functions run compiled;
+their plain Python (`.py_func`) gives the same numbers.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..messages.samples import Floats
+from ..models.compiled import compiled
+
+PRELOAD, RATE, DRY, GUIDE, VISCOUS, ASYMMETRY, MASS = range(7)
+GAP, GROWTH, SKEW, NUT, OFFSET, SLIDE = range(7, 13)
+"""p %, dp/dt %/s, B N m, G N, D and A N m s/rad, dM kg; g0 m, g1, T s, cn m/N, b N m, V N s/m."""
+STATES = 13
+WIND_UP_SHARE = 0.3
+"""Of the screw's drag, acts behind the axis' spring: R^2 over torsional and whole compliance."""
+CAPACITY = 16
+"""Most hypotheses that live at the same time."""
+
+QUIET, WEARING, SETTLING = 0, 1, 2
+"""Modes: preload wanders slowly, or runs at a rate, or friction settles after a change."""
+
+_LEAST_LOG_WEIGHT = -25.0
+_SURPRISE = 9.0
+_OUTLIER = 20.0
+_LEAST_PERCENT = 0.02
+_LOOSE_PERCENT = 0.15
+_SETTLING_S = 15.0
+_SETTLING_HASTE = 8.0
+_FORCE_ERROR = 0.05
+_DRIVEN_RAD_S2 = 100.0
+_AFTER_FORCE_S = 0.3
+_LARGE_FORCE_N = 100.0
+_MERGE_DISTANCE = 0.25
+_STRAIGHT = 0.05
+_RELINEARISATIONS = 2
+
+
+class FusedModel(NamedTuple):
+    """What is known of the axis; SI units, preload in percent of the dynamic load rating."""
+
+    ratio_m_per_rad: float
+    inertia_kg_m2: float
+    table_mass_kg: float
+    drag_per_percent_nm: float
+    fresh_percent: float
+    fresh_preload_n: float
+    clearance_share: float  # half clearance of a nut without preload, over d0
+    compliance_m_per_n: float  # c0, at the reference position, fresh
+    compliance_slope_per_n: float  # c1
+    reference_m: float  # x0
+    stribeck_nm: float
+    stribeck_speed_rad_s: float
+    stroke_m: float  # period of the stroke map
+    stroke_map: Floats  # (k, 2) cosine and sine of the k-th harmonic
+    lead_map_m: Floats  # at even nodes from 0 to the stroke
+    wind_up_map_m: Floats  # the same, times the direction
+    torque_density: float  # (N m)^2 s: variance of a mean over 1 s of fast motion
+    torque_slow_rad_s: float  # motion as slow as this has twice that variance
+    stretch_density: float  # m^2 s
+    stretch_slow_rad_s: float
+    process_force_n: float  # standard deviation
+
+
+class Drift(NamedTuple):
+    """Random walks per square root of a second, and jumps per second of motion."""
+
+    walk: Floats  # (STATES,), of QUIET
+    moving: npt.NDArray[np.bool_]  # (STATES,), whether the walk needs motion
+    rate_walk: float  # of the rate while WEARING, %/s per sqrt(s)
+    jumps: Floats  # (j, STATES, STATES): covariance that each kind of jump adds
+    hazards: Floats  # (j,) 1/s
+    modes: npt.NDArray[np.int64]  # (j,), mode after the jump
+    force_hazard: float  # share of phases in which a process force begins
+    force_stay: float  # probability that it lasts for another phase
+
+
+class Reading(NamedTuple):
+    """One phase as measured; `stretch_m` is NaN with one encoder."""
+
+    steady_s: float
+    direction: float
+    torque_nm: float
+    acceleration_rad_s2: float
+    speed_rad_s: float
+    table_m: float
+    stretch_m: float
+
+
+class GrownMap(NamedTuple):
+    """How the lead map has changed since commissioning (heat grows a screw unevenly).
+
+    Errors of neighbouring nodes and of the state are taken as independent.
+    """
+
+    value_m: Floats  # (n,) at even nodes from 0 to the stroke
+    variance_m2: Floats  # (n,)
+    walk_m: float  # per sqrt(s)
+
+
+class Mixture(NamedTuple):
+    """The hypotheses; `alive[0]` of the CAPACITY rows count."""
+
+    alive: npt.NDArray[np.int64]  # (1,)
+    log_weight: Floats  # (CAPACITY,)
+    mode: npt.NDArray[np.int64]  # (CAPACITY,)
+    kind: npt.NDArray[np.int64]  # (CAPACITY,), the last jump; -1 if there was none
+    age_s: Floats  # (CAPACITY,), motion since then
+    force: Floats  # (CAPACITY,), probability that a process force acts
+    since_force_s: Floats  # (1,), motion since a large one
+    mean: Floats  # (CAPACITY, STATES)
+    covariance: Floats  # (CAPACITY, STATES, STATES)
+
+
+@compiled
+def nut_deflection(load_n: float, percent: float, model: FusedModel) -> tuple[float, float, float]:
+    """How far a preloaded pair of nuts yields, over the fresh pair's own preload deflection d0.
+
+    Two opposed Hertz contacts, F = c ((q + y)^1.5 - (q - y)^1.5), with y = d / d0 and
+    q = (p / p0)^(2/3); for small loads the stiffness is 3 F0 q^0.5 / d0, the cube root law of
+    (5.3.11). Without preload the pair has a clearance, q < 0.
+
+    Returns:
+        y, dy/dF 1/N and dy/dp 1/%.
+    """
+    lost = model.clearance_share * math.exp(-max(percent, 0.0) / _LOOSE_PERCENT)
+    share = max(percent, _LEAST_PERCENT) / model.fresh_percent
+    q = math.pow(share, 2.0 / 3.0) - lost
+    q_slope = 2.0 / 3.0 * math.pow(share, -1.0 / 3.0) / model.fresh_percent + lost / _LOOSE_PERCENT
+    force = abs(load_n) / model.fresh_preload_n
+    y = max(force / (3.0 * math.sqrt(max(q, 0.01))), 0.0)
+    if q <= 0.0 or y > q:
+        y = math.pow(force, 2.0 / 3.0) - q
+    up, down = 0.0, 0.0
+    for _ in range(4):
+        up, down = math.sqrt(max(q + y, 1e-12)), math.sqrt(max(q - y, 0.0))
+        y -= (up**3 - down**3 - force) / (1.5 * (up + down))
+        y = max(y, -q, 0.0)
+    up, down = math.sqrt(max(q + y, 1e-6)), math.sqrt(max(q - y, 0.0))
+    sign = 1.0 if load_n >= 0.0 else -1.0
+    by_force = 1.0 / (1.5 * (up + down) * model.fresh_preload_n)
+    return sign * y, by_force, -sign * (up - down) / (up + down) * q_slope
+
+
+@compiled
+def stroke_factor(model: FusedModel, table_m: float) -> float:
+    """m(x): preload at a place over its mean over the stroke."""
+    factor = 1.0
+    if math.isnan(table_m):
+        return factor
+    for k in range(model.stroke_map.shape[0]):
+        phase = 2.0 * math.pi * (k + 1) * table_m / model.stroke_m
+        factor += model.stroke_map[k, 0] * math.cos(phase)
+        factor += model.stroke_map[k, 1] * math.sin(phase)
+    return factor
+
+
+@compiled
+def mapped(nodes_m: Floats, stroke_m: float, table_m: float) -> float:
+    """Value at a place of a broken line with even nodes from 0 to the stroke, m."""
+    last = nodes_m.shape[0] - 1
+    if last < 1:
+        return 0.0
+    place = min(max(table_m / stroke_m, 0.0), 1.0) * last
+    left = min(int(place), last - 1)
+    share = place - left
+    return float((1.0 - share) * nodes_m[left] + share * nodes_m[left + 1])
+
+
+@compiled
+def predict_torque(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> float:
+    """Torque of a phase, N m, and its derivatives by the state into `slope` (STATES,)."""
+    ratio = model.ratio_m_per_rad
+    per_percent = model.drag_per_percent_nm * stroke_factor(model, r.table_m)
+    slope[:] = 0.0
+    slope[PRELOAD] = r.direction * per_percent
+    slope[DRY] = r.direction
+    slope[GUIDE] = r.direction * ratio
+    slope[VISCOUS] = r.speed_rad_s
+    slope[ASYMMETRY] = abs(r.speed_rad_s)
+    slope[MASS] = ratio * ratio * r.acceleration_rad_s2
+    slope[OFFSET] = 1.0
+    known = model.inertia_kg_m2 * r.acceleration_rad_s2 + r.direction * stribeck(model, r)
+    return known + float(np.dot(slope, x))
+
+
+@compiled
+def stribeck(model: FusedModel, r: Reading) -> float:
+    """St(v): excess of the friction at slow motion, N m."""
+    if model.stribeck_nm == 0.0:
+        return 0.0
+    return model.stribeck_nm * math.exp(-abs(r.speed_rad_s) / model.stribeck_speed_rad_s)
+
+
+@compiled
+def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> tuple[float, float]:
+    """Stretch of a phase, m, and the compliance there, m/N; derivatives into `slope`."""
+    away = r.table_m - model.reference_m
+    local = stroke_factor(model, r.table_m)
+    gear = model.ratio_m_per_rad * r.acceleration_rad_s2
+    speed = model.ratio_m_per_rad * r.speed_rad_s
+    load = (model.table_mass_kg + x[MASS]) * gear + r.direction * x[GUIDE] + x[SLIDE] * speed
+    wound_n = r.direction * WIND_UP_SHARE * model.drag_per_percent_nm / model.ratio_m_per_rad
+    y, by_force, by_percent = nut_deflection(load, x[PRELOAD] * local, model)
+    nut_m = 3.0 * model.fresh_preload_n
+    rest = model.compliance_m_per_n + model.compliance_slope_per_n * away - x[NUT]
+    rest = max(rest, 1e-12)
+    compliance = rest + nut_m * x[NUT] * by_force
+    slope[:] = 0.0
+    slope[GAP] = 1.0
+    slope[GROWTH] = away
+    slope[SKEW] = speed
+    slope[SLIDE] = compliance * speed
+    slope[GUIDE] = compliance * r.direction
+    slope[MASS] = compliance * gear
+    slope[NUT] = nut_m * y - load
+    series = model.compliance_m_per_n + model.compliance_slope_per_n * away
+    slope[PRELOAD] = nut_m * x[NUT] * by_percent * local + series * wound_n
+    value = series * wound_n * x[PRELOAD]
+    value += x[GAP] + x[GROWTH] * away + x[SKEW] * speed + rest * load + nut_m * x[NUT] * y
+    value += mapped(model.lead_map_m, model.stroke_m, r.table_m)
+    value += r.direction * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
+    return value, compliance
+
+
+@compiled
+def predict_state(mixture: Mixture, k: int, drift: Drift, elapsed_s: float, moved_s: float) -> None:
+    """Let a hypothesis drift over `elapsed_s`, of which the axis moved for `moved_s`."""
+    x, p = mixture.mean[k], mixture.covariance[k]
+    mixture.age_s[k] += moved_s
+    if mixture.mode[k] == SETTLING and mixture.age_s[k] > _SETTLING_S:
+        mixture.mode[k] = QUIET
+    settling = mixture.mode[k] == SETTLING
+    for i in range(STATES):
+        time_s = moved_s if drift.moving[i] else elapsed_s
+        walk = drift.walk[i]
+        if settling and i in (DRY, GUIDE, VISCOUS, SLIDE):
+            walk *= _SETTLING_HASTE
+        p[i, i] += walk * walk * time_s
+    if mixture.mode[k] == WEARING:
+        x[PRELOAD] += x[RATE] * moved_s
+        for j in range(STATES):
+            p[PRELOAD, j] += moved_s * p[RATE, j]
+        for j in range(STATES):
+            p[j, PRELOAD] += moved_s * p[j, RATE]
+        p[RATE, RATE] += drift.rate_walk**2 * moved_s
+
+
+@compiled
+def _innovate(
+    model: FusedModel,
+    x: Floats,
+    at: Floats,
+    p: Floats,
+    r: Reading,
+    slopes: Floats,
+    gains: Floats,
+    e: Floats,
+    s: Floats,
+    grown: tuple[float, float],
+) -> float:
+    """Innovation `e` (2,), its covariance `s` (2, 2) but for process forces, P H' (2, n).
+
+    `at` is the state around which the stretch is linear, `grown` the change of the lead map and its
+    variance. Returns the compliance, m/N; with one encoder the second row means nothing.
+    """
+    e[0] = r.torque_nm - predict_torque(model, x, r, slopes[0])
+    compliance = 0.0
+    e[1] = 0.0
+    slopes[1, :] = 0.0
+    if not math.isnan(r.stretch_m):
+        predicted, compliance = predict_stretch(model, at, r, slopes[1])
+        e[1] = r.stretch_m - predicted - grown[0]
+        for i in range(STATES):
+            e[1] -= slopes[1, i] * (x[i] - at[i])
+    for i in range(2):
+        for j in range(STATES):
+            total = 0.0
+            for m in range(STATES):
+                total += p[j, m] * slopes[i, m]
+            gains[i, j] = total
+    for i in range(2):
+        for j in range(2):
+            total = 0.0
+            for m in range(STATES):
+                total += slopes[i, m] * gains[j, m]
+            s[i, j] = total
+    speed = max(abs(r.speed_rad_s), 1e-3)
+    s[0, 0] += (
+        model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
+        + (0.3 * stribeck(model, r)) ** 2
+    )
+    s[1, 1] += grown[1]
+    s[1, 1] += model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
+    return compliance
+
+
+@compiled
+def _innovate_well(
+    model: FusedModel,
+    x: Floats,
+    p: Floats,
+    r: Reading,
+    slopes: Floats,
+    gains: Floats,
+    e: Floats,
+    s: Floats,
+    grown: tuple[float, float],
+) -> float:
+    """The same around where the correction leads, if the preload is too uncertain for one step."""
+    at = x.copy()
+    c = _innovate(model, x, at, p, r, slopes, gains, e, s, grown)
+    if math.isnan(r.stretch_m) or p[PRELOAD, PRELOAD] < (_STRAIGHT * max(x[PRELOAD], 1.0)) ** 2:
+        return c
+    for _ in range(_RELINEARISATIONS):
+        det = max(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1], 1e-300)
+        a = (s[1, 1] * e[0] - s[0, 1] * e[1]) / det
+        b = (s[0, 0] * e[1] - s[0, 1] * e[0]) / det
+        for i in range(STATES):
+            at[i] = x[i] + gains[0, i] * a + gains[1, i] * b
+        at[PRELOAD] = max(at[PRELOAD], _LEAST_PERCENT)
+        c = _innovate(model, x, at, p, r, slopes, gains, e, s, grown)
+    return c
+
+
+@compiled
+def _likelihood(e: Floats, s: Floats, two: bool) -> tuple[float, float]:
+    """Log-likelihood and normalised innovation squared."""
+    if not two:
+        nis = e[0] * e[0] / s[0, 0]
+        return -0.5 * (nis + math.log(2.0 * math.pi * s[0, 0])), nis
+    det = max(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1], 1e-300)
+    nis = (s[1, 1] * e[0] * e[0] - 2.0 * s[0, 1] * e[0] * e[1] + s[0, 0] * e[1] * e[1]) / det
+    return -0.5 * (nis + math.log(4.0 * math.pi**2 * det)), nis
+
+
+@compiled
+def _force_seen(e: Floats, s: Floats, ratio: float, compliance: float, two: bool) -> float:
+    """The force on the table that explains the innovation best, N."""
+    if not two:
+        return float(e[0] / ratio)
+    det = max(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1], 1e-300)
+    a = (s[1, 1] * ratio - s[0, 1] * compliance) / det
+    b = (s[0, 0] * compliance - s[0, 1] * ratio) / det
+    return float((a * e[0] + b * e[1]) / (a * ratio + b * compliance))
+
+
+@compiled
+def _under_force(
+    e: Floats, s: Floats, ratio: float, compliance: float, force_n: float, two: bool
+) -> tuple[float, float]:
+    """Log-likelihood with a process force of sigma `force_n`, and the force seen, N.
+
+    The nut is no linear spring under a large force, hence a share of the compliance as error.
+    """
+    seen = _force_seen(e, s, ratio, compliance, two)
+    var = force_n * force_n
+    forced = s.copy()
+    forced[0, 0] += var * ratio * ratio + (_FORCE_ERROR * ratio * seen) ** 2
+    forced[1, 1] += var * compliance * compliance + (_FORCE_ERROR * compliance * seen) ** 2
+    forced[0, 1] += var * ratio * compliance
+    forced[1, 0] = forced[0, 1]
+    log_likelihood, _ = _likelihood(e, forced, two)
+    return log_likelihood, seen
+
+
+@compiled
+def _correct(
+    mixture: Mixture, k: int, gains: Floats, e: Floats, s: Floats, scale: float, two: bool
+) -> None:
+    """Kalman correction of hypothesis k; `scale` widens the innovation of an outlier."""
+    x, p = mixture.mean[k], mixture.covariance[k]
+    s00 = s[0, 0] * scale
+    if not two:
+        for i in range(STATES):
+            x[i] += gains[0, i] / s00 * e[0]
+        for i in range(STATES):
+            for j in range(STATES):
+                p[i, j] -= gains[0, i] * gains[0, j] / s00
+        return
+    s11, s01 = s[1, 1] * scale, s[0, 1] * scale
+    det = max(s00 * s11 - s01 * s01, 1e-300)
+    i00, i11, i01 = s11 / det, s00 / det, -s01 / det
+    for i in range(STATES):
+        k0 = gains[0, i] * i00 + gains[1, i] * i01
+        k1 = gains[0, i] * i01 + gains[1, i] * i11
+        x[i] += k0 * e[0] + k1 * e[1]
+        for j in range(STATES):
+            p[i, j] -= k0 * gains[0, j] + k1 * gains[1, j]
+
+
+@compiled
+def _spawn(
+    mixture: Mixture, parent: int, drift: Drift, motion_s: float, payload_only: bool
+) -> None:
+    """Children of a hypothesis, one for each kind of jump; the least likely make room."""
+    for j in range(drift.hazards.shape[0]):
+        if payload_only and drift.jumps[j, MASS, MASS] == 0.0:
+            continue
+        log_weight = mixture.log_weight[parent] + math.log(max(drift.hazards[j] * motion_s, 1e-300))
+        k = mixture.alive[0]
+        if k == CAPACITY:
+            k = int(np.argmin(mixture.log_weight))
+            if k == parent or mixture.log_weight[k] >= log_weight:
+                continue
+        else:
+            mixture.alive[0] += 1
+        mixture.log_weight[k] = log_weight
+        mixture.mode[k] = drift.modes[j]
+        mixture.kind[k] = j
+        mixture.age_s[k] = 0.0
+        mixture.force[k] = 0.0
+        mixture.mean[k] = mixture.mean[parent]
+        mixture.covariance[k] = mixture.covariance[parent] + drift.jumps[j]
+
+
+@compiled
+def _leader(mixture: Mixture) -> int:
+    return int(np.argmax(mixture.log_weight[: mixture.alive[0]]))
+
+
+@compiled
+def tidy(mixture: Mixture) -> None:
+    """Scale the weights to 1, drop the hopeless, merge those that have become alike."""
+    count = mixture.alive[0]
+    top = mixture.log_weight[:count].max()
+    total = 0.0
+    for k in range(count):
+        total += math.exp(mixture.log_weight[k] - top)
+    shift = top + math.log(total)
+    kept = 0
+    for k in range(count):
+        mixture.log_weight[k] -= shift
+        if mixture.log_weight[k] < _LEAST_LOG_WEIGHT:
+            continue
+        _move(mixture, k, kept)
+        kept += 1
+    mixture.alive[0] = kept
+    mixture.log_weight[kept:] = -math.inf
+    k = 0
+    while k < mixture.alive[0]:
+        j = k + 1
+        while j < mixture.alive[0]:
+            if mixture.mode[k] == mixture.mode[j] and _alike(mixture, k, j):
+                _merge(mixture, k, j)
+            else:
+                j += 1
+        k += 1
+
+
+@compiled
+def _move(mixture: Mixture, source: int, target: int) -> None:
+    if source != target:
+        mixture.log_weight[target] = mixture.log_weight[source]
+        mixture.mode[target] = mixture.mode[source]
+        mixture.kind[target] = mixture.kind[source]
+        mixture.age_s[target] = mixture.age_s[source]
+        mixture.force[target] = mixture.force[source]
+        mixture.mean[target] = mixture.mean[source]
+        mixture.covariance[target] = mixture.covariance[source]
+
+
+@compiled
+def _alike(mixture: Mixture, k: int, j: int) -> bool:
+    for i in (PRELOAD, DRY, GUIDE, MASS):
+        vk, vj = mixture.covariance[k, i, i], mixture.covariance[j, i, i]
+        least, most = min(vk, vj), max(vk, vj)
+        away = mixture.mean[k, i] - mixture.mean[j, i]
+        if away * away > _MERGE_DISTANCE * least or most > 1.5 * least:
+            return False
+    return True
+
+
+@compiled
+def _merge(mixture: Mixture, k: int, j: int) -> None:
+    """Moment-match j into k and close the row."""
+    wk, wj = math.exp(mixture.log_weight[k]), math.exp(mixture.log_weight[j])
+    share = wj / (wk + wj)
+    away = mixture.mean[j] - mixture.mean[k]
+    mixture.mean[k] += share * away
+    mixture.covariance[k] *= 1.0 - share
+    mixture.covariance[k] += share * mixture.covariance[j]
+    mixture.covariance[k] += share * (1.0 - share) * np.outer(away, away)
+    mixture.log_weight[k] = math.log(wk + wj)
+    last = mixture.alive[0] - 1
+    _move(mixture, last, j)
+    mixture.log_weight[last] = -math.inf
+    mixture.alive[0] = last
+
+
+@compiled
+def _grown_at(
+    grown: GrownMap, model: FusedModel, r: Reading, elapsed_s: float
+) -> tuple[float, float]:
+    """Change of the lead map at a place, m, and its variance; the map drifts by `elapsed_s`."""
+    last = grown.value_m.shape[0] - 1
+    if last < 1 or math.isnan(r.table_m):
+        return 0.0, 0.0
+    for j in range(last + 1):
+        grown.variance_m2[j] += grown.walk_m * grown.walk_m * elapsed_s
+    place = min(max(r.table_m / model.stroke_m, 0.0), 1.0) * last
+    left = min(int(place), last - 1)
+    share = place - left
+    value = (1.0 - share) * grown.value_m[left] + share * grown.value_m[left + 1]
+    variance = (1.0 - share) ** 2 * grown.variance_m2[left]
+    return value, variance + share**2 * grown.variance_m2[left + 1]
+
+
+@compiled
+def _learn_growth(
+    grown: GrownMap, model: FusedModel, r: Reading, error_m: float, precision: float
+) -> None:
+    last = grown.value_m.shape[0] - 1
+    if last < 1 or math.isnan(r.table_m):
+        return
+    place = min(max(r.table_m / model.stroke_m, 0.0), 1.0) * last
+    left = min(int(place), last - 1)
+    for j in (left, left + 1):
+        share = 1.0 - abs(place - j)
+        gain = share * grown.variance_m2[j] * precision
+        grown.value_m[j] += gain * error_m
+        grown.variance_m2[j] *= 1.0 - gain * share
+
+
+@compiled
+def take(
+    mixture: Mixture,
+    grown_map: GrownMap,
+    model: FusedModel,
+    drift: Drift,
+    r: Reading,
+    elapsed_s: float,
+    spawn: bool,
+) -> float:
+    """Take one phase.
+
+    Args:
+        mixture, grown_map: changed in place.
+        elapsed_s: since the phase before.
+        spawn: whether jumps are considered even without a surprise.
+
+    Returns:
+        Normalised innovation squared per quantity of the leading hypothesis; about 1 is expected.
+        NaN if it takes the phase for one under a process force, which teaches nothing.
+    """
+    ratio = model.ratio_m_per_rad
+    two = not math.isnan(r.stretch_m)
+    slopes, gains = np.empty((2, STATES)), np.empty((2, STATES))
+    e, s = np.empty(2), np.empty((2, 2))
+    for k in range(mixture.alive[0]):
+        predict_state(mixture, k, drift, elapsed_s, r.steady_s)
+    leader = _leader(mixture)
+    grown = _grown_at(grown_map, model, r, elapsed_s)
+    c = _innovate_well(
+        model, mixture.mean[leader], mixture.covariance[leader], r, slopes, gains, e, s, grown
+    )
+    calm, surprise = _likelihood(e, s, two)
+    forced, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
+    large = forced > calm and abs(seen_n) > _LARGE_FORCE_N
+    mixture.since_force_s[0] = 0.0 if large else mixture.since_force_s[0] + r.steady_s
+    motion_s = max(r.steady_s, 0.1)
+    if large:
+        if abs(r.acceleration_rad_s2) > _DRIVEN_RAD_S2 and mixture.force[leader] < 0.5:
+            _spawn(mixture, leader, drift, motion_s, True)
+    elif (spawn or surprise > _SURPRISE) and mixture.since_force_s[0] > _AFTER_FORCE_S:
+        _spawn(mixture, leader, drift, motion_s, False)
+    dimension = 2.0 if two else 1.0
+    best_nis, best_weight, best_share, best_error = math.nan, -math.inf, 0.0, 0.0
+    for k in range(mixture.alive[0]):
+        c = _innovate_well(
+            model, mixture.mean[k], mixture.covariance[k], r, slopes, gains, e, s, grown
+        )
+        calm, nis = _likelihood(e, s, two)
+        scale = max(1.0, nis / _OUTLIER)
+        if scale > 1.0:
+            calm -= 0.5 * _OUTLIER * (1.0 + math.log(scale)) - 0.5 * nis
+        forced, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
+        before = mixture.force[k]
+        acting = before * drift.force_stay + (1.0 - before) * drift.force_hazard
+        calm += math.log(1.0 - acting)
+        forced += math.log(acting)
+        top = max(calm, forced)
+        both = top + math.log(math.exp(calm - top) + math.exp(forced - top))
+        mixture.force[k] = math.exp(forced - both)
+        mixture.log_weight[k] += both
+        acts = forced > calm or (large and mixture.age_s[k] > r.steady_s)
+        if large and acts:
+            mixture.log_weight[k] += forced - both
+        if not acts:
+            _correct(mixture, k, gains, e, s, scale, two)
+        if mixture.log_weight[k] > best_weight:
+            best_weight = mixture.log_weight[k]
+            best_nis = math.nan if acts else nis / dimension
+            best_share, best_error = 0.0 if acts else 1.0 / (s[1, 1] * scale), e[1]
+    if two and best_share > 0.0:
+        _learn_growth(grown_map, model, r, best_error, best_share)
+    tidy(mixture)
+    return best_nis

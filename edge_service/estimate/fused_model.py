@@ -1,0 +1,225 @@
+"""From a commissioned machine file to the numbers of the fused estimator."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.samples import Floats
+from ..models.machine import Machine
+from .fused_kernel import (
+    ASYMMETRY,
+    DRY,
+    GAP,
+    GROWTH,
+    GUIDE,
+    MASS,
+    NUT,
+    OFFSET,
+    PRELOAD,
+    QUIET,
+    RATE,
+    SETTLING,
+    SKEW,
+    SLIDE,
+    STATES,
+    VISCOUS,
+    WEARING,
+    WIND_UP_SHARE,
+    Drift,
+    FusedModel,
+)
+
+CLEARANCE_M = 1.5e-6
+"""Assumption: clearance of a nut that has lost its preload."""
+
+
+@dataclass(frozen=True, slots=True)
+class FusedSettings:
+    """What is thought likely to happen to an axis; shares are of the commissioned value.
+
+    Attributes:
+        preload_walk: of a quiet preload, % per sqrt(s) of motion.
+        friction_walk: of every friction (warm-up), share per sqrt(s); 0 where all dry friction is
+            the screw's (the seed's plant).
+        growth_m: of the difference between the encoders, m per sqrt(s).
+        uneven_growth_m: the same of a place along the stroke against its neighbours.
+        loss_hazard, friction_hazard, payload_hazard, wear_hazard: per second of motion.
+        force_hazard: share of phases in which a process force begins.
+        force_stay: probability that it lasts for another phase.
+        process_force_n: standard deviation of forces on the table.
+    """
+
+    preload_walk: float = 0.003
+    friction_walk: float = 0.003
+    growth_m: float = 2e-8
+    uneven_growth_m: float = 2e-8
+    loss_hazard: float = 2e-4
+    friction_hazard: float = 5e-4
+    payload_hazard: float = 1e-3
+    wear_hazard: float = 1e-3
+    force_hazard: float = 0.01
+    force_stay: float = 0.9
+    process_force_n: float = 600.0
+    start_sigma_percent: float = 1.5
+
+
+def fused_model(machine: Machine, settings: FusedSettings) -> FusedModel:
+    """Constants of the model. The machine must be commissioned and know preload in percent."""
+    taught, per_percent = machine.commissioned, machine.drag_per_percent_nm
+    fresh = machine.fresh_preload_percent
+    assert taught is not None and per_percent is not None and fresh is not None
+    mass = machine.model.table_mass_kg
+    mass_kg = mass.value if mass is not None else 1.0
+    t = taught.transmission
+    preload = machine.model.preload_n
+    assert preload is not None
+    compliance = t.stretch_per_acceleration_s2 / mass_kg if t else 0.0
+    d0 = 3.0 * preload.value * t.nut_share * compliance if t else 1.0
+    stroke_map = np.array(taught.stroke_map, dtype=np.float64).reshape(-1, 2)
+    return FusedModel(
+        ratio_m_per_rad=machine.transmission_ratio_m_per_rad,
+        inertia_kg_m2=machine.model.inertia_kg_m2.value,
+        table_mass_kg=mass_kg,
+        drag_per_percent_nm=per_percent,
+        fresh_percent=fresh,
+        fresh_preload_n=preload.value,
+        clearance_share=0.5 * CLEARANCE_M / d0,
+        compliance_m_per_n=compliance,
+        compliance_slope_per_n=t.stretch_slope_s2_per_m / mass_kg if t else 0.0,
+        reference_m=t.reference_m if t else 0.0,
+        stribeck_nm=taught.stribeck_excess_nm,
+        stribeck_speed_rad_s=taught.stribeck_speed_rad_s,
+        stroke_m=machine.axis.stroke_m or 1.0,
+        stroke_map=stroke_map,
+        lead_map_m=np.array(t.lead_map_m if t else (), dtype=np.float64),
+        wind_up_map_m=np.array(t.wind_up_map_m if t else (), dtype=np.float64),
+        torque_density=taught.noise_density_nm2_s,
+        torque_slow_rad_s=taught.noise_slow_rad_s,
+        stretch_density=t.noise_density_m2_s if t else 1.0,
+        stretch_slow_rad_s=t.noise_slow_rad_s if t else 0.0,
+        process_force_n=settings.process_force_n,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where the hypotheses begin: the commissioned axis with a preload that is not yet known."""
+
+    mean: Floats  # (STATES,)
+    covariance: Floats  # (STATES, STATES)
+
+
+def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Start:
+    """State and covariance before the first phase, of a preload to be filled in."""
+    taught = machine.commissioned
+    assert taught is not None
+    t = taught.transmission
+    ratio, viscous = model.ratio_m_per_rad, machine.model.viscous_nm_s_per_rad
+    fresh_nm = model.drag_per_percent_nm * model.fresh_percent
+    guide_n = max(t.reversal_force_n - WIND_UP_SHARE * fresh_nm / ratio, 0.0) if t else 0.0
+    dry_nm = taught.coulomb_nm - fresh_nm - ratio * guide_n
+    mean = np.zeros(STATES)
+    mean[DRY], mean[GUIDE] = dry_nm, guide_n
+    mean[VISCOUS] = viscous.value
+    mean[ASYMMETRY] = taught.viscous_asymmetry_nm_s_per_rad
+    mean[OFFSET] = taught.torque_offset_nm
+    mean[SKEW] = t.clock_skew_s if t else 0.0
+    mean[SLIDE] = t.guide_viscous_n_s_per_m if t else 0.0
+    mean[NUT] = t.nut_share * model.compliance_m_per_n if t else 0.0
+    drifted = 0.1 if settings.friction_walk else 1e-4
+    sigma = np.zeros(STATES)
+    sigma[DRY] = drifted * taught.coulomb_nm
+    sigma[GUIDE] = drifted * guide_n
+    sigma[VISCOUS] = max(viscous.sigma, drifted * viscous.value)
+    sigma[ASYMMETRY] = 0.05 * viscous.value * bool(settings.friction_walk)
+    sigma[MASS] = 1e-3 * model.table_mass_kg if t else 0.0
+    sigma[GAP], sigma[GROWTH] = 1e-4, 1e-4
+    sigma[SKEW] = 2e-6
+    sigma[SLIDE] = max(drifted * mean[SLIDE], 1.0) if t else 0.0
+    sigma[NUT] = t.nut_share_sigma * model.compliance_m_per_n if t else 0.0
+    sigma[OFFSET] = 0.1 * taught.coulomb_nm * bool(settings.friction_walk)
+    return Start(mean, np.diag(sigma**2))
+
+
+def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Drift:
+    """What may happen to the axis between two phases."""
+    taught = machine.commissioned
+    assert taught is not None
+    share, t = settings.friction_walk, taught.transmission
+    guide_n = t.reversal_force_n if t else 0.0
+    walk = np.zeros(STATES)
+    walk[PRELOAD] = settings.preload_walk
+    walk[DRY] = share * taught.coulomb_nm
+    walk[GUIDE] = share * guide_n
+    walk[VISCOUS] = share * machine.model.viscous_nm_s_per_rad.value
+    walk[SLIDE] = share * (t.guide_viscous_n_s_per_m if t else 0.0)
+    walk[ASYMMETRY] = 0.1 * walk[VISCOUS]
+    walk[GAP], walk[GROWTH] = settings.growth_m, 2.0 * settings.growth_m
+    walk[OFFSET] = 0.1 * walk[DRY]
+    moving = np.zeros(STATES, dtype=np.bool_)
+    moving[PRELOAD] = True
+    jumps, hazards, modes = _jumps(machine, model, settings)
+    return Drift(
+        walk=walk,
+        moving=moving,
+        rate_walk=0.003,
+        jumps=np.array(jumps),
+        hazards=np.array(hazards),
+        modes=np.array(modes, dtype=np.int64),
+        force_hazard=settings.force_hazard,
+        force_stay=settings.force_stay,
+    )
+
+
+def _jumps(
+    machine: Machine, model: FusedModel, settings: FusedSettings
+) -> tuple[list[Floats], list[float], list[int]]:
+    """Covariances, hazards and modes of each kind of jump.
+
+    How much of the screw's drag acts behind its spring is hardly known, so a loss may take a little
+    from the reversal force as well.
+    """
+    taught = machine.commissioned
+    assert taught is not None
+    coulomb, per_percent = taught.coulomb_nm, model.drag_per_percent_nm
+    viscous = machine.model.viscous_nm_s_per_rad.value
+    lost = 0.6 * model.fresh_percent
+    wearing = _along({RATE: 0.1})
+    if taught.transmission is None:
+        kinds = [(_along({PRELOAD: lost}), settings.loss_hazard, QUIET)]
+        kinds.append((wearing, settings.wear_hazard, WEARING))
+    else:
+        guide_n = taught.transmission.reversal_force_n
+        slack = 0.5 * WIND_UP_SHARE * lost * per_percent
+        behind = _along({GUIDE: slack / model.ratio_m_per_rad, DRY: -slack})
+        kinds = [(_along({PRELOAD: lost}) + behind, settings.loss_hazard, QUIET)]
+        kinds.append((wearing, settings.wear_hazard, WEARING))
+        payload = _along({MASS: 0.4 * model.table_mass_kg, GUIDE: 0.1 * guide_n})
+        payload = payload + _along({GUIDE: 0.1 * guide_n}) + _along({DRY: 0.03 * coulomb})
+        kinds.append((payload, settings.payload_hazard, QUIET))
+    if settings.friction_walk:
+        slick = _along({VISCOUS: 0.2 * viscous}) + _along({DRY: 0.06 * coulomb})
+        if taught.transmission is None:
+            slick = (
+                slick + _along({DRY: 0.25 * coulomb}) + _along({MASS: 0.4 * model.table_mass_kg})
+            )
+        else:
+            guide_n = taught.transmission.reversal_force_n
+            slick = slick + _along({DRY: 0.15 * coulomb, GUIDE: 0.3 * guide_n})
+            slick = slick + _along({GUIDE: 0.1 * guide_n})
+        kinds.append((slick, settings.friction_hazard, SETTLING))
+    return [c for c, _, _ in kinds], [h for _, h, _ in kinds], [m for _, _, m in kinds]
+
+
+def _along(direction: dict[int, float]) -> Floats:
+    """Covariance of a jump of that standard deviation along one direction of the state."""
+    vector = np.zeros(STATES)
+    for index, sigma in direction.items():
+        vector[index] = sigma
+    return np.outer(vector, vector)
+
+
+def normal_cdf(z: float) -> float:
+    """Probability of a standard normal number below z."""
+    return 0.5 * math.erfc(-z / math.sqrt(2.0))

@@ -1,0 +1,68 @@
+"""`[commissioned]` of a machine file: what a healthy, cold axis has taught beyond the model."""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _pairs(raw: Any) -> Any:
+    return tuple(tuple(pair) for pair in raw) if isinstance(raw, list) else raw
+
+
+class TransmissionConfig(_Table):
+    """`[commissioned.transmission]`: the stretch between both encoders; absent with one encoder.
+
+    Attributes:
+        stretch_per_acceleration_s2: M C, stretch per acceleration of the table at `reference_m`.
+        stretch_slope_s2_per_m: how that rises with the table's position.
+        stretch_sigma_s2: its standard deviation.
+        nut_share: of the compliance at `reference_m`, with its standard deviation.
+        reversal_force_n: friction that stretches the axis at a reversal: guides, and of the
+            screw's drag what acts behind its spring.
+        lead_map_m: difference of the encoders at even nodes from 0 to the stroke.
+        wind_up_map_m: half of what the reversal differs there from that of `reversal_force_n`.
+        noise_density_m2_s: variance of a mean over one second of fast motion.
+        noise_slow_rad_s: motion as slow as this has twice that variance.
+    """
+
+    reference_m: float
+    stretch_per_acceleration_s2: float = Field(gt=0.0)
+    stretch_slope_s2_per_m: float = 0.0
+    stretch_sigma_s2: float = Field(0.0, ge=0.0)
+    nut_share: float = Field(gt=0.0, le=1.0)
+    nut_share_sigma: float = Field(ge=0.0)
+    reversal_force_n: float = Field(ge=0.0)
+    guide_viscous_n_s_per_m: float = 0.0
+    clock_skew_s: float = 0.0
+    lead_map_m: tuple[float, ...] = ()
+    wind_up_map_m: tuple[float, ...] = ()
+    noise_density_m2_s: float = Field(gt=0.0)
+    noise_slow_rad_s: float = Field(0.0, ge=0.0)
+
+
+class CommissionedConfig(_Table):
+    """`[commissioned]`: friction of the whole axis and the noise around the model.
+
+    Attributes:
+        coulomb_nm: whole Coulomb friction of the axis at the motor shaft.
+        stribeck_excess_nm: excess at slow motion, falling with exp(-|v| / stribeck_speed_rad_s).
+        stroke_map: cosine and sine of the k-th harmonic of preload over its mean along the stroke.
+        noise_density_nm2_s: variance of a mean over one second of fast motion.
+        noise_slow_rad_s: motion as slow as this has twice that variance.
+        motion_s: steady motion behind all this.
+    """
+
+    torque_offset_nm: float = 0.0
+    viscous_asymmetry_nm_s_per_rad: float = 0.0
+    stribeck_excess_nm: float = 0.0
+    stribeck_speed_rad_s: float = Field(1.0, gt=0.0)
+    stroke_map: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_pairs)] = ()
+    coulomb_nm: float = Field(gt=0.0)
+    noise_density_nm2_s: float = Field(gt=0.0)
+    noise_slow_rad_s: float = Field(0.0, ge=0.0)
+    motion_s: float = Field(gt=0.0)
+    transmission: TransmissionConfig | None = None
