@@ -1,0 +1,33 @@
+"""A ball-screw axis that shares no code with the library: the truth of the benches."""
+
+from .ageing import Payload, ProcessForce, Ramp, Relubrication, Steps, Warmup
+from .axis import axis_case, commissioning_case
+from .bench import MOTIONS, case
+from .faults import FAULTS
+from .gap import gap
+from .machine import DIAGNOSIS, Machine, nominal_machine_toml
+from .oddities import ALL, ODDITIES
+from .simulate import Case, Recording, simulate
+
+__all__ = [
+    "ALL",
+    "DIAGNOSIS",
+    "FAULTS",
+    "MOTIONS",
+    "ODDITIES",
+    "Case",
+    "Machine",
+    "Payload",
+    "ProcessForce",
+    "Ramp",
+    "Recording",
+    "Relubrication",
+    "Steps",
+    "Warmup",
+    "axis_case",
+    "case",
+    "commissioning_case",
+    "gap",
+    "nominal_machine_toml",
+    "simulate",
+]

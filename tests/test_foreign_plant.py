@@ -1,0 +1,352 @@
+"""The foreign plant is what it claims to be: alien to the library, physical, repeatable."""
+
+import ast
+import csv
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from .foreign_plant import (
+    ALL,
+    DIAGNOSIS,
+    Machine,
+    Payload,
+    ProcessForce,
+    Ramp,
+    Relubrication,
+    Steps,
+    Warmup,
+    axis_case,
+    case,
+    commissioning_case,
+    gap,
+    motions,
+    nominal_machine_toml,
+    protocol,
+    simulate,
+)
+from .foreign_plant.ageing import preload_trajectory
+from .foreign_plant.kernel import lugre, nut_deflection
+from .foreign_plant.sensors import hermite
+from .foreign_plant.simulate import Recording, planned
+
+FOLDER = Path(__file__).parent / "foreign_plant"
+QUIET = {
+    "linear_noise_m": 0.0,
+    "rotary_noise_rad": 0.0,
+    "torque_noise_nm": 0.0,
+    "linear_quantum_m": 0.0,
+    "rotary_quantum_rad": 0.0,
+}
+R = DIAGNOSIS.lead_rad
+
+
+def test_it_shares_no_code_with_the_library() -> None:
+    allowed = {"numpy", "scipy", "numba"} | sys.stdlib_module_names
+    files = sorted(FOLDER.glob("*.py"))
+    assert len(files) > 8
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                assert {each.name.split(".")[0] for each in node.names} <= allowed, file.name
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                assert str(node.module).split(".")[0] in allowed, file.name
+            else:
+                assert not (isinstance(node, ast.ImportFrom) and node.level > 1), file.name
+        assert "importlib" not in file.read_text()
+        assert "__import__" not in file.read_text()
+
+
+# --- physics ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("v", [-0.3, 0.002, 0.02, 5.0])
+def test_friction_settles_at_the_stribeck_curve(v: float) -> None:
+    level, excess, vs, reach = 0.7, 0.4, 0.02, 1e-4
+    bristle = force = 0.0
+    for _ in range(200_000):
+        bristle, force = lugre(bristle, v, level, excess, vs, reach, 0.01, 25e-6)
+        if abs(v) * 25e-6 > reach:
+            break
+    for _ in range(1000):
+        bristle, force = lugre(bristle, v, level, excess, vs, reach, 0.01, 25e-6)
+    assert force == pytest.approx(
+        np.sign(v) * level * (1 + excess * np.exp(-abs(v) / vs)), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("percent", [10.0, 6.8456, 2.5])
+def test_the_nut_has_the_stiffness_of_the_thesis(percent: float) -> None:
+    """(5.3.11): 0.8 K (F_p / 0.1 C_a)^(1/3) for a load much smaller than the preload."""
+    machine = Machine()
+    preload, hertz = percent / 100 * machine.dynamic_load_rating_n, machine.hertz_n_per_m15
+    half = (preload / hertz) ** (2 / 3)
+    expected = (
+        0.8
+        * machine.nut_rigidity_n_per_m
+        * (preload / (0.1 * machine.dynamic_load_rating_n)) ** (1 / 3)
+    )
+    deflection = 0.02 * half
+    series = 1e-9
+    guess = 0.0
+    for _ in range(6):
+        guess, force, _ = nut_deflection(
+            deflection + series * expected * deflection, guess, series, hertz, half
+        )
+    assert force / guess == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_nut_without_preload_has_free_play() -> None:
+    hertz, clearance = Machine().hertz_n_per_m15, 1.6e-6
+    forces = []
+    for stretch in (-1.2e-6, -0.7e-6, 0.7e-6, 1.2e-6):
+        guess = 0.0
+        for _ in range(20):
+            guess, force, _ = nut_deflection(stretch, guess, 1e-8, hertz, -0.5 * clearance)
+        forces.append(force)
+    assert forces[0] < 0.0 < forces[3]
+    assert forces[1:3] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("machine", [Machine(), DIAGNOSIS], ids=["elastic", "stiff"])
+def test_energy_is_conserved(machine: Machine) -> None:
+    recording = simulate(
+        axis_case(duration_s=8.0, seed=3, machine=machine, events=(ProcessForce(),))
+    )
+    motor, push, friction, damping, kinetic, stored, tilt, _ = recording.truth["energy"]
+    assert min(motor, friction, damping) > 0.0
+    assert motor + push == pytest.approx(friction + damping + kinetic + stored + tilt, rel=3e-3)
+
+
+@pytest.mark.parametrize("linear_loop", [False, True])
+def test_it_sticks_at_rest_within_its_friction(linear_loop: bool) -> None:
+    path = motions.Route(0.3).to(0.4, 0.2, 4.0, 4.0).positions()
+    recording = simulate(axis_case(setpoint_m=path, linear_loop=linear_loop, stroke_map=(0, 0)))
+    states = recording.truth["states"][-1000:]
+    assert np.abs(states[:, 3]).max() < 1e-7
+    assert np.ptp(states[:, 2]) < 5e-7
+    breakaway = 1.5 * Machine().coulomb_nm
+    assert 0.0 < np.abs(states[:, 4]).max() < breakaway
+
+
+def test_the_loop_follows_its_setpoint() -> None:
+    columns = simulate(axis_case(duration_s=15.0, seed=8)).columns
+    error = columns["position_setpoint_m"] - columns["table_position_m"]
+    assert np.abs(error).max() < 8e-5
+    assert np.ptp(columns["table_position_m"]) > 0.02
+
+
+def test_it_stretches_under_inertia_as_its_springs_say() -> None:
+    """Encoder difference = sum of force over stiffness: axial (bearing, shaft, nut) and torsion."""
+    accel = 3.0
+    ramp = np.linspace(0.0, 0.6, 201)
+    bump = np.convolve(np.concatenate([ramp, np.full(100, 0.6), ramp[::-1]]), np.ones(20) / 20)
+    path = motions.Route(0.3).add(motions.rest(0.3)).add(bump).add(motions.rest(0.3)).positions()
+    truth = simulate(axis_case(setpoint_m=path, stroke_map=(0, 0), axis_seed=2)).truth
+    states, p, mass = truth["states"], truth["parameters"], float(truth["table_mass_kg"][0])
+    stretch = R * states[:, 0] - states[:, 2]
+    means = []
+    for window, sign in ((slice(400, 490), 1.0), (slice(700, 790), -1.0)):
+        force = sign * mass * accel + np.mean(truth["forces"]["guide_friction_n"][window])
+        torque = force * R + sign * p["j_screw"] * accel / R
+        torque += np.mean(truth["forces"]["nut_friction_nm"][window])
+        place = float(np.mean(states[window, 2])) + p["shaft_start"]
+        axial = 1 / p["bearing_k"] + place / p["shaft_ae"] + 1 / truth["nut_stiffness_n_per_m"]
+        twist = R * (1 / p["coupling_k"] + place / p["shaft_gj"])
+        means.append((float(np.mean(stretch[window])), force * axial + torque * twist))
+    (up, up_expected), (down, down_expected) = means
+    assert up - down == pytest.approx(up_expected - down_expected, rel=0.02)
+    assert up - down > 4e-6
+
+
+def test_drag_follows_preload_and_ramps_and_steps_do_what_they_say() -> None:
+    path = motions.Route(0.1).to(0.7, 0.15, 4.0, 0.1).positions()
+    shares = {}
+    for percent in (6.8456, 3.4228):
+        recording = simulate(axis_case(percent, setpoint_m=path, stroke_map=(0, 0)))
+        shares[percent] = float(np.median(recording.truth["forces"]["nut_friction_nm"]))
+        viscous = recording.truth["parameters"]["nut_visc"] * 0.15 / R
+        shares[percent] -= viscous
+    assert shares[6.8456] == pytest.approx(2 * shares[3.4228], rel=1e-3)
+    assert shares[6.8456] == pytest.approx(Machine().preload_drag_nm, rel=0.03)
+    time_s = np.arange(0.0, 100.0, 0.01)
+    assert preload_trajectory(Ramp(10.0, 0.0, 20.0, 60.0), time_s)[4000] == pytest.approx(5.0)
+    steps = preload_trajectory(Steps(7.0, ((30.0, 5.0), (70.0, 0.0))), time_s)
+    assert [steps[2999], steps[3000], steps[-1]] == [7.0, 5.0, 0.0]
+
+
+def test_events_change_what_they_name_and_leave_the_preload() -> None:
+    events = (Warmup(time_constant_s=3.0), Payload(((5.0, 12.0),)), Relubrication(6.0))
+    plan = planned(axis_case(duration_s=12.0, events=events, seed=2))
+    plain = planned(axis_case(duration_s=12.0, seed=2))
+    assert np.array_equal(plan.slow["preload_n"], plain.slow["preload_n"])
+    assert plan.slow["table_kg"][-1] - plan.slow["table_kg"][0] == pytest.approx(12.0)
+    for part in ("guide", "nut", "viscous"):
+        assert plan.slow[part][0] == pytest.approx(1.0, abs=0.01)
+        assert plan.slow[part][500] < 0.95
+    dry = planned(axis_case(duration_s=12.0, events=events[:2], seed=2))
+    moved_s = np.sum(np.abs(np.diff(plan.setpoint_m[6000:])) > 1e-6) * 1e-3
+    eased = plan.slow["guide"][-1] / dry.slow["guide"][-1]
+    assert eased == pytest.approx(1.0 - 0.25 * (1.0 - np.exp(-moved_s / 3.0)), abs=0.01)
+    assert np.all(plan.growth_m[:, 0] == 0.0)
+    assert np.all(np.diff(plan.growth_m[5]) >= -1e-12)
+    assert 1e-6 < plan.growth_m[-1, -1] < 60e-6
+
+
+# --- effects ---------------------------------------------------------------------------------
+
+
+def short_path() -> np.ndarray:
+    """Rest after either direction, slow and fast strokes: 12 s."""
+    route = motions.Route(0.24).add(motions.rest(0.2)).to(0.26, 0.03, 2.0, 0.8)
+    for place in (0.255, 0.262, 0.27):
+        route.to(place, 0.008, 2.0, 0.1)
+    return route.to(0.7, 0.3, 5.0, 0.1).to(0.15, 0.6, 5.0, 0.2).to(0.7, 0.2, 3.0, 0.1).positions()
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Recording:
+    return simulate(case((), short_path(), seed=5, sensors=QUIET))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_an_effect_shows_in_its_channel_and_only_there(name: str, healthy: Recording) -> None:
+    recording = simulate(case(((name, 1.0),), short_path(), seed=5, sensors=QUIET))
+    fault = ALL[name]
+    before, after = gap(healthy, DIAGNOSIS), gap(recording, DIAGNOSIS)
+    added = {name: np.sqrt(max(after[name] ** 2 - before[name] ** 2, 0.0)) for name in before}
+    assert recording.truth["effects"][name]["strength"] == 1.0
+    for channel, floor in (("torque_nm", 0.01), ("transmission_m", 4e-8)):
+        if fault.channel in ("both", channel):
+            assert added[channel] > 1.5 * floor
+        else:
+            assert added[channel] < floor
+
+
+# --- recordings ------------------------------------------------------------------------------
+
+
+def test_the_same_case_gives_the_same_recording() -> None:
+    first, second = (simulate(axis_case(duration_s=2.0, seed=4, axis_seed=9)) for _ in range(2))
+    for name, column in first.columns.items():
+        np.testing.assert_array_equal(column, second.columns[name])
+    other = simulate(axis_case(duration_s=2.0, seed=5, axis_seed=9))
+    assert other.truth["parameters"] == first.truth["parameters"]
+    assert not np.array_equal(other.columns["motor_angle_rad"], first.columns["motor_angle_rad"])
+    assert (
+        simulate(axis_case(duration_s=2.0, seed=4, axis_seed=8)).truth["parameters"]
+        != first.truth["parameters"]
+    )
+
+
+def test_noise_has_the_size_and_the_colour_that_was_asked_for() -> None:
+    path = motions.standstill(20.0)
+    for colour in (0.0, 0.8):
+        sensors = {"colour": colour, "linear_quantum_m": 0.0}
+        x = simulate(axis_case(setpoint_m=path, sensors=sensors)).columns["table_position_m"]
+        assert np.std(x) == pytest.approx(5e-8, rel=0.1)
+        x = x - x.mean()
+        assert np.mean(x[1:] * x[:-1]) / np.mean(x**2) == pytest.approx(colour, abs=0.05)
+
+
+def test_a_bad_recorder_spoils_rows_and_nothing_else() -> None:
+    clean = simulate(axis_case(duration_s=10.0, seed=1)).columns
+    sensors = {"dropped": 0.01, "repeated": 0.02, "missing": 0.01, "stuck": 2, "clock_jumps": 1}
+    bad = simulate(axis_case(duration_s=10.0, seed=1, sensors=sensors)).columns
+    n, steps = len(clean["time_s"]), np.diff(bad["time_s"])
+    assert 0.01 * n < np.sum(steps == 0.0) < 0.03 * n
+    assert 0.005 * n < n - len(np.unique(bad["time_s"])) < 0.015 * n
+    assert np.sum(steps > 0.04) == 1
+    assert 0.005 < np.isnan(bad["motor_angle_rad"]).mean() < 0.02
+    held = [np.sum(np.diff(bad[name]) == 0.0) for name in ("motor_angle_rad", "table_position_m")]
+    assert all(count >= np.sum(steps == 0.0) * 0.9 for count in held)
+
+
+def test_jitter_and_skew_read_the_motion_at_their_own_times() -> None:
+    path = motions.Route(0.2).to(0.6, 0.2, 4.0, 0.2).positions()
+    clean = simulate(axis_case(setpoint_m=path, sensors=QUIET)).truth["states"]
+    middle = slice(900, 1500)
+    late = simulate(axis_case(setpoint_m=path, sensors=QUIET | {"skew_s": 3e-4})).columns
+    moved = late["table_position_m"][middle] - clean[middle, 2]
+    assert np.median(moved) == pytest.approx(0.2 * 3e-4, rel=0.01)
+    shaken = simulate(axis_case(setpoint_m=path, sensors=QUIET | {"jitter_s": 1e-4})).columns
+    true = np.interp(shaken["time_s"][middle], np.arange(len(clean)) * 1e-3, clean[:, 2])
+    assert np.std(np.diff(shaken["time_s"])) > 5e-5
+    assert np.abs(shaken["table_position_m"][middle] - true).max() < 2e-7
+
+
+def test_the_hermite_reader_follows_a_sine() -> None:
+    t = np.arange(200) * 1e-3
+    w = 2 * np.pi * 40.0
+    at = np.linspace(0.0, 0.19, 777)
+    read = hermite(np.sin(w * t), w * np.cos(w * t), at)
+    np.testing.assert_allclose(read, np.sin(w * at), atol=(w * 1e-3) ** 4 / 384 * 1.01)
+
+
+def test_csv_holds_every_value_and_leaves_missing_cells_empty(tmp_path: Path) -> None:
+    recording = simulate(axis_case(duration_s=1.0, sensors={"missing": 0.01}))
+    with recording.write_csv(tmp_path / "trace.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == list(recording.columns)
+    for name, column in recording.columns.items():
+        read = np.array([float(row[name]) if row[name] else np.nan for row in rows])
+        np.testing.assert_allclose(read, column, rtol=1e-11)
+
+
+def test_the_force_sensor_reports_the_push() -> None:
+    case_ = axis_case(duration_s=12.0, events=(ProcessForce(sensor=True),), seed=6)
+    recording = simulate(case_)
+    assert np.abs(recording.truth["push_n"]).max() > 100.0
+    error = recording.columns["external_force_n"] - recording.truth["push_n"]
+    assert np.std(error) < 0.05 * np.std(recording.truth["push_n"]) + 3.0
+    assert "external_force_n" not in simulate(axis_case(duration_s=1.0)).columns
+
+
+def test_machine_files_say_what_each_judge_is_told() -> None:
+    estimator = tomllib.loads(nominal_machine_toml(Machine(), tolerance=0.02))["model"]
+    assert estimator["preload_n"] == 510.0
+    assert estimator["preload_drag_nm"] == {"value": 0.146, "tolerance": 0.02}
+    assert Machine().preload_percent == pytest.approx(6.8456, abs=1e-4)
+    diagnosis = tomllib.loads(nominal_machine_toml(DIAGNOSIS))["model"]
+    assert "preload_n" not in diagnosis
+    assert diagnosis["preload_drag_nm"] == pytest.approx(0.146 + 0.05 + 60.0 * 0.02 / (2 * np.pi))
+
+
+# --- motions ---------------------------------------------------------------------------------
+
+
+def test_moves_keep_speed_acceleration_and_distance() -> None:
+    for distance, speed in ((0.4, 0.3), (-0.02, 0.5), (20e-6, 0.001)):
+        v = motions.move(distance, speed, 3.0)
+        assert v.sum() * 1e-3 == pytest.approx(distance, rel=1e-12)
+        assert np.abs(v).max() <= 1.02 * speed
+        assert np.abs(np.diff(v)).max() * 1e3 <= 1.05 * 3.0
+
+
+def test_the_protocol_holds_the_motions_that_decide() -> None:
+    path = protocol.full(np.random.default_rng(1), 0.8)
+    speed = np.round(np.gradient(path, 1e-3), 9)
+    assert 180.0 < len(path) * 1e-3 < 200.0
+    assert path.min() > 0.0
+    assert path.max() < 0.8
+    still = np.abs(speed) < 1e-9
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still, [0]])))
+    assert sum((end - begin) >= 1990 for begin, end in edges.reshape(-1, 2)) >= 2
+    for wanted in protocol.TABLE_5_1_M_S[:9]:
+        for way in (1.0, -1.0):
+            assert np.sum(np.isclose(speed, way * wanted, rtol=0.02)) > 20, wanted
+    turns = np.sum(np.abs(np.diff(path[np.abs(speed - 0.6) < 0.012]))) / 0.02
+    assert turns >= 20.0
+
+
+def test_commissioning_and_production_stay_on_the_stroke_and_jogs_stay_small() -> None:
+    for path in (
+        commissioning_case().setpoint_m,
+        motions.production(np.random.default_rng(3), 60.0),
+    ):
+        assert path.min() > 0.0
+        assert path.max() < 0.8
+    assert np.ptp(motions.jogs(np.random.default_rng(1), 20.0)) < 2.1e-4
