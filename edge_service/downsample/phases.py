@@ -19,7 +19,7 @@ class PhaseSettings:
         gate_s: time after a reversal or a start that is left out (presliding, wind-up).
         min_speed_rad_s: slower rows are left out (Stribeck friction, creeping jogs).
         cruise_rad_s2: up to this acceleration the axis cruises.
-        even_share: rows whose neighbours are not this evenly spaced are left out.
+        even_share: rows whose window is less even than this are left out (a hole in it).
     """
 
     gate_s: float = 0.05
@@ -39,8 +39,8 @@ def steady_phases(
 ) -> dict[str, Any]:
     """Direction and phases of the rows `first` to `end` (without it), as fields of FeatureBlock.
 
-    Acceleration is the second difference over `reach` rows on either side, which is the mean of the
-    true acceleration under a triangular window; torque goes through the same window.
+    Acceleration is the divided second difference over `reach` rows on either side, which is the
+    mean of the true acceleration under a triangular window; torque goes through the same window.
 
     Args:
         segment: (n, 8) contiguous rows.
@@ -57,18 +57,18 @@ def steady_phases(
     span = behind[:, T] - before[:, T]
     half = 0.5 * span
     speed = (behind[:, THETA] - before[:, THETA]) / span
-    bend = behind[:, THETA] - 2.0 * here[:, THETA] + before[:, THETA]
-    acceleration = bend / half**2
+    came = (here[:, THETA] - before[:, THETA]) / (here[:, T] - before[:, T])
+    goes = (behind[:, THETA] - here[:, THETA]) / (behind[:, T] - here[:, T])
+    acceleration = (goes - came) / half
     moving_s = before[:, T] - since_s[rows - first]
     steady = (moving_s >= settings.gate_s) & (np.abs(speed) >= settings.min_speed_rad_s)
     steady &= np.abs(here[:, T] - before[:, T] - half) <= settings.even_share * half
-    steady &= np.sign(here[:, THETA] - before[:, THETA]) == np.sign(speed)
-    steady &= np.sign(behind[:, THETA] - here[:, THETA]) == np.sign(speed)
+    steady &= (np.sign(came) == np.sign(speed)) & (np.sign(goes) == np.sign(speed))
     if not steady.any():
         return {}
     direction = 1.0 if np.count_nonzero(speed[steady] > 0.0) * 2 >= steady.sum() else -1.0
     steady &= speed * direction > 0.0
-    torque = _windowed(segment[:, U], rows, reach)
+    torque = _windowed(segment, rows, reach)
     along = acceleration * direction
     parts = (
         along > settings.cruise_rad_s2,
@@ -86,8 +86,17 @@ def steady_phases(
     return {"steady_direction": direction, **phases}
 
 
-def _windowed(torque: Floats, rows: npt.NDArray[np.int64], reach: int) -> Floats:
-    """Torque under the triangular window of the second difference, held from row to row, (n,)."""
-    offsets = np.arange(-reach, reach)
-    weights = (reach - np.abs(offsets + 0.5)) / reach**2
-    return np.asarray(torque[rows[:, None] + offsets] @ weights)
+def _windowed(segment: Floats, rows: npt.NDArray[np.int64], reach: int) -> Floats:
+    """Torque, held from row to row, under the triangular window of the second difference, (n,).
+
+    The window rises from the row `reach` before to the row itself and falls to the row `reach`
+    behind, whether or not they are evenly spaced.
+    """
+    around = rows[:, None] + np.arange(-reach, reach + 1)
+    time_s = segment[around, T]
+    begin, middle, end = time_s[:, :1], time_s[:, reach : reach + 1], time_s[:, -1:]
+    rising = (time_s - begin) ** 2 / ((end - begin) * (middle - begin))
+    falling = 1.0 - (end - time_s) ** 2 / ((end - begin) * (end - middle))
+    below = np.where(time_s <= middle, rising, falling)
+    weights = np.diff(below, axis=1)
+    return np.asarray(np.sum(weights * segment[around[:, :-1], U], axis=1))
