@@ -12,6 +12,7 @@ import click
 
 from . import __version__
 from .config import DEFAULT_CONFIG, DEFAULT_MACHINE, ConfigError, EdgeConfig, load_config
+from .studies.benches import BENCHES, Bench, BenchReport
 
 BAD_INPUT, INTERNAL_FAILURE, INTERRUPTED = 2, 1, 130
 _CONFIG = click.argument("config", type=click.Path(path_type=Path), required=False)
@@ -304,40 +305,68 @@ def convert(
     "--seed 7 --out trace.csv"
 )
 @_MACHINE
-@click.option("--motion", default="production", show_default=True, help="Name of the motion.")
+@click.option(
+    "--motion",
+    "motions",
+    multiple=True,
+    default=("production",),
+    show_default="production",
+    help="NAME[:duration_s=SECONDS]; several are run one after another on one axis.",
+)
 @click.option("--effect", "effects", multiple=True, help="NAME[:key=value,...]; repeatable.")
 @click.option("--duration", "duration_s", type=float, help="Axis time, s; the motion's own.")
 @click.option("--preload", "preload_percent", type=float, help="Percent; fresh by default.")
 @click.option("--added-mass", "added_mass_kg", default=0.0, help="Weight plates, kg.")
 @click.option("--external-force", "external_force_n", default=0.0, help="Loading screw, N.")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help=".csv or .parquet")
+@click.option(
+    "--format",
+    "file_format",
+    type=click.Choice(["csv", "parquet"]),
+    help="Of the files in a folder; csv by default.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help=".csv or .parquet; with several motions a folder for 01_NAME.csv, 02_NAME.csv, ...",
+)
 def simulate(
     machine: Path,
-    motion: str,
+    motions: tuple[str, ...],
     effects: tuple[str, ...],
     duration_s: float | None,
     preload_percent: float | None,
     added_mass_kg: float,
     external_force_n: float,
     seed: int,
+    file_format: str | None,
     out: Path,
 ) -> None:
     """Record the simulated axis with any set of effects."""
     from .config import load_machine
-    from .studies.simulate import SimulationSettings
+    from .studies.simulate import SimulationSettings, simulate_session
     from .studies.simulate import simulate as run_simulation
+    from .trace.writer import TraceFormat
 
     settings = SimulationSettings(
-        motion, effects, duration_s, preload_percent, added_mass_kg, external_force_n, seed
+        motions[0], effects, duration_s, preload_percent, added_mass_kg, external_force_n, seed
     )
-    click.echo(run_simulation(load_machine(machine), settings, out, _progress))
+    if len(motions) == 1:
+        if file_format is not None:
+            raise InputError("--format: with one motion the name of --out says it")
+        click.echo(run_simulation(load_machine(machine), settings, out, _progress))
+        return
+    if duration_s is not None:
+        raise InputError("--duration: with several motions expected NAME:duration_s=SECONDS")
+    files = TraceFormat(file_format or "csv")
+    click.echo(simulate_session(load_machine(machine), settings, motions, out, files, _progress))
 
 
 @cli.command(epilog="Example: edge-service motion friction --out setpoints.csv")
 @click.argument("name", required=False)
 @_MACHINE
-@click.option("--list", "list_all", is_flag=True, help="Name every motion, with its duration.")
+@click.option("--list", "list_all", is_flag=True, help="Name every motion; --out .png draws them.")
 @click.option("--duration", "duration_s", type=float, help="Of the whole, s.")
 @click.option("--rate", "rate_hz", default=1000.0, show_default=True, help="Setpoints per second.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
@@ -359,9 +388,12 @@ def motion(
     """
     from .config import load_machine
     from .studies.motion_file import MotionFileSettings, list_motions, write_motion
+    from .studies.motion_picture import write_motions_picture
 
     if list_all:
         click.echo(list_motions(load_machine(machine)))
+        if out is not None:
+            click.echo(write_motions_picture(load_machine(machine), out))
         return
     if name is None or out is None:
         raise InputError("motion: expected a NAME and --out, or --list")
@@ -373,12 +405,22 @@ def motion(
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @_MACHINE
 @click.option("--baseline", type=click.Path(path_type=Path), help="An older fingerprint.json.")
+@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: pictures as PNG, too.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
-def fingerprint(traces: tuple[Path, ...], machine: Path, baseline: Path | None, out: Path) -> None:
-    """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload."""
+def fingerprint(
+    traces: tuple[Path, ...],
+    machine: Path,
+    baseline: Path | None,
+    pictures: Path | None,
+    out: Path,
+) -> None:
+    """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload.
+
+    Several friction tests of one session are also drawn over one another, from first to last.
+    """
     from .studies.fingerprint_report import fingerprint as run_fingerprint
 
-    click.echo(run_fingerprint(machine, traces, out, baseline))
+    click.echo(run_fingerprint(machine, traces, out, baseline, pictures))
 
 
 @cli.command(epilog="Example: edge-service reproduce --out out/reproduce")
@@ -393,15 +435,46 @@ def reproduce(out: Path) -> None:
     click.echo(f"report: {out / 'report.html'}")
 
 
-@cli.command(epilog="Example: edge-service bench")
+@cli.group(invoke_without_command=True, epilog="Example: edge-service bench identification")
 @click.option("--quick", is_flag=True, help="Shorter measurements.")
 @click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
-def bench(quick: bool, as_json: bool) -> None:
-    """Measure speed and size: start, CPU, memory, delay, replay, estimator steps."""
+@click.pass_context
+def bench(context: click.Context, quick: bool, as_json: bool) -> None:
+    """Measure speed and size: start, CPU, memory, delay, replay, estimator steps.
+
+    The sub-commands measure how right the answers are.
+    """
+    if context.invoked_subcommand is not None:
+        if quick or as_json:
+            raise InputError(f"bench: options of {context.invoked_subcommand} come after its name")
+        return
     from .studies.pipeline_bench import PipelineBenchSettings, run_pipeline_bench
 
-    figures = run_pipeline_bench(PipelineBenchSettings(quick=quick), _progress)
-    click.echo(json.dumps(figures.as_dict(), indent=2) if as_json else figures.as_text())
+    _print_report(run_pipeline_bench(PipelineBenchSettings(quick=quick), _progress), as_json)
+
+
+def _print_report(report: BenchReport, as_json: bool) -> None:
+    click.echo(json.dumps(report.as_dict(), indent=2) if as_json else report.as_text())
+
+
+def _bench_command(each: Bench) -> click.Command:
+    @click.command(
+        each.name,
+        help=each.purpose,
+        epilog=f"Example: edge-service bench {each.name} --seeds {each.seeds // 10}",
+    )
+    @click.option(
+        "--seeds", type=click.IntRange(1), default=each.seeds, show_default=True, help="Axes."
+    )
+    @click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
+    def command(seeds: int, as_json: bool) -> None:
+        _print_report(each.run(seeds, _progress), as_json)
+
+    return command
+
+
+for _each in BENCHES:
+    bench.add_command(_bench_command(_each))
 
 
 def _progress(line: str) -> None:

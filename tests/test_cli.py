@@ -30,7 +30,24 @@ def write(folder: Path, name: str, text: str) -> str:
 AXIS = '[[axes]]\nname = "X"\n'
 TRACE = "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n"
 Case = Callable[[Path], list[str]]
+TWO_MOTIONS = ["simulate", "--motion", "standstill", "--motion", "standstill"]
 CASES: dict[str, tuple[Case, str]] = {
+    "one duration for two motions": (
+        lambda p: [*TWO_MOTIONS, "--duration", "9", "--out", str(p / "runs")],
+        "--duration: with several motions expected NAME:duration_s=SECONDS",
+    ),
+    "a format beside the name of a file": (
+        lambda p: ["simulate", "--format", "csv", "--out", str(p / "a.csv")],
+        "--format: with one motion the name of --out says it",
+    ),
+    "a folder that is a file": (
+        lambda p: [*TWO_MOTIONS, "--out", write(p, "file", "")],
+        "no folder for recordings",
+    ),
+    "motions drawn as a table": (
+        lambda p: ["motion", "--list", "--out", str(p / "motions.csv")],
+        "expected a name that ends in .png",
+    ),
     "missing configuration": (lambda p: ["check-config", str(p / "no.toml")], "no such file"),
     "no toml": (lambda p: ["check-config", write(p, "a.toml", "x = = 1")], "no TOML"),
     "binary configuration": (

@@ -15,6 +15,7 @@ from ..messages.channels import (
     TORQUE,
 )
 from ..messages.features import Fault
+from ..messages.row_faults import WILDEST, ClockPart, clock_parts
 from ..messages.samples import Floats, SampleFrame
 
 T, U, THETA, X, OMEGA, SET, TEMP, FORCE = range(8)
@@ -29,10 +30,6 @@ _CHANNEL_COLUMNS = {
     TEMPERATURE: TEMP,
     EXTERNAL_FORCE: FORCE,
 }
-WILDEST = 1e12
-"""No quantity of an axis in SI units, nor its clock, is as large; such a value is a missing one."""
-CLOCK_RESET_S = 1.0
-"""A step back in time by more than this is a new clock, less is rows out of order."""
 
 
 def table_of(frame: SampleFrame, ratio_m_per_rad: float) -> Floats:
@@ -89,17 +86,12 @@ class RowScreen:
             self._newest_s = float(rows[-1, T])
             return [Screened(rows, np.zeros(len(rows), dtype=np.int64), new_clock=False)]
         parts = []
-        new_clock = False
-        while True:
-            newest = np.maximum.accumulate(np.concatenate([[self._newest_s], _known(rows[:, T])]))
-            resets = np.flatnonzero(rows[:, T] < newest[:-1] - CLOCK_RESET_S)
-            end = int(resets[0]) if resets.size else len(rows)
-            parts.append(self._screen(rows[:end], newest[:end], new_clock))
-            if end == len(rows):
-                return parts
-            self.counters.clock_resets += 1
-            self._newest_s, self._pending = -np.inf, int(Fault.TIME_BACKWARDS)
-            rows, new_clock = rows[end:], True
+        for part in clock_parts(rows[:, T], self._newest_s):
+            if part.new_clock:
+                self.counters.clock_resets += 1
+                self._pending = int(Fault.TIME_BACKWARDS)
+            parts.append(self._screen(rows[part.rows], part))
+        return parts
 
     def _is_faultless(self, rows: Floats) -> bool:
         """Whether nothing has to be set aside or told: by far the most frequent case."""
@@ -107,24 +99,22 @@ class RowScreen:
         rising = time_s[0] > self._newest_s and bool((np.diff(time_s) > 0.0).all())
         return rising and not self._pending and not np.isnan(rows[:, self._required]).any()
 
-    def _screen(self, rows: Floats, newest: Floats, new_clock: bool) -> Screened:
-        time_s = rows[:, T]
-        repeated = time_s == newest
-        backwards = time_s < newest
-        missing = np.isnan(rows[:, self._required]).any(axis=1) & ~repeated & ~backwards
-        missing &= ~np.isnan(time_s)
+    def _screen(self, rows: Floats, part: ClockPart) -> Screened:
+        repeated, backwards = part.repeated, part.backwards
+        timeless = np.isnan(rows[:, T])
+        missing = np.isnan(rows[:, self._required]).any(axis=1)
+        missing &= ~(repeated | backwards | timeless)
         self.counters.repeated += int(repeated.sum())
         self.counters.out_of_order += int(backwards.sum())
         self.counters.missing_value += int(missing.sum())
-        if time_s.size:
-            self._newest_s = float(np.nanmax(np.append(newest[-1], time_s)))
+        self._newest_s = part.newest_s
         bits = (
             repeated * int(Fault.REPEAT)
             | backwards * int(Fault.TIME_BACKWARDS)
-            | (missing | np.isnan(time_s)) * int(Fault.HOLE)
+            | (missing | timeless) * int(Fault.HOLE)
         )
         absent = tuple(self._why(rows[index]) for index in np.flatnonzero(missing))
-        return Screened(*self._keep(rows, bits), new_clock, absent)
+        return Screened(*self._keep(rows, bits), part.new_clock, absent)
 
     def _why(self, row: Floats) -> tuple[float, Fault]:
         """Time of a row without a needed value, and which one it lacks."""
@@ -146,7 +136,3 @@ class RowScreen:
             else:
                 self._pending |= int(bits[index])
         return rows[keep], fault
-
-
-def _known(time_s: Floats) -> Floats:
-    return np.where(np.isnan(time_s), -np.inf, time_s)

@@ -1,9 +1,11 @@
 """The mechanical fingerprint of an axis: every test that its recordings allow."""
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,11 +14,13 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from .cruise_tests import measure_equability, measure_signature
 from .friction_curve import measure_friction
+from .friction_points import FrictionPoint, friction_points
+from .friction_runs import measure_friction_runs
 from .identified import Identified
 from .inverse_dynamics import identify_inverse_dynamics
 from .preparation import PreparationSettings, PreparedRun, prepare
 from .reversal_error import measure_reversal_error
-from .section import Contents, Section, judged
+from .section import Contents, Section, Status, judged
 from .transmission_tests import (
     measure_backlash,
     measure_preload,
@@ -29,6 +33,7 @@ from .transmission_tests import (
 CUTOFF_HZ = 100.0
 _CUTOFF_SHARE = 0.2
 """Of the sampling rate, for slow recordings."""
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,28 +66,37 @@ def fingerprint_axis(
 ) -> AxisFingerprint:
     """Every section from all recordings together; their order and names mean nothing.
 
+    Only the friction tests, where there are several, are also put in the order of their clocks,
+    or of their names where they have no common clock: what changed from one to the next.
+
     Args:
         recordings: of one session, by name.
         fresh: of the same axis with the preload of the machine file, for the preload now.
     """
     frames = [recordings[name] for name in sorted(recordings)]
-    calm = [frame for frame in frames if not shakes(frame)]
+    calm = {name: recordings[name] for name in sorted(recordings) if not shakes(recordings[name])}
     with_torque = functools.cache(lambda: _prepared(machine, calm, (TORQUE,)))
-    moved = functools.cache(lambda: _prepared(machine, frames, ()))
+    runs = functools.cache(lambda: _all_of(with_torque()))
+    points = functools.cache(lambda: _points(machine, with_torque()))
+    moved = functools.cache(lambda: _all_of(_prepared(machine, recordings, ())))
     both = (ANGLE, TABLE_POSITION)
-    stretch = functools.cache(lambda: stretch_fit(_prepared(machine, frames, both), machine))
-    inertia = machine.model.inertia_kg_m2.value
+    stretch = functools.cache(
+        lambda: stretch_fit(_all_of(_prepared(machine, recordings, both)), machine)
+    )
     tests: dict[str, tuple[str, Callable[[], Contents]]] = {
-        "friction": ("friction", lambda: measure_friction(with_torque(), inertia)),
+        "friction": ("friction", lambda: measure_friction(_all_of(points()))),
+        "friction_runs": ("friction", lambda: measure_friction_runs(points())),
         "stiffness": ("acceleration", lambda: measure_stiffness(stretch())),
         "backlash": ("reversals", lambda: measure_backlash(stretch(), machine)),
-        "equability": ("friction", lambda: measure_equability(with_torque())),
-        "signature": ("signature", lambda: measure_signature(with_torque())),
+        "equability": ("friction", lambda: measure_equability(runs())),
+        "signature": ("signature", lambda: measure_signature(runs())),
         "reversal_error": ("reversals", lambda: measure_reversal_error(moved())),
         "frequency_response": ("multisine", lambda: measure_response(frames)),
         "inertia": ("acceleration", lambda: _measure_inertia(machine, frames)),
     }
     sections = {name: judged(motion, measure) for name, (motion, measure) in tests.items()}
+    if sections["friction_runs"].status is Status.UNDETERMINED:
+        del sections["friction_runs"]  # a session that tests friction once lacks nothing
     fresh_stiffness = fresh.sections["stiffness"].figures if fresh else {}
     sections["preload"] = judged(
         "friction",
@@ -114,20 +128,40 @@ def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Content
 
 
 def _prepared(
-    machine: Machine, frames: Sequence[SampleFrame], required: tuple[str, ...]
-) -> tuple[PreparedRun, ...]:
-    """Runs of all recordings that have the required channels.
+    machine: Machine, recordings: Mapping[str, SampleFrame], required: tuple[str, ...]
+) -> dict[str, tuple[PreparedRun, ...]]:
+    """Runs of each recording that has the required channels, in the order of their names.
 
     Raises:
         ValueError: one line; no recording has them.
     """
-    if not frames:
+    if not recordings:
         raise ValueError("every recording shakes the axis; this needs steady motion")
-    able = [frame for frame in frames if set(required) <= frame.channels.keys()]
+    able = {
+        name: recordings[name]
+        for name in sorted(recordings)
+        if set(required) <= recordings[name].channels.keys()
+    }
     if not able:
         raise ValueError(f"no recording has {' and '.join(required)}")
     needed = tuple(name for name in required if name != ANGLE)
-    return tuple(run for frame in able for run in prepare(frame, _settings(machine, frame), needed))
+    return {
+        name: tuple(prepare(frame, _settings(machine, frame), needed))
+        for name, frame in able.items()
+    }
+
+
+def _points(
+    machine: Machine, runs: Mapping[str, Sequence[PreparedRun]]
+) -> dict[str, tuple[FrictionPoint, ...]]:
+    """Friction points of each recording."""
+    inertia = machine.model.inertia_kg_m2.value
+    return {name: tuple(friction_points(runs[name], inertia_kg_m2=inertia)) for name in runs}
+
+
+def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:
+    """What all recordings hold, together."""
+    return tuple(itertools.chain.from_iterable(parts.values()))
 
 
 def _settings(machine: Machine, frame: SampleFrame) -> PreparationSettings:

@@ -3,15 +3,16 @@
 import math
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
 
 from ..messages.channels import ANGLE, TORQUE
 from ..messages.samples import Floats
+from ..models.ball_screw import BallPassOrders
 from .friction_points import CruiseSettings, cruises
-from .identified import Identified
+from .identified import Identified, undetermined
 from .preparation import PreparedRun
 from .regression import effective_size
 from .section import Contents, Curve, mean_of, rounded_rpm
@@ -19,6 +20,9 @@ from .section import Contents, Curve, mean_of, rounded_rpm
 SEGMENT_REVOLUTIONS = 8
 SAMPLES_PER_REVOLUTION = 128
 LOWEST_ORDER, HIGHEST_ORDER = 0.25, 32.0
+BALL_SLIP = 0.03
+"""Balls pass within this share of their order: they slip, and the contact angle varies."""
+BALLS_UNKNOWN = "needs axis.ball_diameter_m and axis.ball_circle_m in the machine file"
 _UNCHANGED_SHARE = 0.6
 """Below this share of its cutoff a 4th-order Butterworth run both ways keeps 98 % and more."""
 _WINDOW_BINS = 1.5
@@ -53,12 +57,15 @@ def measure_equability(runs: Iterable[PreparedRun]) -> Contents:
     return figures, (curve,)
 
 
-def measure_signature(runs: Iterable[PreparedRun]) -> Contents:
+def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None = None) -> Contents:
     """Amplitudes of the torque over orders of the screw, at the slowest speed that allows it.
 
     Welch's average over segments of whole revolutions, sampled evenly over the angle. Balls pass
-    at orders that need their number and diameter, so their band is given as a whole. Orders that
-    the low-pass of the preparation weakens at this speed are left out.
+    at orders that need their number and diameter; without them their band is given as a whole.
+    Orders that the low-pass of the preparation weakens at this speed are left out.
+
+    Args:
+        balls: orders of the balls; None where the machine file does not know them.
 
     Raises:
         ValueError: one line; no cruise is long enough.
@@ -86,7 +93,8 @@ def measure_signature(runs: Iterable[PreparedRun]) -> Contents:
         for name, (low, high) in bands.items()
         if high <= highest[rpm]
     }
-    if not figures:
+    figures |= _ball_figures(balls, power, order, rpm, highest[rpm])
+    if not any(figure.determined for figure in figures.values()):
         raise ValueError(f"at {rpm} rpm, the slowest, every order lies above the low-pass")
     shown = (order >= LOWEST_ORDER) & (order <= highest[rpm])
     amplitude = np.sqrt(2.0 * np.mean(power, axis=0))
@@ -98,6 +106,33 @@ def measure_signature(runs: Iterable[PreparedRun]) -> Contents:
         "torque amplitude, N m",
     )
     return figures, (curve,)
+
+
+def _ball_figures(
+    balls: BallPassOrders | None, power: Floats, order: Floats, rpm: str, highest: float
+) -> dict[str, Identified]:
+    """Root mean squares about the orders of the balls, each with its order as a note.
+
+    Args:
+        power: of the segments, (segments, bins); order: of the bins, (bins,).
+    """
+    if balls is None:
+        return {"ball_pass_nm": undetermined("N m", BALLS_UNKNOWN)}
+    orders = {
+        "ball_pass_on_nut": balls.on_nut,
+        "ball_pass_on_screw": balls.on_screw,
+        "ball_spin": balls.spin,
+    }
+    figures = {}
+    for name, centre in orders.items():
+        half = max(BALL_SLIP * centre, 1.0 / SEGMENT_REVOLUTIONS)
+        key, note = f"{name}_{rpm}_rpm_nm", f"{name.replace('_', ' ')} {centre:.1f}/rev"
+        if centre + half > highest:
+            figures[key] = undetermined("N m", f"{note} lies above the low-pass at {rpm} rpm")
+        else:
+            about = np.abs(order - centre) <= half
+            figures[key] = replace(_band_rms(power[:, about]), note=note)
+    return figures
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,25 +3,32 @@
 The torque of a controlled axis holds its own noise fed back. With the commanded motion r recorded,
 H = S_ry / S_ru is free of that bias (joint input-output method); without it H1 = S_uy / S_uu, which
 noise on the input pulls down (Bendat and Piersol, Random Data, 2010, sections 6.1 and 9.2).
+
+Where the commanded motion repeats itself with the length of a segment, as a multisine does, whole
+periods are taken without a window: each frequency then stands for itself, whereas a Hann window
+mixes neighbours whose phases stay the same, and no average removes that (Pintelon and Schoukens,
+System Identification, 2012, section 2.2). Everything else is averaged over Hann windows.
+
+The resonance moves with the position of the nut (5.3.9). `drive_responses_along` parts a recording
+by position, so that a fit can tell a resonance that has moved from one that is damped.
 """
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
-from scipy import signal
 
 from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from ..messages.samples import Floats, SampleFrame
-from .uniform import UniformRun, uniform_runs
+from .regression import Booleans
+from .segment_spectra import Complexes, SegmentSpectra
+from .uniform import uniform_runs
 
-Complexes = npt.NDArray[np.complex128]
-
-OVERLAP = 0.5
 _WINDOW_AVERAGES = 0.95
 """Share of the half-overlapped Hann segments that are independent (Welch, 1967)."""
+_EXCITED = 0.05
+"""A place with less of the greatest power at a frequency does not show that frequency."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +44,9 @@ class FrequencyResponse:
         unit: of the response.
         period_s: of the samples.
         hold: whether the response is that to a held torque, corrected for a rigid axis.
-        resolution_hz: distance of the bins over which the window has smoothed; 0 is not at all.
+        resolution_hz: distance of the bins over which a Hann window has smoothed; 0 is not at all.
+        place_rad, spread_rad: mean and standard deviation of the motor's angle at which each
+            frequency was excited, (n,); empty where nobody knows.
     """
 
     frequency_hz: Floats
@@ -49,16 +58,27 @@ class FrequencyResponse:
     period_s: float
     hold: bool
     resolution_hz: float
+    place_rad: Floats = field(default_factory=lambda: np.empty(0))
+    spread_rad: Floats = field(default_factory=lambda: np.empty(0))
 
     def within(self, low_hz: float, high_hz: float) -> "FrequencyResponse":
         """The part between two frequencies, both included."""
-        keep = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
+        return self._part((self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz))
+
+    def every(self, step: int) -> "FrequencyResponse":
+        """Every `step`th frequency."""
+        return self._part(np.arange(len(self.frequency_hz)) % step == 0)
+
+    def _part(self, keep: Booleans) -> "FrequencyResponse":
+        known = len(self.place_rad) > 0
         return replace(
             self,
             frequency_hz=self.frequency_hz[keep],
             response=self.response[keep],
             relative_error=self.relative_error[keep],
             coherence=self.coherence[keep],
+            place_rad=self.place_rad[keep] if known else self.place_rad,
+            spread_rad=self.spread_rad[keep] if known else self.spread_rad,
         )
 
 
@@ -89,7 +109,20 @@ def drive_response(
     Raises:
         ValueError: one line; a channel is missing, or no run is long enough for the resolution.
     """
-    return _response(recordings, TORQUE, ANGLE, settings or ResponseSettings())
+    settings = settings or ResponseSettings()
+    return _responses(_spectra(recordings, TORQUE, ANGLE, settings), TORQUE, settings, 1)[0]
+
+
+def drive_responses_along(
+    recordings: Iterable[SampleFrame], settings: ResponseSettings | None = None, places: int = 4
+) -> list[FrequencyResponse]:
+    """`drive_response` at several places of the travel, each with as many segments, in order.
+
+    Raises:
+        ValueError: as `drive_response`.
+    """
+    settings = settings or ResponseSettings()
+    return _responses(_spectra(recordings, TORQUE, ANGLE, settings), TORQUE, settings, places)
 
 
 def transmission_response(
@@ -100,97 +133,57 @@ def transmission_response(
     Raises:
         ValueError: like `drive_response`.
     """
-    return _response(recordings, ANGLE, TABLE_POSITION, settings or ResponseSettings())
+    settings = settings or ResponseSettings()
+    spectra = _spectra(recordings, ANGLE, TABLE_POSITION, settings)
+    return _responses(spectra, ANGLE, settings, 1)[0]
 
 
-def _response(
+def _spectra(
     recordings: Iterable[SampleFrame], source: str, sink: str, settings: ResponseSettings
-) -> FrequencyResponse:
-    spectra = _Spectra()
+) -> SegmentSpectra:
+    spectra = SegmentSpectra(settings.resolution_hz)
     for frame in recordings:
         for run in uniform_runs(frame, (source, sink), optional=(SETPOINT,)):
-            spectra.add(run, source, sink, settings.resolution_hz)
+            spectra.add(run, source, sink)
     if spectra.segments == 0:
         raise ValueError(
             f"no unbroken run of {1.0 / settings.resolution_hz:g} s, which a resolution of "
             f"{settings.resolution_hz:g} Hz needs"
         )
-    response = spectra.source_sink / spectra.source_source
+    return spectra
+
+
+def _responses(
+    spectra: SegmentSpectra, source: str, settings: ResponseSettings, places: int
+) -> list[FrequencyResponse]:
+    found = []
+    frequency, period_s = spectra.frequency_hz, spectra.period_s
+    correction = 1.0
     if source == TORQUE:
-        response *= sampling_correction(spectra.frequency_hz, spectra.period_s, settings.hold)
-    coherence = spectra.coherence()
-    averages = max(_WINDOW_AVERAGES * spectra.segments, 1.0)
-    error = np.sqrt((1.0 - coherence) / (2.0 * np.maximum(coherence, 1e-12) * averages))
-    keep = (coherence >= settings.least_coherence) & (spectra.frequency_hz > 0.0)
-    return FrequencyResponse(
-        spectra.frequency_hz[keep],
-        response[keep],
-        error[keep],
-        coherence[keep],
-        averages,
-        "rad/(s N m)" if source == TORQUE else "m/rad",
-        spectra.period_s,
-        settings.hold and source == TORQUE,
-        float(spectra.frequency_hz[1]),
-    )
-
-
-class _Spectra:
-    """Cross spectra summed over the segments of all runs."""
-
-    def __init__(self) -> None:
-        self.segments = 0
-        self.frequency_hz: Floats = np.empty(0)
-        self.period_s = math.nan
-        self._sums: dict[str, Complexes] = {}
-
-    def add(self, run: UniformRun, source: str, sink: str, resolution_hz: float) -> None:
-        """Add one run; one too short for a segment adds nothing."""
-        size = round(1.0 / (resolution_hz * run.period_s))
-        series = {"u": _rate(run, source), "y": _rate(run, sink)}
-        series["r"] = _rate(run, SETPOINT) if SETPOINT in run.channels else series["u"]
-        if len(series["u"]) < size:
-            return
-        if self.segments and abs(run.period_s - self.period_s) > 1e-3 * self.period_s:
-            raise ValueError("recordings with different sampling rates; give them apart")
-        self.period_s = run.period_s
-        count = 1 + int((len(series["u"]) - size) // (size * (1.0 - OVERLAP)))
-        for a, b in ("uu", "yy", "rr", "uy", "ru", "ry"):
-            self.frequency_hz, spectrum = signal.csd(
-                series[a], series[b], 1.0 / run.period_s, nperseg=size, noverlap=size // 2
+        correction = sampling_correction(frequency, period_s, settings.hold)
+    parts = spectra.along(places)
+    strongest = np.max([part.power for part in parts], axis=0)
+    for part in parts:
+        coherence = part.coherence()
+        excited = part.power > _EXCITED * strongest
+        keep = excited & (coherence >= settings.least_coherence) & (frequency > 0.0)
+        averages = (1.0 if spectra.periodic else _WINDOW_AVERAGES) * part.segments
+        found.append(
+            FrequencyResponse(
+                frequency_hz=frequency[keep],
+                response=(part.response * correction)[keep],
+                relative_error=part.relative_error(averages, keep)[keep],
+                coherence=coherence[keep],
+                averages=averages,
+                unit="rad/(s N m)" if source == TORQUE else "m/rad",
+                period_s=period_s,
+                hold=settings.hold and source == TORQUE,
+                resolution_hz=0.0 if spectra.periodic else float(frequency[1]),
+                place_rad=part.place_rad[keep],
+                spread_rad=part.spread_rad[keep],
             )
-            self._sums[a + b] = self._sums.get(a + b, 0.0) + count * spectrum
-        self.segments += count
-
-    @property
-    def source_sink(self) -> Complexes:
-        """S_ry, (n,)."""
-        return self._sums["ry"]
-
-    @property
-    def source_source(self) -> Complexes:
-        """S_ru, (n,)."""
-        return self._sums["ru"]
-
-    def coherence(self) -> Floats:
-        """The lesser of how much of input and of output the reference explains, (n,)."""
-        sums = self._sums
-        reference = np.maximum(np.abs(sums["rr"]), np.finfo(float).tiny)
-        shares = [
-            np.abs(sums["r" + name]) ** 2
-            / np.maximum(reference * np.abs(sums[name * 2]), np.finfo(float).tiny)
-            for name in ("u", "y")
-        ]
-        coherence: Floats = np.clip(np.minimum(*shares), 0.0, 1.0)
-        return coherence
-
-
-def _rate(run: UniformRun, name: str) -> Floats:
-    """A torque as it is; a position by its first differences, which leak less, (n - 1,)."""
-    values: Floats = run.channels[name]
-    if name == TORQUE:
-        return values[1:]
-    return np.asarray(np.diff(values) / run.period_s, dtype=np.float64)
+        )
+    return found
 
 
 def sampling_correction(frequency_hz: Floats, period_s: float, hold: bool) -> Complexes:

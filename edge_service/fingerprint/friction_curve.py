@@ -2,31 +2,32 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..messages.samples import Floats
+from ..models.friction import exponential_friction
 from .friction_fit import LEAST_ERROR_SHARE, fit_friction
-from .friction_points import FrictionPoint, friction_points
-from .identified import Identified, around, undetermined
-from .preparation import PreparedRun
+from .friction_points import FrictionPoint
+from .identified import Identified, around, normal_quantile, undetermined
 from .section import Contents, Curve, mean_of, rounded_rpm
 
 LEAST_SPEEDS = 4
 """Level, excess, Stribeck speed and viscous part need as many speeds."""
+STRIBECK_SIGMAS = 3.0
+"""A rise shows by so many deviations: at the level of the intervals 1 axis in 40 would have one."""
 NO_STRIBECK = "no rise of the friction at low speed is visible"
-_LABELS = ("motor speed, rad/s", "friction torque, N m")
+FRICTION_LABELS = ("motor speed, rad/s", "friction torque, N m")
 
 
-def measure_friction(runs: Iterable[PreparedRun], inertia_kg_m2: float) -> Contents:
+def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
     """Friction curve with its parts, over both directions and over each (5.3.12-5.3.15).
 
     Raises:
         ValueError: one line; too few speeds.
     """
-    points = list(friction_points(runs, inertia_kg_m2=inertia_kg_m2))
     speeds = {rounded_rpm(point.speed_rad_s) for point in points}
     if len(speeds) < LEAST_SPEEDS:
         raise ValueError(
@@ -34,7 +35,7 @@ def measure_friction(runs: Iterable[PreparedRun], inertia_kg_m2: float) -> Conte
         )
     whole = friction_parts(points)
     figures = dict(whole.parameters)
-    curves = [_fitted(whole, points)]
+    curves = _fitted(whole, points)
     for name, way in (("forward", True), ("backward", False)):
         there = [point for point in points if point.forward is way]
         if there:
@@ -48,10 +49,33 @@ def measure_friction(runs: Iterable[PreparedRun], inertia_kg_m2: float) -> Conte
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionParts:
-    """Parts of a friction curve; `torque_nm` maps motor speeds, rad/s, to the curve, N m."""
+    """Parts of a friction curve.
+
+    Attributes:
+        parameters: with intervals.
+        values: of the curve, by the same names; a part that is missing is not in it.
+    """
 
     parameters: Mapping[str, Identified]
-    torque_nm: Callable[[Floats], Floats]
+    values: Mapping[str, float]
+
+    def torque_nm(self, speed_rad_s: Floats) -> Floats:
+        """The curve, N m, in the shape of `speed_rad_s`."""
+        total: Floats = np.sum(list(self.parts_nm(speed_rad_s).values()), axis=0)
+        return total
+
+    def parts_nm(self, speed_rad_s: Floats) -> dict[str, Floats]:
+        """Part -> torque, N m, in the shape of `speed_rad_s`: terms of the exponential form.
+
+        The Coulomb part holds the offset, as (5.3.14) has it.
+        """
+        values = self.values
+        coulomb_nm = values["coulomb_nm"] * np.sign(speed_rad_s) + values.get("offset_nm", 0.0)
+        parts = {"Coulomb": coulomb_nm, "viscous": values["viscous_nm_s_per_rad"] * speed_rad_s}
+        if excess_nm := values.get("stribeck_excess_nm", 0.0):
+            scale_rad_s = values["stribeck_speed_rad_s"]
+            parts["Stribeck"] = exponential_friction(speed_rad_s, 0.0, excess_nm, scale_rad_s)
+        return parts
 
 
 def friction_parts(points: Sequence[FrictionPoint]) -> FrictionParts:
@@ -61,9 +85,14 @@ def friction_parts(points: Sequence[FrictionPoint]) -> FrictionParts:
     """
     full = fit_friction(points)
     excess = full.parameters["stribeck_excess_nm"]
-    if excess.determined and excess.low > 0.0:
-        return FrictionParts(full.parameters, full.torque_nm)
+    if excess.determined and excess.value > STRIBECK_SIGMAS * _sigma_below(excess):
+        return FrictionParts(full.parameters, full.values)
     return _straight(points)
+
+
+def _sigma_below(figure: Identified) -> float:
+    """Standard deviation on the side of the lower bound, which may differ from the upper."""
+    return (figure.value - figure.low) / normal_quantile()
 
 
 def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
@@ -91,34 +120,42 @@ def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
     }
     parameters["stribeck_excess_nm"] = undetermined("N m", NO_STRIBECK, count)
     parameters["stribeck_speed_rad_s"] = undetermined("rad/s", NO_STRIBECK, count)
-    coulomb_nm, viscous = float(found[0]), float(found[1])
-    offset_nm = float(found[2]) if both else 0.0
-    return FrictionParts(parameters, lambda v: coulomb_nm * np.sign(v) + viscous * v + offset_nm)
+    return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
 def _levels(points: Sequence[FrictionPoint]) -> dict[str, Identified]:
-    """Friction at each speed, the mean of both directions where both are there, N m."""
+    """Friction at each speed that is there in both directions, N m."""
+    return {f"level_{rpm}_rpm_nm": mean_level(ways) for rpm, ways in both_ways(points).items()}
+
+
+def both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:
+    """Speed, rpm -> forward or not -> points in time order, of speeds run in both directions."""
     groups: dict[str, dict[bool, list[FrictionPoint]]] = defaultdict(lambda: defaultdict(list))
-    for point in points:
+    for point in sorted(points, key=lambda point: point.time_s):
         groups[rounded_rpm(point.speed_rad_s)][point.forward].append(point)
-    levels = {}
-    for rpm in sorted(groups, key=float):
-        ways = [
-            mean_of(
-                [abs(point.torque_nm) for point in there],
-                [point.standard_error_nm for point in there],
-                "N m",
-            )
-            for there in groups[rpm].values()
-        ]
-        if len(ways) == 2:
-            value = 0.5 * (ways[0].value + ways[1].value)
-            half = 0.5 * math.hypot(*(way.high - way.value for way in ways))
-            count = min(way.n_effective for way in ways)
-            levels[f"level_{rpm}_rpm_nm"] = Identified(
-                value, value - half, value + half, "N m", count
-            )
-    return levels
+    return {rpm: groups[rpm] for rpm in sorted(groups, key=float) if len(groups[rpm]) == 2}
+
+
+def mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> Identified:
+    """Mean magnitude of the friction at one speed, of points in both directions, N m."""
+    return mean_of_ways([mean_torque(points) for points in ways.values()])
+
+
+def mean_torque(points: Sequence[FrictionPoint]) -> Identified:
+    """Mean magnitude of the friction of points at one speed, N m."""
+    return mean_of(
+        [abs(point.torque_nm) for point in points],
+        [point.standard_error_nm for point in points],
+        "N m",
+    )
+
+
+def mean_of_ways(ways: Sequence[Identified]) -> Identified:
+    """Mean of what was found in either direction, N m."""
+    value = sum(way.value for way in ways) / len(ways)
+    half = math.hypot(*(way.high - way.value for way in ways)) / len(ways)
+    count = min(way.n_effective for way in ways)
+    return Identified(value, value - half, value + half, "N m", count)
 
 
 def _point_curve(name: str, points: Sequence[FrictionPoint]) -> Curve:
@@ -127,14 +164,16 @@ def _point_curve(name: str, points: Sequence[FrictionPoint]) -> Curve:
         name,
         np.array([point.speed_rad_s for point in ordered]),
         np.array([point.torque_nm for point in ordered]),
-        *_LABELS,
+        *FRICTION_LABELS,
     )
 
 
-def _fitted(parts: FrictionParts, points: Sequence[FrictionPoint]) -> Curve:
+def _fitted(parts: FrictionParts, points: Sequence[FrictionPoint]) -> list[Curve]:
+    """The curve and its parts over the speeds of the points."""
     speeds = [point.speed_rad_s for point in points]
     half = np.geomspace(min(map(abs, speeds)), max(map(abs, speeds)), 60)
     speed = np.concatenate(
         (-half[::-1] if min(speeds) < 0.0 else [], half if max(speeds) > 0.0 else [])
     )
-    return Curve("fit", speed, parts.torque_nm(speed), *_LABELS)
+    drawn = {"fit": parts.torque_nm(speed), **parts.parts_nm(speed)}
+    return [Curve(name, speed, torque, *FRICTION_LABELS) for name, torque in drawn.items()]

@@ -11,10 +11,11 @@ from ..messages.samples import Floats
 from ..models.friction import Friction, exponential_friction
 from .friction_points import FrictionPoint
 from .identified import Identified, undetermined
-from .profile import Unknown, fit_profiled
+from .profile import Unknown, best_values, fit_profiled, unexplained_share
 
 LEAST_ERROR_SHARE = 1e-3
-"""A point is trusted to a thousandth of its torque at best: no curve is truer than that."""
+"""Share of a torque by which a curve is off where too few points tell how true it is."""
+_LEAST_SHARE = 1e-6
 _REACH = 10.0
 """Speed scales are searched up to this factor beyond the slowest and the fastest point."""
 
@@ -35,7 +36,8 @@ class FrictionFit:
             (v_st), viscous_nm_s_per_rad (D), offset_nm (f_offset) and, in the printed form,
             coulomb_speed_rad_s (v_Coul).
         values: the best fit itself, by the same names, determined or not.
-        reduced_chi2: 1 where the points scatter as their standard errors say.
+        reduced_chi2: 1 where the points scatter as their errors say. What they scatter beyond their
+            standard errors counts as error.
     """
 
     form: FrictionForm
@@ -51,7 +53,7 @@ class FrictionFit:
 def fit_friction(
     points: Sequence[FrictionPoint], form: FrictionForm = FrictionForm.EXPONENTIAL
 ) -> FrictionFit:
-    """Fit one curve to all points.
+    """Fit one curve to all points, each with its own error and the scatter that no curve explains.
 
     With points in one direction only, the offset cannot be told from the Coulomb level and is left
     out as undetermined.
@@ -64,17 +66,20 @@ def fit_friction(
     error = np.array([point.standard_error_nm for point in points])
     if len(points) == 0:
         raise ValueError("no cruise at constant speed in the recording; run the friction test")
-    error = np.hypot(error, LEAST_ERROR_SHARE * np.abs(torque))
+    error = np.hypot(error, _LEAST_SHARE * np.abs(torque))
     both = bool((speed > 0.0).any() and (speed < 0.0).any())
     unknowns = _unknowns(form, speed, torque, both)
     names = [unknown.name for unknown in unknowns]
 
-    def residual(values: Floats) -> Floats:
+    def misfit_nm(values: Floats) -> Floats:
         named = dict(zip(names, values.tolist(), strict=True))
-        misfit: Floats = (_torque_nm(form, named, speed) - torque) / error
-        return misfit
+        return _torque_nm(form, named, speed) - torque
 
-    fit = fit_profiled(residual, unknowns, _starts(unknowns, torque))
+    starts = _starts(unknowns, torque)
+    first = best_values(lambda values: misfit_nm(values) / error, unknowns, starts)
+    share = unexplained_share(misfit_nm(first), error, np.abs(torque), len(unknowns))
+    error = np.hypot(error, share * np.abs(torque))
+    fit = fit_profiled(lambda values: misfit_nm(values) / error, unknowns, [first, *starts])
     parameters = dict(fit.parameters)
     values = dict(zip(names, fit.values.tolist(), strict=True))
     if not both:

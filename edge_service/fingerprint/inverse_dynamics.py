@@ -64,7 +64,7 @@ def identify_inverse_dynamics(
 
     A rigid model of an axis that is not rigid gives other parameters when it is filtered
     otherwise. The fit is repeated with half the cutoff, and what a parameter moves by counts as a
-    systematic standard deviation beside the random one.
+    systematic standard deviation beside the random one, as far as chance does not explain it.
 
     Args:
         recordings: of one axis, each in its order.
@@ -86,12 +86,16 @@ def identify_inverse_dynamics(
 
 
 def _widened(found: Identified, other: Identified) -> Identified:
-    """`found` with its distance from `other` added to its standard deviation."""
+    """`found`, wider by its distance from `other` beyond what chance allows.
+
+    `other` leaves out data that `found` has, so the variance of their difference is that of the
+    variances (Hausman, 1978).
+    """
     if not found.determined or not other.determined:
         return found
-    half = math.hypot(
-        0.5 * (found.high - found.low), (found.value - other.value) * normal_quantile()
-    )
+    chance = max(other.sigma**2 - found.sigma**2, 0.0)
+    systematic = max((found.value - other.value) ** 2 - normal_quantile() ** 2 * chance, 0.0)
+    half = math.hypot(0.5 * (found.high - found.low), normal_quantile() * math.sqrt(systematic))
     return replace(found, low=found.value - half, high=found.value + half)
 
 

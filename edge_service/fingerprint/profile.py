@@ -10,8 +10,12 @@ from scipy import optimize
 from ..messages.samples import Floats
 from .identified import Identified, student_quantile
 
-_BISECTIONS = 8
-_DOUBLINGS = 8
+_MOST_SEARCHED = 60
+"""Evaluations from one start; one that has not found its valley by then is in none that counts."""
+_FIRST_STEP = 2.0**-8
+"""Of a bracket, in coordinates, where the curvature at the optimum says nothing."""
+_BOUND_SHARE = 2e-3
+"""Accuracy of a bound over its distance from the value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,19 +84,61 @@ def fit_profiled(
     search = _Search(residual, unknowns)
     count = len(residual(starts[0]))
     independent = count if n_effective is None else n_effective
-    if count <= len(unknowns):
-        raise ValueError(f"{count} points cannot determine {len(unknowns)} parameters; record more")
-    optima = [search.minimise(search.inward(start)) for start in starts]
+    _require_points(count, len(unknowns))
+    optima = [search.minimise(search.inward(start), most=_MOST_SEARCHED) for start in starts]
     best = min(optima, key=lambda optimum: optimum.cost)
     chi2 = 2.0 * float(best.cost)
     reduced = chi2 / (count - len(unknowns))
     share = independent / count
     limit = student_quantile(max(independent - len(unknowns), 1.0)) ** 2 * max(reduced, 1.0) / share
     elsewhere = _other_valleys(best.x, [each.x for each in optima if each.cost < best.cost + limit])
-    profile = _Profile(search, best.x, elsewhere, chi2, limit, independent)
+    curvature = np.asarray(best.jac).T @ np.asarray(best.jac)
+    profile = _Profile(
+        search, best.x, elsewhere, chi2, limit, independent, np.linalg.pinv(curvature, rcond=1e-12)
+    )
     values = search.outward(best.x)
     parameters = {unknown.name: profile.identified(k) for k, unknown in enumerate(unknowns)}
     return NonlinearFit(values, parameters, residual(values), reduced)
+
+
+def best_values(
+    residual: Residual, unknowns: Sequence[Unknown], starts: Sequence[Floats]
+) -> Floats:
+    """Values with the least sum of squares, (p,), without intervals; arguments as below.
+
+    Raises:
+        ValueError: fewer residuals than unknowns.
+    """
+    search = _Search(residual, unknowns)
+    _require_points(len(residual(starts[0])), len(unknowns))
+    optima = [search.minimise(search.inward(start), most=_MOST_SEARCHED) for start in starts]
+    return search.outward(min(optima, key=lambda optimum: float(optimum.cost)).x)
+
+
+def _require_points(count: int, parameters: int) -> None:
+    if count <= parameters:
+        raise ValueError(f"{count} points cannot determine {parameters} parameters; record more")
+
+
+def unexplained_share(misfit: Floats, error: Floats, size: Floats, parameters: int) -> float:
+    """Scatter of points beyond their errors, as a share of their size; 0 where there is none.
+
+    The s with sum(misfit^2 / (error^2 + (s size)^2)) = n - p (Paule and Mandel, 1982): what a model
+    leaves out adds to every point, so that the surest points do not decide alone.
+
+    Args:
+        misfit, error, size: (n,) each, in one unit.
+        parameters: p of the model.
+    """
+    freedom = len(misfit) - parameters
+
+    def excess(share: float) -> float:
+        return float(np.sum(misfit**2 / (error**2 + (share * size) ** 2))) - freedom
+
+    if freedom <= 0 or excess(0.0) <= 0.0:
+        return 0.0
+    greatest = 2.0 * float(np.sqrt(np.sum((misfit / np.maximum(size, 1e-300)) ** 2) / freedom))
+    return float(optimize.brentq(excess, 0.0, greatest)) if excess(greatest) < 0.0 else greatest
 
 
 def _other_valleys(best: Floats, optima: Sequence[Floats]) -> list[Floats]:
@@ -128,7 +174,7 @@ class _Search:
         return np.where(self._log, np.exp(np.where(self._log, plain, 0.0)), plain)
 
     def minimise(
-        self, start: Floats, fixed: int | None = None, at: float = 0.0
+        self, start: Floats, fixed: int | None = None, at: float = 0.0, most: int | None = None
     ) -> optimize.OptimizeResult:
         """Least squares over all coordinates, or over all but one that is held."""
         free = np.array([k for k in range(len(self.unknowns)) if k != fixed], dtype=np.int64)
@@ -139,17 +185,22 @@ class _Search:
             return self._residual(self.outward(whole))
 
         inside = np.clip(start[free], 1e-6, 1.0 - 1e-6)
-        return optimize.least_squares(residual, inside, bounds=(0.0, 1.0), x_scale="jac")
+        return optimize.least_squares(
+            residual, inside, bounds=(0.0, 1.0), x_scale="jac", max_nfev=most
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class _Profile:
+    """The sum of squares around the optimum; `spread` is its inverse curvature, (p, p)."""
+
     search: _Search
     best: Floats
     elsewhere: Sequence[Floats]
     chi2: float
     limit: float
     n_effective: float
+    spread: Floats
 
     def identified(self, index: int) -> Identified:
         """The unknown with the interval of its profile."""
@@ -173,30 +224,26 @@ class _Profile:
 
     def _bound(self, index: int, direction: float) -> float | None:
         """Where the profile leaves the limit on one side; None if it never does."""
-        inside, outside = self._bracket(index, direction)
-        if outside is None:
-            return None
-        for _ in range(_BISECTIONS):  # of a bracket that is at most half of its distance wide
-            middle = 0.5 * (inside + outside)
-            if self._excess(index, middle) > self.limit:
-                outside = middle
-            else:
-                inside = middle
-        whole = self.best.copy()
-        whole[index] = outside
-        return float(self.search.outward(whole)[index])
+        start, end = float(self.best[index]), 1.0 if direction > 0.0 else 0.0
+        root = math.sqrt(self.limit)
 
-    def _bracket(self, index: int, direction: float) -> tuple[float, float | None]:
-        """The last coordinate within the limit and the first one beyond it."""
-        start = float(self.best[index])
-        end = 1.0 if direction > 0.0 else 0.0
-        inside, step = start, 2.0**-_DOUBLINGS
+        def beyond(at: float) -> float:
+            """Nearly linear in the distance, and 0 at the bound."""
+            return math.sqrt(max(self._excess(index, at), 0.0)) - root
+
+        inside, below = start, -root
+        guess = math.sqrt(max(self.limit * float(self.spread[index, index]), 0.0))
+        step = min(guess, 1.0) if guess > 0.0 else _FIRST_STEP
         while inside != end:
             trial = min(max(start + direction * step, 0.0), 1.0)
-            if self._excess(index, trial) > self.limit:
-                return inside, trial
-            inside, step = trial, 2.0 * step
-        return inside, None
+            above = beyond(trial)
+            if above > 0.0:
+                at = _crossing(beyond, inside, below, trial, above, _BOUND_SHARE * step)
+                whole = self.best.copy()
+                whole[index] = at
+                return float(self.search.outward(whole)[index])
+            inside, below, step = trial, above, 2.0 * step
+        return None
 
     def _excess(self, index: int, at: float) -> float:
         """Rise of the sum of squares when one coordinate is held.
@@ -205,9 +252,37 @@ class _Profile:
         have found and that fit nearly as well are tried too: a profile may pass into one.
         """
         least = math.inf
-        for start in (self.best, *self.elsewhere):
+        for start in (self._predicted(index, at), *self.elsewhere):
             rise = 2.0 * float(self.search.minimise(start, index, at).cost) - self.chi2
             least = min(least, rise)
             if least <= self.limit:
                 break
         return least
+
+    def _predicted(self, index: int, at: float) -> Floats:
+        """Where the minimum lies with one coordinate held, by the curvature at the optimum."""
+        own = float(self.spread[index, index])
+        if not own > 0.0:
+            return self.best
+        moved = self.best + self.spread[:, index] / own * (at - self.best[index])
+        return np.clip(moved, 0.0, 1.0)
+
+
+def _crossing(
+    function: Callable[[float], float],
+    inside: float,
+    below: float,
+    outside: float,
+    above: float,
+    accuracy: float,
+) -> float:
+    """Where a function that rises from `below` to `above` passes 0 (regula falsi, Illinois)."""
+    while True:
+        at = (inside * above - outside * below) / (above - below)
+        value = function(at)
+        if abs(outside - inside) <= accuracy or abs(value) <= 1e-3:
+            return at
+        if value > 0.0:
+            outside, above, below = at, value, 0.5 * below
+        else:
+            inside, below, above = at, value, 0.5 * above

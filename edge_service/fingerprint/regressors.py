@@ -110,11 +110,10 @@ def regression_rows(runs: Iterable[PreparedRun], names: Sequence[str]) -> Regres
     designs, torques, instruments = [], [], []
     power, seconds = np.zeros(len(names)), 0.0
     for run in runs:
-        keep = run.moving_rows
-        designs.append(run.decimated(_columns(_measured(run), names))[keep])
-        torques.append(run.decimated(run.channels[TORQUE])[keep])
+        designs.append(run.moving_rows(_columns(_measured(run), names)))
+        torques.append(run.moving_rows(run.channels[TORQUE]))
         if SETPOINT in run.channels:
-            instruments.append(run.decimated(_columns(_commanded(run), names))[keep])
+            instruments.append(run.moving_rows(_columns(_commanded(run), names)))
         power += len(torques[-1]) * _noise_rms(run, names) ** 2
         seconds += len(torques[-1]) * run.period_s * run.settings.decimation
     if not designs:

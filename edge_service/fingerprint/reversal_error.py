@@ -13,7 +13,7 @@ from .section import Contents, mean_of
 
 SLOW_M_S = 0.02
 """Faster reversals show the inertia, not the contact."""
-LEAST_TRAVEL_M = 1e-4
+LEAST_TRAVEL_M = 2e-4
 """Shorter moves may not wind the contacts up fully."""
 _AFTER_S = 0.1
 _MEAN_S = 0.05

@@ -2,12 +2,13 @@
 
 A spring between motor and table is stretched by what the table needs,
 
-    R_t theta - x = C(x) (m x'' + F_guide sgn(v) - F_ext) + T v + e x + constant,
+    R_t theta - x = C(x) F + b/2 sgn(F) + T v + e x + constant,  F = m x'' + F_guide sgn(v) - F_ext,
 
 so the stretch under known inertia force gives the compliance C of all springs in series (5.3.1),
-its reversal the lost motion, its part in proportion to the speed the skew T of the linear encoder's
-clock, and its slope along the stroke the lead or scale error e. The seed takes the same difference
-in its constant-acceleration test (5.2.1, Figure 5.5).
+its reversal the lost motion 2 C F_guide + b, its part in proportion to the speed the skew T of the
+linear encoder's clock, and its slope along the stroke the lead or scale error e. Where the load
+turns against the motion and outdoes the guides, the play b shows by itself (`turned_flank`). The
+seed takes the same difference in its constant-acceleration test (5.2.1, Figure 5.5).
 """
 
 import math
@@ -22,8 +23,11 @@ from ..models.machine import Quantity
 from .identified import LEVEL, Identified, normal_quantile, undetermined
 from .preparation import PreparedRun, derivative_noise_rms
 from .regression import LinearFit, least_squares
+from .turned_flank import find_turned_flank
 
 MASS_UNKNOWN = "needs the table's mass (model.table_mass_kg)"
+_TURNED = "turned flank"
+_CROSSED = "there is play, and it cannot be told from the guides' wind-up"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +55,9 @@ class StiffnessFit:
 
     Attributes:
         stations: along the stroke.
-        guide_force: F_guide, N, if all lost motion were wind-up.
+        guide_force: F_guide, N; where no play shows by itself, all lost motion counts as wind-up.
+        play: b, m, one for the whole stroke; undetermined unless the axis brakes harder than its
+            guides do and play shows.
         clock_skew: T, s; positive if the linear encoder is sampled late. Guide viscosity through
             the compliance is in it.
         scale_error: e, m/m; positive if the screw's lead is greater than stated.
@@ -60,6 +66,7 @@ class StiffnessFit:
 
     stations: tuple[StiffnessStation, ...]
     guide_force: Identified
+    play: Identified
     clock_skew: Identified
     scale_error: Identified
     fit: LinearFit
@@ -86,31 +93,48 @@ def fit_stiffness(
     nodes = np.asarray(positions_m, dtype=np.float64)
     if nodes.size == 0 or (np.diff(nodes) <= 0.0).any():
         raise ValueError("positions_m must rise and hold at least one place")
-    rows = [_rows(run, nodes, table_mass_kg) for run in runs]
-    if not rows:
+    runs = list(runs)
+    if not runs:
         raise ValueError("no unbroken run long enough in the recording")
+    rows = [_rows(run, nodes, table_mass_kg) for run in runs]
     design, stretch_m, noise_rms = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     noise = np.sqrt(np.mean(noise_rms**2, axis=0))
-    fit = least_squares(_names(len(nodes)), design, stretch_m, noise)
+    names = _names(len(nodes))
+    turned = find_turned_flank(runs, [_load(run, table_mass_kg) for run in runs], design, stretch_m)
+    if turned is not None and turned.shown:
+        names, noise = [*names, _TURNED], np.append(noise, 0.0)
+        design = np.column_stack((design, turned.column))
+    if turned is not None:
+        design, stretch_m = design[turned.whole], stretch_m[turned.whole]
+    fit = least_squares(names, design, stretch_m, noise)
     stations = tuple(
         _station(fit, k, float(position), table_mass_kg) for k, position in enumerate(nodes)
     )
     return StiffnessFit(
         stations,
-        _guide_force(fit, len(nodes), table_mass_kg),
+        (
+            undetermined("N", _CROSSED, fit.n_effective)
+            if turned is not None and not turned.shown
+            else _guide_force(fit, len(nodes), table_mass_kg)
+        ),
+        _play(fit),
         fit.identified("speed", "s"),
         fit.identified("position", "m/m"),
         fit,
     )
 
 
-def backlash(station: StiffnessStation, guide_force_n: Quantity | None) -> Identified:
+def backlash(
+    station: StiffnessStation, guide_force_n: Quantity | None, play: Identified | None = None
+) -> Identified:
     """Play at one place: the lost motion less the wind-up 2 F_guide C that the guides cause, m.
 
-    Without a known guide force the two cannot be told apart, and the interval runs from no play to
-    all of the lost motion.
+    Without a known guide force it is the play that shows by itself. Where none does, the two cannot
+    be told apart, and the interval runs from no play to all of the lost motion.
     """
     lost, stiffness = station.lost_motion, station.stiffness
+    if play is not None and play.determined and guide_force_n is None:
+        return play
     if not lost.determined:
         return undetermined("m", lost.note, lost.n_effective)
     if guide_force_n is None or not stiffness.determined or stiffness.low <= 0.0:
@@ -146,9 +170,7 @@ def _rows(
         raise ValueError(f"stiffness needs {TABLE_POSITION} beside {ANGLE} in an unbroken run")
     table = run.channels[TABLE_POSITION]
     mass = 1.0 if table_mass_kg is None else table_mass_kg.value
-    load = mass * run.rate(TABLE_POSITION, 2)
-    if table_mass_kg is not None and EXTERNAL_FORCE in run.channels:
-        load = load - run.channels[EXTERNAL_FORCE]
+    load = _load(run, table_mass_kg)
     shares = _hats(table, nodes)
     columns = np.column_stack(
         (
@@ -160,14 +182,22 @@ def _rows(
         )
     )
     stretch = run.settings.ratio_m_per_rad * run.channels[ANGLE] - table
-    keep = run.moving_rows
     noise = np.zeros(columns.shape)
     noise[:, : len(nodes)] = shares * (mass * derivative_noise_rms(run, TABLE_POSITION, 2))
     return (
-        run.decimated(columns)[keep],
-        run.decimated(stretch)[keep],
-        noise[:: run.settings.decimation][keep],
+        run.moving_rows(columns),
+        run.moving_rows(stretch),
+        noise[:: run.settings.decimation][run.moving[:: run.settings.decimation]],
     )
+
+
+def _load(run: PreparedRun, table_mass_kg: Quantity | None) -> Floats:
+    """What the spring carries beside the guides' friction, (n,): N; m/s^2 without the mass."""
+    acceleration = run.rate(TABLE_POSITION, 2)
+    if table_mass_kg is None:
+        return acceleration
+    load = table_mass_kg.value * acceleration
+    return load - run.channels[EXTERNAL_FORCE] if EXTERNAL_FORCE in run.channels else load
 
 
 def _hats(position_m: Floats, nodes: Floats) -> Floats:
@@ -234,27 +264,43 @@ def _resonance(load: Identified, mass_kg: float) -> Identified:
     return Identified(value, low, high, "Hz", inverse.n_effective, inverse.note)
 
 
-def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> Identified:
-    """F_guide from the ratio of the direction's to the load's coefficients, N.
+def _play(fit: LinearFit) -> Identified:
+    """Width of the play, m: the stretch falls by it where the flank turns."""
+    if _TURNED not in fit.names:
+        return undetermined("m", "no play shows where the load turns", fit.n_effective)
+    return fit.identified(_TURNED, "m").scaled(-1.0, "m")
 
-    Each place gives a ratio; they are averaged with the weights of their variances, which the
-    errors of C dominate and which are nearly independent.
+
+def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> Identified:
+    """F_guide from the ratios of the direction's to the load's coefficients, N.
+
+    Each place gives (d - b/2) / C. They are averaged with the weights of their variances; the error
+    of the mean is that of all coefficients together, which are not independent.
     """
     if table_mass_kg is None:
         return undetermined("N", MASS_UNKNOWN, fit.n_effective)
-    ratios, weights = [], []
+    turned = fit.names.index(_TURNED) if _TURNED in fit.names else None
+    half_play = 0.0 if turned is None else -0.5 * float(fit.coefficients[turned])
+    ratios, gradients = [], []
     for k in range(count):
         load = fit.identified(f"load at {k}", "m/N")
-        direction = fit.identified(f"direction at {k}", "m")
-        if load.determined and direction.determined and load.low > 0.0:
-            ratio = direction.value / load.value
-            sigma = math.hypot(direction.sigma, ratio * load.sigma) / load.value
-            ratios.append(ratio)
-            weights.append(sigma**-2)
-    if not ratios:
+        if not (load.determined and load.low > 0.0):
+            continue
+        ratio = (float(fit.coefficients[count + k]) - half_play) / load.value
+        gradient = np.zeros(len(fit.names))
+        gradient[k], gradient[count + k] = -ratio / load.value, 1.0 / load.value
+        if turned is not None:
+            gradient[turned] = 0.5 / load.value
+        ratios.append(ratio)
+        gradients.append(gradient)
+    covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
+    if not ratios or any(fit.names[k] in fit.notes for k in range(2 * count)):
         return undetermined("N", "the compliance is undetermined", fit.n_effective)
-    value = float(np.average(ratios, weights=weights))
-    sigma = math.hypot(sum(weights) ** -0.5, value * table_mass_kg.tolerance)
+    weights = np.array([1.0 / float(each @ covariance @ each) for each in gradients])
+    weights /= np.sum(weights)
+    whole = weights @ np.array(gradients)
+    value = float(weights @ np.array(ratios))
+    sigma = math.hypot(math.sqrt(whole @ covariance @ whole), value * table_mass_kg.tolerance)
     half = normal_quantile() * sigma
-    note = f"{100 * LEVEL:g} % interval if there is no play; play counts as guide force"
+    note = "" if turned is not None else f"{100 * LEVEL:g} % interval if there is no play"
     return Identified(value, value - half, value + half, "N", fit.n_effective, note)

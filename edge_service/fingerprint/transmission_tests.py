@@ -8,7 +8,11 @@ import numpy as np
 
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine, Quantity
-from .frequency_response import FrequencyResponse, drive_response
+from .frequency_response import (
+    FrequencyResponse,
+    drive_response,
+    drive_responses_along,
+)
 from .identified import Identified, normal_quantile, undetermined
 from .nut_preload import preload_from_stiffness
 from .preparation import PreparedRun
@@ -62,7 +66,7 @@ def measure_backlash(fit: StiffnessFit, machine: Machine) -> Contents:
     for station in fit.stations:
         place = f"at_{round(1000.0 * station.position_m)}_mm"
         figures[f"lost_motion_{place}_m"] = station.lost_motion
-        figures[f"backlash_{place}_m"] = backlash(station, guide_n)
+        figures[f"backlash_{place}_m"] = backlash(station, guide_n, fit.play)
     curve = Curve(
         "lost motion",
         np.array([station.position_m for station in fit.stations]),
@@ -88,7 +92,9 @@ def measure_response(recordings: Sequence[SampleFrame]) -> Contents:
     if not shaken:
         raise ValueError(f"no recording moves the axis coherently above {SHAKEN_HZ:g} Hz")
     measured = drive_response(shaken).within(LOWEST_HZ, math.inf)
-    fit = fit_two_mass(measured)
+    fit = fit_two_mass(
+        [place.within(LOWEST_HZ, math.inf) for place in drive_responses_along(shaken)]
+    )
     figures = {
         "antiresonance_hz": fit.antiresonance,
         "resonance_hz": fit.resonance,

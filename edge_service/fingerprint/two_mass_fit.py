@@ -1,25 +1,35 @@
 """Two-mass fit of a measured drive response (the seed's second model, 5.3.19-5.3.21)."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..messages.samples import Floats
-from .frequency_response import Complexes, FrequencyResponse, sampling_correction
+from .frequency_response import FrequencyResponse
 from .identified import Identified
-from .profile import Unknown, fit_profiled
+from .profile import Residual, Unknown, best_values, fit_profiled, unexplained_share
+from .segment_spectra import Complexes
+from .two_mass_model import Sight, TwoMasses
 
-LEAST_ERROR = 0.01
-"""A response is trusted to 1 % at best: friction and play bend it by that much."""
+_FIRST_ERROR = 0.01
+"""Share of a response that the search for the best fit takes as its error."""
 _BEYOND = 10.0
 """A resonance is searched up to this factor above the fastest frequency."""
-_INERTIA, _NOTCH, _DAMPING, _RATIO, _DELAY = range(5)
+_STEEPEST = 0.9
+"""Greatest change of the compliance over half of the travel, as a share of that in its middle."""
+_WINDOW_BINS = 1.5
+"""Bins of a Hann window that are one independent one."""
+_LEAST_FREQUENCIES = 10
+_LEAST_SHARE = 1e-5
+_FEW = 400
+"""Frequencies on which the first valley is looked for."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class TwoMassFit:
-    """Inertias and resonance of the axis.
+    """Inertias and resonance of the axis, in the middle of the recorded travel.
 
     Attributes:
         inertia: J1 + J2 at the motor, kg m^2.
@@ -28,7 +38,10 @@ class TwoMassFit:
         antiresonance_damping, resonance_damping: damping ratios, 1.
         table_share: J2 / (J1 + J2) = 1 - (w_a / w_r)^2, 1.
         delay: of the torque path, s.
-        reduced_chi2: 1 where the response scatters as its coherence says.
+        viscous: D of (5.3.19), between motor and ground, N m s/rad.
+        place_rad: angle of the motor to which the modes belong.
+        reduced_chi2: 1 where the response scatters as its errors say; what it scatters beyond its
+            coherence counts as error.
     """
 
     inertia: Identified
@@ -38,36 +51,55 @@ class TwoMassFit:
     resonance_damping: Identified
     table_share: Identified
     delay: Identified
+    viscous: Identified
+    place_rad: float
     reduced_chi2: float
-    _values: Floats
+    model: TwoMasses
 
     def response(self, frequency_hz: Floats) -> Complexes:
         """The fitted motor speed over torque, without sampling, rad/(s N m), (n,)."""
-        return _speed_over_torque(self._values, frequency_hz)
+        return self.model.speed_over_torque(frequency_hz)
 
 
-def fit_two_mass(measured: FrequencyResponse) -> TwoMassFit:
-    """Fit omega / torque = 1 / (J s) N(s) / D(s) exp(-s T).
+def fit_two_mass(measured: FrequencyResponse | Sequence[FrequencyResponse]) -> TwoMassFit:
+    """Fit omega / torque = 1 / (J s + D) N(s) / D(s) exp(-s T).
 
-    N = s^2 / w_a^2 + 2 z s / w_a + 1 and D with w_r and z w_r / w_a, for one damper makes both. As
-    J1 and J2 are not negative, w_r / w_a = sqrt((J1 + J2) / J1) is at least 1.
+    N = s^2 / w_a^2 + 2 z s / w_a + 1 and D(s) with w_r and z w_r / w_a, for one damper makes both.
+    As J1 and J2 are not negative, w_r / w_a = sqrt((J1 + J2) / J1) is at least 1. With responses at
+    several places the compliance may change linearly along the travel.
 
     Args:
-        measured: of `drive_response`, within the frequencies to be fitted.
+        measured: of `drive_response` or `drive_responses_along`, within the frequencies to be
+            fitted.
 
     Raises:
         ValueError: fewer than ten frequencies.
     """
-    frequency = measured.frequency_hz
-    if len(frequency) < 10:
-        raise ValueError(f"{len(frequency)} coherent frequencies; a two-mass fit needs 10 or more")
-    error = np.hypot(measured.relative_error, LEAST_ERROR)
-
-    def residual(values: Floats) -> Floats:
-        share = np.log(_windowed(values, measured) / measured.response) / error
-        return np.concatenate((share.real, share.imag))
-
-    fit = fit_profiled(residual, _unknowns(measured), _starts(measured))
+    places = [measured] if isinstance(measured, FrequencyResponse) else list(measured)
+    count = sum(len(place.frequency_hz) for place in places)
+    if count < _LEAST_FREQUENCIES:
+        raise ValueError(
+            f"{count} coherent frequencies; a two-mass fit needs {_LEAST_FREQUENCIES} or more"
+        )
+    places = [place for place in places if len(place.frequency_hz)]
+    known = np.concatenate([place.place_rad for place in places])
+    centre_rad = float(np.mean(known)) if len(known) else math.nan
+    unknowns = _unknowns(places, centre_rad)
+    misfit = _misfit(places, centre_rad)
+    error = _error(places)
+    first = _first_values(places, centre_rad, unknowns)
+    first = best_values(
+        lambda values: misfit(values) / np.hypot(error, _FIRST_ERROR), unknowns, [first]
+    )
+    share = unexplained_share(misfit(first), error, np.ones_like(error), len(unknowns))
+    error = np.hypot(error, max(share, _LEAST_SHARE))
+    windowed = any(place.resolution_hz > 0.0 for place in places)
+    fit = fit_profiled(
+        lambda values: misfit(values) / error,
+        unknowns,
+        [first],
+        2.0 * count / (_WINDOW_BINS if windowed else 1.0),
+    )
     found = fit.parameters
     notch, damping, ratio = found["antiresonance"], found["damping"], found["ratio"]
     return TwoMassFit(
@@ -78,103 +110,90 @@ def fit_two_mass(measured: FrequencyResponse) -> TwoMassFit:
         resonance_damping=_product(damping, ratio),
         table_share=_table_share(ratio),
         delay=found["delay"],
+        viscous=found["viscous"],
+        place_rad=centre_rad,
         reduced_chi2=fit.reduced_chi2,
-        _values=fit.values,
+        model=TwoMasses(*fit.values.tolist()),
     )
 
 
-def _unknowns(measured: FrequencyResponse) -> list[Unknown]:
-    inertia = _low_frequency_inertia(measured)
-    low_hz, high_hz = float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])
-    return [
+def _misfit(places: Sequence[FrequencyResponse], centre_rad: float) -> Residual:
+    """Logarithm of model over measurement, real and imaginary parts one after the other."""
+    sights = [Sight.of(place, centre_rad) for place in places]
+    responses = np.concatenate([place.response for place in places])
+
+    def misfit(values: Floats) -> Floats:
+        model = TwoMasses(*values.tolist())
+        whole = np.log(np.concatenate([sight.response(model) for sight in sights]) / responses)
+        return np.concatenate((whole.real, whole.imag))
+
+    return misfit
+
+
+def _first_values(
+    places: Sequence[FrequencyResponse], centre_rad: float, unknowns: Sequence[Unknown]
+) -> Floats:
+    """The best valley of all starts, on few frequencies."""
+    count = sum(len(place.frequency_hz) for place in places)
+    few = [place.every(max(count // _FEW, 1)) for place in places]
+    misfit = _misfit(few, centre_rad)
+    error = np.hypot(_error(few), _FIRST_ERROR)
+    starts = [start[: len(unknowns)] for start in _starts(places)]
+    return best_values(lambda values: misfit(values) / error, unknowns, starts)
+
+
+def _error(places: Sequence[FrequencyResponse]) -> Floats:
+    """Standard deviations of the misfit, by coherence."""
+    return np.tile(np.concatenate([place.relative_error for place in places]), 2)
+
+
+def _unknowns(places: Sequence[FrequencyResponse], centre_rad: float) -> list[Unknown]:
+    inertia = _low_frequency_inertia(places)
+    low_hz = min(float(place.frequency_hz[0]) for place in places)
+    high_hz = max(float(place.frequency_hz[-1]) for place in places)
+    unknowns = [
         Unknown("inertia", inertia / 20.0, inertia * 20.0, "kg m^2", logarithmic=True),
         Unknown("antiresonance", low_hz, _BEYOND * high_hz, "Hz", logarithmic=True),
         Unknown("damping", 1e-3, 1.0, "1", logarithmic=True),
         Unknown("ratio", 1.0, 10.0, "1", floor=1.0),
         Unknown("delay", -5e-3, 2e-2, "s"),
+        Unknown("viscous", 0.0, 2.0 * math.pi * low_hz * inertia, "N m s/rad", floor=0.0),
     ]
+    reach_rad = max(
+        float(np.max(np.abs(place.place_rad - centre_rad) + place.spread_rad, initial=0.0))
+        for place in places
+    )
+    if len(places) > 1 and reach_rad > 0.0:
+        steepest = _STEEPEST / reach_rad
+        unknowns.append(Unknown("slope", -steepest, steepest, "1/rad"))
+    return unknowns
 
 
-def _starts(measured: FrequencyResponse) -> list[Floats]:
+def _starts(places: Sequence[FrequencyResponse]) -> list[Floats]:
     """A notch where the response shows one, near the end of the band, and beyond it."""
-    high_hz = float(measured.frequency_hz[-1])
-    notches_hz = (_deepest_hz(measured), 0.5 * high_hz, high_hz, 0.5 * _BEYOND * high_hz)
+    inertia = _low_frequency_inertia(places)
+    high_hz = max(float(place.frequency_hz[-1]) for place in places)
+    notches_hz = (_deepest_hz(places), 0.5 * high_hz, high_hz, 0.5 * _BEYOND * high_hz)
     return [
-        np.array([_low_frequency_inertia(measured), notch_hz, 0.05, ratio, 0.0])
+        np.array([inertia, notch_hz, 0.05, ratio, 0.0, 0.0, 0.0])
         for notch_hz in notches_hz
         for ratio in (1.05, 1.5)
     ]
 
 
-def _speed_over_torque(values: Floats, frequency_hz: Floats) -> Complexes:
-    """1 / (J s) + s (1 / w_a^2 - 1 / w_r^2) / (J D), delayed: the same as 1 / (J s) N / D."""
-    s = 2j * math.pi * frequency_hz
-    peak, damping, share = _mode(values)
-    flexible = share * s / ((s / peak) ** 2 + 2.0 * damping * s / peak + 1.0)
-    response: Complexes = (1.0 / s + flexible) / values[_INERTIA] * np.exp(-s * values[_DELAY])
-    return response
-
-
-def _windowed(values: Floats, measured: FrequencyResponse) -> Complexes:
-    """The model as a Hann window smooths it, (n,).
-
-    The window's power spectrum has a variance of a third of a bin squared, as the weights 1/6, 2/3,
-    1/6 of neighbouring bins have; unless it is allowed for, a resonance seems to be damped more.
-    """
-    frequency, step = measured.frequency_hz, measured.resolution_hz
-    if step == 0.0:
-        return _sampled(values, measured, frequency)
-    below, above = np.maximum(frequency - step, 0.5 * frequency), frequency + step
-    response: Complexes = (
-        _sampled(values, measured, below)
-        + 4.0 * _sampled(values, measured, frequency)
-        + _sampled(values, measured, above)
-    ) / 6.0
-    return response
-
-
-def _sampled(values: Floats, measured: FrequencyResponse, frequency_hz: Floats) -> Complexes:
-    """The model as `drive_response` sees it: the flexible part's angle to a held torque, (n,).
-
-    1 / D held over T is (b1 z + b2) / (z^2 + a1 z + a2) (Franklin, Powell and Workman, Digital
-    Control of Dynamic Systems, 1998, table 4.3).
-    """
-    if not measured.hold:
-        return _speed_over_torque(values, frequency_hz)
-    s = 2j * math.pi * frequency_hz
-    z = np.exp(s * measured.period_s)
-    peak, damping, share = _mode(values)
-    decay = math.exp(-damping * peak * measured.period_s)
-    root = math.sqrt(max(1.0 - damping**2, 1e-12))
-    turn = peak * root * measured.period_s
-    lag = damping / root * math.sin(turn)
-    b1 = 1.0 - decay * (math.cos(turn) + lag)
-    b2 = decay**2 + decay * (lag - math.cos(turn))
-    held = (b1 * z + b2) / (z**2 - 2.0 * decay * math.cos(turn) * z + decay**2)
-    differenced = share * held * (1.0 - 1.0 / z) / measured.period_s
-    flexible = differenced * sampling_correction(frequency_hz, measured.period_s, True)
-    response: Complexes = (1.0 / s + flexible) / values[_INERTIA] * np.exp(-s * values[_DELAY])
-    return response
-
-
-def _mode(values: Floats) -> tuple[float, float, float]:
-    """w_r in rad/s, its damping ratio, and 1 / w_a^2 - 1 / w_r^2 in s^2."""
-    notch = 2.0 * math.pi * float(values[_NOTCH])
-    ratio = float(values[_RATIO])
-    damping = min(float(values[_DAMPING]) * ratio, 1.0 - 1e-6)
-    return notch * ratio, damping, (1.0 - ratio**-2) / notch**2
-
-
-def _low_frequency_inertia(measured: FrequencyResponse) -> float:
+def _low_frequency_inertia(places: Sequence[FrequencyResponse]) -> float:
     """Inertia that the lowest quarter of the frequencies shows, kg m^2."""
-    turning = 2.0 * math.pi * measured.frequency_hz * np.abs(measured.response)
-    return float(np.median(1.0 / turning[: max(len(turning) // 4, 1)]))
+    frequency = np.concatenate([place.frequency_hz for place in places])
+    response = np.concatenate([place.response for place in places])
+    order = np.argsort(frequency)[: max(len(frequency) // 4, 1)]
+    return float(np.median(1.0 / (2.0 * math.pi * frequency[order] * np.abs(response[order]))))
 
 
-def _deepest_hz(measured: FrequencyResponse) -> float:
+def _deepest_hz(places: Sequence[FrequencyResponse]) -> float:
     """Frequency where the response falls furthest below that of a rigid axis, Hz."""
-    above_rigid = np.abs(measured.response) * measured.frequency_hz
-    return float(measured.frequency_hz[np.argmin(above_rigid)])
+    frequency = np.concatenate([place.frequency_hz for place in places])
+    response = np.concatenate([place.response for place in places])
+    return float(frequency[np.argmin(np.abs(response) * frequency)])
 
 
 def _product(first: Identified, second: Identified) -> Identified:

@@ -44,6 +44,7 @@ from .plant import (
 from .tables import misreading, nut_shift
 
 SUBSTEP_RATE_HZ = 16_000.0
+AMBIENT_C = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +142,8 @@ class FeedDrive:
             drag_nm: drag of the screw, N m, (n,); that of the preload unless given.
             external_force_n: force on the table, N, positive along x, (n,); none unless given.
             added_mass_kg: on the table beside the plant's own, kg, (n,); none unless given.
-            temperature_c: of the nut, degC, (n,); 20 unless given.
+            temperature_c: of the nut's housing, degC, (n,); unless given `AMBIENT_C`, and what the
+                effects warm it up by.
 
         Raises:
             ValueError: an input has another length, or holds a value that is not finite.
@@ -155,12 +157,13 @@ class FeedDrive:
             "drag_nm": drag_nm,
             "external_force_n": np.zeros(count) if external_force_n is None else external_force_n,
             "added_mass_kg": np.zeros(count) if added_mass_kg is None else added_mass_kg,
-            "temperature_c": np.full(count, 20.0) if temperature_c is None else temperature_c,
         }
-        for name, values in given.items():
-            _require_finite(name, values, (count,))
         time_s = np.arange(self._sample, self._sample + count) / self.settings.rate_hz
         by_time = self._forward.over_time(time_s)
+        warmed_c = AMBIENT_C + by_time.temperature_rise_k
+        given["temperature_c"] = warmed_c if temperature_c is None else temperature_c
+        for name, values in given.items():
+            _require_finite(name, values, (count,))
         noise = self._random.standard_normal((count, NOISES))
         inputs = Inputs(
             setpoints=setpoints,

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from ..messages.channels import CHANNELS, TIME
-from .ball_screw import transmission_ratio
+from .ball_screw import BallPassOrders, ball_pass_orders, transmission_ratio
 from .commissioned import CommissionedConfig
 
 DEFAULT_TOLERANCE = 0.01
@@ -40,7 +40,11 @@ AnyQuantity = Annotated[Quantity, BeforeValidator(_as_quantity)]
 
 
 class AxisConfig(_Table):
-    """`[axis]`: geometry and limits. Only the lead is needed; what is missing is said."""
+    """`[axis]`: geometry and limits. Only the lead is needed; what is missing is said.
+
+    The balls (their diameter, the circle of their centres, the angle at which they touch, their
+    number per turn of a track) give the orders at which they pass.
+    """
 
     name: str = "X"
     lead_m: float = Field(gt=0.0, le=1.0)
@@ -49,9 +53,22 @@ class AxisConfig(_Table):
     screw_length_m: float | None = Field(None, gt=0.0)
     dynamic_load_rating_n: float | None = Field(None, gt=0.0)
     bearing_arrangement: Literal["fixed-free", "fixed-fixed"] = "fixed-free"
+    ball_diameter_m: float | None = Field(None, gt=0.0)
+    ball_circle_m: float | None = Field(None, gt=0.0)
+    contact_angle_deg: float = Field(45.0, ge=0.0, lt=90.0)
+    balls_per_turn: float | None = Field(None, gt=0.0)
     max_speed_rad_s: float | None = Field(None, gt=0.0)
     max_torque_nm: float | None = Field(None, gt=0.0)
     max_acceleration_m_s2: float | None = Field(None, gt=0.0)
+
+    @model_validator(mode="after")
+    def _check_balls(self) -> "AxisConfig":
+        if self.ball_diameter_m and self.ball_circle_m:
+            if self.ball_diameter_m >= self.ball_circle_m:
+                raise ValueError("ball_diameter_m must be less than ball_circle_m")
+        elif self.balls_per_turn and not (self.ball_diameter_m or self.ball_circle_m):
+            raise ValueError("balls_per_turn needs ball_diameter_m and ball_circle_m")
+        return self
 
 
 class ModelConfig(_Table):
@@ -128,6 +145,20 @@ class Machine(_Table):
     def transmission_ratio_m_per_rad(self) -> float:
         """Table travel per radian of the screw, m/rad (4.3.5)."""
         return transmission_ratio(self.axis.lead_m)
+
+    @property
+    def ball_pass_orders(self) -> BallPassOrders | None:
+        """Orders at which the balls pass; None where the file does not know the balls."""
+        axis = self.axis
+        if axis.ball_diameter_m is None or axis.ball_circle_m is None:
+            return None
+        return ball_pass_orders(
+            axis.ball_diameter_m,
+            axis.ball_circle_m,
+            axis.lead_m,
+            math.radians(axis.contact_angle_deg),
+            axis.balls_per_turn,
+        )
 
     @property
     def other_drag_nm(self) -> Quantity:

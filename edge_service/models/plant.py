@@ -42,7 +42,8 @@ class Plant(NamedTuple):
         motor_inertia_kg_m2: J1, rotor, coupling and screw.
         screw_rigidity_n: A E of the screw; `far_end_fixed` is 1.0 for fixed-fixed, else 0.0.
         nut_catalogue_n_per_m: K of (5.3.11).
-        support_compliance_m_per_n: bearing with its support, and coupling through the lead.
+        bearing_compliance_m_per_n: one fixed bearing with its support.
+        further_compliance_m_per_n: wherever the nut is: the coupling through the lead.
         damping_n_s_per_m: structural damping c parallel to the spring.
         speed_lag_s: time constant of the drive's speed filters.
         stretch_zero_m: s where x1 = x2, before any shift of the nut.
@@ -63,7 +64,8 @@ class Plant(NamedTuple):
     screw_length_m: float
     far_end_fixed: float
     nut_catalogue_n_per_m: float
-    support_compliance_m_per_n: float
+    bearing_compliance_m_per_n: float
+    further_compliance_m_per_n: float
     damping_n_s_per_m: float
     bearing_drag_nm: float
     guide_force_n: float
@@ -109,12 +111,16 @@ class Load(NamedTuple):
 
 @compiled
 def axial_compliance(plant: Plant, position_m: float, preload_percent: float) -> float:
-    """Compliance of all springs in series, m/N (5.3.1)."""
+    """Compliance of all springs in series, m/N (5.3.2)."""
     compliance = (
-        plant.support_compliance_m_per_n
+        plant.further_compliance_m_per_n
         + plant.compliance_slope_per_n * position_m
         + screw_compliance(
-            position_m, plant.screw_rigidity_n, plant.screw_length_m, plant.far_end_fixed
+            position_m,
+            plant.screw_rigidity_n,
+            plant.screw_length_m,
+            plant.far_end_fixed,
+            plant.bearing_compliance_m_per_n,
         )
         + 1.0 / nut_stiffness(plant.nut_catalogue_n_per_m, preload_percent)
     )

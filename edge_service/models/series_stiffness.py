@@ -22,6 +22,7 @@ from .stiffness import (
     catalogue_nut_stiffness,
     nut_stiffness,
     screw_area,
+    screw_compliance,
 )
 
 DATA_SHEET_TOLERANCE = 0.1
@@ -204,22 +205,18 @@ def series_stiffness(springs: AxialSprings, position_m: Floats) -> StiffnessCurv
 
 def _compliances(springs: AxialSprings, position_m: Floats) -> dict[str, tuple[Floats, float]]:
     """Part of each spring in the compliance, m/N, (n,), and its relative tolerance."""
-    arms = [position_m]
-    if springs.bearing_arrangement == "fixed-fixed":
-        arms.append(springs.screw_length_m - position_m)
-    rod, bearing = 1.0 / springs.screw_rigidity_n.value, 1.0 / springs.bearing_n_per_m.value
-    end_stiffness = [1.0 / (bearing + arm * rod) for arm in arms]
-    weights = [(end / sum(end_stiffness)) ** 2 for end in end_stiffness]
+    rigidity, bearing = springs.screw_rigidity_n.value, 1.0 / springs.bearing_n_per_m.value
+    length, far = springs.screw_length_m, float(springs.bearing_arrangement == "fixed-fixed")
+    held = np.array([screw_compliance(a, rigidity, length, far, bearing) for a in position_m])
+    near = held / (bearing + position_m / rigidity)  # share of the load in each arm
+    of_bearings = bearing * (near**2 + (1.0 - near) ** 2)
     through_screw = springs.ratio_m_per_rad**2
     coupling, nut = springs.coupling_nm_per_rad, springs.nut_n_per_m
     everywhere = np.ones_like(position_m)
     parts = {
         "coupling": (through_screw / coupling.value * everywhere, coupling.tolerance),
-        "bearing": (bearing * np.sum(weights, axis=0), springs.bearing_n_per_m.tolerance),
-        "screw": (
-            rod * np.sum([w * arm for w, arm in zip(weights, arms, strict=True)], axis=0),
-            springs.screw_rigidity_n.tolerance,
-        ),
+        "bearing": (of_bearings, springs.bearing_n_per_m.tolerance),
+        "screw": (held - of_bearings, springs.screw_rigidity_n.tolerance),
         "nut": (everywhere / nut.value, nut.tolerance),
     }
     twist = springs.torsional_rigidity_nm2

@@ -44,14 +44,25 @@ def screw_torsional_rigidity(diameter_m: float) -> float:
 
 @compiled
 def screw_compliance(
-    position_m: float, axial_rigidity_n: float, length_m: float, far_end_fixed: float
+    position_m: float,
+    axial_rigidity_n: float,
+    length_m: float,
+    far_end_fixed: float,
+    bearing_m_per_n: float = 0.0,
 ) -> float:
-    """Axial compliance of the screw at the nut, m/N (5.3.9, 5.3.10).
+    """Axial compliance of the screw in its bearings at the nut, m/N (5.3.2, 5.3.9, 5.3.10).
 
-    Fixed-free: a / (A E). Fixed-fixed: a (L - a) / (A E L). `position_m` is the distance a of the
-    nut from the fixed bearing, `axial_rigidity_n` is A E, `far_end_fixed` is 0.0 or 1.0.
-    The L of (5.3.9) is this a. The seed lets the fixed-free stiffness fall "linearly" along the
-    screw; it is the compliance that grows linearly.
+    Each held end is an arm: the bearing with its support and a rod of A E. Fixed-free has one,
+    c + a / (A E); fixed-fixed has two side by side, of the lengths a and L - a. Without the
+    compliance c of a bearing they are (5.3.9), a / (A E), and (5.3.10), a (L - a) / (A E L); the L
+    of (5.3.9) is this a, and b of (5.3.10) is L - a. The seed lets the fixed-free stiffness fall
+    "linearly" along the screw; it is the compliance that grows linearly.
+
+    Args:
+        position_m: a, of the nut from the fixed bearing.
+        axial_rigidity_n: A E.
+        far_end_fixed: 0.0 or 1.0.
+        bearing_m_per_n: c, of one fixed bearing with its support.
 
     >>> round(1.0 / screw_compliance(0.5, 6.4e7, 1.0, 0.0) / 1e8, 3)
     1.28
@@ -59,7 +70,11 @@ def screw_compliance(
     2.56
     """
     reach = min(max(position_m, 0.0), length_m)
-    return reach * (1.0 - far_end_fixed * reach / length_m) / axial_rigidity_n
+    near = bearing_m_per_n + reach / axial_rigidity_n
+    if far_end_fixed == 0.0:
+        return near
+    far = bearing_m_per_n + (length_m - reach) / axial_rigidity_n
+    return near * far / (near + far)
 
 
 @compiled

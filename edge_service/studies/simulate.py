@@ -1,24 +1,27 @@
-"""`edge-service simulate`: a recording of the simulated axis with any set of effects."""
+"""`edge-service simulate`: recordings of the simulated axis with any set of effects."""
 
+import contextlib
 import math
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..messages.channels import CHANNELS
-from ..models.effects.effect import ActiveEffect
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
-from ..models.motion import MOTIONS, Segment, Setpoints, motion_limits
+from ..models.motion import MotionLimits, motion_limits
 from ..models.stiffness import CATALOGUE_PRELOAD_PERCENT
-from ..trace.writer import TraceWriter
+from ..trace.columns import TraceError
+from ..trace.writer import TraceFormat, TraceWriter
+from .commanded_motion import CommandedMotion, MotionWish
 
-ENDLESS_DURATION_S = 60.0
-"""Duration of an endless motion unless one is given."""
 _BLOCK_S = 10.0
+_NUMBERED = re.compile(r"[0-9]{2,}_.+\.(csv|parquet|mcap)")
+Progress = Callable[[str], None]
 
 
 class SimulationError(Exception):
@@ -30,7 +33,7 @@ class SimulationSettings:
     """What is simulated.
 
     Attributes:
-        motion: name of the commanded motion.
+        motion: name of the commanded motion, or NAME:duration_s=SECONDS.
         effects: beyond those of the machine file, each as NAME[:key=value,...].
         duration_s: axis time; the motion's own unless given.
         preload_percent: of the dynamic load rating; the machine file's fresh preload unless given.
@@ -50,10 +53,7 @@ class SimulationSettings:
 
 
 def simulate(
-    machine: Machine,
-    settings: SimulationSettings,
-    out: Path,
-    progress: Callable[[str], None] = lambda _line: None,
+    machine: Machine, settings: SimulationSettings, out: Path, progress: Progress = lambda _: None
 ) -> str:
     """Write the recording to `out`, .csv or .parquet, and return a line that tells what it is.
 
@@ -61,33 +61,108 @@ def simulate(
         SimulationError: an unknown motion or effect, or a number that cannot be.
         TraceError: `out` cannot be written.
     """
-    _check_numbers(settings)
-    preload_percent = _preload_percent(machine, settings.preload_percent)
-    effects = _effects(settings.effects)
-    setpoints, count = _commanded(machine, settings)
+    axis = _Axis.of_machine(machine, settings)
     try:
-        drive_settings = FeedDriveSettings.of_machine(machine, settings.rate_hz, effects)
-        home_m = motion_limits(machine).low_m
-        drive = FeedDrive(drive_settings, home_m, preload_percent, settings.seed)
+        wish = MotionWish.parse(settings.motion, settings.duration_s)
+        commanded = wish.cut_off(axis.limits, settings.rate_hz, axis.random(1))
     except ValueError as error:
         raise SimulationError(str(error)) from error
-    block = round(_BLOCK_S * settings.rate_hz)
     with TraceWriter(out, tuple(CHANNELS)) as writer:
+        axis.record(commanded, writer, progress)
+    return axis.told(commanded, out)
+
+
+def simulate_session(
+    machine: Machine,
+    settings: SimulationSettings,
+    motions: Sequence[str],
+    out: Path,
+    file_format: TraceFormat = TraceFormat.CSV,
+    progress: Progress = lambda _: None,
+) -> str:
+    """Run motions one after another on one axis, each into a file of the folder `out`.
+
+    Warm-up, clock and noise carry on from file to file, as in a session at a machine; each motion
+    begins and ends at rest at home. The files are called 01_friction.csv, 02_warmup.csv, ..., and
+    appear once all are recorded.
+
+    Args:
+        settings: of the axis; its own motion and duration are not used.
+        motions: each NAME, or NAME:duration_s=SECONDS.
+
+    Returns:
+        A line on each file.
+
+    Raises:
+        SimulationError: as `simulate` does, or the folder holds recordings of another session.
+        TraceError: a file cannot be written.
+    """
+    axis = _Axis.of_machine(machine, settings)
+    try:
+        session = [
+            MotionWish.parse(motion).and_home(axis.limits, settings.rate_hz, axis.random(number))
+            for number, motion in enumerate(motions, start=1)
+        ]
+    except ValueError as error:
+        raise SimulationError(str(error)) from error
+    paths = _numbered(out, [each.name for each in session], file_format)
+    with contextlib.ExitStack() as files:
+        writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
+        for commanded, writer in zip(session, writers, strict=True):
+            axis.record(commanded, writer, progress)
+    return "\n".join(
+        axis.told(commanded, path) for commanded, path in zip(session, paths, strict=True)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Axis:
+    """The simulated axis, at home, under the conditions of the settings."""
+
+    drive: FeedDrive
+    limits: MotionLimits
+    preload_percent: float
+    settings: SimulationSettings
+
+    @classmethod
+    def of_machine(cls, machine: Machine, settings: SimulationSettings) -> "_Axis":
+        _check_numbers(settings)
+        preload_percent = _preload_percent(machine, settings.preload_percent)
+        try:
+            effects = [parse_effect(text) for text in settings.effects]
+            drive_settings = FeedDriveSettings.of_machine(machine, settings.rate_hz, effects)
+            limits = motion_limits(machine)
+            drive = FeedDrive(drive_settings, limits.low_m, preload_percent, settings.seed)
+        except ValueError as error:
+            raise SimulationError(str(error)) from error
+        return cls(drive, limits, preload_percent, settings)
+
+    def random(self, number: int) -> np.random.Generator:
+        """What is left to chance in the motion of this number, from 1 on."""
+        return np.random.default_rng((self.settings.seed, number))
+
+    def record(self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress) -> None:
+        """Run a motion and write what the drive reports."""
+        settings, count = self.settings, commanded.count
+        block = round(_BLOCK_S * settings.rate_hz)
         for done in range(0, count, block):
             rows = min(block, count - done)
-            frame = drive.advance(
-                setpoints.take(rows),
-                np.full(rows, preload_percent),
+            frame = self.drive.advance(
+                commanded.setpoints.take(rows),
+                np.full(rows, self.preload_percent),
                 external_force_n=np.full(rows, settings.external_force_n),
                 added_mass_kg=np.full(rows, settings.added_mass_kg),
             )
             writer.write(frame)
             progress(f"{(done + rows) / settings.rate_hz:.0f} of {count / settings.rate_hz:.0f} s")
-    present = ", ".join(each.effect.name for each in drive_settings.effects) or "none"
-    return (
-        f"{out}: {count} rows, {count / settings.rate_hz:g} s of {settings.motion} "
-        f"at {preload_percent:.3g} % preload; effects: {present}"
-    )
+
+    def told(self, commanded: CommandedMotion, out: Path) -> str:
+        """What a recording is, for people."""
+        present = ", ".join(each.effect.name for each in self.drive.settings.effects) or "none"
+        return (
+            f"{out}: {commanded.count} rows, {commanded.count / self.settings.rate_hz:g} s of "
+            f"{commanded.name} at {self.preload_percent:.3g} % preload; effects: {present}"
+        )
 
 
 def _preload_percent(machine: Machine, wanted: float | None) -> float:
@@ -103,32 +178,19 @@ def _preload_percent(machine: Machine, wanted: float | None) -> float:
     return wanted
 
 
-def _effects(texts: Sequence[str]) -> list[ActiveEffect]:
+def _numbered(out: Path, names: Sequence[str], file_format: TraceFormat) -> list[Path]:
+    """A file for each motion in the folder `out`, which is made."""
+    paths = [out / f"{k:02}_{name}.{file_format}" for k, name in enumerate(names, start=1)]
     try:
-        return [parse_effect(text) for text in texts]
-    except ValueError as error:
-        raise SimulationError(str(error)) from error
-
-
-def _commanded(machine: Machine, settings: SimulationSettings) -> tuple[Setpoints, int]:
-    """The motion's setpoints and how many of them are wanted."""
-    if settings.motion not in MOTIONS:
-        known = ", ".join(sorted(MOTIONS))
-        raise SimulationError(f"motion: {settings.motion!r} is none of {known}")
-    motion, rate_hz = MOTIONS[settings.motion], settings.rate_hz
-    try:
-        limits = motion_limits(machine)
-        segments: Iterable[Segment] = motion(limits, np.random.default_rng((settings.seed, 1)))
-        duration_s = settings.duration_s
-        if duration_s is None and motion.duration_s(limits) is None:
-            duration_s = ENDLESS_DURATION_S
-    except ValueError as error:
-        raise SimulationError(str(error)) from error
-    if duration_s is not None:
-        return Setpoints(iter(segments), limits.low_m, rate_hz), round(duration_s * rate_hz)
-    segments = tuple(segments)
-    count = sum(math.ceil(segment.duration_s * rate_hz) for segment in segments)
-    return Setpoints(iter(segments), limits.low_m, rate_hz), count
+        out.mkdir(parents=True, exist_ok=True)
+        there = {path for path in out.iterdir() if _NUMBERED.fullmatch(path.name)}
+    except OSError as error:
+        raise TraceError(f"{out}: no folder for recordings ({error.strerror})") from None
+    if strange := sorted(there - set(paths)):
+        raise SimulationError(
+            f"{strange[0]}: is of another session; expected a new folder, or the same files"
+        )
+    return paths
 
 
 def _check_numbers(settings: SimulationSettings) -> None:
@@ -136,6 +198,3 @@ def _check_numbers(settings: SimulationSettings) -> None:
         raise SimulationError(f"added mass: expected 0 kg or more, got {settings.added_mass_kg:g}")
     if not math.isfinite(settings.external_force_n):
         raise SimulationError(f"external force: expected newtons, got {settings.external_force_n}")
-    duration_s = settings.duration_s
-    if duration_s is not None and not 1.0 / settings.rate_hz <= duration_s < math.inf:
-        raise SimulationError(f"duration: expected a sample or more, got {duration_s:g} s")

@@ -22,7 +22,7 @@ from edge_service.fingerprint.section import Section, Status, mean_of, rounded_r
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.registry import parse_effect
-from edge_service.models.feed_drive import FeedDriveSettings
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Dwell, Move, Segment, motion_limits
 from edge_service.models.plant import axial_compliance
@@ -183,6 +183,27 @@ def test_one_encoder_leaves_the_transmission_undetermined(
     assert sections["frequency_response"].status is Status.UNDETERMINED
     assert sections["friction"].status is Status.DETERMINED
     assert sections["inertia"].figures["inertia_kg_m2"].holds(INERTIA)
+
+
+def test_two_friction_tests_of_one_axis_show_what_warming_up_changed(machine: Machine) -> None:
+    """Figure 5.11 with s(v) F exp(-t / tau) put in; the second test begins where the first ends."""
+    excess_nm, tau_s = 0.1, 40.0
+    warming = [parse_effect(f"warmup:excess_nm={excess_nm},time_constant_s={tau_s}")]
+    settings = FeedDriveSettings.of_machine(machine, effects=warming)
+    setpoints = setpoints_of(friction_moves(), motion_limits(machine).low_m)
+    axis = FeedDrive(settings, float(setpoints[0, 0]), FRESH, 1)
+    tests = {name: axis.advance(setpoints, np.full(len(setpoints), FRESH)) for name in ("a", "b")}
+    section = fingerprint_axis(machine, tests).sections["friction_runs"]
+    cold, warm = section.curves
+    later_s = len(setpoints) / 1000.0
+    for rpm in (60, 300, 1200):
+        at_speed = np.abs(np.abs(setpoints[:, 1]) - rpm / 60.0 * 0.02) < 1e-6
+        faded = excess_nm * np.mean(np.exp(-np.flatnonzero(at_speed) / 1000.0 / tau_s))
+        change = section.figures[f"change_at_{rpm}_rpm_nm"]
+        assert change.value == pytest.approx(faded * math.expm1(-later_s / tau_s), rel=0.03)
+    assert np.all(warm.y < cold.y)
+    alone = fingerprint_axis(machine, {"a": tests["a"]})
+    assert "friction_runs" not in alone.sections
 
 
 def test_a_document_comes_back_as_it_was(worn: AxisFingerprint, tmp_path: Path) -> None:

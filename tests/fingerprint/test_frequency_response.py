@@ -11,15 +11,18 @@ from edge_service.fingerprint.frequency_response import (
     FrequencyResponse,
     ResponseSettings,
     drive_response,
+    drive_responses_along,
     transmission_response,
 )
 from edge_service.fingerprint.two_mass_fit import TwoMassFit, fit_two_mass
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings
+from edge_service.models.machine import Machine
+from edge_service.models.motion import MOTIONS, motion_limits
 from edge_service.models.plant import axial_compliance
 
-from .conftest import FRESH, run_axis
+from .conftest import FRESH, run_axis, setpoints_of
 
 INERTIA, NOTCH_HZ, DAMPING, RATIO = 1.5e-3, 150.0, 0.03, 1.2
 
@@ -162,6 +165,64 @@ def test_the_simulated_drive_has_the_modes_of_its_plant(settings: FeedDriveSetti
     assert abs(found.delay.value) < 2e-5
     ratio = np.abs(transmission_response([settled]).within(10.0, 20.0).response)
     assert np.median(ratio) == pytest.approx(plant.ratio_m_per_rad, rel=0.01)
+
+
+def recorded(settings: FeedDriveSettings, machine: Machine, motion: str, seed: int) -> SampleFrame:
+    limits = motion_limits(machine)
+    segments = MOTIONS[motion].plan(limits, np.random.default_rng((seed, 1))).segments
+    return run_axis(settings, setpoints_of(segments, limits.low_m), seed)
+
+
+@pytest.mark.parametrize(("motion", "tolerance"), [("multisine", 0.015), ("chirp", 0.03)])
+def test_a_resonance_that_moves_with_the_nut_is_not_damped_more(
+    bench: Machine, settings: FeedDriveSettings, motion: str, tolerance: float
+) -> None:
+    """Over the 220 and 420 mm of these tests the resonance changes by 6 and 11 %."""
+    places = drive_responses_along([recorded(settings, bench, motion, 1)])
+    found = fit_two_mass([place.within(5.0, 400.0) for place in places])
+    plant, place_m = settings.plant, found.place_rad * settings.plant.ratio_m_per_rad
+    stiffness = 1.0 / axial_compliance(plant, place_m, FRESH)
+    damping = 0.5 * plant.damping_n_s_per_m / math.sqrt(plant.table_mass_kg * stiffness)
+    notch_hz = math.sqrt(stiffness / plant.table_mass_kg) / (2.0 * math.pi)
+    assert found.antiresonance_damping.value == pytest.approx(damping, rel=tolerance)
+    assert found.antiresonance.value == pytest.approx(notch_hz, rel=2e-3)
+    assert found.inertia.value == pytest.approx(1.5e-3, rel=2e-3)
+    assert found.viscous.value == pytest.approx(5e-3, rel=0.15)
+    steeper = axial_compliance(plant, place_m + 0.1, FRESH) * stiffness - 1.0
+    per_rad = steeper / 0.1 * plant.ratio_m_per_rad
+    assert found.model.slope == pytest.approx(per_rad, rel=0.1)
+
+
+def test_whole_periods_of_a_repeated_reference_need_no_window() -> None:
+    """Twenty periods of a multisine through the model: exact at every line, in noise at none."""
+    period = multisine(1000, 3)[:, 2]
+    frequency = np.fft.rfftfreq(1000, 1e-3)
+    lines = np.flatnonzero((frequency >= 5.0) & (frequency <= 300.0))
+    torque = np.fft.rfft(period)
+    angle = np.zeros_like(torque)
+    s = 2j * math.pi * frequency[lines]
+    angle[lines] = torque[lines] * continuous(frequency[lines]) / s
+    channels = {
+        TORQUE: np.tile(period, 20),
+        ANGLE: np.tile(np.fft.irfft(angle, 1000), 20),
+        SETPOINT: np.tile(np.fft.irfft(angle, 1000), 20),
+    }
+    frame = SampleFrame(np.arange(20_000) / 1000.0, channels)
+    found = drive_response([frame], ResponseSettings(1.0, 0.5, hold=False)).within(5.0, 300.0)
+    assert found.resolution_hz == 0.0
+    assert len(found.frequency_hz) == 296
+    np.testing.assert_allclose(found.response, continuous(found.frequency_hz), rtol=1e-6)
+
+
+def test_a_sweep_passes_each_frequency_at_a_place_of_its_own() -> None:
+    time_s = np.arange(20_000) / 1000.0
+    torque = signal.chirp(time_s, 5.0, 20.0, 105.0)
+    noise = 1e-4 * np.random.default_rng(1).standard_normal(20_000)
+    frame = SampleFrame(time_s, {ANGLE: 10.0 * time_s + noise, TORQUE: torque})
+    (found,) = drive_responses_along([frame], ResponseSettings(1.0, 0.0), 1)
+    middle = found.within(20.0, 90.0)
+    expected = 10.0 * (middle.frequency_hz - 5.0) / 5.0
+    assert np.max(np.abs(middle.place_rad - expected)) < 2.0
 
 
 def test_bad_input_is_one_line() -> None:

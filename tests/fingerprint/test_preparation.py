@@ -7,6 +7,7 @@ import pytest
 
 from edge_service.fingerprint.preparation import (
     PreparationSettings,
+    central_difference,
     derivative_noise_rms,
     prepare,
     white_noise_rms,
@@ -103,7 +104,7 @@ def test_motion_is_that_of_the_formula() -> None:
 def test_standstill_and_its_surroundings_are_masked() -> None:
     time_s = even(3.0)
     angle = np.where(time_s < 1.0, 0.0, 20.0 * (time_s - 1.0))
-    frame = SampleFrame(time_s, {ANGLE: angle, TORQUE: np.zeros(3000)})
+    frame = SampleFrame(time_s, {ANGLE: angle, TORQUE: 0.1 * np.sin(time_s)})
     (run,) = prepare(frame, PreparationSettings(RATIO))
     assert not run.moving[run.time_s < 1.0].any()
     assert run.moving[run.time_s > 1.1].all()
@@ -141,6 +142,64 @@ def test_a_linear_encoder_stands_in_for_the_rotary_one() -> None:
     )
     np.testing.assert_allclose(run.speed_rad_s, expected.speed_rad_s, rtol=1e-9, atol=1e-9)
     assert TABLE_POSITION not in run.channels
+
+
+def test_a_stuck_channel_parts_the_recording_while_the_axis_moves() -> None:
+    """A third of a second of one torque, and of one angle; at rest a repeat is none."""
+    frame = sine(even(6.0))
+    stuck = {name: values.copy() for name, values in frame.channels.items()}
+    stuck[TABLE_POSITION] = RATIO * frame.channels[ANGLE]
+    stuck[TORQUE][2000:2300] = stuck[TORQUE][2000]
+    stuck[ANGLE][4000:4300] = stuck[ANGLE][4000]
+    runs = list(uniform_runs(SampleFrame(frame.time_s, stuck), (ANGLE, TORQUE, TABLE_POSITION)))
+    assert [len(run) for run in runs] == [2000, 1700, 1700]
+    still = {ANGLE: np.zeros(2000), TORQUE: np.zeros(2000)}
+    (run,) = uniform_runs(SampleFrame(even(2.0), still), (ANGLE, TORQUE))
+    assert len(run) == 2000
+
+
+def test_a_torque_at_its_limit_is_not_stuck_and_a_dead_encoder_is_no_channel() -> None:
+    frame = sine(even(4.0))
+    clipped = np.clip(frame.channels[TORQUE], -0.5, 0.5)
+    dead = np.full(4000, 0.3)
+    channels = {ANGLE: frame.channels[ANGLE], TORQUE: clipped, TABLE_POSITION: dead}
+    (run,) = uniform_runs(
+        SampleFrame(frame.time_s, channels), (ANGLE, TORQUE), optional=(TABLE_POSITION,)
+    )
+    assert len(run) == 4000
+    assert set(run.channels) == {ANGLE, TORQUE}
+
+
+def test_wild_values_are_missing_ones() -> None:
+    frame = sine(even(1.0))
+    frame.channels[TORQUE][500:502] = 1e300
+    (run,) = uniform_runs(frame, (ANGLE, TORQUE))
+    assert run.channels[TORQUE] == pytest.approx(sine(even(1.0)).channels[TORQUE], abs=1e-6)
+
+
+def test_the_step_of_a_filter_leaves_no_rest_in_the_motion() -> None:
+    """A torque that is wild at rest changes nothing of the rows that count."""
+    time_s = even(4.0)
+    angle = np.where(time_s < 2.0, 5.0 * np.sin(time_s), 5.0 * math.sin(2.0))
+    torque = 0.3 + 0.01 * np.sin(40.0 * time_s)
+    rest = np.where(time_s < 2.0, 0.0, 50.0 * np.sin(300.0 * time_s))
+    rows = []
+    for added in (0.0, 1.0):
+        frame = SampleFrame(time_s, {ANGLE: angle, TORQUE: torque + added * rest})
+        (run,) = prepare(frame, PreparationSettings(RATIO))
+        rows.append(run.moving_rows(run.channels[TORQUE]))
+    assert len(rows[0]) > 100
+    np.testing.assert_allclose(rows[1], rows[0], atol=50.0 * math.exp(-5.0))
+    np.testing.assert_allclose(rows[1][:-5], rows[0][:-5], atol=2e-3)
+
+
+def test_derivatives_are_right_to_the_fourth_order() -> None:
+    time_s = even(1.0)
+    turning = 2.0 * math.pi * 20.0
+    rate = central_difference(np.sin(turning * time_s), 1e-3)
+    expected = turning * np.cos(turning * time_s)
+    error = np.max(np.abs(rate - expected)[2:-2]) / turning
+    assert error == pytest.approx((turning * 1e-3) ** 4 / 30.0, rel=0.02)
 
 
 def test_bad_input_is_one_line() -> None:

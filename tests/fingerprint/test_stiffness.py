@@ -68,6 +68,39 @@ def test_a_spring_is_found_with_its_skew_and_its_lead_error(bench: Machine) -> N
     assert all(station.stiffness.sigma < 0.01 * 5e7 for station in found.stations)
 
 
+def with_play(frame: SampleFrame, setpoints: Floats, width_m: float) -> SampleFrame:
+    """The spring of `spring_axis` with a play: the flank is that of the force it carries."""
+    _, speed, acceleration = setpoints.T
+    carried_n = 20.0 * acceleration + GUIDE_FORCE_N * np.sign(speed)
+    angle = frame.channels[ANGLE] + 0.5 * width_m * np.sign(carried_n) / RATIO
+    return SampleFrame(frame.time_s, {**frame.channels, ANGLE: angle})
+
+
+@pytest.mark.parametrize("mass", [MASS, None])
+def test_play_that_turns_its_flank_is_no_compliance(bench: Machine, mass: Quantity | None) -> None:
+    """The table brakes with 80 N against guides of 40 N: the flank turns in every deceleration."""
+    setpoints = production_setpoints(bench, 30_000, 1)
+    frame = with_play(spring_axis(bench, 1), setpoints, 8e-6)
+    found = fit_stiffness(prepared(frame), PLACES_M, mass)
+    assert found.play.value == pytest.approx(8e-6, rel=5e-3)
+    for station in found.stations:
+        truth = compliance(np.array(station.position_m))
+        resonance_hz = 1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0))
+        assert station.locked_resonance.value == pytest.approx(resonance_hz, rel=5e-3)
+        lost_m = 2.0 * GUIDE_FORCE_N * truth + 8e-6
+        assert station.lost_motion.value == pytest.approx(lost_m, rel=5e-3)
+    if mass is not None:
+        assert found.guide_force.value == pytest.approx(GUIDE_FORCE_N, rel=0.02)
+        assert backlash(found.stations[1], None, found.play) == found.play
+
+
+def test_without_play_no_flank_turns(bench: Machine) -> None:
+    for seed in range(8):
+        found = fit_stiffness(prepared(spring_axis(bench, seed)), (0.1, 0.7), MASS)
+        assert not found.play.determined
+        assert found.guide_force.determined
+
+
 def test_without_the_mass_only_the_resonance_is_known(bench: Machine) -> None:
     found = fit_stiffness(prepared(spring_axis(bench, 1)), PLACES_M)
     for station in found.stations:

@@ -107,13 +107,35 @@ def test_screw_held_at_both_ends_is_twice_as_stiff_in_the_middle_and_four_times_
     np.testing.assert_allclose(held / series_stiffness(SCREW_ALONE, end).stiffness_n_per_m, 4.0)
 
 
-def test_curve_is_the_compliance_of_the_plant(machine: Machine) -> None:
+def arranged(machine: Machine, arrangement: str) -> Machine:
+    axis = machine.axis.model_copy(update={"bearing_arrangement": arrangement})
+    return machine.model_copy(update={"axis": axis})
+
+
+@pytest.mark.parametrize("arrangement", ["fixed-free", "fixed-fixed"])
+def test_curve_is_the_compliance_of_the_plant(machine: Machine, arrangement: str) -> None:
+    machine = arranged(machine, arrangement)
     percent = machine.fresh_preload_percent
     assert percent is not None
     plant = plant_of(machine)
     curve = series_stiffness(springs_of(machine, spring(percent)), POSITIONS_M)
     expected = [1.0 / axial_compliance(plant, a, percent) for a in POSITIONS_M]
     np.testing.assert_allclose(curve.stiffness_n_per_m, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("arrangement", "ends"), [("fixed-free", 1), ("fixed-fixed", 2)])
+@pytest.mark.parametrize("position_m", [0.0, 0.16, 0.499, 0.7, LENGTH_M])
+def test_plant_by_hand(machine: Machine, arrangement: str, ends: int, position_m: float) -> None:
+    """(5.3.2) with the arms of (5.3.9) and (5.3.10) behind bearings of 1e8 N/m; Table A.5."""
+    arms_m = (position_m, LENGTH_M - position_m)[:ends]
+    rigidity_n = 2.06e11 * math.pi * 0.02**2 / 4.0
+    held_n_per_m = sum(1.0 / (1.0 / 1e8 + arm_m / rigidity_n) for arm_m in arms_m)
+    coupling_n_per_m = 67.2 * 180.0 / math.pi / (0.02 / (2.0 * math.pi)) ** 2
+    nut_n_per_m = 0.8 * 1.6e8 * (510.0 / (0.1 * 7450.0)) ** (1.0 / 3.0)
+    expected = 1.0 / held_n_per_m + 1.0 / coupling_n_per_m + 1.0 / nut_n_per_m
+    plant = plant_of(arranged(machine, arrangement))
+    found = axial_compliance(plant, position_m, 100.0 * 510.0 / 7450.0)
+    assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_stiffness_of_the_bench_falls_modestly_along_the_stroke(machine: Machine) -> None:

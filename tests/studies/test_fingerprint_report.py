@@ -1,5 +1,6 @@
 """The fingerprint command's files: JSON, a page that stands alone, and what is refused."""
 
+import doctest
 import json
 import re
 from pathlib import Path
@@ -10,27 +11,19 @@ import pytest
 from edge_service.config import load_machine
 from edge_service.fingerprint.fingerprint_document import FingerprintError, read_fingerprint
 from edge_service.fingerprint.identified import Identified
-from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, motion_limits
-from edge_service.studies.fingerprint_report import WORDING, fingerprint, plain, shown
-from edge_service.studies.simulate import SimulationSettings, simulate
-from edge_service.studies.warmup_study import (
-    WarmupSettings,
-    mean_friction_nm,
-    warmup_picture,
-    warmup_runs,
-)
+from edge_service.messages.channels import SETPOINT
+from edge_service.studies import fingerprint_wording
+from edge_service.studies.fingerprint_report import fingerprint
+from edge_service.studies.fingerprint_wording import WORDING, plain, shown
+from edge_service.studies.simulate import SimulationSettings, simulate, simulate_session
 from edge_service.trace.columns import TraceError
+from edge_service.trace.reader import read_trace
+from edge_service.trace.writer import TraceFormat
 
 ROOT = Path(__file__).parents[2]
 BENCH = ROOT / "deploy" / "machine.toml"
 EMPS = ROOT.parent / "shared" / "data" / "emps"
 EMPS_MASS_KG = 95.1089  # Janot, Gautier and Brunot, 2019, symmetric model
-
-
-@pytest.fixture(scope="module")
-def machine() -> Machine:
-    return load_machine(BENCH)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +73,7 @@ def test_the_five_steps_name_what_was_changed(walked: Path) -> None:
 
 def test_every_section_says_what_it_has_or_needs(walked: Path) -> None:
     sections = json.loads((walked / "healthy" / "fingerprint.json").read_text())["sections"]
-    assert sections.keys() == WORDING.keys()
+    assert sections.keys() == WORDING.keys() - {"friction_runs"}
     for section in sections.values():
         assert section["motion"]
         assert (section["status"] == "determined") == (section["reason"] == "")
@@ -94,7 +87,7 @@ def test_the_page_stands_alone_and_shows_the_baseline(walked: Path) -> None:
     assert "baseline, lost motion" in page
     assert "edge-service motion friction" in page
     assert not re.search(r"<(script|link|img)|src=|url\(http|\bnan\b|\binf\b", page)
-    assert all(f'id="{name}"' in page for name in WORDING)
+    assert all(f'id="{name}"' in page for name in WORDING.keys() - {"friction_runs"})
 
 
 def test_the_same_recordings_give_the_same_bytes(
@@ -141,31 +134,64 @@ def test_emps_gives_its_inertia_and_says_what_one_encoder_lacks(tmp_path: Path) 
     ("figure", "text"),
     [
         (Identified(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0), "8.00 µm (7.60 to 8.40)"),
-        (Identified(1.5e-3, 1.49e-3, 1.51e-3, "kg m^2", 9.0), "0.001500 kg m^2"),
-        (Identified(float("nan"), 0.0, 1.0, "N", 9.0), "undetermined"),
+        (Identified(1.5e-3, 1.49e-3, 1.51e-3, "kg m^2", 9.0), "15.00 kg cm² (14.90 to 15.10)"),
+        (Identified(2e-10, -1e-10, 5e-10, "m", 9.0), "0.000 µm (-0.000 to 0.001)"),
+        (Identified(float("nan"), -np.inf, np.inf, "N", 9.0), "undetermined"),
+        (Identified(float("nan"), 0.0, 1.0, "N", 9.0), "0.00 to 1.00 N"),
         (Identified(0.0, 0.0, 0.0, "N", 9.0), "0.0 N (0.0 to 0.0)"),
     ],
 )
 def test_numbers_are_shown_with_the_digits_that_they_have(figure: Identified, text: str) -> None:
     assert shown(figure).startswith(text)
-    assert plain("stiffness.stiffness_at_160_mm_n_per_m") == "stiffness: stiffness at 160 mm"
+    assert plain("stiffness.stiffness_at_160_mm_n_per_m") == "stiffness at 160 mm"
+    assert plain("coulomb_nm") == "Coulomb"
+
+
+def test_the_examples_of_the_wording_hold() -> None:
+    assert doctest.testmod(fingerprint_wording).failed == 0
+
+
+COLD_NM, WARM_S = 0.08, 200.0
+
+
+def commanded_mean_excess_nm(trace: Path, rpm: float) -> float:
+    """Mean of the put-in excess while the setpoint runs at a speed of the friction test."""
+    frame = read_trace(trace)
+    speed = np.gradient(frame.channels[SETPOINT], frame.time_s)
+    cruise = np.abs(np.abs(speed) - rpm / 60.0 * 0.02) < 1e-5
+    return float(np.mean(COLD_NM * np.exp(-frame.time_s[cruise] / WARM_S)))
 
 
 @pytest.mark.slow
-def test_friction_falls_from_run_to_run_as_the_axis_warms_up(machine: Machine) -> None:
-    settings = WarmupSettings(
-        runs=3, warmup_s=60.0, effect="warmup:excess_nm=0.1,time_constant_s=200"
+def test_the_warm_up_study_comes_out_of_the_fingerprint(rubbing: Path, tmp_path: Path) -> None:
+    """Friction tests with a warm-up cycle between (Figure 5.11), as the README has it."""
+    motions = ("friction", "warmup:duration_s=60", "friction", "warmup:duration_s=60", "friction")
+    effects = (f"warmup:excess_nm={COLD_NM},time_constant_s={WARM_S}",)
+    settings = SimulationSettings(effects=effects)
+    runs = tmp_path / "runs"
+    simulate_session(load_machine(rubbing), settings, motions, runs, TraceFormat.PARQUET)
+    pictures = tmp_path / "pictures"
+    told = fingerprint(rubbing, sorted(runs.iterdir()), tmp_path, pictures_dir=pictures)
+    assert "Friction from test to test: change at 300 rpm -0.0" in told
+    section = read_fingerprint(tmp_path / "fingerprint.json").sections["friction_runs"]
+    first, last = (runs / f"{k}_friction.parquet" for k in ("01", "05"))
+    assert [curve.name for curve in section.curves] == [
+        first.name,
+        "03_friction.parquet",
+        last.name,
+    ]
+    for rpm in (120, 300, 1200):
+        change = commanded_mean_excess_nm(last, rpm) - commanded_mean_excess_nm(first, rpm)
+        found = section.figures[f"change_at_{rpm}_rpm_nm"]
+        assert found.value == pytest.approx(change, rel=0.05)
+        assert found.high < 0.0
+    assert section.figures["change_at_300_rpm_nm"].holds(
+        commanded_mean_excess_nm(last, 300) - commanded_mean_excess_nm(first, 300)
     )
-    curves = warmup_runs(machine, settings)
-    levels = [mean_friction_nm(curve) for curve in curves.values()]
-    run_s = machine_friction_s(machine)
-    starts = [k * (run_s + 60.0) for k in range(3)]
-    rise = [0.1 * 200.0 / run_s * np.exp(-t / 200.0) * -np.expm1(-run_s / 200.0) for t in starts]
-    assert np.diff(levels) == pytest.approx(np.diff(rise), rel=0.35)
-    assert warmup_picture(curves).startswith("<svg")
-
-
-def machine_friction_s(machine: Machine) -> float:
-    duration_s = MOTIONS["friction"].duration_s(motion_limits(machine))
-    assert duration_s is not None
-    return duration_s
+    page = (tmp_path / "report.html").read_text()
+    assert 'id="friction_runs"' in page
+    assert all(f"{k:02}_friction" in page for k in (1, 3, 5))
+    for name in ("friction", "friction_runs"):
+        picture = (pictures / f"{name}.png").read_bytes()
+        assert picture.startswith(b"\x89PNG")
+        assert len(picture) < 120_000

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, MotionError, Setpoints, motion_limits
+from edge_service.studies import motion_picture
 from edge_service.studies.motion_file import MotionFileSettings, list_motions, write_motion
 
 BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
@@ -229,3 +231,28 @@ def test_progress_is_told(tmp_path: Path, machine: Machine) -> None:
     write_motion("friction", machine, tmp_path / "a.csv", progress=told.append)
     assert told[-1] == "friction: 100 %"
     assert len(told) == 3
+
+
+def test_all_motions_are_drawn_and_refusals_say_why(
+    tmp_path: Path, machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(motion_picture, "write_png", lambda figure, *_: drawn.append(figure))
+    motion_picture.write_motions_picture(changed(machine, stroke_m=0.2), tmp_path / "a.png")
+    titles = [axes.get_title(loc="left").split(",")[0] for axes in drawn[0].axes]
+    assert titles == list(MOTIONS)
+    by_name = dict(zip(titles, drawn[0].axes, strict=True))
+    assert "asks for 0.4051 m" in by_name["signature"].texts[0].get_text().replace("\n", " ")
+    (line,) = by_name["warmup"].lines
+    assert np.min(line.get_ydata()) == pytest.approx(10.0)
+    assert np.max(line.get_ydata()) == pytest.approx(190.0)
+
+
+def test_the_picture_of_all_motions_is_a_png_and_nothing_else(
+    tmp_path: Path, machine: Machine
+) -> None:
+    motion_picture.write_motions_picture(machine, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(MotionError, match=r"ends in \.png"):
+        motion_picture.write_motions_picture(machine, tmp_path / "a.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

@@ -1,3 +1,4 @@
+import doctest
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,14 @@ from edge_service.messages import channels
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, motion_limits
-from edge_service.studies.simulate import SimulationError, SimulationSettings, simulate
+from edge_service.studies import commanded_motion
+from edge_service.studies.simulate import (
+    SimulationError,
+    SimulationSettings,
+    simulate,
+    simulate_session,
+)
+from edge_service.trace.columns import TraceError
 
 SHORT = SimulationSettings(duration_s=3.0)
 
@@ -126,3 +134,98 @@ def test_preload_in_percent_needs_a_machine_that_knows_it(tmp_path: Path) -> Non
     simulate(bare, SHORT, tmp_path / "a.csv")
     with pytest.raises(SimulationError, match=r"axis\.dynamic_load_rating_n"):
         simulate(bare, replace(SHORT, preload_percent=5.0), tmp_path / "b.csv")
+
+
+SESSION = ("standstill", "warmup:duration_s=4", "standstill")
+
+
+def test_a_session_is_one_axis_and_one_clock(machine: Machine, tmp_path: Path) -> None:
+    told = simulate_session(machine, SimulationSettings(seed=3), SESSION, tmp_path / "runs")
+    paths = sorted((tmp_path / "runs").iterdir())
+    names = ["01_standstill.csv", "02_warmup.csv", "03_standstill.csv"]
+    assert [path.name for path in paths] == names
+    assert [line.split(":")[0] for line in told.splitlines()] == [str(path) for path in paths]
+    traces = [read(path) for path in paths]
+    time_s = np.concatenate([trace[channels.TIME] for trace in traces])
+    assert time_s == pytest.approx(np.arange(len(time_s)) / 1000.0)
+    home_m = motion_limits(machine).low_m
+    for trace in traces:
+        assert trace[channels.SETPOINT][[0, -1]] == pytest.approx([home_m] * 2, abs=1e-6)
+        assert abs(trace[channels.TABLE_POSITION][-1] - home_m) < 1e-4
+    assert np.ptp(traces[1][channels.SETPOINT]) > 0.5
+    again = traces[0][channels.TORQUE] - traces[2][channels.TORQUE]
+    assert np.std(again) > 0.0, "the noise goes on, it does not begin again"
+
+
+def test_a_session_begins_as_its_first_motion_alone(machine: Machine, tmp_path: Path) -> None:
+    settings = SimulationSettings(motion="standstill", seed=3)
+    simulate(machine, settings, tmp_path / "alone.csv")
+    simulate_session(machine, settings, ("standstill", "standstill"), tmp_path / "runs")
+    alone = (tmp_path / "alone.csv").read_bytes()
+    assert (tmp_path / "runs" / "01_standstill.csv").read_bytes() == alone
+
+
+def test_the_axis_of_a_session_warms_up_from_file_to_file(machine: Machine, tmp_path: Path) -> None:
+    excess_nm, tau_s = 0.2, 20.0
+    settings = SimulationSettings(
+        effects=(f"warmup:excess_nm={excess_nm},time_constant_s={tau_s}",)
+    )
+    simulate_session(machine, settings, ("warmup:duration_s=8",) * 3, tmp_path)
+    levels, faded = [], []
+    for path in sorted(tmp_path.iterdir()):
+        trace = read(path)
+        speed = trace[channels.MOTOR_SPEED]
+        cruise = np.abs(np.abs(speed) - 0.5 / 0.02 * 2.0 * np.pi) < 0.2
+        levels.append(np.mean((trace[channels.TORQUE] * np.sign(speed))[cruise]))
+        faded.append(np.mean(excess_nm * np.exp(-trace[channels.TIME][cruise] / tau_s)))
+    assert np.diff(levels) == pytest.approx(np.diff(faded), rel=0.03)
+
+
+def test_one_motion_may_say_its_duration_too(machine: Machine, tmp_path: Path) -> None:
+    for name, settings in (
+        ("a", SimulationSettings("warmup", duration_s=2.0)),
+        ("b", SimulationSettings("warmup:duration_s=2")),
+    ):
+        simulate(machine, settings, tmp_path / f"{name}.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("motions", "message"),
+    [
+        (("standstill", "polka"), "motion: 'polka' is none of"),
+        (("standstill", "warmup:speed=2"), "motion warmup: 'speed=2', expected duration_s=SECONDS"),
+        (("standstill", "warmup:duration_s=long"), "duration_s: 'long' is no number"),
+        (("standstill", "warmup:duration_s=nan"), "duration: expected a time above 0 s, got nan"),
+        (("friction:duration_s=3", "standstill"), "takes 131.0 s, .* 3 s would cut it"),
+        (("warmup:duration_s=0.5", "standstill"), "its first move takes longer than 0.5 s"),
+    ],
+)
+def test_a_wrong_session_is_one_line_and_leaves_no_folder(
+    machine: Machine, tmp_path: Path, motions: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises(SimulationError, match=message) as raised:
+        simulate_session(machine, SimulationSettings(), motions, tmp_path / "runs")
+    assert "\n" not in str(raised.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_recordings_of_another_session_are_not_mixed_in(machine: Machine, tmp_path: Path) -> None:
+    settings = SimulationSettings()
+    (tmp_path / "notes.txt").write_text("mine")
+    for _ in range(2):
+        simulate_session(machine, settings, ("warmup:duration_s=3",) * 3, tmp_path)
+    with pytest.raises(SimulationError, match=r"03_warmup\.csv: is of another session"):
+        simulate_session(machine, settings, ("warmup:duration_s=3",) * 2, tmp_path)
+    with pytest.raises(SimulationError, match="has two durations"):
+        simulate(machine, SimulationSettings("warmup:duration_s=3", duration_s=3.0), tmp_path / "a")
+
+
+def test_a_folder_that_cannot_be_is_one_line(machine: Machine, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(TraceError, match=r"file: no folder for recordings"):
+        simulate_session(machine, SimulationSettings(), SESSION, tmp_path / "file")
+
+
+def test_the_examples_of_commanded_motion_hold() -> None:
+    assert doctest.testmod(commanded_motion).failed == 0

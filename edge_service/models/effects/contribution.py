@@ -17,6 +17,10 @@ Curve = Callable[[Floats], Floats]
 """A function of one variable, (n,) -> (n,)."""
 
 
+HOUSING_LAG_S = 180.0
+"""Assumption: time constant of the nut's housing behind screw and lubricant."""
+
+
 class Over(StrEnum):
     """The variable of a curve."""
 
@@ -106,7 +110,36 @@ class Change:
     value: float
 
 
-Contribution = DryFriction | SmoothTorque | TableForce | Shift | Strain | Change
+@dataclass(frozen=True, slots=True)
+class Warming:
+    """Reading of the housing's temperature sensor above the surroundings over time, K.
+
+    It is no part of the axis' mechanics. Where several effects warm the axis, the greatest counts:
+    they tell of one warm-up.
+    """
+
+    rise_k: Curve
+
+
+Contribution = DryFriction | SmoothTorque | TableForce | Shift | Strain | Change | Warming
+
+
+def lagged_warming(final_rise_k: float, time_constant_s: float) -> Warming:
+    """The housing of a part that warms up by T (1 - exp(-t / tau)).
+
+    T (1 - (tau exp(-t / tau) - s exp(-t / s)) / (tau - s)) with s = `HOUSING_LAG_S`: a step behind
+    two first-order lags.
+    """
+    tau, lag = time_constant_s, HOUSING_LAG_S
+    if abs(tau - lag) < 1e-3 * lag:
+        tau = lag * 1.001  # the limit, for all that a sensor can tell
+
+    def rise_k(time_s: Floats) -> Floats:
+        left = tau * np.exp(-time_s / tau) - lag * np.exp(-time_s / lag)
+        rise: Floats = final_rise_k * (1.0 - left / (tau - lag))
+        return rise
+
+    return Warming(rise_k)
 
 
 def constant(value: float) -> Curve:

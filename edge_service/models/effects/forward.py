@@ -34,6 +34,7 @@ from .contribution import (
     SmoothTorque,
     Strain,
     TableForce,
+    Warming,
 )
 from .effect import ActiveEffect
 
@@ -59,7 +60,7 @@ class Forward:
 
     def over_time(self, time_s: Floats) -> "TimeLoad":
         """What follows time at (n,) times since the beginning."""
-        force, motor_dry, table_dry, resisting, strain = np.zeros((5, len(time_s)))
+        force, motor_dry, table_dry, resisting, strain, rise = np.zeros((6, len(time_s)))
         for each in self.contributions:
             match each:
                 case DryFriction(Over.TIME, curve, side):
@@ -74,20 +75,27 @@ class Forward:
                     force += curve(time_s)
                 case Strain(curve):
                     strain += curve(time_s)
+                case Warming(curve):
+                    other = curve(time_s)
+                    rise = np.where(np.abs(other) > np.abs(rise), other, rise)
                 case _:
                     pass
-        return TimeLoad(force, motor_dry, table_dry, resisting, strain)
+        return TimeLoad(force, motor_dry, table_dry, resisting, strain, rise)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeLoad:
-    """What acts on the plant by time alone, (n,) each; names as in `plant.Load`."""
+    """What acts on the plant by time alone, (n,) each; names as in `plant.Load`.
+
+    `temperature_rise_k` is that of the sensor, which acts on nothing.
+    """
 
     force_n: Floats
     motor_dry_nm: Floats
     table_dry_nm: Floats
     resisting_nm: Floats
     strain: Floats
+    temperature_rise_k: Floats
 
 
 def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float) -> Forward:
@@ -132,7 +140,7 @@ def _changed(plant: Plant, parts: Iterable[Contribution]) -> Plant:
         motor_viscous_nm_s_per_rad=plant.motor_viscous_nm_s_per_rad + total[Quantity.VISCOUS],
         torque_lag_s=plant.torque_lag_s + total[Quantity.TORQUE_LAG],
         backlash_m=plant.backlash_m + total[Quantity.BACKLASH],
-        support_compliance_m_per_n=plant.support_compliance_m_per_n + total[Quantity.COMPLIANCE],
+        further_compliance_m_per_n=plant.further_compliance_m_per_n + total[Quantity.COMPLIANCE],
         compliance_slope_per_n=plant.compliance_slope_per_n + total[Quantity.COMPLIANCE_SLOPE],
         bristle_reach_m=plant.bristle_reach_m + total[Quantity.PRESLIDING_REACH],
         load_friction=plant.load_friction + total[Quantity.LOAD_FRICTION],

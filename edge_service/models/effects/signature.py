@@ -24,6 +24,7 @@ from .contribution import (
     SmoothTorque,
     Strain,
     TableForce,
+    Warming,
 )
 from .effect import Effect, Values
 from .hysteresis import bristle_share, play
@@ -61,7 +62,7 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
             return -baseline.ratio_m_per_rad * force_n(motion.time_s)
         case Shift():
             return _shift_torque(contribution, motion, baseline)
-        case Strain():
+        case Strain() | Warming():
             return np.zeros(len(motion))
         case Change(quantity, value):
             return _CHANGED_TORQUE.get(quantity, _nothing)(value, motion, baseline)
@@ -75,6 +76,8 @@ def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline
             return -baseline.ratio_m_per_rad * shift(_variable(motion, over))
         case Shift(_, over, shift):
             return shift(_variable(motion, over))
+        case Warming():
+            return np.zeros(len(motion))
         case Strain(strain):
             return strain(motion.time_s) * baseline.ratio_m_per_rad * motion.angle_rad
         case Change(quantity, value):

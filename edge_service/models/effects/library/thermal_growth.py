@@ -1,8 +1,8 @@
-"""A screw that grows as it warms up."""
+"""A screw that grows as it warms up; the sensor on the housing follows late."""
 
 import numpy as np
 
-from ..contribution import Contribution, Curve, Strain
+from ..contribution import Contribution, Curve, Strain, lagged_warming
 from ..effect import Effect, Parameter, Role, Values
 
 EXPANSION_PER_K = 11.5e-6
@@ -10,7 +10,8 @@ EXPANSION_PER_K = 11.5e-6
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Strain(_growth(values["rise_k"], values["time_constant_s"])),)
+    rise_k, time_constant_s = values["rise_k"], values["time_constant_s"]
+    return (Strain(_growth(rise_k, time_constant_s)), lagged_warming(rise_k, time_constant_s))
 
 
 def _growth(rise_k: float, time_constant_s: float) -> Curve:

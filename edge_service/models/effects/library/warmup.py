@@ -1,14 +1,19 @@
-"""Friction that fades while the axis warms up."""
+"""Friction that fades while the axis warms up; the sensor on the housing follows late."""
 
 import numpy as np
 
-from ..contribution import Contribution, Curve, DryFriction, Over, Side
+from ..contribution import Contribution, Curve, DryFriction, Over, Side, lagged_warming
 from ..effect import Effect, Parameter, Role, Values
+
+WARM_RISE_K = 8.0
+"""Assumption: what the housing warms up by while the friction falls; it is no measure of that."""
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     curve = _fading(values["excess_nm"], values["time_constant_s"])
-    return (DryFriction(Over.TIME, curve, Side.AS_DRAG),)
+    rise_k = WARM_RISE_K if values["excess_nm"] else 0.0
+    warming = lagged_warming(rise_k, values["time_constant_s"])
+    return (DryFriction(Over.TIME, curve, Side.AS_DRAG), warming)
 
 
 def _fading(excess_nm: float, time_constant_s: float) -> Curve:

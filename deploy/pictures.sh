@@ -1,0 +1,31 @@
+#!/bin/sh
+# Draws the pictures of the README's tour anew: the motions, the healthy axis, and its warm-up.
+set -eu
+cd "$(dirname "$0")/.."
+sh deploy/setup.sh
+PATH="$PWD/.venv/bin:$PATH"
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+
+sed '/^\[model\]/a guide_force_n = 150.0\ntable_mass_kg = 20.0' deploy/machine.toml > "$scratch/m.toml"
+cd "$scratch"
+thin="--effect stribeck:excess_nm=0.1,speed_rad_s=4"
+rough="--effect torque_ripple:amplitude_nm=0.02 --effect once_per_rev_friction:amplitude_nm=0.01"
+cold="--effect warmup:excess_nm=0.08,time_constant_s=600"
+again="--motion warmup:duration_s=300 --motion friction"
+
+edge-service motion --list --machine m.toml --out motions.png
+# shellcheck disable=SC2086
+edge-service simulate --machine m.toml --motion friction --motion signature --motion acceleration \
+    --motion reversals --motion multisine $thin $rough --format parquet --out healthy
+edge-service fingerprint --machine m.toml healthy/*.parquet --pictures healthy --out healthy
+# shellcheck disable=SC2086
+edge-service simulate --machine m.toml --motion friction $again $again $again $again \
+    $thin $cold --format parquet --out runs
+edge-service fingerprint --machine m.toml runs/*.parquet --pictures runs --out runs
+
+cd "$OLDPWD"
+for name in friction stiffness frequency_response signature; do
+    cp "$scratch/healthy/$name.png" "deploy/pictures/$name.png"
+done
+cp "$scratch/runs/friction_runs.png" "$scratch/motions.png" deploy/pictures/

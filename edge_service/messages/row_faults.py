@@ -1,0 +1,67 @@
+"""Faults of the rows of a recording: repeats, rows too late, a new clock, values that cannot be."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .samples import Floats
+
+CLOCK_RESET_S = 1.0
+"""A step back in time by more than this is a new clock, less is rows out of order."""
+
+WILDEST = 1e12
+"""No quantity of an axis in SI units, nor its clock, is as large; such a value is a missing one."""
+
+Booleans = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClockPart:
+    """Rows of one clock; rows without a time (NaN) are neither repeated nor backwards.
+
+    Attributes:
+        rows: which of all.
+        repeated: rows with the newest time so far, (n,).
+        backwards: rows older than that, (n,).
+        newest_s: time at the end of the part; -inf before any.
+        new_clock: the first row begins a new clock.
+    """
+
+    rows: slice
+    repeated: Booleans
+    backwards: Booleans
+    newest_s: float
+    new_clock: bool
+
+
+def clock_parts(time_s: Floats, newest_s: float = -np.inf) -> Iterator[ClockPart]:
+    """Part rows (n,) in the order of arrival by clock; at least one part, which may be empty.
+
+    Args:
+        newest_s: newest time of the rows before.
+
+    >>> parts = list(clock_parts(np.array([5.0, 6.0, 6.0, 5.5, 0.0, 1.0])))
+    >>> [(part.rows.start, part.rows.stop, part.new_clock) for part in parts]
+    [(0, 4, False), (4, 6, True)]
+    >>> parts[0].repeated.tolist(), parts[0].backwards.tolist()
+    ([False, False, True, False], [False, False, False, True])
+    """
+    start, new_clock = 0, False
+    while True:
+        rest = time_s[start:]
+        known = np.where(np.isnan(rest), -np.inf, rest)
+        newest = np.maximum.accumulate(np.concatenate([[newest_s], known]))
+        resets = np.flatnonzero(rest < newest[:-1] - CLOCK_RESET_S)
+        end = int(resets[0]) if resets.size else len(rest)
+        yield ClockPart(
+            slice(start, start + end),
+            rest[:end] == newest[:end],
+            rest[:end] < newest[:end],
+            float(newest[end]),
+            new_clock,
+        )
+        if end == len(rest):
+            return
+        start, newest_s, new_clock = start + end, -np.inf, True
