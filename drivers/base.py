@@ -84,7 +84,11 @@ class Driver(Protocol):
         """Connect. Raises DriverUnavailableError or DriverMisconfiguredError."""
 
     def frames(self) -> AsyncGenerator[SampleFrame, None]:
-        """Sample frames in the order in which they were taken."""
+        """Sample frames in the order in which they were taken.
+
+        Every frame of a source holds the same channels. A value that is not good has its code in
+        the frame's `quality`, and is NaN if it is bad.
+        """
 
     async def probe(self) -> Probe:
         """Say what there is to read. Raises like `open`."""

@@ -6,6 +6,9 @@ from typing import cast
 
 from .base import ENTRY_POINT_GROUP, Driver
 
+OPTIONAL = ("opcua",)
+"""Drivers whose library comes with an extra of the same name."""
+
 
 class UnknownDriverError(Exception):
     """No driver of that name is installed, or it cannot be loaded."""
@@ -25,6 +28,9 @@ def load_driver(name: str) -> type[Driver]:
         )
     try:
         return cast(type[Driver], entries[name].load())
+    except ModuleNotFoundError as error:
+        extra = f"; does `pip install edge-service[{name}]` help?" if name in OPTIONAL else ""
+        raise UnknownDriverError(f"driver {name!r} cannot be loaded: {error}{extra}") from error
     except (ImportError, AttributeError) as error:
         raise UnknownDriverError(f"driver {name!r} cannot be loaded: {error}") from error
 

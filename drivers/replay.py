@@ -2,9 +2,8 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing
-from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
 
@@ -23,6 +22,7 @@ from .base import (
     DriverUnavailableError,
     Probe,
 )
+from .frame_cutter import FrameCutter
 
 LOOP_GAP_S = 1.0
 """Axis time between the end of a recording and its next pass: the position jumps there."""
@@ -30,8 +30,6 @@ LONGEST_STEP_S = 2.0
 """A jump of the recorded clock is waited for no longer than this, in axis time."""
 GREATEST_LAG_S = 1.0
 """Further behind real time than this, the driver lets the missed time go instead of bursting."""
-LARGEST_FRAME = 4096
-"""Rows of a frame, where the recorded clock stands still."""
 
 
 class ReplayConfig(DriverConfig):
@@ -114,7 +112,7 @@ class ReplayDriver:
         await asyncio.to_thread(self._close)
 
     async def _cut_frames(self, reader: TraceReader) -> AsyncGenerator[SampleFrame, None]:
-        cutter = _FrameCutter(self._config.frame_s)
+        cutter = FrameCutter(self._config.frame_s)
         async with aclosing(self._blocks(reader)) as blocks:
             async for block in blocks:
                 for frame in cutter.cut(block):
@@ -210,46 +208,6 @@ class _Pace:
         if wait_s < -GREATEST_LAG_S:
             self._start_s -= wait_s
         return max(wait_s, 0.0)
-
-
-class _FrameCutter:
-    """Cuts runs of rows where axis time passes a multiple of `frame_s`, forwards or backwards."""
-
-    def __init__(self, frame_s: float) -> None:
-        self._frame_s = frame_s
-        self._origin_s: float | None = None
-        self._rest: SampleFrame | None = None
-
-    def cut(self, block: SampleFrame) -> Iterator[SampleFrame]:
-        """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
-        rows = block if self._rest is None else _join(self._rest, block)
-        if self._origin_s is None:
-            self._origin_s = float(rows.time_s[0])
-        with np.errstate(over="ignore", invalid="ignore"):
-            number = np.floor((rows.time_s - self._origin_s) / self._frame_s)
-        edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]
-        for start, end in pairwise(edges):
-            cuts = range(start, end, LARGEST_FRAME)
-            for cut in cuts[:-1] if end == len(rows) else cuts:
-                yield _rows(rows, cut, min(cut + LARGEST_FRAME, end))
-        self._rest = _rows(rows, cuts[-1], len(rows))
-
-    def rest(self) -> SampleFrame | None:
-        """The rows kept at the end."""
-        return self._rest
-
-
-def _rows(frame: SampleFrame, start: int, end: int) -> SampleFrame:
-    channels = {name: values[start:end] for name, values in frame.channels.items()}
-    return SampleFrame(frame.time_s[start:end], channels)
-
-
-def _join(first: SampleFrame, second: SampleFrame) -> SampleFrame:
-    channels = {
-        name: np.concatenate([values, second.channels[name]])
-        for name, values in first.channels.items()
-    }
-    return SampleFrame(np.concatenate([first.time_s, second.time_s]), channels)
 
 
 def _rate_hz(time_s: Floats) -> float | None:

@@ -8,8 +8,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from edge_service.messages.channels import CHANNELS
+from edge_service.messages.channels import ANGLE, CHANNELS
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.accelerometer import Accelerometer, AccelerometerSettings
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.encoders import Sensors
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
@@ -29,6 +30,7 @@ GREATEST_LAG_S = 1.0
 """Further behind real time than this, the driver lets the missed time go instead of bursting."""
 
 _SENSORS = Sensors()
+_ACCELEROMETER = AccelerometerSettings()
 
 
 class SimulatedConfig(DriverConfig):
@@ -51,6 +53,9 @@ class SimulatedConfig(DriverConfig):
         guide_force_n: guide friction; the machine file's unless given.
         bearing_drag_nm: drag of the screw's bearings; the machine file's unless given.
         effects: what the axis has beyond the machine file, each as NAME[:key=value,...].
+        accelerometer_rate_hz: of an accelerometer on the nut; 0 is none.
+        ball_pass_order: balls that pass a point of the nut per revolution of the screw.
+        raceway_damage: what the accelerometer sees when a ball strikes a pit, m/s^2; 0 is sound.
     """
 
     scenario: Literal["healthy", "gradual", "partial", "sudden"] = "gradual"
@@ -72,6 +77,9 @@ class SimulatedConfig(DriverConfig):
     torque_noise_nm: float = Field(_SENSORS.torque_noise_nm, ge=0.0)
     angle_noise_rad: float = Field(_SENSORS.angle_noise_rad, ge=0.0)
     table_noise_m: float = Field(_SENSORS.table_noise_m, ge=0.0)
+    accelerometer_rate_hz: float = Field(0.0, ge=0.0, le=100_000.0)
+    ball_pass_order: float = Field(_ACCELEROMETER.ball_pass_order, gt=0.0, le=1000.0)
+    raceway_damage: float = Field(0.0, ge=0.0)
 
 
 class _Bench:
@@ -96,6 +104,7 @@ class _Bench:
         except ValueError as error:
             raise DriverMisconfiguredError("effects", str(error)) from error
         self._sample = 0
+        self._accelerometer = _accelerometer(config)
 
     def advance(self, count: int) -> SampleFrame:
         """The next `count` samples."""
@@ -104,7 +113,11 @@ class _Bench:
         preload_percent = self._preload_percent(time_s)
         if count:
             self.preload_percent = float(preload_percent[-1])
-        return self._drive.advance(self._setpoints.take(count), preload_percent)
+        frame = self._drive.advance(self._setpoints.take(count), preload_percent)
+        if self._accelerometer is None or not count:
+            return frame
+        wave = self._accelerometer.follow(frame.time_s, frame.channels[ANGLE])
+        return replace(frame, waveforms=(wave,) if len(wave) else ())
 
     def _preload_percent(self, time_s: Floats) -> Floats:
         config = self._config
@@ -112,6 +125,17 @@ class _Bench:
         if config.repeat:
             time_s = np.fmod(time_s, config.hold_s + life_s / config.acceleration)
         return self._wear.preload_percent((time_s - config.hold_s) * config.acceleration, life_s)
+
+
+def _accelerometer(config: SimulatedConfig) -> Accelerometer | None:
+    if config.accelerometer_rate_hz == 0.0:
+        return None
+    settings = AccelerometerSettings(
+        rate_hz=config.accelerometer_rate_hz,
+        ball_pass_order=config.ball_pass_order,
+        damage=config.raceway_damage,
+    )
+    return Accelerometer(settings, config.seed)
 
 
 def _wear(config: SimulatedConfig, context: DriverContext) -> Wear:

@@ -107,7 +107,10 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 
 @cli.command(epilog="Example: edge-service node bus & edge-service node http deploy/edge.toml")
 @click.argument(
-    "name", type=click.Choice(["bus", "acquire", "downsample", "estimate", "health", "http"])
+    "name",
+    type=click.Choice(
+        ["bus", "acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"]
+    ),
 )
 @_CONFIG
 @click.option("--port", type=click.IntRange(0, 65535), help="HTTP port; 0 takes a free one.")
@@ -435,6 +438,88 @@ def reproduce(out: Path) -> None:
     click.echo(f"report: {out / 'report.html'}")
 
 
+@cli.command(epilog="Example: edge-service doctor --config deploy/drivers/modbus.toml")
+@click.argument("traces", nargs=-1, type=click.Path(path_type=Path))
+@_MACHINE
+@click.option("--config", type=click.Path(path_type=Path), help="Read its drivers instead.")
+@click.option("--axis", help="One axis of --config; all by default.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0.1),
+    default=10.0,
+    show_default=True,
+    help="How long to listen to the drivers of --config.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Findings as JSON, one object per axis.")
+def doctor(
+    traces: tuple[Path, ...],
+    machine: Path,
+    config: Path | None,
+    axis: str | None,
+    seconds: float,
+    as_json: bool,
+) -> None:
+    """Check that a source is what its configuration says: rate, quality, units and signs.
+
+    Give recordings and their machine file, or a configuration whose drivers shall be listened to
+    while the axis moves.
+    """
+    from .nodes.doctor import examine_sources, examine_traces
+
+    if bool(traces) == (config is not None):
+        raise InputError("doctor: expected either TRACES or --config")
+    if config is None:
+        examined = [examine_traces(machine, traces)]
+    else:
+        examined = asyncio.run(examine_sources(load_config(config), axis, seconds))
+    for each in examined:
+        click.echo(each.as_json() if as_json else each.as_text())
+
+
+@cli.command(
+    epilog="Example: edge-service stub modbus deploy/drivers/modbus.toml --fault delay:0.3"
+)
+@click.argument("protocol")
+@_CONFIG
+@click.option("--axis", help="One axis; all that use this protocol by default.")
+@click.option(
+    "--scenario",
+    type=click.Choice(["healthy", "gradual", "partial", "sudden"]),
+    default="healthy",
+    show_default=True,
+    help="How the simulated screw loses its preload.",
+)
+@click.option(
+    "--nodesets",
+    type=click.Path(path_type=Path),
+    help="OPC UA: folder of companion specifications for the Machine Tool address space.",
+)
+@click.option("--fault", default="none", help="NAME[:amount]: delay, exception, stale, drop, ...")
+def stub(
+    protocol: str,
+    config: Path | None,
+    axis: str | None,
+    scenario: str,
+    nodesets: Path | None,
+    fault: str,
+) -> None:
+    """Serve the simulated drive over a real protocol, by the map that CONFIG gives its driver.
+
+    PROTOCOL is modbus or opcua. Faults are given here, or written into the running server.
+    """
+    from drivers.stub import parse_fault
+
+    from .nodes.stub_node import run_stub
+
+    _log_to_stderr()
+    try:
+        wanted = parse_fault(fault)
+    except ValueError as error:
+        raise InputError(f"--fault: {error}") from None
+    settings = load_config(config or DEFAULT_CONFIG)
+    asyncio.run(run_stub(protocol, settings, axis, scenario, nodesets, wanted, _announce))
+
+
 @cli.group(invoke_without_command=True, epilog="Example: edge-service bench identification")
 @click.option("--quick", is_flag=True, help="Shorter measurements.")
 @click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
@@ -475,6 +560,17 @@ def _bench_command(each: Bench) -> click.Command:
 
 for _each in BENCHES:
     bench.add_command(_bench_command(_each))
+
+
+@bench.command("drivers", epilog="Example: edge-service bench drivers --quick")
+@click.option("--quick", is_flag=True, help="Shorter measurements.")
+@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
+def bench_drivers(quick: bool, as_json: bool) -> None:
+    """Measure polls and notifications, many devices in one process, and one that hangs."""
+    from .studies.drivers_bench import DriversBenchSettings, run_drivers_bench
+
+    figures = run_drivers_bench(DriversBenchSettings(quick=quick), _progress)
+    click.echo(json.dumps(figures.as_dict(), indent=2) if as_json else figures.as_text())
 
 
 def _progress(line: str) -> None:

@@ -13,6 +13,8 @@ from .models.machine import Machine
 
 DEFAULT_CONFIG = Path(__file__).parent / "defaults" / "edge.toml"
 DEFAULT_MACHINE = Path(__file__).parent / "defaults" / "machine.toml"
+FILE_KEYS = ("path", "folder", "certificate", "private_key", "server_certificate", "ledger")
+"""Keys of drivers that name files or folders."""
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -98,6 +100,67 @@ class HealthConfig(_Table):
         return self
 
 
+class MqttConfig(_Table):
+    """`[mqtt]`: where answers are sent besides; nothing is sent without it.
+
+    Attributes:
+        prefix: first part of every topic, `{prefix}/{site}/{machine}/{axis}/{preload|...}`.
+        period_s: at most one preload estimate per axis in this time; health and events all go.
+        buffer: file in which messages wait while the broker is away.
+        buffer_messages: how many of them; then the oldest go.
+    """
+
+    host: str
+    port: int = Field(1883, ge=1, le=65535)
+    prefix: str = "feeddrive"
+    user: str | None = None
+    password: str | None = None
+    ca_certificate: Path | None = None
+    period_s: float = Field(1.0, ge=0.0, le=3600.0)
+    buffer: Path = Path("mqtt-buffer.sqlite")
+    buffer_messages: int = Field(1_000_000, ge=1)
+
+    @model_validator(mode="after")
+    def _check(self) -> "MqttConfig":
+        if any(sign in self.prefix for sign in "+#$") or not self.prefix.strip("/"):
+            raise ValueError(f"prefix {self.prefix!r}: expected a topic without +, # and $")
+        if self.password is not None and self.user is None:
+            raise ValueError("user: missing, there is a password")
+        if self.user is not None and self.ca_certificate is None and not is_loopback(self.host):
+            raise ValueError("user: needs ca_certificate, or the password could be read")
+        return self
+
+
+class VibrationConfig(_Table):
+    """`[vibration]`: fast sensors reduced to features; without it their signals are dropped.
+
+    Attributes:
+        interval_s: one set of features per interval.
+        bands_hz: name -> lower and upper frequency.
+        orders: name -> order per revolution of the screw; balls slip by up to `slip` of it.
+        keep_folder: where the raw signal around an event is kept; it is dropped without.
+        keep_before_s, keep_after_s: how much of it.
+    """
+
+    interval_s: float = Field(1.0, ge=0.05, le=60.0)
+    bands_hz: dict[str, tuple[float, float]] = {"low": (10.0, 1000.0), "high": (1000.0, 5000.0)}
+    orders: dict[str, float] = {"screw": 1.0, "ball_pass": 9.56}
+    slip: float = Field(0.02, ge=0.0, le=0.2)
+    keep_folder: Path | None = None
+    keep_before_s: float = Field(5.0, ge=0.0, le=600.0)
+    keep_after_s: float = Field(5.0, ge=0.0, le=600.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> "VibrationConfig":
+        for name, (low, high) in self.bands_hz.items():
+            if not 0.0 <= low < high:
+                raise ValueError(f"bands_hz.{name}: [{low:g}, {high:g}], expected low below high")
+        for name, order in self.orders.items():
+            if not order > 0.0:
+                raise ValueError(f"orders.{name}: {order:g}, expected more than 0")
+        return self
+
+
 class AxisConfig(_Table):
     """`[[axes]]`: one axis, its machine file and its driver."""
 
@@ -121,6 +184,8 @@ class EdgeConfig(_Table):
     downsample: DownsampleConfig = DownsampleConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     health: HealthConfig = HealthConfig()
+    mqtt: MqttConfig | None = None
+    vibration: VibrationConfig | None = None
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -153,7 +218,25 @@ def load_config(path: Path) -> EdgeConfig:
         )
         for axis in config.axes
     )
-    return config.model_copy(update={"axes": axes})
+    more: dict[str, object] = {"mqtt": _anchored_mqtt(config, path.parent)}
+    more |= {"vibration": _anchored_vibration(config, path.parent)}
+    return config.model_copy(update={"axes": axes} | more)
+
+
+def _anchored_mqtt(config: EdgeConfig, folder: Path) -> MqttConfig | None:
+    """Files of `[mqtt]` are relative to the configuration file."""
+    mqtt = config.mqtt
+    if mqtt is None:
+        return None
+    authority = None if mqtt.ca_certificate is None else folder / mqtt.ca_certificate
+    return mqtt.model_copy(update={"buffer": folder / mqtt.buffer, "ca_certificate": authority})
+
+
+def _anchored_vibration(config: EdgeConfig, folder: Path) -> VibrationConfig | None:
+    vibration = config.vibration
+    if vibration is None or vibration.keep_folder is None:
+        return vibration
+    return vibration.model_copy(update={"keep_folder": folder / vibration.keep_folder})
 
 
 def load_machine(path: Path) -> Machine:
@@ -178,10 +261,9 @@ def check_settings(model: type[_Model], settings: dict[str, Any], where: str) ->
 
 
 def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A driver's `path` is relative to the configuration file, too."""
-    if isinstance(settings.get("path"), str):
-        return settings | {"path": str(folder / settings["path"])}
-    return settings
+    """Files that a driver is told of are relative to the configuration file, too."""
+    files = {key: settings[key] for key in FILE_KEYS if isinstance(settings.get(key), str)}
+    return settings | {key: str(folder / name) for key, name in files.items()}
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

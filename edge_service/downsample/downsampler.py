@@ -8,11 +8,15 @@ import numpy.typing as npt
 
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
+from ..messages.quality import is_uncertain
 from ..messages.samples import Floats, SampleFrame
 from .rows import RowCounters, RowScreen, Screened, T, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
 _LEARN_ROWS = 16  # rows from which the native period is learned
+_DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}
+_LEAST_SAMPLES = 5  # in an interval, for the torque held between them to be a fair picture
+_MOST_DOUBTED = 1024
 _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
 
 
@@ -85,6 +89,8 @@ class Downsampler:
         self._period_s: float | None = None
         self._reach = 1
         self._absent: dict[int, Fault] = {}  # interval -> what its rows lack
+        self._doubted: set[int] = set()  # intervals with samples that the source doubts
+        self._untold = Fault.NONE  # what ended a segment that had no interval left to tell it
         self._last_kept = -sys.maxsize  # interval of the last row that was kept
         self._expected_faults = ~Fault.NONE
         self.faults: dict[str, int] = {}
@@ -102,12 +108,14 @@ class Downsampler:
             self._screen = RowScreen(has_torque=TORQUE in frame.channels)
             if not {ANGLE, TABLE_POSITION} <= set(frame.channels):
                 self._expected_faults = ~Fault.NO_TABLE  # one encoder only: nothing is missing
+        self._note_doubts(frame)
         blocks: list[FeatureBlock] = []
         for part in self._screen.split(table_of(frame, self._ratio)):
             if part.new_clock:
                 blocks += self._end_segment(Fault.TIME_BACKWARDS)
                 self._period_s = None
                 self._absent.clear()
+                self._doubted.clear()
                 self._last_kept = -sys.maxsize
             for time_s, fault in part.missing:
                 interval = self._interval_of(time_s)
@@ -116,6 +124,13 @@ class Downsampler:
             if part.missing:
                 blocks += self._tell_absent_so_far(part.missing[-1][0])
         return blocks
+
+    def _note_doubts(self, frame: SampleFrame) -> None:
+        for name in frame.quality.keys() & _DOUBTED_CHANNELS:
+            doubted = frame.time_s[is_uncertain(frame.quality[name])]
+            self._doubted.update(map(self._interval_of, doubted[np.isfinite(doubted)]))
+        if len(self._doubted) > _MOST_DOUBTED:  # nothing was summarised meanwhile
+            self._doubted = set(sorted(self._doubted)[-_MOST_DOUBTED // 2 :])
 
     def _take(self, part: Screened) -> list[FeatureBlock]:
         """Append rows; part them where a gap is."""
@@ -219,6 +234,12 @@ class Downsampler:
             self._reach,
             self._settings.plausibility,
         )
+        interval = self._interval_of(segment.rows[segment.first, T])
+        beyond = self._untold | (Fault.DOUBTED if interval in self._doubted else Fault.NONE)
+        if (self._period_s or 0.0) * _LEAST_SAMPLES > self._settings.interval_s * (1 + _GRID_SLACK):
+            beyond |= Fault.SPARSE
+        block, self._untold = replace(block, fault=block.fault | beyond), Fault.NONE
+        self._doubted = {later for later in self._doubted if later > interval}
         segment.first = end
         return self._count(replace(block, fault=block.fault & self._expected_faults))
 
@@ -234,6 +255,8 @@ class Downsampler:
         if self._period_s is not None and len(segment.rows) - 1 > segment.first:
             segment.fault[-1] |= int(reason)
             blocks.append(self._summarise(len(segment.rows) - 1))
+        elif len(segment.rows):
+            self._untold = reason  # slow samples: none is left to tell of the gap before it
         if len(segment.rows):
             self._last_kept = self._interval_of(segment.rows[-1, T])
         self._segment = _Segment()

@@ -32,6 +32,8 @@ class PlausibilitySettings:
 
 WILDEST_ANGLE_RAD = 1e8
 WILDEST_TORQUE_NM = 1e5
+LEAST_REPEATS = 4
+"""A value that is there so often in a row is repeated; a slow channel holds each for long."""
 MOVED_TABLE_M = 20e-6
 MOVED_ANGLE_RAD = 0.02
 MOVED_SETPOINT_M = 100e-6
@@ -251,7 +253,7 @@ def _longest_run_s(values: Floats, time_s: Floats) -> float:
     changes = np.flatnonzero(np.diff(values) != 0.0)
     edges = np.concatenate([[0], changes + 1, [len(values) - 1]])
     lasting = time_s[np.minimum(edges[1:], len(values) - 1)] - time_s[edges[:-1]]
-    return float(lasting.max())
+    return float(lasting[np.diff(edges) >= LEAST_REPEATS].max(initial=0.0))
 
 
 def _mean(values: Floats) -> float:

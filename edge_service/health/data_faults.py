@@ -15,6 +15,8 @@ _SENTENCES = {
     Fault.NO_TORQUE: "the torque channel is missing",
     Fault.NO_POSITION: "no position channel",
     Fault.NO_TABLE: "the linear encoder is missing or stuck",
+    Fault.DOUBTED: "the source calls samples uncertain",
+    Fault.SPARSE: "samples too slow to know the torque between them; intervals are wide",
 }
 
 

@@ -8,6 +8,7 @@ Binary payloads (`raw`, `feat`) are *edge blocks*, readable with a standard libr
                   "source_time_ns", "monotonic_time_ns", "rows", "columns": [[name, unit], ...]}
     then          per column `rows` little-endian float64 values, column after column
 
+Samples that are not all good bring a column `CHANNEL.quality` of `Quality` codes beside their own.
 Integers and flags travel as float64 too (all are far below 2**53). JSON payloads are objects with
 the members of the header beside those of the payload, and a `schema` member.
 """
@@ -23,12 +24,15 @@ from .channels import CHANNELS, TIME
 from .estimate import Frozen
 from .features import FEATURE_FIELDS, PHASE_FIELDS, PHASES, Fault, FeatureBlock, Phase
 from .header import Header
+from .quality import Qualities
 from .samples import Floats, SampleFrame
-from .topics import FEAT, RAW
+from .topics import FEAT, RAW, WAVE
+from .waveform import Waveform
 
 MAGIC = b"EDB1"
 _PREFIX = struct.Struct("<4sI")
 _HEADER_KEYS = ("sequence", "boot_epoch", "source_time_ns", "monotonic_time_ns")
+_QUALITY = ".quality"
 _INTEGER_FEATURES = frozenset({"sample_count", "reversal_count"})
 _PHASE_COLUMNS = {(phase, field): f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS}
 _FEATURE_UNITS = {"s": "s", "nm": "N m", "rad": "rad", "m": "m", "c": "degC", "n": "N"}
@@ -54,6 +58,11 @@ class CodecError(ValueError):
 def encode_samples(axis: str, header: Header, frame: SampleFrame) -> bytes:
     """Samples as an edge block; columns `time_s` and the frame's channels."""
     columns = {TIME: frame.time_s, **frame.channels}
+    columns |= {
+        name + _QUALITY: codes.astype(np.float64)
+        for name, codes in frame.quality.items()
+        if codes.any()
+    }
     units = {name: CHANNELS[name].unit if name in CHANNELS else "" for name in columns}
     return _encode_block(RAW.payload, axis, header, columns, units | {TIME: "s"})
 
@@ -64,7 +73,39 @@ def decode_samples(payload: bytes) -> tuple[str, Header, SampleFrame]:
     if TIME not in columns:
         raise CodecError("a block of samples without time_s")
     time_s = columns.pop(TIME)
-    return axis, header, SampleFrame(time_s, columns)
+    quality = {
+        name.removesuffix(_QUALITY): _codes(columns.pop(name))
+        for name in [name for name in columns if name.endswith(_QUALITY)]
+    }
+    try:
+        return axis, header, SampleFrame(time_s, columns, quality)
+    except ValueError as error:
+        raise CodecError(f"a block of samples: {error}") from None
+
+
+def _codes(column: Floats) -> Qualities:
+    if not ((column >= 0.0) & (column <= 255.0)).all():
+        raise CodecError("a quality that is no code")
+    return column.astype(np.uint8)
+
+
+def encode_waveform(axis: str, header: Header, wave: Waveform) -> bytes:
+    """A piece of a fast sensor's signal as an edge block; columns `time_s` and the sensor."""
+    columns = {TIME: wave.time_s, wave.sensor: wave.values}
+    return _encode_block(WAVE.payload, axis, header, columns, {TIME: "s", wave.sensor: wave.unit})
+
+
+def decode_waveform(payload: bytes) -> tuple[str, Header, Waveform]:
+    """Axis, header and signal of an edge block; CodecError if it is none."""
+    axis, header, columns = _decode_block(WAVE.payload, payload)
+    units = json.loads(payload[_PREFIX.size : _PREFIX.size + _PREFIX.unpack_from(payload)[1]])
+    time_s = columns.pop(TIME, None)
+    if time_s is None or len(columns) != 1 or len(time_s) < 2 or not time_s[-1] > time_s[0]:
+        raise CodecError("a waveform without a clock and one sensor")
+    ((sensor, values),) = columns.items()
+    unit = next(str(unit) for name, unit in units["columns"] if name == sensor)
+    period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    return axis, header, Waveform(sensor, unit, float(time_s[0]), period_s, values)
 
 
 def encode_features(axis: str, header: Header, block: FeatureBlock) -> bytes:

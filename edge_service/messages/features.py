@@ -19,6 +19,8 @@ class Fault(IntFlag):
     NO_TORQUE = 1 << 7  # the torque channel is missing
     NO_POSITION = 1 << 8  # no position channel at all
     NO_TABLE = 1 << 9  # the linear encoder is missing, stuck or holed in this interval
+    DOUBTED = 1 << 10  # the source itself calls samples of torque or position uncertain
+    SPARSE = 1 << 11  # samples too slow for the interval: torque between them is unknown
 
 
 UNUSABLE = (
@@ -30,6 +32,8 @@ UNUSABLE = (
     | Fault.NO_POSITION
 )
 """An interval with one of these is no good data."""
+DOUBTFUL = Fault.HOLE | Fault.SATURATED | Fault.DOUBTED | Fault.SPARSE
+"""An interval with one of these may be read, with doubt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +118,7 @@ class FeatureBlock:
     @property
     def uncertain(self) -> bool:
         """Usable, but something in it was bridged or limited."""
-        return self.usable and bool(self.fault & (Fault.HOLE | Fault.SATURATED))
+        return self.usable and bool(self.fault & DOUBTFUL)
 
 
 PHASE_FIELDS = tuple(field.name for field in fields(Phase))

@@ -12,11 +12,11 @@ from drivers.registry import UnknownDriverError, load_driver
 
 from ..bus.publisher import Publisher
 from ..config import AxisConfig, ConfigError, check_settings, load_machine
-from ..messages.codec import decode_json, encode_samples
+from ..messages.codec import decode_json, encode_samples, encode_waveform
 from ..messages.estimate import PreloadEstimate
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
-from ..messages.topics import PRELOAD, RAW
+from ..messages.topics import PRELOAD, RAW, WAVE
 from .context import NodeContext, Reporter
 
 log = logging.getLogger(__name__)
@@ -42,6 +42,7 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     """
     driver = make_driver(axis)
     publisher = context.bus.publisher(context.config.keys.key(axis.name, RAW), RAW)
+    waves = context.bus.publisher(context.config.keys.key(axis.name, WAVE), WAVE)
     reporter = Reporter(context, "acquire", axis.name)
     counts = {"samples": 0, "frames": 0, "reconnects": 0}
     reporter.counters = lambda: counts | driver.counters
@@ -49,7 +50,7 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     async with reporter.running():
         try:
             while True:
-                lost = await _read(context, axis, driver, publisher, reporter, counts)
+                lost = await _read(context, axis, driver, publisher, waves, reporter, counts)
                 if lost is None:
                     return
                 await _retry_later(reporter, counts, lost)
@@ -65,6 +66,7 @@ async def _read(
     axis: AxisConfig,
     driver: Driver,
     publisher: Publisher,
+    waves: Publisher,
     reporter: Reporter,
     counts: dict[str, int],
 ) -> DriverUnavailableError | None:
@@ -80,7 +82,10 @@ async def _read(
             async for frame in source:
                 counts["samples"] += len(frame)
                 counts["frames"] += 1
-                publisher.publish(partial(encode_samples, axis.name, frame=frame), time.time_ns())
+                now_ns = time.time_ns()
+                publisher.publish(partial(encode_samples, axis.name, frame=frame), now_ns)
+                for wave in frame.waveforms:
+                    waves.publish(partial(encode_waveform, axis.name, wave=wave), now_ns)
     except DriverUnavailableError as error:
         return error
     return None

@@ -12,12 +12,23 @@ from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
 from ..bus.session import Bus, BusSettings, BusUnavailableError
 from ..config import ConfigError, EdgeConfig
-from . import acquire_node, downsample_node, estimate_node, health_node, http_node
+from . import acquire_node, downsample_node, estimate_node, health_node, http_node, vibration_node
 from .context import NodeContext
 
 log = logging.getLogger(__name__)
-NodeName = Literal["acquire", "downsample", "estimate", "health", "http", "bus"]
-NODE_NAMES: tuple[NodeName, ...] = ("acquire", "downsample", "estimate", "health", "http", "bus")
+NodeName = Literal[
+    "acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration", "bus"
+]
+NODE_NAMES: tuple[NodeName, ...] = (
+    "acquire",
+    "downsample",
+    "estimate",
+    "health",
+    "http",
+    "mqtt",
+    "vibration",
+    "bus",
+)
 PIPELINE: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample", "acquire")
 _JOIN_PERIOD_S = 1.0
 DRAIN_S = 0.5
@@ -30,7 +41,18 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     """
     await check_service(config)
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
-    await _run_on(bus, config, PIPELINE, on_http_ready)
+    names = (*_optional(config), *PIPELINE)
+    await _run_on(bus, config, names, on_http_ready)
+
+
+def _optional(config: EdgeConfig) -> tuple[NodeName, ...]:
+    """Nodes that run where their table stands in the configuration."""
+    names: list[NodeName] = []
+    if config.mqtt is not None:
+        names.append("mqtt")
+    if config.vibration is not None:
+        names.append("vibration")
+    return tuple(names)
 
 
 async def run_node(
@@ -116,16 +138,28 @@ def _coroutines(context: NodeContext, name: NodeName) -> list[Coroutine[Any, Any
     match name:
         case "acquire":
             return [acquire_node.run(context, axis) for axis in context.config.axes]
-        case "downsample":
-            return [downsample_node.run(context)]
-        case "estimate":
-            return [estimate_node.run(context)]
-        case "health":
-            return [health_node.run(context)]
-        case "http":
-            return [http_node.run(context)]
         case "bus":
             return []
+        case "mqtt":
+            return [_mqtt(context)]
+    return [_RUNS[name](context)]
+
+
+_RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
+    "downsample": downsample_node.run,
+    "estimate": estimate_node.run,
+    "health": health_node.run,
+    "http": http_node.run,
+    "vibration": vibration_node.run,
+}
+
+
+async def _mqtt(context: NodeContext) -> None:
+    try:
+        from . import mqtt_node
+    except ImportError as error:
+        raise ConfigError(f"mqtt: needs `pip install edge-service[mqtt]` ({error})") from None
+    await mqtt_node.run(context)
 
 
 async def check_service(config: EdgeConfig) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from edge_service.messages.channels import CHANNELS, TORQUE
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
-BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
+BENCH = Path(__file__).parents[3] / "deploy" / "machine.toml"
 
 
 def context() -> DriverContext:

@@ -16,7 +16,7 @@ from drivers.replay import LONGEST_STEP_S, ReplayConfig, ReplayDriver
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 EMPS = ROOT.parent / "shared" / "data" / "emps" / "emps_estimation.csv"
 PLAIN = {"axis": {"lead_m": 0.02}, "model": {"inertia_kg_m2": 1.5e-3}}
 

@@ -1,0 +1,209 @@
+"""Traces that a controller leaves in a folder: each is read once, one after the other."""
+
+import asyncio
+import logging
+import threading
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
+from contextlib import aclosing
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from edge_service.messages.samples import SampleFrame
+from edge_service.trace.columns import TraceError
+from edge_service.trace.controller_axis import ControllerAxis
+from edge_service.trace.reader import TraceReader, open_trace
+
+from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
+from ..frame_cutter import FrameCutter
+from .arrivals import Arrivals, digest_of
+from .config import FolderConfig
+from .ledger import Entry, Ledger
+
+log = logging.getLogger(__name__)
+BETWEEN_S = 1.0
+"""Axis time between two traces: the axis may be anywhere when the next begins."""
+SAVE_ROWS = 20_000
+"""After so many rows the ledger is written; more than these are never read twice."""
+
+
+class FolderDriver:
+    """Yields the rows of every complete trace in the folder, then waits for the next.
+
+    The recorded clocks follow each other, with a gap between. A trace that cannot be read is told
+    in the log and in the ledger, and is no reason to stop. Files are read in a thread.
+    """
+
+    config_model: ClassVar[type[DriverConfig]] = FolderConfig
+    paced = False
+
+    def __init__(
+        self,
+        config: FolderConfig,
+        context: DriverContext,
+        *,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self._config = config
+        self._columns = context.machine.columns
+        self._axis = ControllerAxis(config.axis_number, context.machine.axis.lead_m)
+        self._ledger_path = config.ledger or config.folder / f".edge-service-{context.axis}.json"
+        self._sleep = sleep
+        self._lock = threading.Lock()  # held by the one thread that reads or closes
+        self._reader: TraceReader | None = None
+        self._ledger: Ledger | None = None
+        self._counts = {"files": 0, "bad_files": 0, "seen_before": 0, "rows": 0, "bad_cells": 0}
+        self._newest_s = -np.inf
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Files and rows read, files that cannot be, and cells without a number."""
+        return dict(self._counts)
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """None: a recording knows no more than its samples."""
+        return {}
+
+    async def open(self) -> None:
+        """Look into folder and ledger. Raises like all drivers."""
+        if self._ledger is None:
+            self._ledger = await asyncio.to_thread(self._open)
+
+    async def frames(self) -> AsyncGenerator[SampleFrame, None]:
+        """Frames of one trace after the other, until `close` or the folder is gone."""
+        ledger = self._ledger
+        if ledger is None:
+            raise DriverUnavailableError(f"{self._config.folder}: the folder is not open")
+        config, clock = self._config, asyncio.get_running_loop().time
+        arrivals = Arrivals(config.folder, config.pattern, config.settle_s)
+        while self._ledger is ledger:
+            for path in await self._arrived(arrivals, clock()):
+                async with aclosing(self._read(ledger, path)) as frames:
+                    async for frame in frames:
+                        yield frame
+            if self._ledger is ledger:
+                await self._sleep(config.poll_s)
+
+    async def probe(self) -> Probe:
+        """What the folder holds. Raises like `open`."""
+        await asyncio.to_thread(self._open)
+        return Probe(f"traces in {self._config.folder}", await self._channels(), None)
+
+    async def close(self) -> None:
+        """End `frames`; safe twice."""
+        self._ledger = None
+        await asyncio.to_thread(self._let_go)
+
+    def _open(self) -> Ledger:
+        Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
+        return Ledger(self._ledger_path)
+
+    async def _channels(self) -> tuple[str, ...]:
+        """Channels of the first trace that can be read; none while there is none."""
+        config = self._config
+        paths = Arrivals(config.folder, config.pattern, 0.0).complete(0.0)
+        return await asyncio.to_thread(self._first_channels, paths)
+
+    def _first_channels(self, paths: list[Path]) -> tuple[str, ...]:
+        for path in paths:
+            try:
+                with open_trace(path, self._columns, self._axis) as reader:
+                    return reader.channels
+            except TraceError:
+                continue
+        return ()
+
+    async def _arrived(self, arrivals: Arrivals, now_s: float) -> list[Path]:
+        try:
+            return await asyncio.to_thread(arrivals.complete, now_s)
+        except DriverUnavailableError:
+            self._ledger = None
+            raise
+
+    async def _read(self, ledger: Ledger, path: Path) -> AsyncGenerator[SampleFrame, None]:
+        """The rows of a trace that were not read before; what was read is written down."""
+        entry = await asyncio.to_thread(self._begin, ledger, path)
+        if entry is None:
+            return
+        unsaved, shift_s = 0, None
+        frames = self._cut(entry, path)
+        try:
+            while (frame := await asyncio.to_thread(next, frames, None)) is not None:
+                await self._sleep(0.0)  # the event loop must get its turn between two reads
+                if self._ledger is not ledger:
+                    return
+                if shift_s is None:
+                    starts_anew = np.isfinite(self._newest_s)
+                    shift_s = self._newest_s + BETWEEN_S - frame.time_s[0] if starts_anew else 0.0
+                shifted = SampleFrame(frame.time_s + shift_s, frame.channels)
+                self._newest_s = max(self._newest_s, float(shifted.time_s.max()))
+                entry.rows += len(frame)
+                self._counts["rows"] += len(frame)
+                unsaved += len(frame)
+                yield shifted
+                if unsaved >= SAVE_ROWS:
+                    await asyncio.to_thread(ledger.save)
+                    unsaved = 0
+        finally:
+            self._let_go()
+            ledger.save()
+
+    def _begin(self, ledger: Ledger, path: Path) -> Entry | None:
+        """Its entry, unless it has been read already."""
+        try:
+            entry = ledger.entry(digest_of(path), path.name)
+        except OSError as error:
+            log.warning("%s: cannot be read (%s)", path, error.strerror)
+            return None
+        if entry.done:
+            self._counts["seen_before"] += 1
+            return None
+        return entry
+
+    def _cut(self, entry: Entry, path: Path) -> Iterator[SampleFrame]:
+        """Frames of the rows beyond `entry.rows`; at the end the entry is done."""
+        cutter, skip = FrameCutter(self._config.frame_s), entry.rows
+        try:
+            with self._lock:
+                self._reader = reader = open_trace(path, self._columns, self._axis)
+            log.info("reading %s", path)
+            bad = 0
+            while (block := self._next(reader)) is not None:
+                self._counts["bad_cells"] += sum(reader.bad_cells.values()) - bad
+                bad = sum(reader.bad_cells.values())
+                kept = _without(block, skip)
+                skip -= len(block) - len(kept)
+                if len(kept):
+                    yield from cutter.cut(kept)
+            if self._reader is not reader:  # closed meanwhile: not at its end
+                return
+            rest = cutter.rest()
+            if rest is not None:
+                yield rest
+            self._counts["files"] += 1
+        except TraceError as error:
+            log.warning("%s", error)
+            entry.problem = str(error)
+            self._counts["bad_files"] += 1
+        entry.done = True
+
+    def _next(self, reader: TraceReader) -> SampleFrame | None:
+        with self._lock:
+            return next(reader, None) if self._reader is reader else None
+
+    def _let_go(self) -> None:
+        with self._lock:
+            reader, self._reader = self._reader, None
+            if reader is not None:
+                reader.close()
+
+
+def _without(block: SampleFrame, rows: int) -> SampleFrame:
+    """A block without its first rows."""
+    if rows <= 0:
+        return block
+    return SampleFrame(
+        block.time_s[rows:], {name: values[rows:] for name, values in block.channels.items()}
+    )

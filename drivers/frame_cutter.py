@@ -1,0 +1,51 @@
+"""Recorded rows as frames of about equal axis time."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from edge_service.messages.samples import SampleFrame
+
+LARGEST_FRAME = 4096
+"""Rows of a frame, where the recorded clock stands still."""
+
+
+class FrameCutter:
+    """Cuts runs of rows where axis time passes a multiple of `frame_s`, forwards or backwards."""
+
+    def __init__(self, frame_s: float) -> None:
+        self._frame_s = frame_s
+        self._origin_s: float | None = None
+        self._rest: SampleFrame | None = None
+
+    def cut(self, block: SampleFrame) -> Iterator[SampleFrame]:
+        """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
+        rows = block if self._rest is None else _join(self._rest, block)
+        if self._origin_s is None:
+            self._origin_s = float(rows.time_s[0])
+        with np.errstate(over="ignore", invalid="ignore"):
+            number = np.floor((rows.time_s - self._origin_s) / self._frame_s)
+        edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]
+        for start, end in pairwise(edges):
+            cuts = range(start, end, LARGEST_FRAME)
+            for cut in cuts[:-1] if end == len(rows) else cuts:
+                yield _rows(rows, cut, min(cut + LARGEST_FRAME, end))
+        self._rest = _rows(rows, cuts[-1], len(rows))
+
+    def rest(self) -> SampleFrame | None:
+        """The rows kept at the end."""
+        return self._rest
+
+
+def _rows(frame: SampleFrame, start: int, end: int) -> SampleFrame:
+    channels = {name: values[start:end] for name, values in frame.channels.items()}
+    return SampleFrame(frame.time_s[start:end], channels)
+
+
+def _join(first: SampleFrame, second: SampleFrame) -> SampleFrame:
+    channels = {
+        name: np.concatenate([values, second.channels[name]])
+        for name, values in first.channels.items()
+    }
+    return SampleFrame(np.concatenate([first.time_s, second.time_s]), channels)

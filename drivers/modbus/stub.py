@@ -1,0 +1,168 @@
+"""A Modbus device that serves axes by the register map of the driver's own configuration."""
+
+import asyncio
+import logging
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from ..base import DriverMisconfiguredError
+from ..signals import Scaling
+from ..stub import Fault, FaultKind, Following, StubAxis
+from .config import ModbusConfig, Order, RegisterConfig, Table
+from .numbers import encode_number
+
+FAULT_ADDRESS = 65_000
+"""Holding register: write a fault's number here, its amount in thousandths into the next one."""
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+_OPPOSITE: dict[Order, Order] = {"big": "little", "little": "big"}
+
+
+class ModbusStub:
+    """A server for all axes that share its address; every read gets the latest sample.
+
+    A constant is served as it is configured, a heartbeat counts the samples, and a channel that
+    the axis does not have is NaN (0 in integers).
+    """
+
+    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None:
+        if nodesets is not None:
+            raise DriverMisconfiguredError("nodesets", "Modbus has no companion specifications")
+        self.fault = Fault()
+        self._axes = axes
+        self._config: ModbusConfig = axes[0].config
+        self._following = Following(axes)
+        self._server: ModbusTcpServer | None = None
+        self._released = asyncio.Event()
+        self._scalings = {
+            (axis.name, register.address, register.table): Scaling.of(
+                register, axis.context.machine, axis.config.key_of(register)
+            )
+            for axis in axes
+            for register in axis.config.registers
+            if register.channel is not None
+        }
+        for axis in axes[1:]:
+            if (axis.config.host, axis.config.port) != (self._config.host, self._config.port):
+                raise DriverMisconfiguredError(
+                    "port", f"axis {axis.name} is elsewhere than axis {axes[0].name}; choose --axis"
+                )
+
+    async def start(self) -> str:
+        """Listen; returns the address. Raises DriverMisconfiguredError."""
+        await self._following.start()
+        units = sorted({axis.config.device_id for axis in self._axes})
+        host, port = self._config.host, self._config.port
+        server = ModbusTcpServer([self._device(unit) for unit in units], address=(host, port))
+        if not await server.listen():
+            await self._following.close()
+            raise DriverMisconfiguredError("port", f"{host}:{port} is in use or not ours")
+        self._server = server
+        return f"{host}:{port}"
+
+    async def close(self) -> None:
+        """Hang up on everybody; safe twice."""
+        self._released.set()
+        await self._following.close()
+        server, self._server = self._server, None
+        if server is not None:
+            await server.shutdown()
+
+    def _device(self, unit: int) -> SimDevice:
+        axes = [axis for axis in self._axes if axis.config.device_id == unit]
+        fault = dict.fromkeys((FAULT_ADDRESS, FAULT_ADDRESS + 1), True)
+        holding, inputs = _block(_taken(axes, "holding") | fault), _block(_taken(axes, "input"))
+        bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
+        return SimDevice(
+            unit, simdata=(bits, list(bits), holding, inputs), action=partial(self._serve, axes)
+        )
+
+    async def _serve(
+        self,
+        axes: Sequence[StubAxis],
+        function: int,
+        start: int,
+        _address: int,
+        _count: int,
+        registers: list[int],
+        written: list[int] | list[bool] | None,
+    ) -> ExcCodes | None:
+        """What the library asks before it answers: bring the registers up to date, or misbehave."""
+        if written:
+            asyncio.get_running_loop().call_soon(self._obey, registers, start)
+            return None
+        refusal = await self._misbehave()
+        if refusal is None and self.fault.kind is not FaultKind.STALE:
+            for axis in axes:
+                self._write(axis, "input" if function == 4 else "holding", start, registers)
+        return refusal
+
+    async def _misbehave(self) -> ExcCodes | None:
+        fault = self.fault
+        match fault.kind:
+            case FaultKind.DELAY:
+                await asyncio.sleep(fault.amount)
+            case FaultKind.HANG:
+                await self._released.wait()
+            case FaultKind.EXCEPTION:
+                return ExcCodes(int(fault.amount))
+            case FaultKind.DROP:
+                self._hang_up()
+            case _:
+                pass
+        return None
+
+    def _hang_up(self) -> None:
+        if self._server is not None:
+            for connection in list(self._server.active_connections.values()):
+                connection.close()
+
+    def _obey(self, registers: list[int], start: int) -> None:
+        """Take the fault that somebody wrote into the registers."""
+        number, thousandths = registers[FAULT_ADDRESS - start : FAULT_ADDRESS - start + 2]
+        if number in set(FaultKind):
+            self.fault = Fault(FaultKind(number), thousandths / 1000.0)
+
+    def _write(self, axis: StubAxis, table: Table, start: int, registers: list[int]) -> None:
+        config: ModbusConfig = axis.config
+        for register in config.registers:
+            if register.table == table:
+                word_order = register.word_order or config.word_order
+                if self.fault.kind is FaultKind.WORD_ORDER:
+                    word_order = _OPPOSITE[word_order]
+                byte_order = register.byte_order or config.byte_order
+                value = self._raw(axis, register)
+                words = encode_number(value, register.type, word_order, byte_order)
+                first = register.address - start
+                registers[first : first + len(words)] = words
+
+    def _raw(self, axis: StubAxis, register: RegisterConfig) -> float:
+        if register.channel is None:
+            return axis.samples % 30_000 if register.equals is None else register.equals
+        value = axis.latest.get(register.channel)
+        if value is None:
+            return float("nan") if register.type.startswith("float") else 0.0
+        return self._scalings[axis.name, register.address, register.table].raw(value)
+
+
+def _taken(axes: Sequence[StubAxis], table: Table) -> dict[int, bool]:
+    """Addresses of a table that the map uses; none is for clients to write."""
+    return {
+        address: False
+        for axis in axes
+        for register in axis.config.registers
+        if register.table == table
+        for address in range(register.address, register.address + register.words)
+    }
+
+
+def _block(taken: dict[int, bool]) -> list[SimData]:
+    """One piece of memory per register; those that clients may write are told."""
+    return [
+        SimData(address, values=0, datatype=DataType.REGISTERS, readonly=not writable)
+        for address, writable in sorted(taken.items())
+    ] or [SimData(0, values=0, datatype=DataType.REGISTERS)]

@@ -1,0 +1,1 @@
+"""OPC UA: subscriptions to a machine's variables; and a stub server."""

@@ -1,0 +1,255 @@
+"""A session with an OPC UA server: in, the limits, the variables, one subscription, out."""
+
+import asyncio
+import contextlib
+import logging
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from asyncua import ua
+from asyncua.client.client import Client
+from asyncua.common.node import Node
+from asyncua.crypto import security_policies
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds
+
+from ..base import DriverMisconfiguredError, DriverUnavailableError
+from .config import NodeConfig, OpcuaConfig
+from .errors import FAILURES, NOT_THERE, say, translated
+from .names import browse_path, is_path, node_id
+from .units import unit_of_code
+
+# What the library finds wrong is told once, by the driver; its own log holds tracebacks.
+logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+SESSION_S = 20.0
+"""A server keeps the session of a client that vanished for so long; it has few to give away."""
+GOODBYE_S = 1.0
+"""How long a server may take to let us go."""
+
+
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """What the server gives: intervals in s, values that it queues, limits that it names."""
+
+    publishing_s: float
+    sampling_s: float
+    queue_size: int
+    limits: dict[str, float]
+
+    def as_readings(self) -> dict[str, float]:
+        """By name."""
+        return {
+            "publishing_s": self.publishing_s,
+            "sampling_s": self.sampling_s,
+            "queue_size": float(self.queue_size),
+        } | self.limits
+
+
+LIMITS = {
+    "min_supported_sample_s": (ObjectIds.Server_ServerCapabilities_MinSupportedSampleRate, 1e-3),
+    "max_sessions": (ObjectIds.Server_ServerCapabilities_MaxSessions, 1.0),
+    "max_monitored_items_per_call": (
+        ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall,
+        1.0,
+    ),
+}
+"""Name -> variable of the server and its factor to SI; servers may lack them."""
+
+
+class OpcuaSession:
+    """One connection. Every failure of the library leaves as one of the two driver errors."""
+
+    def __init__(self, config: OpcuaConfig) -> None:
+        self._config = config
+        self._client: Client | None = None
+        self._lost = asyncio.Event()
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a session that nobody has seen die."""
+        return self._client is not None and not self._lost.is_set()
+
+    @property
+    def lost(self) -> asyncio.Event:
+        """Set when the connection is gone."""
+        return self._lost
+
+    async def connect(self) -> None:
+        """Connect. Raises DriverUnavailableError and DriverMisconfiguredError."""
+        config = self._config
+        client = Client(config.url, timeout=config.timeout_s)
+        client.name = client.description = "edge-service"
+        client.application_uri = config.application_uri
+        client.session_timeout = round(1e3 * max(SESSION_S, 3.0 * config.lost_after_s))
+        client.connection_lost_callback = self._note_loss
+        if config.user is not None:
+            client.set_user(config.user)
+            client.set_password(config.password or "")
+        self._lost = asyncio.Event()
+        await self._secure(client)
+        try:
+            async with translated(self._config.url):
+                await client.connect()
+        except BaseException:
+            await _leave(client)
+            raise
+        self._client = client
+
+    async def close(self) -> None:
+        """Leave; safe twice."""
+        client, self._client = self._client, None
+        self._lost.set()
+        if client is not None:
+            await _leave(client)
+
+    async def limits(self) -> dict[str, float]:
+        """What the server says of itself, as far as it does."""
+        nodes = {
+            name: (ua.NodeId(ua.Int32(which)), factor) for name, (which, factor) in LIMITS.items()
+        }
+        async with translated(self._config.url):
+            found = await self._require().uaclient.session.read_attributes(
+                [node for node, _ in nodes.values()], AttributeIds.Value
+            )
+        limits = {}
+        for (name, (_, factor)), data in zip(nodes.items(), found, strict=True):
+            value = data.Value.Value if data.Value is not None else None
+            if isinstance(value, int | float) and math.isfinite(value) and value > 0:
+                limits[name] = factor * float(value)
+        return limits
+
+    async def find(self, signals: Sequence[NodeConfig]) -> list[Node]:
+        """The variables. Raises DriverMisconfiguredError for one that is not there."""
+        client = self._require()
+        async with translated(self._config.url):
+            namespaces = await client.get_namespace_array()
+        nodes = []
+        for number, signal in enumerate(signals):
+            key = f"signals[{number}]"
+            node = await self._find(client, signal.node, namespaces, f"{key}.node")
+            await self._check_unit(node, signal, f"{key}.unit")
+            nodes.append(node)
+        return nodes
+
+    async def subscribe(
+        self, nodes: Sequence[Node], limits: dict[str, float], callback: Callable[[Any], None]
+    ) -> Granted:
+        """Subscribe to all nodes; the client handle of a node is its number.
+
+        Args:
+            callback: called with each publication of the server.
+        """
+        config, session = self._config, self._require().uaclient.session
+        asked_ms = 1e3 * config.publishing_s
+        keep_alive = max(int(config.lost_after_s / config.publishing_s / 3.0), 1)
+        parameters = ua.CreateSubscriptionParameters(
+            RequestedPublishingInterval=asked_ms,
+            RequestedLifetimeCount=10 * keep_alive + 100,
+            RequestedMaxKeepAliveCount=keep_alive,
+            MaxNotificationsPerPublish=0,
+            PublishingEnabled=True,
+            Priority=0,
+        )
+        items = [self._item(number, node) for number, node in enumerate(nodes)]
+        at_once = int(limits.get("max_monitored_items_per_call", 0)) or len(items)
+        async with translated(self._config.url):
+            created = await session.create_subscription(parameters, callback)
+            results = []
+            for start in range(0, len(items), at_once):
+                results += await session.create_monitored_items(
+                    ua.CreateMonitoredItemsParameters(
+                        SubscriptionId=created.SubscriptionId,
+                        TimestampsToReturn=ua.TimestampsToReturn.Both,
+                        ItemsToCreate=items[start : start + at_once],
+                    )
+                )
+        for number, result in enumerate(results):
+            if not result.StatusCode.is_good():
+                raise DriverMisconfiguredError(
+                    f"signals[{number}].node", f"cannot be subscribed to: {result.StatusCode.name}"
+                )
+        return Granted(
+            1e-3 * created.RevisedPublishingInterval,
+            1e-3 * max(result.RevisedSamplingInterval for result in results),
+            min(int(result.RevisedQueueSize) for result in results),
+            limits,
+        )
+
+    def _item(self, number: int, node: Node) -> ua.MonitoredItemCreateRequest:
+        return ua.MonitoredItemCreateRequest(
+            ItemToMonitor=ua.ReadValueId(NodeId=node.nodeid, AttributeId=AttributeIds.Value),
+            MonitoringMode=ua.MonitoringMode.Reporting,
+            RequestedParameters=ua.MonitoringParameters(
+                ClientHandle=number,
+                SamplingInterval=1e3 * self._config.sampling_s,
+                QueueSize=self._config.queue_size,
+                DiscardOldest=True,
+            ),
+        )
+
+    async def _secure(self, client: Client) -> None:
+        config = self._config
+        if config.security_policy == "None":
+            return
+        assert config.certificate and config.private_key and config.server_certificate
+        for key in ("certificate", "private_key", "server_certificate"):
+            path = getattr(config, key)
+            if not path.is_file():
+                raise DriverMisconfiguredError(key, f"{path}: no such file")
+        policy = getattr(security_policies, f"SecurityPolicy{config.security_policy}")
+        try:
+            await client.set_security(
+                policy,
+                config.certificate,
+                config.private_key,
+                server_certificate=str(config.server_certificate),
+                mode=ua.MessageSecurityMode[config.security_mode],
+            )
+        except (ValueError, TypeError, OSError) as error:
+            raise DriverMisconfiguredError("certificate", f"cannot be used: {error}") from None
+
+    async def _find(self, client: Client, name: str, namespaces: list[str], key: str) -> Node:
+        try:
+            if is_path(name):
+                node = await client.nodes.objects.get_child(browse_path(name, namespaces))
+            else:
+                node = client.get_node(node_id(name, namespaces))
+            await node.read_browse_name()
+        except NOT_THERE as error:
+            raise DriverMisconfiguredError(key, f"{name!r}: {say(error)}") from None
+        except FAILURES as error:
+            raise DriverUnavailableError(f"{self._config.url}: {say(error)}") from None
+        return node
+
+    async def _check_unit(self, node: Node, signal: NodeConfig, key: str) -> None:
+        """Hold the declared unit against the one that the variable itself states, if it does."""
+        try:
+            stated = await (await node.get_child("0:EngineeringUnits")).read_value()
+            code = int(stated.UnitId)
+        except (*FAILURES, AttributeError, TypeError):
+            return
+        unit = unit_of_code(code)
+        declared = signal.declared_unit
+        if unit is not None and unit != declared and signal.scale == 1.0:
+            raise DriverMisconfiguredError(
+                key, f"{declared!r}, but the server states {unit!r} for {signal.node}"
+            )
+
+    async def _note_loss(self, _error: Exception) -> None:
+        self._lost.set()
+
+    def _require(self) -> Client:
+        if self._client is None:
+            raise DriverUnavailableError(f"{self._config.url}: the session is not open")
+        return self._client
+
+
+async def _leave(client: Client) -> None:
+    """Say goodbye, or hang up if the server does not listen any more."""
+    with contextlib.suppress(Exception):
+        async with asyncio.timeout(GOODBYE_S):
+            await client.disconnect()
+    with contextlib.suppress(Exception):
+        client.disconnect_socket()

@@ -1,0 +1,215 @@
+"""An OPC UA server that serves axes by the variables that the driver's configuration names.
+
+Like the server of a SINUMERIK it samples and publishes every 100 ms at best, and takes ten sessions
+and no more: enough for features, not for 1 kHz.
+"""
+
+import asyncio
+import logging
+import math
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC
+from pathlib import Path
+from typing import Any
+
+from asyncua import ua
+from asyncua.common.node import Node
+from asyncua.crypto import uacrypto
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.server import Server
+from asyncua.ua.object_ids import ObjectIds
+from asyncua.ua.status_codes import StatusCodes
+
+from ..base import DriverMisconfiguredError
+from ..signals import Scaling
+from ..stub import Fault, FaultKind, Following, StubAxis, parse_fault
+from .address_space import OWN, add_signal, load_nodesets
+from .config import NodeConfig, OpcuaConfig
+from .limited_server import LEAST_INTERVAL_S, MOST_SESSIONS, LimitedServer
+
+logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+_FAULT_STATUS = {
+    FaultKind.NONE: StatusCodes.Good,
+    FaultKind.EXCEPTION: StatusCodes.BadDeviceFailure,
+}
+
+
+class OpcuaStub:
+    """A server for all axes that share its address.
+
+    The variable `FeedDrive/Fault` below Objects takes faults by name, e.g. `delay:0.3`.
+    """
+
+    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None:
+        self._axes = axes
+        self._nodesets = nodesets
+        self._config: OpcuaConfig = axes[0].config
+        self._following = Following(axes)
+        self._server: Server | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._points: list[tuple[StubAxis, NodeConfig, Scaling | None, Node]] = []
+        self._fault_node: Node | None = None
+        self._told = "none"
+        self.fault = Fault()
+        for axis in axes[1:]:
+            if axis.config.url != self._config.url:
+                raise DriverMisconfiguredError(
+                    "url", f"axis {axis.name} is elsewhere than axis {axes[0].name}; choose --axis"
+                )
+
+    async def start(self) -> str:
+        """Listen; returns the address. Raises DriverMisconfiguredError."""
+        await self._following.start()
+        iserver = LimitedServer(_Users(self._config.user, self._config.password))
+        server = Server(iserver)
+        await server.init()
+        server.disable_clock()
+        server.set_endpoint(self._config.url)
+        server.set_server_name("edge-service stub")
+        await server.set_application_uri("urn:edge-service:stub")
+        await self._secure(server)
+        await self._fill(server)
+        try:
+            await server.start()
+        except OSError as error:
+            await self._following.close()
+            raise DriverMisconfiguredError("url", f"{self._config.url}: {error}") from None
+        self._server = server
+        self._task = asyncio.create_task(self._serve(server))
+        return self._config.url
+
+    async def close(self) -> None:
+        """Hang up on everybody; safe twice."""
+        await self._following.close()
+        task, self._task = self._task, None
+        server, self._server = self._server, None
+        if task is not None:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+        if server is not None:
+            await server.stop()
+
+    async def _secure(self, server: Server) -> None:
+        config = self._config
+        if config.security_policy == "None":
+            server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        else:
+            assert config.certificate and config.server_certificate
+            key = config.server_certificate.with_suffix(".key.pem")
+            for path in (config.server_certificate, config.certificate, key):
+                if not path.is_file():
+                    raise DriverMisconfiguredError("server_certificate", f"{path}: no such file")
+            kind = f"{config.security_policy}_{config.security_mode}"
+            server.set_security_policy([ua.SecurityPolicyType[kind]])
+            await server.load_certificate(config.server_certificate)
+            await server.load_private_key(key)
+            server.set_certificate_validator(_Trust(await _der(config.certificate)).check)
+        if config.user is not None:
+            server.set_identity_tokens([ua.UserNameIdentityToken])
+
+    async def _fill(self, server: Server) -> None:
+        await server.register_namespace(OWN)
+        if self._nodesets is not None:
+            await load_nodesets(server, self._nodesets)
+        self._points = []
+        for axis in self._axes:
+            for number, signal in enumerate(axis.config.signals):
+                scaling = None
+                if signal.channel is not None:
+                    scaling = Scaling.of(signal, axis.context.machine, f"signals[{number}]")
+                node = await add_signal(server, axis.name, signal)
+                self._points.append((axis, signal, scaling, node))
+        folder = await server.nodes.objects.add_object(2, "FeedDrive")
+        self._fault_node = await folder.add_variable(2, "Fault", "none")
+        await self._fault_node.set_writable()
+        for which, value in (
+            (ObjectIds.Server_ServerCapabilities_MinSupportedSampleRate, 1e3 * LEAST_INTERVAL_S),
+            (ObjectIds.Server_ServerCapabilities_MaxSessions, ua.UInt32(MOST_SESSIONS)),
+        ):
+            with suppress(ua.uaerrors.UaStatusCodeError):
+                kind = ua.VariantType.Double if isinstance(value, float) else ua.VariantType.UInt32
+                await server.get_node(ua.NodeId(ua.Int32(which))).write_value(
+                    ua.Variant(value, kind)
+                )
+
+    async def _serve(self, server: Server) -> None:
+        """Write a sample of every variable, on a fixed grid of time."""
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
+        while True:
+            await self._obey(server)
+            if self.fault.kind not in (FaultKind.STALE, FaultKind.HANG):
+                await self._write(server)
+            due_s += LEAST_INTERVAL_S
+            await asyncio.sleep(max(due_s - loop.time(), 0.0))
+
+    async def _write(self, server: Server) -> None:
+        late_s = self.fault.amount if self.fault.kind is FaultKind.DELAY else 0.0
+        now = ua.DateTime.fromtimestamp(time.time() - late_s, UTC)
+        code = ua.UInt32(_FAULT_STATUS.get(self.fault.kind, StatusCodes.Good))
+        status = ua.StatusCode(code)
+        for axis, signal, scaling, node in self._points:
+            if scaling is None:
+                raw = float(axis.samples)
+            else:
+                raw = scaling.raw(axis.latest.get(str(signal.channel), math.nan))
+            value = ua.DataValue(
+                ua.Variant(raw, ua.VariantType.Double), status, SourceTimestamp=now
+            )
+            await server.write_attribute_value(node.nodeid, value)
+
+    async def _obey(self, server: Server) -> None:
+        """Do what the fault asks for, or what somebody wrote into its variable."""
+        assert self._fault_node is not None
+        told = str(await self._fault_node.read_value())
+        if told != self._told:
+            self._told = told
+            with suppress(ValueError):
+                self.fault = parse_fault(told)
+        transports: list[Any] = list(server.iserver.asyncio_transports)
+        for transport in transports:
+            if self.fault.kind is FaultKind.DROP:
+                transport.abort()
+            elif self.fault.kind is FaultKind.HANG:
+                transport.pause_reading()
+            else:
+                transport.resume_reading()
+
+
+class _Users:
+    """Lets in the one user that is configured, or everybody where none is."""
+
+    def __init__(self, user: str | None, password: str | None) -> None:
+        self._known = (user, password or "")
+
+    def get_user(
+        self,
+        iserver: Any,
+        username: str | None = None,
+        password: str | None = None,
+        certificate: Any = None,
+    ) -> User | None:
+        """The user, or None for a stranger."""
+        if self._known[0] is None or (username, password) == self._known:
+            return User(role=UserRole.User)
+        return None
+
+
+class _Trust:
+    """Trusts one client certificate and no other."""
+
+    def __init__(self, trusted: bytes) -> None:
+        self._trusted = trusted
+
+    async def check(self, certificate: Any, _description: Any) -> None:
+        """Raise what the library expects for a certificate that is not trusted."""
+        from asyncua.common.utils import ServiceError
+
+        if uacrypto.der_from_x509(certificate) != self._trusted:
+            raise ServiceError(StatusCodes.BadCertificateUntrusted)
+
+
+async def _der(path: Path) -> bytes:
+    return bytes(uacrypto.der_from_x509(await uacrypto.load_certificate(path)))

@@ -1,0 +1,109 @@
+"""A measured value of a device and the channel that it becomes: unit, sign and bounds declared."""
+
+import math
+from dataclasses import dataclass
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from edge_service.messages.channels import ANGLE, CHANNELS, TABLE_POSITION, TORQUE
+from edge_service.messages.quality import Quality
+from edge_service.messages.units import SI, factor_to
+from edge_service.models.machine import Machine
+
+from .base import DriverMisconfiguredError
+
+JOINT_CHANNELS = (TORQUE, ANGLE, TABLE_POSITION)
+"""A row without one of these that its driver reads is a hole; they must be read together."""
+
+
+class SignalConfig(BaseModel):
+    """What a user says of one signal. Value in `unit` = `scale` * raw + `offset`.
+
+    Attributes:
+        channel: the channel that it becomes.
+        unit: of the scaled value; the channel's own unless given.
+        inverted: positive there is negative here.
+        low, high: of the scaled value; outside it is bad, as no such value is possible.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    channel: str | None = None
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    inverted: bool = False
+    low: float | None = Field(None)
+    high: float | None = Field(None)
+
+    @field_validator("channel")
+    @classmethod
+    def _known_channel(cls, value: str | None) -> str | None:
+        if value is not None and value not in CHANNELS:
+            raise ValueError(f"no channel {value!r}; expected one of {', '.join(CHANNELS)}")
+        return value
+
+    @field_validator("unit")
+    @classmethod
+    def _known_unit(cls, value: str | None) -> str | None:
+        if value is not None and value not in SI:
+            raise ValueError(f"unknown unit {value!r}; expected one of {', '.join(SI)}")
+        return value
+
+    @model_validator(mode="after")
+    def _sane(self) -> "SignalConfig":
+        if self.scale == 0.0:
+            raise ValueError("scale must not be 0")
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise ValueError(f"low {self.low:g} must lie below high {self.high:g}")
+        return self
+
+    @property
+    def declared_unit(self) -> str:
+        """The unit of the scaled value: as given, or the channel's own."""
+        return self.unit or (CHANNELS[self.channel].unit if self.channel else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """From a raw number to the channel in SI units, and back."""
+
+    factor: float
+    offset: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, config: SignalConfig, machine: Machine, key: str) -> "Scaling":
+        """The scaling that a signal declares; `key` is its place in the configuration.
+
+        Raises:
+            DriverMisconfiguredError: the unit does not measure what the channel means.
+        """
+        assert config.channel is not None
+        wanted = CHANNELS[config.channel].unit
+        unit = config.declared_unit
+        to_si = factor_to(unit, wanted, machine.axis.lead_m)
+        if to_si is None:
+            raise DriverMisconfiguredError(
+                f"{key}.unit", f"{unit!r} is no unit of {config.channel}, which is in {wanted!r}"
+            )
+        sign = -1.0 if config.inverted else 1.0
+        bounds = [
+            sign * to_si * (bound if bound is not None else far)
+            for bound, far in ((config.low, -math.inf), (config.high, math.inf))
+        ]
+        return cls(sign * to_si * config.scale, sign * to_si * config.offset, *sorted(bounds))
+
+    def si(self, raw: float) -> tuple[float, Quality]:
+        """Value in SI units and its quality; NaN where it is bad."""
+        value = self.factor * raw + self.offset
+        if not math.isfinite(value):
+            return math.nan, Quality.NOT_A_NUMBER
+        if not self.low <= value <= self.high:
+            return math.nan, Quality.OUT_OF_RANGE
+        return value, Quality.GOOD
+
+    def raw(self, value: float) -> float:
+        """What a device would have to say for a value in SI units."""
+        return (value - self.offset) / self.factor

@@ -1,0 +1,139 @@
+"""Stub servers: an axis of another driver served over the real protocol, with faults on demand.
+
+A stub is found by the name of its protocol in the entry-point group `edge_service.stubs`.
+"""
+
+import asyncio
+from collections.abc import AsyncGenerator, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass, field
+from enum import IntEnum
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from edge_service.messages.samples import SampleFrame
+
+from .base import DriverContext, DriverMisconfiguredError
+
+ENTRY_POINT_GROUP = "edge_service.stubs"
+
+
+class FaultKind(IntEnum):
+    """What a stub can do wrong."""
+
+    NONE = 0
+    DELAY = 1  # answers late, by `amount` seconds
+    EXCEPTION = 2  # refuses, with code `amount` (Modbus) or a bad status (OPC UA)
+    STALE = 3  # repeats the values of now
+    DROP = 4  # hangs up, at every request
+    WORD_ORDER = 5  # exchanges the words of longer numbers (Modbus)
+    HANG = 6  # takes requests and never answers
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault with its amount: seconds of a delay, code of an exception."""
+
+    kind: FaultKind = FaultKind.NONE
+    amount: float = 0.0
+
+
+DEFAULT_AMOUNTS = {FaultKind.DELAY: 0.3, FaultKind.EXCEPTION: 4.0}
+
+
+def parse_fault(text: str) -> Fault:
+    """`delay`, `delay:0.3`, `exception:2`, ... Raises ValueError."""
+    name, _, amount = text.partition(":")
+    known = {kind.name.lower(): kind for kind in FaultKind}
+    if name not in known:
+        raise ValueError(f"no fault {name!r}; expected one of {', '.join(known)}")
+    kind = known[name]
+    try:
+        return Fault(kind, float(amount) if amount else DEFAULT_AMOUNTS.get(kind, 0.0))
+    except ValueError:
+        raise ValueError(f"fault {text!r}: {amount!r} is no number") from None
+
+
+@dataclass(slots=True)
+class StubAxis:
+    """One axis of a stub: what its driver is told, where its samples come from, and the latest.
+
+    Attributes:
+        latest: channel -> value in SI units; empty before the first sample.
+        samples: how many samples there were.
+        begun: set with the first one.
+    """
+
+    name: str
+    config: Any
+    context: DriverContext
+    source: AsyncGenerator[SampleFrame, None]
+    latest: dict[str, float] = field(default_factory=dict)
+    samples: int = 0
+    begun: asyncio.Event = field(default_factory=asyncio.Event)
+
+    async def follow(self) -> None:
+        """Keep `latest` up to date until the source ends."""
+        try:
+            await self._follow()
+        finally:
+            self.begun.set()  # a source without samples must not keep anybody waiting
+
+    async def _follow(self) -> None:
+        async with aclosing(self.source) as frames:
+            async for frame in frames:
+                if len(frame) == 0:
+                    continue
+                self.latest = {name: float(v[-1]) for name, v in frame.channels.items()}
+                self.samples += len(frame)
+                self.begun.set()
+
+
+class Stub(Protocol):
+    """A server of one protocol."""
+
+    fault: Fault
+
+    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None: ...
+
+    async def start(self) -> str:
+        """Listen; returns the address. Raises DriverMisconfiguredError."""
+
+    async def close(self) -> None:
+        """Hang up on everybody; safe twice."""
+
+
+def stub_names() -> list[str]:
+    """Names of the protocols that have a stub."""
+    return sorted(entry.name for entry in entry_points(group=ENTRY_POINT_GROUP))
+
+
+def load_stub(name: str) -> type[Stub]:
+    """The class of a stub. Raises DriverMisconfiguredError."""
+    for entry in entry_points(group=ENTRY_POINT_GROUP, name=name):
+        try:
+            return cast(type[Stub], entry.load())
+        except ImportError as error:
+            raise DriverMisconfiguredError("stub", f"{name}: {error}") from error
+    raise DriverMisconfiguredError("stub", f"none for {name!r}; there are {stub_names()}")
+
+
+class Following:
+    """The tasks that keep the axes of a stub up to date."""
+
+    def __init__(self, axes: Sequence[StubAxis]) -> None:
+        self._axes = axes
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def start(self) -> None:
+        """Begin to follow every axis, and wait for the first sample of each."""
+        self._tasks = [asyncio.create_task(axis.follow()) for axis in self._axes]
+        await asyncio.gather(*(axis.begun.wait() for axis in self._axes))
+
+    async def close(self) -> None:
+        """Stop; safe twice."""
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

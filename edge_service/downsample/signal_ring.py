@@ -1,0 +1,43 @@
+"""The latest stretch of a fast signal, for the case that something happens. Pure."""
+
+from collections import deque
+
+import numpy as np
+
+from ..messages.samples import SampleFrame
+from ..messages.waveform import Waveform
+
+
+class SignalRing:
+    """Keeps the last seconds of one sensor's signal.
+
+    Args:
+        keep_s: how much, s.
+    """
+
+    def __init__(self, keep_s: float) -> None:
+        self._keep_s = keep_s
+        self._pieces: deque[Waveform] = deque()
+
+    @property
+    def newest_s(self) -> float:
+        """End of what is kept, on the axis' clock, s; NaN while there is nothing."""
+        return self._pieces[-1].end_s if self._pieces else float("nan")
+
+    def push(self, wave: Waveform) -> None:
+        """Append a piece; what is older than `keep_s` goes."""
+        if self._pieces and wave.start_s < self._pieces[-1].start_s:
+            self._pieces.clear()  # a new clock
+        self._pieces.append(wave)
+        while self._pieces[0].end_s < wave.end_s - self._keep_s:
+            self._pieces.popleft()
+
+    def cut(self, from_s: float, to_s: float) -> SampleFrame | None:
+        """The signal within [from, to) as rows of a trace; None where there is none."""
+        kept = [piece for piece in self._pieces if piece.end_s > from_s and piece.start_s < to_s]
+        if not kept:
+            return None
+        time_s = np.concatenate([piece.time_s for piece in kept])
+        values = np.concatenate([piece.values for piece in kept])
+        inside = (time_s >= from_s) & (time_s < to_s)
+        return SampleFrame(time_s[inside], {kept[0].sensor: values[inside]})

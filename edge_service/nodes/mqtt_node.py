@@ -1,0 +1,113 @@
+"""Estimates, health and events off the bus, over a spool on disk, to an MQTT broker."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from functools import partial
+
+from ..bus.subscriber import Subscriber
+from ..config import ConfigError, MqttConfig
+from ..messages.codec import decode_json
+from ..messages.estimate import Frozen, PreloadEstimate
+from ..messages.event import Event
+from ..messages.header import Header
+from ..messages.health import AxisHealth, ComponentStatus
+from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
+from ..outputs.mqtt import MqttDelivery, MqttError, MqttSettings
+from ..outputs.spool import Spool, SpoolError
+from .context import NodeContext, Reporter
+
+log = logging.getLogger(__name__)
+SENT: tuple[tuple[Topic, type[Frozen]], ...] = (
+    (PRELOAD, PreloadEstimate),
+    (HEALTH, AxisHealth),
+    (EVENT, Event),
+)
+
+
+async def run(context: NodeContext) -> None:
+    """Send until cancelled. Raises ConfigError for what cannot work."""
+    config = context.config
+    if config.mqtt is None:
+        raise ConfigError("mqtt: missing; the node needs a [mqtt] table with a host")
+    reporter = Reporter(context, "mqtt")
+    try:
+        spool = Spool(config.mqtt.buffer, config.mqtt.buffer_messages)
+        delivery = MqttDelivery(_settings(context, config.mqtt), spool, partial(_tell, reporter))
+    except (SpoolError, MqttError) as error:
+        raise ConfigError(str(error)) from None
+    subscribers = [_subscribe(context, topic, model) for topic, model in SENT]
+    reporter.counters = lambda: {
+        "delivered": delivery.delivered,
+        "connections": delivery.connections,
+        "waiting": len(spool),
+        "dropped": spool.dropped,
+    }
+    try:
+        async with reporter.running(), asyncio.TaskGroup() as group:
+            group.create_task(delivery.run())
+            for (topic, _), subscriber in zip(SENT, subscribers, strict=True):
+                group.create_task(_follow(context, config.mqtt, spool, topic, subscriber))
+    finally:
+        spool.close()
+
+
+def _settings(context: NodeContext, mqtt: MqttConfig) -> MqttSettings:
+    service = context.config.service
+    return MqttSettings(
+        mqtt.host,
+        mqtt.port,
+        client_id=f"edge-service-{service.site}-{service.machine}",
+        presence=f"{_root(context, mqtt)}/online",
+        user=mqtt.user,
+        password=mqtt.password,
+        ca_certificate=mqtt.ca_certificate,
+    )
+
+
+def _root(context: NodeContext, mqtt: MqttConfig) -> str:
+    service = context.config.service
+    return f"{mqtt.prefix.strip('/')}/{service.site}/{service.machine}"
+
+
+def _tell(reporter: Reporter, problem: str) -> None:
+    if problem:
+        if reporter.status is not ComponentStatus.RECOVERABLE_ERROR:
+            log.warning("mqtt: lost: %s; messages are kept on disk", problem)
+        reporter.to(ComponentStatus.RECOVERABLE_ERROR, problem)
+    else:
+        log.info("mqtt: the broker is there")
+        reporter.to(ComponentStatus.OK)
+
+
+def _subscribe(context: NodeContext, topic: Topic, model: type[Frozen]) -> Subscriber[bytes]:
+    return context.bus.subscribe(
+        context.config.keys.all_axes(topic), _as_it_is(topic.payload, model), depth=1024
+    )
+
+
+def _as_it_is(schema: str, model: type[Frozen]) -> Callable[[bytes], tuple[str, Header, bytes]]:
+    """Decode to be sure of it, and pass on the bytes."""
+
+    def decode(payload: bytes) -> tuple[str, Header, bytes]:
+        axis, header, _ = decode_json(schema, model, payload)
+        return axis, header, payload
+
+    return decode
+
+
+async def _follow(
+    context: NodeContext,
+    mqtt: MqttConfig,
+    spool: Spool,
+    topic: Topic,
+    subscriber: Subscriber[bytes],
+) -> None:
+    """Put what is heard into the spool; estimates not more often than asked for."""
+    period_ns = round(1e9 * mqtt.period_s) if topic is PRELOAD else 0
+    sent_ns: dict[str, int] = {}
+    async for axis, header, payload in subscriber:
+        if 0 <= header.source_time_ns - sent_ns.get(axis, -period_ns) < period_ns:
+            continue
+        sent_ns[axis] = header.source_time_ns
+        spool.put(f"{_root(context, mqtt)}/{axis}/{topic.name}", payload)

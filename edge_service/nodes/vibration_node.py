@@ -1,0 +1,150 @@
+"""Fast signals in, features out; the signal itself is dropped, or kept around an event."""
+
+import asyncio
+import logging
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from ..bus.publisher import Publisher
+from ..config import ConfigError, VibrationConfig
+from ..downsample.signal_ring import SignalRing
+from ..downsample.vibration import VibrationReducer, VibrationSettings
+from ..messages.channels import ANGLE
+from ..messages.codec import decode_json, decode_samples, decode_waveform, encode_json
+from ..messages.event import Event, Severity
+from ..messages.health import ComponentStatus
+from ..messages.samples import SampleFrame
+from ..messages.topics import EVENT, RAW, VIB, WAVE
+from ..messages.vibration import VibrationFeatures
+from ..messages.waveform import Waveform
+from ..trace.columns import TraceError
+from ..trace.writer import TraceWriter
+from .context import NodeContext, Reporter
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class _Sensor:
+    """One sensor of one axis: its reducer, its latest signal, and the cuts that are due.
+
+    Attributes:
+        due: times on the axis' clock at which an event happened that is still to be kept.
+    """
+
+    reducer: VibrationReducer
+    ring: SignalRing
+    due: list[float] = field(default_factory=list)
+
+
+class _Bench:
+    """All sensors of all axes."""
+
+    def __init__(self, config: VibrationConfig) -> None:
+        self._config = config
+        self._settings = VibrationSettings(
+            config.interval_s, config.bands_hz, config.orders, config.slip
+        )
+        self._sensors: dict[tuple[str, str], _Sensor] = {}
+        self.counts = {"waveforms": 0, "features": 0, "kept": 0}
+
+    @property
+    def gaps(self) -> int:
+        """Times that a signal broke off."""
+        return sum(sensor.reducer.gaps for sensor in self._sensors.values())
+
+    def follow(self, axis: str, frame: SampleFrame) -> None:
+        """The angle of the screw, for all sensors of the axis."""
+        if ANGLE in frame.channels:
+            for (owner, _), sensor in self._sensors.items():
+                if owner == axis:
+                    sensor.reducer.follow(frame.time_s, frame.channels[ANGLE])
+
+    def push(self, axis: str, wave: Waveform) -> list[VibrationFeatures]:
+        """A piece of a signal; returns the intervals that it completes."""
+        self.counts["waveforms"] += 1
+        sensor = self._sensors.get((axis, wave.sensor))
+        if sensor is None:
+            keep_s = self._config.keep_before_s + self._config.keep_after_s + 1.0
+            sensor = _Sensor(VibrationReducer(self._settings), SignalRing(keep_s))
+            self._sensors[axis, wave.sensor] = sensor
+        sensor.ring.push(wave)
+        features = sensor.reducer.push(wave)
+        self.counts["features"] += len(features)
+        return features
+
+    def note(self, event: Event) -> None:
+        """Keep the signal around an event that asks for attention."""
+        if self._config.keep_folder is None or event.severity is Severity.INFO:
+            return
+        for (axis, _), sensor in self._sensors.items():
+            if axis == event.axis and not sensor.due:
+                sensor.due.append(sensor.ring.newest_s)
+
+    def cuts(self) -> list[tuple[Path, SampleFrame]]:
+        """Signals that are due to be written, with the names of their files."""
+        config, due = self._config, []
+        for (axis, name), sensor in self._sensors.items():
+            for at_s in list(sensor.due):
+                if sensor.ring.newest_s >= at_s + config.keep_after_s:
+                    sensor.due.remove(at_s)
+                    cut = sensor.ring.cut(at_s - config.keep_before_s, at_s + config.keep_after_s)
+                    if cut is not None and config.keep_folder is not None:
+                        stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
+                        due.append((config.keep_folder / f"{axis}_{name}_{stamp}.parquet", cut))
+        return due
+
+
+async def run(context: NodeContext) -> None:
+    """Reduce what every axis' fast sensors send, until cancelled."""
+    config, bus = context.config, context.bus
+    if config.vibration is None:
+        raise ConfigError("vibration: missing; the node needs a [vibration] table")
+    bench = _Bench(config.vibration)
+    publishers = {
+        axis.name: bus.publisher(config.keys.key(axis.name, VIB), VIB) for axis in config.axes
+    }
+    waves = bus.subscribe(config.keys.all_axes(WAVE), decode_waveform, depth=1024)
+    samples = bus.subscribe(config.keys.all_axes(RAW), decode_samples)
+    events = bus.subscribe(config.keys.all_axes(EVENT), partial(decode_json, EVENT.payload, Event))
+    reporter = Reporter(context, "vibration")
+    reporter.counters = lambda: waves.counters.as_dict() | bench.counts | {"gaps": bench.gaps}
+
+    async def follow_samples() -> None:
+        async for axis, _, frame in samples:
+            bench.follow(axis, frame)
+
+    async def follow_events() -> None:
+        async for _, _, event in events:
+            bench.note(event)
+
+    async def follow_waves() -> None:
+        async for axis, header, wave in waves:
+            if axis in publishers:
+                for features in bench.push(axis, wave):
+                    _publish(publishers[axis], axis, features, header.source_time_ns)
+                for path, cut in bench.cuts():
+                    await asyncio.to_thread(_keep, path, cut)
+                    bench.counts["kept"] += 1
+
+    async with reporter.running(), asyncio.TaskGroup() as group:
+        reporter.to(ComponentStatus.OK)
+        for follow in (follow_samples, follow_events, follow_waves):
+            group.create_task(follow())
+
+
+def _publish(publisher: Publisher, axis: str, features: VibrationFeatures, source_ns: int) -> None:
+    publisher.publish(partial(encode_json, VIB.payload, axis, payload=features), source_ns)
+
+
+def _keep(path: Path, cut: SampleFrame) -> None:
+    """Write a signal; a disk that is full is told and stops nothing."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TraceWriter(path, tuple(cut.channels)) as writer:
+            writer.write(cut)
+        log.info("%s: %d values around an event", path, len(cut))
+    except (TraceError, OSError) as error:
+        log.warning("%s: the signal cannot be kept: %s", path, error)

@@ -1,0 +1,1 @@
+"""What leaves the bus for systems that people already have."""

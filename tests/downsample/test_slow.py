@@ -1,0 +1,78 @@
+"""Slow samples, as from OPC UA or Modbus: what they do not allow is said, not made up."""
+
+import numpy as np
+import pytest
+
+from edge_service.downsample import Downsampler, DownsampleSettings
+from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from edge_service.messages.features import Fault, FeatureBlock
+from edge_service.messages.quality import Quality
+from edge_service.messages.samples import Floats, SampleFrame
+
+RATIO_M_PER_RAD = 0.02 / (2.0 * np.pi)
+SPEED_RAD_S = 20.0
+TORQUE_NM = 0.15
+
+
+def frame(time_s: Floats) -> SampleFrame:
+    angle = SPEED_RAD_S * time_s
+    torque = TORQUE_NM + 0.01 * np.sin(7.0 * time_s)
+    return SampleFrame(
+        time_s, {TORQUE: torque, ANGLE: angle, TABLE_POSITION: RATIO_M_PER_RAD * angle}
+    )
+
+
+def blocks_of(*frames: SampleFrame) -> list[FeatureBlock]:
+    downsampler = Downsampler(DownsampleSettings(), RATIO_M_PER_RAD)
+    return [block for each in frames for block in downsampler.push(each)]
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 20.0, 25.0, 50.0, 100.0])
+def test_a_slow_moving_axis_is_not_stuck_and_its_samples_are_called_sparse(rate_hz: float) -> None:
+    blocks = blocks_of(frame(np.arange(int(5.0 * rate_hz)) / rate_hz))
+    assert len(blocks) > 40
+    sparse = rate_hz * 0.1 < 5.0
+    for block in blocks:
+        assert block.fault == (Fault.SPARSE if sparse else Fault.NONE)
+        assert block.usable
+        assert block.uncertain == sparse
+        assert block.speed_start_rad_s == pytest.approx(SPEED_RAD_S)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 1000.0])
+def test_a_stuck_channel_is_still_found(rate_hz: float) -> None:
+    moving = frame(np.arange(int(3.0 * rate_hz)) / rate_hz)
+    torque = moving.channels[TORQUE].copy()
+    torque[int(rate_hz) : int(2 * rate_hz)] = 0.3
+    stuck = SampleFrame(moving.time_s, {**moving.channels, TORQUE: torque})
+    told = [b.time_s for b in blocks_of(stuck) if Fault.STUCK in b.fault]
+    assert told == pytest.approx(np.arange(11, 21) / 10.0, abs=0.11)
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 100.0, 1000.0])
+def test_a_gap_is_told_at_every_rate(rate_hz: float) -> None:
+    before = frame(np.arange(int(3.0 * rate_hz)) / rate_hz)
+    after = frame(5.0 + np.arange(int(3.0 * rate_hz)) / rate_hz)
+    blocks = blocks_of(before, after)
+    gaps = [block for block in blocks if Fault.GAP in block.fault]
+    assert len(gaps) == 1
+    assert 2.8 < gaps[0].time_s < 5.3
+    assert not gaps[0].usable
+
+
+def test_samples_that_their_source_doubts_are_told() -> None:
+    whole = frame(np.arange(3000) / 1000.0)
+    codes = np.zeros(3000, dtype=np.uint8)
+    codes[1010:1020] = Quality.SOURCE_UNCERTAIN
+    codes[2000] = Quality.OVERFLOW
+    doubted = SampleFrame(whole.time_s, whole.channels, {TORQUE: codes})
+    told = {round(b.time_s, 1) for b in blocks_of(doubted) if Fault.DOUBTED in b.fault}
+    assert told == {1.1, 2.1}
+
+
+def test_a_doubt_about_a_channel_that_no_estimate_rests_on_is_none() -> None:
+    whole = frame(np.arange(1000) / 1000.0)
+    channels = {**whole.channels, "temperature_c": np.full(1000, 20.0)}
+    codes = np.full(1000, Quality.SOURCE_UNCERTAIN, dtype=np.uint8)
+    doubted = SampleFrame(whole.time_s, channels, {"temperature_c": codes})
+    assert all(block.fault is Fault.NONE for block in blocks_of(doubted))

@@ -1,0 +1,67 @@
+"""What the behaviour suite needs of a driver's own folder, and sources that need no plant."""
+
+import asyncio
+import socket
+import tomllib
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base import Driver, DriverContext
+from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
+
+ROOT = Path(__file__).parents[2]
+MACHINE = Machine.model_validate(tomllib.loads((ROOT / "deploy" / "machine.toml").read_text()))
+CONTEXT = DriverContext("X", MACHINE)
+
+Action = Callable[[], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class DriverBench:
+    """A source and the drivers that read it.
+
+    Attributes:
+        make: a new driver for the source.
+        lose: takes the source away; None where it cannot go.
+        bring_back: puts it back.
+        spoil: from now on the source's values are bad; None where it has none.
+        heal: from now on they are good again.
+    """
+
+    make: Callable[[], Driver]
+    lose: Action | None = None
+    bring_back: Action | None = None
+    spoil: Action | None = None
+    heal: Action | None = None
+
+
+def free_port() -> int:
+    """A port of the loopback interface that nobody has."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def truth(number: int) -> dict[str, float]:
+    """What `counting_source` says in its sample `number`, in SI units."""
+    return {
+        TORQUE: 0.25 + 0.001 * (number % 100),
+        ANGLE: 0.5 * (number % 1000),
+        TABLE_POSITION: 1e-5 * (number % 1000),
+        TEMPERATURE: 21.5,
+    }
+
+
+async def counting_source(period_s: float = 0.002) -> AsyncGenerator[SampleFrame, None]:
+    """One sample after the other without end; every value follows from the sample's number."""
+    number = 0
+    while True:
+        values = {name: np.array([value]) for name, value in truth(number).items()}
+        yield SampleFrame(np.array([number * period_s]), values)
+        number += 1
+        await asyncio.sleep(period_s)

@@ -1,0 +1,263 @@
+"""The driver against its stub over a real socket: values, times, groups, faults, recovery."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from typing import Any
+
+import numpy as np
+import pytest
+from pymodbus.client import AsyncModbusTcpClient
+
+from drivers.base import DriverUnavailableError
+from drivers.modbus.driver import ModbusDriver
+from drivers.modbus.stub import FAULT_ADDRESS, ModbusStub
+from drivers.stub import Fault, FaultKind
+from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
+from edge_service.messages.quality import Quality
+from edge_service.messages.samples import SampleFrame
+
+from ..bench import CONTEXT, free_port, truth
+from .bench import REGISTERS, config_of, stub_of
+
+
+class Rig:
+    """A stub and drivers that read it."""
+
+    def __init__(self, **changes: Any) -> None:
+        self.config = config_of(free_port(), **changes)
+        self.stub = stub_of(self.config)
+        self.driver = ModbusDriver(self.config, CONTEXT)
+
+    async def rows(self, count: int) -> SampleFrame:
+        """The next rows of an open driver as one frame."""
+        frames = []
+        async with asyncio.timeout(10.0), aclosing(self.driver.frames()) as source:
+            async for frame in source:
+                frames.append(frame)
+                if sum(map(len, frames)) >= count:
+                    break
+        return SampleFrame(
+            np.concatenate([f.time_s for f in frames]),
+            {n: np.concatenate([f.channels[n] for f in frames]) for n in frames[0].channels},
+            {
+                name: np.concatenate(
+                    [f.quality.get(name, np.zeros(len(f), dtype=np.uint8)) for f in frames]
+                )
+                for name in frames[0].channels
+            },
+        )
+
+
+@pytest.fixture
+async def rig() -> AsyncIterator[Rig]:
+    made = Rig()
+    await made.stub.start()
+    await made.driver.open()
+    yield made
+    await made.driver.close()
+    await made.stub.close()
+
+
+async def test_values_are_those_of_the_source(rig: Rig) -> None:
+    rows = await rig.rows(20)
+    numbers = np.rint((rows.channels[TORQUE] - 0.25) / 0.001).astype(int)
+    assert len(set(numbers)) > 5
+    for number, torque, angle, table in zip(
+        numbers,
+        rows.channels[TORQUE],
+        rows.channels[ANGLE],
+        rows.channels[TABLE_POSITION],
+        strict=True,
+    ):
+        expected = truth(number)
+        assert torque == pytest.approx(expected[TORQUE], rel=1e-6)
+        assert angle % 50.0 == expected[ANGLE] % 50.0
+        assert table == pytest.approx(1e-5 * angle / 0.5, abs=1e-6)
+    np.testing.assert_allclose(rows.channels[TEMPERATURE], 21.5)
+    assert not any(codes.any() for codes in rows.quality.values())
+
+
+async def test_rows_come_at_the_period_and_drift_nowhere(rig: Rig) -> None:
+    loop = asyncio.get_running_loop()
+    start_s = loop.time()
+    rows = await rig.rows(50)
+    assert start_s < rows.time_s[0]
+    assert rows.time_s[-1] < loop.time()
+    grid = (rows.time_s - rows.time_s[0]) / 0.01
+    assert np.median(np.abs(grid - np.rint(grid))) < 0.3
+    assert rig.driver.counters["polls"] >= 2 * 50
+
+
+async def test_a_slow_group_speaks_only_when_it_is_due() -> None:
+    slow = [each | ({"group": "slow"} if each.get("table") else {}) for each in REGISTERS]
+    rig = Rig(poll_groups={"fast": 0.01, "slow": 0.05}, registers=slow)
+    await rig.stub.start()
+    try:
+        await rig.driver.open()
+        rows = await rig.rows(40)
+        heard = np.flatnonzero(np.isfinite(rows.channels[TEMPERATURE]))
+        assert np.isfinite(rows.channels[TORQUE]).all()
+        assert 6 <= len(heard) <= 10
+        assert not rows.quality[TEMPERATURE].any()
+    finally:
+        await rig.driver.close()
+        await rig.stub.close()
+
+
+@pytest.mark.parametrize("code", [2, 4, 6])
+async def test_a_device_that_answers_exceptions_is_asked_on(rig: Rig, code: int) -> None:
+    rig.stub.fault = Fault(FaultKind.EXCEPTION, code)
+    rows = await rig.rows(60)  # 0.6 s, twice the time after which a silent device is lost
+    assert (rows.quality[TORQUE] == Quality.DEVICE_EXCEPTION).all()
+    assert np.isnan(rows.channels[TORQUE]).all()
+    rig.stub.fault = Fault()
+    rows = await rig.rows(3)
+    assert np.isfinite(rows.channels[TORQUE][1:]).all()
+    assert rig.driver.counters["connections"] == 1
+
+
+async def test_a_device_that_answers_exceptions_from_the_start_is_opened(rig: Rig) -> None:
+    rig.stub.fault = Fault(FaultKind.EXCEPTION, 2)
+    await rig.driver.close()
+    await rig.driver.open()
+    assert (await rig.rows(2)).quality[TORQUE][0] == Quality.DEVICE_EXCEPTION
+    with pytest.raises(DriverUnavailableError, match=r"registers\[0\]: .* 0 to 10: exception 2"):
+        await rig.driver.probe()
+
+
+async def test_old_values_are_found_by_their_heartbeat() -> None:
+    rig = Rig(stale_after_s=0.05)
+    await rig.stub.start()
+    try:
+        await rig.driver.open()
+        await rig.rows(3)
+        rig.stub.fault = Fault(FaultKind.STALE)
+        rows = await rig.rows(30)
+        assert (rows.quality[TORQUE][-10:] == Quality.STALE).all()
+        assert np.isnan(rows.channels[TORQUE][-10:]).all()
+    finally:
+        await rig.driver.close()
+        await rig.stub.close()
+
+
+async def test_exchanged_words_are_found_by_the_constant(rig: Rig) -> None:
+    rig.stub.fault = Fault(FaultKind.WORD_ORDER)
+    rows = await rig.rows(3)
+    assert (rows.quality[TORQUE] == Quality.WRONG_CONSTANT).all()
+    assert np.isnan(rows.channels[ANGLE]).all()
+
+
+async def test_a_late_answer_leaves_the_value_and_doubts_its_time(rig: Rig) -> None:
+    rig.stub.fault = Fault(FaultKind.DELAY, 0.03)
+    rows = await rig.rows(4)
+    assert (rows.quality[TORQUE] == Quality.LATE_READ).all()
+    assert np.isfinite(rows.channels[TORQUE]).all()
+    assert rig.driver.counters["missed_polls"] > 0
+    assert rig.driver.readings["poll_s"] > 0.03
+
+
+async def test_a_dropped_connection_costs_one_row(rig: Rig) -> None:
+    async with aclosing(rig.driver.frames()) as frames:
+        await anext(frames)
+        rig.stub.fault = Fault(FaultKind.DROP)
+        while np.isfinite((await anext(frames)).channels[TORQUE]).all():
+            pass
+        rig.stub.fault = Fault()
+        async with asyncio.timeout(1.0):
+            while np.isnan((await anext(frames)).channels[TORQUE]).any():
+                pass
+    assert rig.driver.counters["connections"] >= 2
+    assert rig.driver.counters["bad_no_reply"] >= 1
+
+
+async def test_a_device_that_hangs_is_lost_in_time_and_found_again(rig: Rig) -> None:
+    loop = asyncio.get_running_loop()
+    await rig.rows(2)
+    rig.stub.fault = Fault(FaultKind.HANG)
+    start_s = loop.time()
+    with pytest.raises(DriverUnavailableError, match=r"no valid reply for .* s \(no reply\)"):
+        await rig.rows(1000)
+    config = rig.config
+    assert loop.time() - start_s < config.lost_after_s + 2.0 * config.timeout_s + 0.2
+    with pytest.raises(DriverUnavailableError, match="no reply"):
+        await rig.driver.open()
+    rig.stub.fault = Fault()
+    await rig.driver.open()
+    assert np.isfinite((await rig.rows(2)).channels[TORQUE]).all()
+
+
+async def test_a_value_that_cannot_be_is_bad() -> None:
+    bounded = [REGISTERS[0] | {"low": 0.0, "high": 0.3}, *REGISTERS[1:]]
+    rig = Rig(registers=bounded)
+    await rig.stub.start()
+    try:
+        await rig.driver.open()
+        rows = await rig.rows(60)
+        wild = rows.quality[TORQUE] == Quality.OUT_OF_RANGE
+        assert 0 < wild.sum() < len(rows)
+        assert np.nanmax(rows.channels[TORQUE]) <= 0.3
+        assert np.isnan(rows.channels[TORQUE][wild]).all()
+        assert np.isfinite(rows.channels[ANGLE]).all()
+    finally:
+        await rig.driver.close()
+        await rig.stub.close()
+
+
+async def test_a_fault_can_be_written_into_the_running_stub(rig: Rig) -> None:
+    client = AsyncModbusTcpClient("127.0.0.1", port=rig.config.port)
+    await client.connect()
+    written = await client.write_registers(FAULT_ADDRESS, [2, 6000])
+    assert not written.isError()
+    refused = await client.read_holding_registers(0, count=2)
+    assert refused.exception_code == 6
+    await client.write_registers(FAULT_ADDRESS, [0, 0])
+    assert not (await client.read_holding_registers(0, count=2)).isError()
+    client.close()
+
+
+async def test_signs_units_and_orders_come_back_as_they_went_in() -> None:
+    odd = [
+        {"channel": TORQUE, "address": 100, "type": "int32", "unit": "mN m", "scale": 0.01}
+        | {"inverted": True, "word_order": "little", "byte_order": "little"},
+        {"channel": ANGLE, "address": 103, "type": "float64", "unit": "mm", "offset": 7.0},
+        {"channel": TABLE_POSITION, "address": 200, "type": "float32", "unit": "um"},
+    ]
+    rig = Rig(registers=odd, word_order="little")
+    await rig.stub.start()
+    try:
+        await rig.driver.open()
+        rows = await rig.rows(5)
+        for torque, angle in zip(rows.channels[TORQUE], rows.channels[ANGLE], strict=True):
+            number = round((torque - 0.25) / 0.001)
+            assert torque == pytest.approx(0.25 + 0.001 * number, abs=1e-5)
+            assert angle / 0.5 == pytest.approx(round(angle / 0.5), abs=1e-6)
+    finally:
+        await rig.driver.close()
+        await rig.stub.close()
+
+
+async def test_a_stub_serves_units_of_several_axes() -> None:
+    first = config_of(free_port())
+    second = first.model_copy(update={"device_id": 2})
+    from drivers.stub import StubAxis
+
+    from ..bench import counting_source
+
+    stub = ModbusStub(
+        [
+            StubAxis("X", first, CONTEXT, counting_source()),
+            StubAxis("Y", second, CONTEXT, counting_source()),
+        ]
+    )
+    await stub.start()
+    drivers = [ModbusDriver(config, CONTEXT) for config in (first, second)]
+    try:
+        for driver in drivers:
+            probe = await driver.probe()
+            assert probe.rate_hz == pytest.approx(100.0)
+            await driver.open()
+    finally:
+        for driver in drivers:
+            await driver.close()
+        await stub.close()

@@ -1,0 +1,162 @@
+"""Against devices and masters that nobody here wrote: libmodbus, in C."""
+
+import asyncio
+import shutil
+import struct
+import subprocess
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base import DriverUnavailableError
+from drivers.modbus.driver import ModbusDriver
+from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
+from edge_service.messages.quality import Quality
+
+from ..bench import CONTEXT, free_port
+from .bench import config_of, stub_of
+
+HERE = Path(__file__).parent
+
+
+def compiled(name: str, folder: Path) -> Path:
+    """A program of this folder, compiled against libmodbus; skips where that is not installed."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    program = folder / name
+    built = subprocess.run(
+        [
+            compiler,
+            "-I/usr/include/modbus",
+            str(HERE / f"{name}.c"),
+            "-o",
+            str(program),
+            "-lmodbus",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if "modbus.h" in built.stderr or "-lmodbus" in built.stderr:
+        pytest.skip("libmodbus is not installed (apt-get install libmodbus-dev)")
+    assert built.returncode == 0, built.stderr
+    return program
+
+
+@pytest.fixture(scope="module")
+def server_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled("peer_server", tmp_path_factory.mktemp("libmodbus"))
+
+
+class Device:
+    """The device in C as a process of its own."""
+
+    def __init__(self, program: Path) -> None:
+        self.port = free_port()
+        self._program = program
+        self._process: asyncio.subprocess.Process | None = None
+
+    async def start(self) -> None:
+        self._process = await asyncio.create_subprocess_exec(
+            self._program, str(self.port), stdout=asyncio.subprocess.PIPE
+        )
+        assert self._process.stdout is not None
+        async with asyncio.timeout(10.0):
+            assert await self._process.stdout.readline() == b"listening\n"
+
+    async def stop(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            await self._process.communicate()
+            self._process = None
+
+
+@pytest.fixture
+async def device(server_program: Path) -> AsyncIterator[Device]:
+    made = Device(server_program)
+    await made.start()
+    yield made
+    await made.stop()
+
+
+REGISTERS = [
+    {"channel": TORQUE, "address": 0},
+    {"channel": ANGLE, "address": 2, "word_order": "little"},
+    {"heartbeat": True, "address": 4, "type": "uint16"},
+    {"channel": TEMPERATURE, "address": 0, "table": "input", "type": "int32", "scale": 0.001},
+]
+
+
+async def test_values_of_a_foreign_device(device: Device) -> None:
+    driver = ModbusDriver(config_of(device.port, registers=REGISTERS), CONTEXT)
+    await driver.open()
+    async with aclosing(driver.frames()) as frames:
+        for _ in range(20):
+            frame = await anext(frames)
+            assert (frame.channels[TORQUE] == 0.25).all()
+            assert (frame.channels[ANGLE] == -1.5).all()
+            assert (frame.channels[TEMPERATURE] == -100.0).all()
+            assert not frame.quality
+    await driver.close()
+
+
+async def test_as_many_registers_as_a_request_may_have(device: Device) -> None:
+    many = [
+        *REGISTERS,
+        *({"equals": 0, "address": address, "type": "uint16"} for address in range(5, 125)),
+    ]
+    driver = ModbusDriver(config_of(device.port, registers=many), CONTEXT)
+    await driver.open()
+    async with aclosing(driver.frames()) as frames:
+        assert ((await anext(frames)).channels[TORQUE] == 0.25).all()
+    await driver.close()
+
+
+async def test_a_register_that_a_foreign_device_lacks(device: Device) -> None:
+    beyond = [{"channel": TORQUE, "address": 129, "type": "float32"}]
+    driver = ModbusDriver(config_of(device.port, registers=beyond), CONTEXT)
+    with pytest.raises(DriverUnavailableError, match=r"registers\[0\].*exception 2"):
+        await driver.probe()
+    await driver.open()
+    async with aclosing(driver.frames()) as frames:
+        frame = await anext(frames)
+    assert (frame.quality[TORQUE] == Quality.DEVICE_EXCEPTION).all()
+    await driver.close()
+
+
+async def test_a_foreign_device_goes_and_comes_back(device: Device) -> None:
+    driver = ModbusDriver(config_of(device.port, registers=REGISTERS), CONTEXT)
+    await driver.open()
+    async with aclosing(driver.frames()) as frames:
+        await anext(frames)
+        await device.stop()
+        with pytest.raises(DriverUnavailableError):
+            while True:
+                await anext(frames)
+    await device.start()
+    await driver.open()
+    async with aclosing(driver.frames()) as frames:
+        assert np.isfinite((await anext(frames)).channels[TORQUE]).all()
+    await driver.close()
+
+
+async def test_a_foreign_master_reads_the_stub(tmp_path: Path) -> None:
+    program = compiled("peer_client", tmp_path)
+    stub = stub_of(config_of(free_port()))
+    address = await stub.start()
+    try:
+        master = await asyncio.create_subprocess_exec(
+            program, address.rpartition(":")[2], stdout=asyncio.subprocess.PIPE
+        )
+        async with asyncio.timeout(10.0):
+            printed, _ = await master.communicate()
+        assert master.returncode == 0
+        values = [struct.unpack(">f", bytes.fromhex(line))[0] for line in printed.decode().split()]
+        assert len(values) == 10
+        assert all(0.25 <= value < 0.35 for value in values)
+    finally:
+        await stub.close()

@@ -1,0 +1,222 @@
+"""Hostile devices: no crash, no wrong value believed, and a good reply right after.
+
+The peer is in the same process: what it writes is received before the request has returned.
+"""
+
+import asyncio
+import random
+import struct
+from collections.abc import AsyncIterator, Callable, Sequence
+
+import pytest
+from pymodbus.transport import CommParams, CommType, ModbusProtocol
+from pymodbus.transport.transport import NULLMODEM_HOST, NullModem
+
+from drivers.base import DriverUnavailableError
+from drivers.modbus.config import RegisterConfig
+from drivers.modbus.link import ModbusLink
+from drivers.modbus.requests import ReadRequest
+from edge_service.messages.quality import Quality
+
+REGISTER = RegisterConfig(channel="torque_command_nm", address=0)
+REQUEST = ReadRequest(3, 0, 2, (REGISTER,))
+WORDS = [0x4049, 0x0FDB]
+Answer = Callable[[bytes], Sequence[bytes | None]]
+"""Bytes of a request -> pieces that are sent back; None hangs up."""
+
+
+def good(packet: bytes) -> list[bytes]:
+    return [packet[:2] + struct.pack(">HHBBB2H", 0, 7, packet[6], packet[7], 4, *WORDS)]
+
+
+class Peer(ModbusProtocol):
+    """A device that answers as it is told; `connections` counts the clients it has seen."""
+
+    def __init__(self, listener: "Peer | None" = None) -> None:
+        port = ("127.0.0.1", 502) if listener is None else None
+        params = CommParams(CommType.TCP.name, CommType.TCP, source_address=port)
+        params.source_address = (NULLMODEM_HOST, 502)
+        super().__init__(params, is_server=True)
+        self.answer: Answer = good
+        self.connections = 0
+        self._root = listener
+
+    def callback_new_connection(self) -> ModbusProtocol:
+        self.connections += 1
+        return Peer(self)
+
+    def callback_connected(self) -> None:
+        pass
+
+    def callback_disconnected(self, exc: Exception | None) -> None:
+        pass
+
+    def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
+        assert self._root is not None
+        for piece in self._root.answer(data):
+            if piece is None:
+                self.transport.close()
+            elif self.transport is not None:
+                self.send(piece)
+        return len(data)
+
+
+@pytest.fixture
+async def peer() -> AsyncIterator[Peer]:
+    listening = Peer()
+    await listening.listen()
+    yield listening
+    listening.close()
+    assert not NullModem.is_dirty()
+
+
+@pytest.fixture
+async def link(peer: Peer) -> AsyncIterator[ModbusLink]:
+    made = ModbusLink(NULLMODEM_HOST, 502, 1, 0.02)
+    yield made
+    made.close()
+
+
+def reply(transaction: bytes, rest: str) -> bytes:
+    return transaction + bytes.fromhex(rest)
+
+
+HOSTILE: dict[str, tuple[Answer, Quality]] = {
+    "silence": (lambda _: [], Quality.NO_REPLY),
+    "hangs up": (lambda _: [None], Quality.NO_REPLY),
+    "cut off": (lambda p: [good(p)[0][:-1]], Quality.NO_REPLY),
+    "one byte": (lambda _: [b"\x00"], Quality.NO_REPLY),
+    "wrong transaction": (lambda p: [b"\x99\x99" + good(p)[0][2:]], Quality.NO_REPLY),
+    "transaction zero": (lambda p: [b"\x00\x00" + good(p)[0][2:]], Quality.NO_REPLY),
+    "too few registers": (
+        lambda p: [reply(p[:2], "0000 0005 01 03 02 4049")],
+        Quality.MALFORMED,
+    ),
+    "too many registers": (
+        lambda p: [reply(p[:2], "0000 0009 01 03 06 4049 0fdb 0000")],
+        Quality.MALFORMED,
+    ),
+    "another function": (
+        lambda p: [reply(p[:2], "0000 0007 01 04 04 4049 0fdb")],
+        Quality.MALFORMED,
+    ),
+    "unknown function": (lambda p: [reply(p[:2], "0000 0002 01 63")], Quality.MALFORMED),
+    "empty exception": (lambda p: [reply(p[:2], "0000 0002 01 83")], Quality.MALFORMED),
+    "another unit": (lambda p: [reply(p[:2], "0000 0007 09 03 04 4049 0fdb")], Quality.MALFORMED),
+    "another protocol": (
+        lambda p: [reply(p[:2], "0102 0007 01 03 04 4049 0fdb")],
+        Quality.MALFORMED,
+    ),
+    "garbage": (lambda _: [bytes(range(256))], Quality.MALFORMED),
+    "never ending": (lambda _: [b"\x00\x09\x00\x00\x00\xfe\x01\x03\xfa"] * 200, Quality.NO_REPLY),
+    "endless length": (lambda p: [reply(p[:2], "0000 ffff 01 03 04")], Quality.MALFORMED),
+    "echo": (lambda p: [p], Quality.MALFORMED),
+    "exception": (lambda p: [reply(p[:2], "0000 0003 01 83 02")], Quality.DEVICE_EXCEPTION),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+async def test_a_hostile_reply_is_no_value_and_the_next_read_is_good(
+    name: str, peer: Peer, link: ModbusLink
+) -> None:
+    answer, quality = HOSTILE[name]
+    await link.connect()
+    for _ in range(3):
+        peer.answer = answer
+        bad = await link.read(REQUEST)
+        assert bad.quality is quality
+        assert bad.words == []
+        assert bad.problem
+        assert link.connected == (quality is Quality.DEVICE_EXCEPTION)
+        peer.answer = good
+        await link.connect()
+        fine = await link.read(REQUEST)
+        assert fine.quality is Quality.GOOD
+        assert fine.words == WORDS
+
+
+HARMLESS: dict[str, Answer] = {
+    "byte by byte": lambda p: [bytes([byte]) for byte in good(p)[0]],
+    "after a late reply": lambda p: [b"\x77\x77" + good(p)[0][2:], *good(p)],
+    "merged with a late reply": lambda p: [b"\x77\x77" + good(p)[0][2:] + good(p)[0]],
+    "twice": lambda p: good(p) * 2,
+    "with rubbish behind": lambda p: [good(p)[0] + b"\xff" * 20],
+}
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+async def test_what_still_holds_a_whole_reply_is_read(
+    name: str, peer: Peer, link: ModbusLink
+) -> None:
+    peer.answer = HARMLESS[name]
+    await link.connect()
+    for _ in range(5):
+        read = await link.read(REQUEST)
+        assert read.words == WORDS
+    assert peer.connections == 1
+
+
+@pytest.mark.parametrize("count", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
+async def test_generated_replies_never_become_a_wrong_value(
+    count: int, peer: Peer, link: ModbusLink
+) -> None:
+    """A changed byte of a value cannot be told; everything before it must be."""
+    dice = random.Random(11)
+    believed = 0
+
+    def answer(packet: bytes) -> list[bytes | None]:
+        frame = bytearray(good(packet)[0])
+        if dice.random() < 0.3:
+            return [bytes(frame[: dice.randrange(len(frame))]), None]
+        for _ in range(dice.choice([0, 1, 1, 2])):
+            place = dice.randrange(9)
+            match dice.randrange(3):
+                case 0:
+                    frame[place] = dice.randrange(256)
+                case 1:
+                    frame[place:place] = dice.randbytes(dice.randrange(6))
+                case _:
+                    frame += dice.randbytes(dice.randrange(300))
+        cut = dice.randrange(len(frame))
+        return [bytes(frame[:cut]), bytes(frame[cut:]), b"\x00\x01\x00", b"\xff" * 300, None]
+
+    for _ in range(count):
+        await link.connect()
+        peer.answer = answer
+        async with asyncio.timeout(1.0):
+            read = await link.read(REQUEST)
+        if read.quality is Quality.GOOD:
+            assert read.words == WORDS
+            believed += 1
+    assert 0.1 * count < believed < 0.9 * count
+    peer.answer = good
+    await link.connect()
+    assert (await link.read(REQUEST)).words == WORDS
+
+
+async def test_no_listener_is_no_connection() -> None:
+    link = ModbusLink(NULLMODEM_HOST, 4711, 1, 0.02)
+    with pytest.raises(DriverUnavailableError, match="no connection"):
+        await link.connect()
+    assert not link.connected
+
+
+async def test_close_ends_a_read_at_once(peer: Peer) -> None:
+    link = ModbusLink(NULLMODEM_HOST, 502, 1, 30.0)
+    peer.answer = lambda _: []
+    await link.connect()
+    reading = asyncio.create_task(link.read(REQUEST))
+    await asyncio.sleep(0)
+    link.close()
+    async with asyncio.timeout(5.0):
+        assert (await reading).quality is Quality.NO_REPLY
+    link.close()
+
+
+async def test_the_midpoint_lies_between_request_and_reply(peer: Peer, link: ModbusLink) -> None:
+    loop = asyncio.get_running_loop()
+    await link.connect()
+    before_s = loop.time()
+    read = await link.read(REQUEST)
+    assert before_s <= read.sent_s <= read.midpoint_s <= read.received_s <= loop.time()
+    assert read.midpoint_s == pytest.approx(0.5 * (read.sent_s + read.received_s))

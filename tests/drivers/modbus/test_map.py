@@ -1,0 +1,185 @@
+"""The register map: numbers in every order, requests that are as few as allowed, clear mistakes."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from pymodbus.client.mixin import ModbusClientMixin
+
+from drivers.base import DriverMisconfiguredError
+from drivers.modbus.config import MOST_REGISTERS, WORDS_OF, ModbusConfig, RegisterConfig
+from drivers.modbus.numbers import decode_number, encode_number
+from drivers.modbus.reading import RegisterReader
+from drivers.modbus.requests import plan_group, plan_requests
+from edge_service.config import explain
+
+from ..bench import MACHINE
+from .bench import config_of
+
+PI_WORDS = (0x4049, 0x0FDB)  # IEEE 754: sign 0, exponent 128, mantissa 0x490FDB
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "word_order", "byte_order", "expected"),
+    [
+        (PI_WORDS, "float32", "big", "big", math.pi),
+        (PI_WORDS[::-1], "float32", "little", "big", math.pi),
+        ((0x4940, 0xDB0F), "float32", "big", "little", math.pi),
+        ((0xDB0F, 0x4940), "float32", "little", "little", math.pi),
+        ((0xFFFE,), "int16", "big", "big", -2),
+        ((0xFFFE,), "uint16", "little", "big", 65534),
+        ((0xFEFF,), "int16", "big", "little", -2),
+        ((0x0001, 0x86A0), "int32", "big", "big", 100_000),
+        ((0x86A0, 0x0001), "uint32", "little", "big", 100_000),
+        ((0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE), "int64", "big", "big", -2),
+        ((0x3FF8, 0, 0, 0), "float64", "big", "big", 1.5),
+        ((0, 0, 0, 0x3FF8), "float64", "little", "big", 1.5),
+    ],
+)
+def test_numbers_in_every_order(
+    words: Any, kind: Any, word_order: Any, byte_order: Any, expected: float
+) -> None:
+    number = decode_number(words, kind, word_order, byte_order)
+    assert number == pytest.approx(expected, rel=1e-7)
+    assert tuple(encode_number(expected, kind, word_order, byte_order)) == tuple(words)
+
+
+@given(
+    value=st.floats(-1e6, 1e6),
+    kind=st.sampled_from(sorted(WORDS_OF)),
+    word_order=st.sampled_from(["big", "little"]),
+)
+def test_numbers_agree_with_the_library(value: float, kind: Any, word_order: Any) -> None:
+    if kind.startswith("uint"):
+        value = abs(value)
+    words = encode_number(value, kind, word_order)
+    library = ModbusClientMixin.convert_from_registers(
+        words, ModbusClientMixin.DATATYPE[kind.upper()], word_order
+    )
+    assert decode_number(words, kind, word_order) == library
+
+
+def register(address: int, kind: Any = "uint16", table: Any = "holding") -> RegisterConfig:
+    return RegisterConfig(channel="torque_command_nm", address=address, type=kind, table=table)
+
+
+def spans(*registers: RegisterConfig, max_gap: int = 0) -> list[tuple[int, int, int]]:
+    return [(r.function, r.address, r.count) for r in plan_requests(registers, max_gap)]
+
+
+def test_contiguous_registers_are_read_in_one_request() -> None:
+    assert spans(register(4, "float64"), register(2, "int32"), register(0, "float32")) == [
+        (3, 0, 8)
+    ]
+
+
+def test_a_gap_parts_requests_unless_it_may_be_read_along() -> None:
+    assert spans(register(0), register(3)) == [(3, 0, 1), (3, 3, 1)]
+    assert spans(register(0), register(3), max_gap=2) == [(3, 0, 4)]
+    assert spans(register(0), register(3), max_gap=1) == [(3, 0, 1), (3, 3, 1)]
+
+
+def test_tables_are_never_mixed() -> None:
+    assert spans(register(0), register(1, table="input")) == [(3, 0, 1), (4, 1, 1)]
+
+
+def test_no_request_is_longer_than_allowed_and_no_value_is_split() -> None:
+    registers = [register(address, "float64") for address in range(0, 800, 4)]
+    requests = plan_requests(registers)
+    assert all(request.count <= MOST_REGISTERS for request in requests)
+    assert [request.count for request in requests[:-1]] == [124] * (len(requests) - 1)
+    planned = [each for request in requests for each in request.registers]
+    assert sorted(planned, key=lambda each: each.address) == registers
+    for request in requests:
+        for each in request.registers:
+            assert request.address <= each.address
+            assert each.address + 4 <= request.address + request.count
+
+
+@given(st.lists(st.integers(0, 400), unique=True, min_size=1), st.integers(0, 20))
+def test_every_plan_covers_each_register_once(addresses: list[int], max_gap: int) -> None:
+    requests = plan_requests([register(address) for address in addresses], max_gap)
+    planned = [each.address for request in requests for each in request.registers]
+    assert sorted(planned) == sorted(addresses)
+    assert all(request.count <= MOST_REGISTERS for request in requests)
+
+
+def test_groups_are_planned_apart() -> None:
+    config = ModbusConfig.model_validate(
+        {
+            "port": 502,
+            "poll_groups": {"slow": 1.0, "fast": 0.1},
+            "registers": [
+                {"channel": "torque_command_nm", "address": 0, "group": "fast"},
+                {"channel": "temperature_c", "address": 2},
+            ],
+        }
+    )
+    assert config.fastest_group == "fast"
+    assert [request.address for request in plan_group(config, "fast")] == [0]
+    assert [request.address for request in plan_group(config, "slow")] == [2]
+
+
+TORQUE = {"channel": "torque_command_nm", "address": 0}
+MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
+    "unknown channel": (
+        {"registers": [{"channel": "torque", "address": 0}]},
+        "registers[0].channel: no channel 'torque'",
+    ),
+    "unknown unit": (
+        {"registers": [TORQUE | {"unit": "Nm"}]},
+        "registers[0].unit: unknown unit 'Nm'",
+    ),
+    "unknown type": ({"registers": [TORQUE | {"type": "float"}]}, "registers[0].type:"),
+    "unknown key": (
+        {"registers": [TORQUE | {"scal": 2}]},
+        "registers[0].scal: unknown key; did you mean 'scale'?",
+    ),
+    "unknown group": (
+        {"registers": [TORQUE | {"group": "fats"}]},
+        "registers[0].group: 'fats' is none of fast, slow",
+    ),
+    "no scale": ({"registers": [TORQUE | {"scale": 0}]}, "registers[0]: scale must not be 0"),
+    "beyond the last register": (
+        {"registers": [TORQUE | {"address": 65535}]},
+        "registers[0]: address 65535: float32 ends beyond",
+    ),
+    "no role": ({"registers": [{"address": 3}]}, "registers[0]: expected exactly one of channel"),
+    "bounds": (
+        {"registers": [TORQUE | {"low": 2, "high": 1}]},
+        "registers[0]: low 2 must lie below high 1",
+    ),
+    "a channel twice": ({"registers": [TORQUE, TORQUE]}, "torque_command_nm is there more than"),
+    "nothing that makes rows": (
+        {"registers": [{"channel": "temperature_c", "address": 0}]},
+        "registers: expected one of torque_command_nm",
+    ),
+    "torque in a slow group": (
+        {"registers": [TORQUE | {"group": "slow"}]},
+        "registers[0].group: torque_command_nm makes the rows",
+    ),
+    "no time": ({"poll_groups": {"fast": 0.0}}, "poll_groups.fast: 0 s"),
+    "no such port": ({"port": 70_000}, "port: "),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_names_its_key(name: str) -> None:
+    changes, expected = MISTAKES[name]
+    settings = {
+        "port": 502,
+        "poll_groups": {"fast": 0.01, "slow": 1.0},
+        "registers": [TORQUE],
+    } | changes
+    with pytest.raises(ValidationError) as caught:
+        ModbusConfig.model_validate(settings)
+    assert expected in explain(caught.value, ModbusConfig)
+
+
+def test_a_unit_of_another_kind_names_its_key() -> None:
+    config = config_of(1, registers=[TORQUE | {"unit": "mm"}])
+    with pytest.raises(DriverMisconfiguredError, match=r"registers\[0\]\.unit: 'mm' is no unit of"):
+        RegisterReader(config, MACHINE)

@@ -1,0 +1,62 @@
+"""An OPC UA server over a real socket on the loopback interface."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from drivers.opcua.config import OpcuaConfig
+from drivers.opcua.driver import OpcuaDriver
+from drivers.opcua.stub import OpcuaStub
+from drivers.stub import Fault, FaultKind, StubAxis
+
+from ..bench import CONTEXT, DriverBench, counting_source, free_port
+
+SIGNALS = [
+    {"channel": "torque_command_nm", "node": "ns=2;s=X.torque"},
+    {"channel": "motor_angle_rad", "node": "nsu=urn:edge-service:feed-drive;s=X.angle"},
+    {"channel": "table_position_m", "node": "ns=2;s=X.position", "unit": "mm"},
+    {"channel": "temperature_c", "node": "{urn:edge-service:feed-drive}Housing/Temperature"},
+    {"heartbeat": True, "node": "ns=2;i=77"},
+]
+
+
+def config_of(port: int, **changes: Any) -> OpcuaConfig:
+    settings = {
+        "url": f"opc.tcp://127.0.0.1:{port}",
+        "signals": SIGNALS,
+        "timeout_s": 1.0,
+        "lost_after_s": 0.6,
+    }
+    return OpcuaConfig.model_validate(settings | changes)
+
+
+def stub_of(config: OpcuaConfig, nodesets: Path | None = None) -> OpcuaStub:
+    return OpcuaStub([StubAxis("X", config, CONTEXT, counting_source())], nodesets)
+
+
+@asynccontextmanager
+async def bench(_folder: Path) -> AsyncIterator[DriverBench]:
+    config = config_of(free_port())
+    stub = stub_of(config)
+    await stub.start()
+    stubs = [stub]
+
+    async def lose() -> None:
+        await stubs.pop().close()
+
+    async def bring_back() -> None:
+        stubs.append(stub_of(config))
+        await stubs[-1].start()
+
+    async def spoil() -> None:
+        stubs[-1].fault = Fault(FaultKind.EXCEPTION)
+
+    async def heal() -> None:
+        stubs[-1].fault = Fault()
+
+    try:
+        yield DriverBench(lambda: OpcuaDriver(config, CONTEXT), lose, bring_back, spoil, heal)
+    finally:
+        for each in stubs:
+            await each.close()

@@ -1,0 +1,245 @@
+"""The driver against its stub over a real socket: values, times, limits, faults."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
+from typing import Any
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from asyncua.client.client import Client
+from pydantic import ValidationError
+
+from drivers.base import DriverMisconfiguredError, DriverUnavailableError
+from drivers.opcua.config import OpcuaConfig
+from drivers.opcua.driver import OpcuaDriver
+from drivers.opcua.limited_server import LEAST_INTERVAL_S, MOST_SESSIONS
+from drivers.opcua.stub import OpcuaStub
+from drivers.stub import Fault, FaultKind
+from edge_service.config import explain
+from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
+from edge_service.messages.quality import Quality
+from edge_service.messages.samples import SampleFrame
+
+from ..bench import CONTEXT, truth
+from .bench import SIGNALS, config_of
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def driver(config: OpcuaConfig, stub: OpcuaStub) -> AsyncIterator[OpcuaDriver]:
+    assert stub.fault == Fault()
+    made = OpcuaDriver(config, CONTEXT)
+    await made.open()
+    yield made
+    await made.close()
+
+
+async def take(driver: OpcuaDriver, count: int) -> list[SampleFrame]:
+    frames: list[SampleFrame] = []
+    async with asyncio.timeout(15.0), aclosing(driver.frames()) as source:
+        async for frame in source:
+            frames.append(frame)
+            if len(frames) == count:
+                break
+    return frames
+
+
+async def until(driver: OpcuaDriver, found: Callable[[SampleFrame], Any]) -> SampleFrame:
+    """The first frame of which `found` is true."""
+    async with asyncio.timeout(15.0), aclosing(driver.frames()) as source:
+        async for frame in source:
+            if found(frame):
+                return frame
+    raise AssertionError("no such frame")
+
+
+async def test_values_and_times_are_those_of_the_source(driver: OpcuaDriver) -> None:
+    frames = await take(driver, 6)
+    for frame in frames:
+        assert (np.abs(frame.time_s - time.time()) < 5.0).all()
+        for torque, angle, table in zip(
+            frame.channels[TORQUE],
+            frame.channels[ANGLE],
+            frame.channels[TABLE_POSITION],
+            strict=True,
+        ):
+            number = round(angle / 0.5)
+            expected = truth(number)
+            assert torque == pytest.approx(expected[TORQUE])
+            assert table == pytest.approx(expected[TABLE_POSITION])
+        np.testing.assert_allclose(frame.channels[TEMPERATURE], 21.5)
+    time_s = np.concatenate([frame.time_s for frame in frames])
+    steps = np.diff(time_s)
+    assert np.median(steps) == pytest.approx(LEAST_INTERVAL_S, abs=0.03)
+
+
+async def test_the_server_gives_less_than_was_asked_for_and_the_driver_says_so(
+    config: OpcuaConfig, stub: OpcuaStub, caplog: pytest.LogCaptureFixture
+) -> None:
+    hasty = config.model_copy(update={"publishing_s": 0.001, "sampling_s": 0.001})
+    driver = OpcuaDriver(hasty, CONTEXT)
+    with caplog.at_level("INFO"):
+        await driver.open()
+    try:
+        assert driver.readings["publishing_s"] == pytest.approx(LEAST_INTERVAL_S)
+        assert driver.readings["sampling_s"] == pytest.approx(LEAST_INTERVAL_S)
+        assert driver.readings["min_supported_sample_s"] == pytest.approx(LEAST_INTERVAL_S)
+        assert driver.readings["max_sessions"] == MOST_SESSIONS
+        assert "got 0.1 s and 0.1 s" in caplog.text
+        frames = await take(driver, 5)
+        rows = sum(map(len, frames))
+        span_s = frames[-1].time_s[-1] - frames[0].time_s[0]
+        assert rows / max(span_s, 0.1) < 1.5 / LEAST_INTERVAL_S
+    finally:
+        await driver.close()
+
+
+async def test_a_bad_status_is_a_bad_value(driver: OpcuaDriver, stub: OpcuaStub) -> None:
+    stub.fault = Fault(FaultKind.EXCEPTION)
+    frame = await until(driver, lambda f: f.quality.get(TORQUE, np.zeros(1)).any())
+    assert (frame.quality[TORQUE] == Quality.SOURCE_BAD).any()
+    assert np.isnan(frame.channels[TORQUE][frame.quality[TORQUE] > 0]).all()
+
+
+async def test_old_values_are_found_by_their_heartbeat(
+    driver: OpcuaDriver, stub: OpcuaStub
+) -> None:
+    await take(driver, 1)
+    stub.fault = Fault(FaultKind.STALE)
+    frame = await until(driver, lambda f: TORQUE in f.quality)
+    assert frame.quality[TORQUE][-1] == Quality.STALE
+    assert np.isnan(frame.channels[TORQUE][-1])
+
+
+async def test_a_server_that_hangs_is_lost_in_time(driver: OpcuaDriver, stub: OpcuaStub) -> None:
+    await take(driver, 1)
+    stub.fault = Fault(FaultKind.HANG)
+    start_s = time.monotonic()
+    with pytest.raises(DriverUnavailableError, match=r"no word for 0\.6 s|hung up|ended"):
+        await take(driver, 1000)
+    assert time.monotonic() - start_s < 3.0
+
+
+async def test_a_server_that_hangs_up_is_lost_and_found_again(
+    driver: OpcuaDriver, stub: OpcuaStub
+) -> None:
+    await take(driver, 1)
+    stub.fault = Fault(FaultKind.DROP)
+    with pytest.raises(DriverUnavailableError):
+        await take(driver, 1000)
+    stub.fault = Fault()
+    async with asyncio.timeout(10.0):
+        while True:
+            try:
+                await driver.open()
+                break
+            except DriverUnavailableError:
+                await asyncio.sleep(0.05)
+    assert await take(driver, 2)
+
+
+async def test_a_fault_can_be_written_into_the_running_stub(
+    config: OpcuaConfig, stub: OpcuaStub
+) -> None:
+    async with Client(config.url) as client:
+        node = await client.nodes.objects.get_child(["2:FeedDrive", "2:Fault"])
+        await node.write_value("delay:0.4")
+        async with asyncio.timeout(5.0):
+            while stub.fault != Fault(FaultKind.DELAY, 0.4):
+                await asyncio.sleep(0.02)
+        await node.write_value("none")
+        async with asyncio.timeout(5.0):
+            while stub.fault != Fault():
+                await asyncio.sleep(0.02)
+
+
+async def test_more_sessions_than_there_are_is_unavailable(
+    config: OpcuaConfig, stub: OpcuaStub
+) -> None:
+    opened: list[OpcuaDriver] = []
+    try:
+        with pytest.raises(DriverUnavailableError, match="BadTooManySessions"):
+            for _ in range(MOST_SESSIONS + 1):
+                driver = OpcuaDriver(config, CONTEXT)
+                await driver.open()
+                opened.append(driver)
+        assert 0 < len(opened) <= MOST_SESSIONS
+        await opened.pop().close()
+        opened.append(OpcuaDriver(config, CONTEXT))
+        await opened[-1].open()
+    finally:
+        for driver in opened:
+            await driver.close()
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "no such node": (
+        {"signals": [{"channel": TORQUE, "node": "ns=2;s=Y.torque"}]},
+        r"signals\[0\]\.node: 'ns=2;s=Y\.torque': BadNodeIdUnknown",
+    ),
+    "no such namespace": (
+        {"signals": [{"channel": TORQUE, "node": "nsu=urn:no;s=X.torque"}]},
+        r"signals\[0\]\.node: .*no namespace 'urn:no'",
+    ),
+    "no such path": (
+        {"signals": [{"channel": TORQUE, "node": "Machines/X"}]},
+        r"signals\[0\]\.node: 'Machines/X': BadNoMatch",
+    ),
+    "no name at all": (
+        {"signals": [{"channel": TORQUE, "node": "ns=2;x=5"}]},
+        r"signals\[0\]\.node: 'ns=2;x=5'",
+    ),
+    "another unit than the server's": (
+        {"signals": [{"channel": TABLE_POSITION, "node": "ns=2;s=X.position", "unit": "m"}]},
+        r"signals\[0\]\.unit: 'm', but the server states 'mm'",
+    ),
+    "an object": (
+        {"signals": [{"channel": TORQUE, "node": "i=85"}]},
+        r"signals\[0\]\.node: cannot be subscribed to: BadAttributeIdInvalid",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+async def test_a_mistake_names_its_key(name: str, config: OpcuaConfig, stub: OpcuaStub) -> None:
+    changes, expected = WRONG[name]
+    wrong = OpcuaConfig.model_validate(config.model_dump() | changes)
+    driver = OpcuaDriver(wrong, CONTEXT)
+    for attempt in (driver.open, driver.probe):
+        with pytest.raises(DriverMisconfiguredError, match=expected):
+            await attempt()
+    await driver.close()
+
+
+MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
+    "no address": ({"url": "http://127.0.0.1"}, "url: 'http://127.0.0.1': expected opc.tcp://"),
+    "password in the address": ({"url": "opc.tcp://a:b@127.0.0.1:4840"}, "url: user and password"),
+    "policy without certificate": (
+        {"security_policy": "Basic256Sha256"},
+        "certificate: missing, security_policy Basic256Sha256 needs it",
+    ),
+    "a broken policy": ({"security_policy": "Basic128Rsa15"}, "security_policy:"),
+    "password that could be read": (
+        {"url": "opc.tcp://10.0.0.1:4840", "user": "u", "password": "p"},
+        "user: needs a security_policy",
+    ),
+    "password of nobody": ({"password": "p"}, "user: missing"),
+    "no role": ({"signals": [{"node": "i=1"}]}, "signals[0]: expected exactly one of channel"),
+    "nothing that makes rows": (
+        {"signals": [{"channel": TEMPERATURE, "node": "i=1"}]},
+        "signals: expected one of torque_command_nm",
+    ),
+    "a channel twice": ({"signals": [SIGNALS[0], SIGNALS[0]]}, "is there more than once"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+async def test_a_mistake_in_the_file_names_its_key(name: str) -> None:
+    changes, expected = MISTAKES[name]
+    with pytest.raises(ValidationError) as caught:
+        config_of(4840, **changes)
+    assert expected in explain(caught.value, OpcuaConfig)

@@ -1,0 +1,250 @@
+"""How every driver behaves; a driver enrols by being installed.
+
+Its folder here has a `bench.py` with one function, `bench(folder)`: an asynchronous context manager
+that yields a `DriverBench`.
+"""
+
+import asyncio
+import gc
+import importlib
+import math
+from collections.abc import AsyncIterator
+from contextlib import aclosing
+from importlib.metadata import distribution, entry_points
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from pydantic import ValidationError
+
+from drivers.base import (
+    ENTRY_POINT_GROUP,
+    Driver,
+    DriverMisconfiguredError,
+    DriverUnavailableError,
+)
+from drivers.registry import driver_names
+from edge_service.messages.channels import CHANNELS
+from edge_service.messages.quality import is_bad
+from edge_service.messages.samples import SampleFrame
+
+from .bench import DriverBench
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+PATIENCE_S = 10.0
+OURS = {entry.name for entry in distribution("edge-service").entry_points}
+
+
+@pytest_asyncio.fixture(params=driver_names(), scope="module", loop_scope="module")
+async def bench(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> AsyncIterator[DriverBench]:
+    if request.param not in OURS:
+        pytest.skip(f"driver {request.param!r} belongs to another package")
+    module = importlib.import_module(f".{request.param}.bench", __package__)
+    async with module.bench(tmp_path_factory.mktemp(request.param)) as built:
+        yield built
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def driver(bench: DriverBench) -> AsyncIterator[Driver]:
+    made = bench.make()
+    yield made
+    await made.close()
+
+
+async def take(driver: Driver, count: int) -> list[SampleFrame]:
+    taken: list[SampleFrame] = []
+    async with asyncio.timeout(PATIENCE_S), aclosing(driver.frames()) as frames:
+        async for frame in frames:
+            taken.append(frame)
+            if len(taken) == count:
+                break
+    return taken
+
+
+def open_files() -> set[str]:
+    """What this process holds open: files and sockets."""
+    gc.collect()
+    held = set()
+    for name in Path("/proc/self/fd").iterdir():
+        try:
+            held.add(f"{name} {name.readlink()}")
+        except FileNotFoundError:
+            continue
+    return held
+
+
+async def settle(before: set[str]) -> set[str]:
+    """What is open beyond `before`, once the event loop has closed what it was told to."""
+    for _ in range(50):
+        left = open_files() - before
+        if not left:
+            break
+        await asyncio.sleep(0.01)
+    return left
+
+
+async def settle_tasks(before: set["asyncio.Task[object]"]) -> set["asyncio.Task[object]"]:
+    """Which tasks run beyond `before`, once the source has seen that its reader is gone."""
+    for _ in range(50):
+        left = asyncio.all_tasks() - before
+        if not left:
+            break
+        await asyncio.sleep(0.01)
+    return left
+
+
+async def test_samples_are_known_channels_in_rising_time(driver: Driver) -> None:
+    await driver.open()
+    frames = await take(driver, 5)
+    assert len(frames) == 5
+    assert {tuple(frame.channels) for frame in frames} == {tuple(frames[0].channels)}
+    assert set(frames[0].channels) <= set(CHANNELS)
+    time_s = np.concatenate([frame.time_s for frame in frames])
+    assert (np.diff(time_s) > 0.0).all()
+    assert all(np.isfinite(frame.channels["torque_command_nm"]).any() for frame in frames)
+
+
+async def test_open_and_close_are_safe_twice_and_in_any_order(driver: Driver) -> None:
+    await driver.close()
+    await driver.open()
+    await driver.open()
+    assert await take(driver, 2)
+    await driver.close()
+    await driver.close()
+    await driver.open()
+    assert await take(driver, 2)
+
+
+async def test_frames_without_open_say_so(driver: Driver) -> None:
+    with pytest.raises(DriverUnavailableError, match="not open"):
+        await anext(driver.frames())
+
+
+async def test_close_ends_a_read_that_is_under_way(driver: Driver) -> None:
+    await driver.open()
+    frames = driver.frames()
+    await anext(frames)
+    for pause in range(5):
+        waiting = asyncio.create_task(anext(frames, None))
+        for _ in range(pause):
+            await asyncio.sleep(0)
+        await driver.close()
+        async with asyncio.timeout(PATIENCE_S):
+            last = await waiting
+        assert last is None or len(last)
+        assert await anext(frames, None) is None
+        await driver.open()
+        frames = driver.frames()
+        await anext(frames)
+
+
+async def test_nothing_is_left_after_a_cancelled_read(bench: DriverBench) -> None:
+    await asyncio.sleep(0)
+    files, tasks = open_files(), asyncio.all_tasks()
+    driver = bench.make()
+    for turns in range(8):
+        reading = asyncio.create_task(_open_and_take(driver))
+        for _ in range(turns**2):
+            await asyncio.sleep(0)
+        reading.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await reading
+        await driver.close()
+    await asyncio.sleep(0.05)
+    assert await settle_tasks(tasks) == set()
+    assert await settle(files) == set()
+
+
+async def _open_and_take(driver: Driver) -> None:
+    await driver.open()
+    await take(driver, 10_000)
+
+
+async def test_nothing_is_left_open(bench: DriverBench) -> None:
+    files, tasks = open_files(), asyncio.all_tasks()
+    for _ in range(3):
+        driver = bench.make()
+        await driver.probe()
+        await driver.open()
+        await take(driver, 2)
+        await driver.close()
+    assert await settle(files) == set()
+    assert await settle_tasks(tasks) == set()
+
+
+async def test_probe_says_what_there_is(driver: Driver) -> None:
+    probe = await driver.probe()
+    await driver.open()
+    (frame,) = await take(driver, 1)
+    assert set(probe.channels) == set(frame.channels)
+    assert probe.description
+    assert probe.rate_hz is None or probe.rate_hz > 0.0
+
+
+async def test_a_source_that_is_lost_is_unavailable_and_comes_back(
+    bench: DriverBench, driver: Driver
+) -> None:
+    if bench.lose is None or bench.bring_back is None:
+        pytest.skip("its source cannot be lost")
+    await driver.open()
+    await take(driver, 2)
+    await bench.lose()
+    with pytest.raises(DriverUnavailableError):
+        await take(driver, 10_000)
+    for _ in range(2):
+        with pytest.raises(DriverUnavailableError):
+            await driver.open()
+    with pytest.raises(DriverUnavailableError):
+        await driver.probe()
+    await bench.bring_back()
+    await driver.open()
+    frames = await take(driver, 3)
+    assert np.isfinite(frames[-1].channels["torque_command_nm"]).any()
+
+
+async def test_bad_values_are_no_numbers_and_are_counted(
+    bench: DriverBench, driver: Driver
+) -> None:
+    if bench.spoil is None or bench.heal is None:
+        pytest.skip("its values cannot be spoiled")
+    await driver.open()
+    await take(driver, 2)
+    await driver.close()
+    await bench.spoil()
+    try:
+        await driver.open()
+        frames = await take(driver, 10)
+    finally:
+        await bench.heal()
+    bad = [np.isnan(frame.channels["torque_command_nm"]).all() for frame in frames]
+    assert all(bad[5:])  # the first ones may have been sampled before
+    for frame in frames:
+        for name, codes in frame.quality.items():
+            assert np.isnan(frame.channels[name][is_bad(codes)]).all()
+    assert sum(count for name, count in driver.counters.items() if "bad" in name) > 0
+
+
+async def test_readings_are_numbers(driver: Driver) -> None:
+    await driver.open()
+    await take(driver, 2)
+    assert all(math.isfinite(value) for value in driver.readings.values())
+    assert all(count >= 0 for count in driver.counters.values())
+
+
+@pytest.mark.parametrize("name", sorted(OURS & set(driver_names())))
+async def test_unknown_keys_are_refused_by_name(name: str) -> None:
+    (entry,) = entry_points(group=ENTRY_POINT_GROUP, name=name)
+    with pytest.raises(ValidationError, match="nosuchkey"):
+        entry.load().config_model.model_validate({"nosuchkey": 1})
+
+
+async def test_every_driver_has_a_bench() -> None:
+    for name in sorted(OURS & set(driver_names())):
+        assert (Path(__file__).parent / name / "bench.py").is_file(), name
+
+
+async def test_errors_name_the_key() -> None:
+    assert str(DriverMisconfiguredError("path", "no such file")) == "path: no such file"

@@ -1,0 +1,99 @@
+"""From the simulated accelerometer to features, and to a file around an event."""
+
+import asyncio
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.config import ConfigError, VibrationConfig, load_config
+from edge_service.messages.codec import (
+    CodecError,
+    decode_json,
+    decode_waveform,
+    encode_json,
+    encode_waveform,
+)
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.header import Header
+from edge_service.messages.topics import EVENT, VIB
+from edge_service.messages.vibration import VibrationFeatures
+from edge_service.messages.waveform import Waveform
+from edge_service.trace.reader import open_trace
+
+from .conftest import config_of, running
+
+HEADER = Header(1, 2, 3, 4)
+
+
+def test_a_waveform_goes_over_the_wire() -> None:
+    wave = Waveform("nut", "m/s^2", 12.5, 1e-4, np.random.default_rng(1).standard_normal(200))
+    axis, header, decoded = decode_waveform(encode_waveform("X", HEADER, wave))
+    assert (axis, header, decoded.sensor, decoded.unit) == ("X", HEADER, "nut", "m/s^2")
+    assert decoded.start_s == wave.start_s
+    assert decoded.period_s == pytest.approx(1e-4, rel=1e-9)
+    np.testing.assert_array_equal(decoded.values, wave.values)
+    with pytest.raises(CodecError, match="without a clock"):
+        decode_waveform(encode_waveform("X", HEADER, Waveform("a", "V", 0.0, 1.0, np.zeros(1))))
+
+
+@pytest.mark.slow
+async def test_a_damaged_raceway_is_heard_and_kept_around_an_event(tmp_path: Path) -> None:
+    vibration = VibrationConfig(keep_folder=tmp_path, keep_before_s=0.5, keep_after_s=0.5)
+    settings = {
+        "scenario": "healthy",
+        "speed": 4.0,
+        "accelerometer_rate_hz": 10_000.0,
+        "raceway_damage": 8.0,
+    }
+    config = config_of("simulated", settings, vibration=vibration)
+    async with running(config, ("vibration", "acquire")) as service:
+        features = service.bus.subscribe(
+            config.keys.all_axes(VIB), partial(decode_json, VIB.payload, VibrationFeatures)
+        )
+        alarm = service.bus.publisher(config.keys.key("X", EVENT), EVENT)
+        heard: list[VibrationFeatures] = []
+        async with asyncio.timeout(30.0):
+            async for axis, _, each in features:
+                assert axis == "X"
+                heard.append(each)
+                if len(heard) == 3:
+                    event = Event(
+                        axis="X",
+                        kind="condition_changed",
+                        severity=Severity.WARNING,
+                        message="",
+                        time_ns=1,
+                    )
+                    alarm.publish(partial(encode_json, EVENT.payload, "X", payload=event), 1)
+                peaks = [each.envelope_orders["ball_pass"] for each in heard]
+                clear = [peak for peak in peaks if peak and peak.amplitude > 4.0 * peak.floor]
+                if clear and list(tmp_path.glob("X_nut_acceleration_*.parquet")):
+                    break
+    (path,) = tmp_path.glob("X_nut_acceleration_*.parquet")
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    assert table.column_names == ["time_s", "nut_acceleration"]
+    assert len(table) == pytest.approx(10_000, abs=100)
+    assert clear[0].order == pytest.approx(9.56, abs=0.2)
+    with pytest.raises(Exception, match="no torque and no position"):
+        open_trace(path)
+
+
+MISTAKES = {
+    "band": ("bands_hz = { low = [100.0, 10.0] }", "vibration: bands_hz.low: [100, 10]"),
+    "order": ("orders = { screw = 0.0 }", "vibration: orders.screw: 0"),
+    "unknown key": ("intervall_s = 1.0", "did you mean 'interval_s'?"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_names_its_key(name: str, tmp_path: Path) -> None:
+    text, expected = MISTAKES[name]
+    path = tmp_path / "edge.toml"
+    path.write_text(f'[vibration]\n{text}\n[[axes]]\nname = "X"\n')
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert expected in str(caught.value)

@@ -1,0 +1,186 @@
+"""`stub` and `doctor`: mistakes are one line and status 2; what they print is for people."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.cli import main
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.messages.channels import TORQUE
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.trace.writer import TraceWriter
+
+from .drivers.bench import ROOT, free_port
+
+MODBUS = """
+[[axes]]
+name = "X"
+driver = "modbus"
+[axes.settings]
+port = {port}
+poll_groups = {{ all = 0.02 }}
+registers = [{{ channel = "torque_command_nm", address = 0{more} }}]
+"""
+
+
+def write(folder: Path, text: str) -> str:
+    path = folder / "edge.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def modbus(port: int = 1, more: str = "") -> str:
+    return MODBUS.format(port=port, more=more)
+
+
+Case = Callable[[Path], list[str]]
+CASES: dict[str, tuple[Case, str]] = {
+    "no such protocol": (
+        lambda p: ["stub", "profibus", write(p, modbus())],
+        "no stub 'profibus'; there are modbus, opcua",
+    ),
+    "no axis of that driver": (
+        lambda p: ["stub", "opcua", write(p, modbus())],
+        "no axis with driver = 'opcua'",
+    ),
+    "no such axis": (
+        lambda p: ["stub", "modbus", write(p, modbus()), "--axis", "Q"],
+        "no axis 'Q' with driver = 'modbus'",
+    ),
+    "no such fault": (
+        lambda p: ["stub", "modbus", write(p, modbus()), "--fault", "fire"],
+        "--fault: no fault 'fire'; expected one of none, delay",
+    ),
+    "no number of seconds": (
+        lambda p: ["stub", "modbus", write(p, modbus()), "--fault", "delay:long"],
+        "--fault: fault 'delay:long': 'long' is no number",
+    ),
+    "unit of another kind": (
+        lambda p: ["stub", "modbus", write(p, modbus(more=', unit = "mm"'))],
+        "registers[0].unit: 'mm' is no unit of torque_command_nm",
+    ),
+    "nodesets for Modbus": (
+        lambda p: ["stub", "modbus", write(p, modbus()), "--nodesets", str(p)],
+        "nodesets: Modbus has no companion specifications",
+    ),
+    "doctor without a source": (lambda _: ["doctor"], "expected either TRACES or --config"),
+    "doctor with two sources": (
+        lambda p: ["doctor", "a.csv", "--config", write(p, modbus())],
+        "expected either TRACES or --config",
+    ),
+    "doctor without the trace": (lambda p: ["doctor", str(p / "no.csv")], "no such file"),
+    "doctor of no such axis": (
+        lambda p: ["doctor", "--config", write(p, modbus()), "--axis", "Q"],
+        "--axis: no axis 'Q'; there are X",
+    ),
+    "doctor of a wrong map": (
+        lambda p: ["doctor", "--config", write(p, modbus(more=', type = "int8"'))],
+        "axes.X.settings.registers[0].type:",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_mistake_is_one_line_and_status_2(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make, expected = CASES[name]
+    assert main(make(tmp_path)) == 2
+    captured = capsys.readouterr()
+    complaint = captured.err.strip().splitlines()[-1]
+    assert complaint.startswith("edge-service: ")
+    assert expected in complaint
+    assert "Traceback" not in captured.err
+
+
+def test_a_port_in_use_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        config = write(tmp_path, modbus(taken.getsockname()[1]))
+        assert main(["stub", "modbus", config]) == 2
+    assert "is in use or not ours" in capsys.readouterr().err
+
+
+def test_a_device_that_is_not_there_is_a_finding(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["doctor", "--config", write(tmp_path, modbus(free_port()))]) == 0
+    assert "DOUBT connection" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten seconds of production motion, with the torque the wrong way round."""
+    machine = load_machine(DEFAULT_MACHINE)
+    limits = motion_limits(machine)
+    segments = MOTIONS["production"](limits, np.random.default_rng(1))
+    setpoints = Setpoints(segments, limits.low_m, 1000.0).take(10_000)
+    drive = FeedDrive(FeedDriveSettings.of_machine(machine, 1000.0), limits.low_m, 6.8, 1)
+    frame = drive.advance(setpoints, np.full(10_000, 6.8))
+    wrong = SampleFrame(frame.time_s, {**frame.channels, TORQUE: -frame.channels[TORQUE]})
+    path = tmp_path_factory.mktemp("doctor") / "inverted.csv"
+    with TraceWriter(path, tuple(wrong.channels)) as writer:
+        writer.write(wrong)
+    return path
+
+
+def test_the_doctor_reads_a_recording(trace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", str(trace)]) == 0
+    printed = capsys.readouterr().out
+    assert "torque sign looks inverted: inertia and friction read negative" in printed
+    assert "1 of 9 checks found something to doubt" in printed
+
+
+def test_findings_as_json(trace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", str(trace), "--json"]) == 0
+    findings = {each["name"]: each for each in json.loads(capsys.readouterr().out)["findings"]}
+    assert findings["torque"]["verdict"] == "doubtful"
+    figure = findings["torque"]["figure"]
+    assert figure["low"] < -0.0015 < figure["high"] < 0.0
+    assert findings["lead"]["verdict"] == "fits"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["modbus", "opcua"])
+def test_a_stub_serves_what_the_doctor_finds_in_order(
+    protocol: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The sample configurations, as in the README, on a free port."""
+    text = (ROOT / "deploy" / "drivers" / f"{protocol}.toml").read_text()
+    port = free_port()
+    text = text.replace("port = 5020", f"port = {port}").replace(":4840", f":{port}")
+    text = text.replace("../machine.toml", str(ROOT / "deploy" / "machine.toml"))
+    config = write(tmp_path, text)
+    stub = subprocess.Popen(
+        [sys.executable, "-m", "edge_service", "stub", protocol, config],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    try:
+        assert stub.stdout is not None
+        assert "serving" in stub.stdout.readline()
+        assert main(["doctor", "--config", config, "--seconds", "6"]) == 0
+        printed = " ".join(capsys.readouterr().out.split())
+        assert "ok connection" in printed
+        assert "ok lead" in printed
+        assert "torque sign looks inverted" not in printed
+        assert main(["check-config", config]) == 0
+    finally:
+        stub.send_signal(signal.SIGINT)
+        _, errors = stub.communicate(timeout=20.0)
+    assert stub.returncode == 0
+    assert "Traceback" not in errors
