@@ -5,6 +5,17 @@ set -eu
 cd "$(dirname "$0")/.."
 sh deploy/setup.sh
 bin=.venv/bin
+
+# The page is tested in a real browser. Without one, and without the right to install it, those
+# tests are skipped.
+$bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
+  -r deploy/requirements-browser.lock
+if ! command -v chromium >/dev/null 2>&1 && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
+  echo "check: installing Debian's chromium" >&2
+  (apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core prometheus) \
+    >/dev/null 2>&1 || echo "check: chromium cannot be installed, the browser tests are skipped" >&2
+fi
+
 step() { echo "check: $*" >&2; "$@"; }
 
 # A device and a broker that nobody here wrote: without them those tests are skipped and say so.

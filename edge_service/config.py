@@ -161,6 +161,39 @@ class VibrationConfig(_Table):
         return self
 
 
+class HistoryConfig(_Table):
+    """`[history]`: where history, events and the state of alarms and trends are kept."""
+
+    folder: Path | None = None
+    budget_mb: float = Field(2000.0, ge=10.0)
+
+
+class AlarmsConfig(_Table):
+    """`[alarms]`: what calls a person; percent of the fresh screw's preload."""
+
+    rate_percent_per_1000_h: float = Field(20.0, gt=0.0)
+    sudden_drop_percent: float = Field(15.0, gt=0.0, le=100.0)
+    sudden_drop_within_s: float = Field(10.0, gt=0.0, le=3600.0)
+    model_nis: float = Field(6.0, gt=1.0)
+    raise_delay_s: float = Field(0.0, ge=0.0, le=3600.0)
+    clear_delay_s: float = Field(5.0, ge=0.0, le=3600.0)
+    data_lost_after_s: float = Field(5.0, ge=0.0, le=3600.0)
+
+
+class WebhookConfig(_Table):
+    """`[webhook]`: where events are posted to; nothing is sent without a `url`."""
+
+    url: str | None = Field(None, pattern=r"^https?://")
+    secret_file: Path | None = None
+    kinds: tuple[str, ...] = ("alarm_raised", "alarm_cleared", "condition_changed")
+
+    @model_validator(mode="after")
+    def _signed(self) -> "WebhookConfig":
+        if self.url is not None and self.secret_file is None:
+            raise ValueError("url needs a secret_file: what is sent is signed with it")
+        return self
+
+
 class AxisConfig(_Table):
     """`[[axes]]`: one axis, its machine file and its driver."""
 
@@ -186,6 +219,9 @@ class EdgeConfig(_Table):
     health: HealthConfig = HealthConfig()
     mqtt: MqttConfig | None = None
     vibration: VibrationConfig | None = None
+    alarms: AlarmsConfig = AlarmsConfig()
+    webhook: WebhookConfig = WebhookConfig()
+    history: HistoryConfig = HistoryConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -218,25 +254,15 @@ def load_config(path: Path) -> EdgeConfig:
         )
         for axis in config.axes
     )
-    more: dict[str, object] = {"mqtt": _anchored_mqtt(config, path.parent)}
-    more |= {"vibration": _anchored_vibration(config, path.parent)}
-    return config.model_copy(update={"axes": axes} | more)
-
-
-def _anchored_mqtt(config: EdgeConfig, folder: Path) -> MqttConfig | None:
-    """Files of `[mqtt]` are relative to the configuration file."""
-    mqtt = config.mqtt
-    if mqtt is None:
-        return None
-    authority = None if mqtt.ca_certificate is None else folder / mqtt.ca_certificate
-    return mqtt.model_copy(update={"buffer": folder / mqtt.buffer, "ca_certificate": authority})
-
-
-def _anchored_vibration(config: EdgeConfig, folder: Path) -> VibrationConfig | None:
-    vibration = config.vibration
-    if vibration is None or vibration.keep_folder is None:
-        return vibration
-    return vibration.model_copy(update={"keep_folder": folder / vibration.keep_folder})
+    folder = path.parent
+    placed = {
+        "axes": axes,
+        "history": _placed(config.history, "folder", folder),
+        "webhook": _placed(config.webhook, "secret_file", folder),
+        "mqtt": _placed(_placed(config.mqtt, "buffer", folder), "ca_certificate", folder),
+        "vibration": _placed(config.vibration, "keep_folder", folder),
+    }
+    return config.model_copy(update=placed)
 
 
 def load_machine(path: Path) -> Machine:
@@ -258,6 +284,14 @@ def check_settings(model: type[_Model], settings: dict[str, Any], where: str) ->
         return model.model_validate(settings)
     except ValidationError as error:
         raise ConfigError(f"{where}.{explain(error, model)}") from None
+
+
+def _placed(table: _Table | None, key: str, folder: Path) -> _Table | None:
+    """A path in a table is relative to the configuration file."""
+    path = None if table is None else getattr(table, key)
+    if table is None or path is None:
+        return table
+    return table.model_copy(update={key: folder / path})
 
 
 def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:

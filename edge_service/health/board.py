@@ -3,40 +3,21 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
+from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
-from ..messages.topics import HEALTH, PRELOAD
+from ..messages.topics import FEAT, HEALTH, PRELOAD
+from .axis_board import AxisBoard
+from .board_settings import BoardSettings, Keeping
 from .component import ComponentWatch
 from .event_log import EventLog
 from .fan_out import FanOut
-from .history import Bucket, PreloadHistory
-from .input_watch import InputWatch
+from .history.buckets import Bucket
+from .history.rows import Rows
+from .live_features import ChannelQuality, LivePoint
 from .settings import AxisLimits
-
-
-@dataclass(frozen=True, slots=True)
-class BoardSettings:
-    """Sizes and times of the board.
-
-    Attributes:
-        preload_stale_after_s: an estimate older than this is no longer shown.
-        health_stale_after_s: the same for the condition.
-        component_silent_after_s: a component silent for longer is in error; None to switch off.
-        history_span_s: how far back the history reaches, s.
-        history_step_s: one estimate is kept per step, s.
-        event_capacity: events kept.
-        backlog_capacity: events that may wait for one slow reader.
-    """
-
-    preload_stale_after_s: float = PRELOAD.stale_after_s
-    health_stale_after_s: float = HEALTH.stale_after_s
-    component_silent_after_s: float | None = HEALTH.stale_after_s
-    history_span_s: float = 86400.0
-    history_step_s: float = 1.0
-    event_capacity: int = 1000
-    backlog_capacity: int = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,18 +36,6 @@ class PreloadReading:
     age_s: float | None
 
 
-class _AxisBoard:
-    """What is known of one axis."""
-
-    def __init__(self, limits: AxisLimits | None, settings: BoardSettings) -> None:
-        self.limits = limits
-        self.preload_input = InputWatch(settings.preload_stale_after_s)
-        self.health_input = InputWatch(settings.health_stale_after_s)
-        self.history = PreloadHistory(settings.history_span_s, settings.history_step_s)
-        self.estimate: PreloadEstimate | None = None
-        self.health: AxisHealth | None = None
-
-
 class Board:
     """Last values, history and events of a fixed set of axes.
 
@@ -81,6 +50,8 @@ class Board:
         UNIX time of the start, ns.
     settings : BoardSettings
         Sizes and times.
+    keeping : Keeping
+        What outlives the process.
     """
 
     def __init__(
@@ -88,12 +59,18 @@ class Board:
         axes: Mapping[str, AxisLimits | None],
         now_ns: int,
         settings: BoardSettings | None = None,
+        keeping: Keeping | None = None,
     ) -> None:
-        settings = settings or BoardSettings()
+        settings, keeping = settings or BoardSettings(), keeping or Keeping()
         self._started_ns = now_ns
-        self._axes = {axis: _AxisBoard(limits, settings) for axis, limits in axes.items()}
+        self.keeping = keeping
+        self._axes = {
+            axis: AxisBoard(axis, limits, settings, keeping) for axis, limits in axes.items()
+        }
         self._components = ComponentWatch(settings.component_silent_after_s)
-        self.events = EventLog(settings.event_capacity)
+        journal = keeping.journal
+        known = () if journal is None else journal.events
+        self.events = EventLog(settings.event_capacity, known)
         self.readers = FanOut(settings.backlog_capacity)
         self.ignored_payloads = 0
 
@@ -108,8 +85,15 @@ class Board:
         if board is None or not board.preload_input.accept(header, now_ns):
             return
         board.estimate = estimate
-        board.history.append(header.source_time_ns, estimate)
-        self.readers.mark(PRELOAD.name, axis)
+        board.archive.append(header.source_time_ns, estimate, board.live.temperature_c)
+        self._mark(board, PRELOAD.name, axis)
+
+    def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
+        """Take an interval in, for the live traces."""
+        board = self._known(axis)
+        if board is not None:
+            board.live.add(header.source_time_ns, block)
+            self._mark(board, FEAT.name, axis)
 
     def on_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
         """Take the condition of an axis in; one that is older than the last is ignored."""
@@ -117,13 +101,16 @@ class Board:
         if board is None or not board.health_input.accept(header, now_ns):
             return
         board.health = health
-        self.readers.mark(HEALTH.name, health.axis)
+        self._mark(board, HEALTH.name, health.axis)
 
     def on_event(self, event: Event, now_ns: int) -> None:
         """Log an event and hand it to the live readers."""
         if event.axis and self._known(event.axis) is None:
             return
-        self.readers.put_event(self.events.append(event, now_ns))
+        logged = self.events.append(event, now_ns)
+        if self.keeping.journal is not None:
+            self.keeping.journal.append(logged)
+        self.readers.put_event(logged)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> None:
         """Take a component's report in."""
@@ -136,7 +123,7 @@ class Board:
         header = board.preload_input.header
         return PreloadReading(
             axis=axis,
-            estimate=self._readable(board, now_ns),
+            estimate=board.readable(now_ns),
             measured_ns=None if header is None else header.source_time_ns,
             age_s=board.preload_input.age_s(now_ns),
         )
@@ -148,7 +135,7 @@ class Board:
             axis=axis, condition=AxisCondition.UNAVAILABLE, since_time_ns=self._started_ns
         )
         changes: dict[str, object] = {"components": self._components_of(axis, last, now_ns)}
-        missing = self._missing(board, now_ns)
+        missing = board.missing(now_ns)
         if missing:
             own = last.reasons if last.condition is AxisCondition.UNAVAILABLE else ()
             changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))
@@ -167,8 +154,28 @@ class Board:
         return self._axes[axis].limits
 
     def history(self, axis: str, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
-        """Buckets of the axis' history; see PreloadHistory.buckets."""
-        return self._axes[axis].history.buckets(start_s, end_s, step_s)
+        """Buckets of the axis' history; see AxisArchive.buckets. For any thread."""
+        return self._axes[axis].archive.buckets(start_s, end_s, step_s)
+
+    def history_rows(self, axis: str, start_s: float, end_s: float, step_s: float) -> Rows:
+        """Rows of the axis' history; see AxisArchive.rows. For any thread."""
+        return self._axes[axis].archive.rows(start_s, end_s, step_s)
+
+    def live(self, axis: str, since_ns: int = 0) -> tuple[LivePoint, ...]:
+        """The axis' last intervals after a time, oldest first."""
+        return tuple(self._axes[axis].live.since(since_ns))
+
+    def live_now(self, axis: str) -> LivePoint | None:
+        """The axis' newest interval; None before the first."""
+        return self._axes[axis].live.newest
+
+    def channels(self, axis: str) -> tuple[ChannelQuality, ...]:
+        """State of the channels of an axis."""
+        return self._axes[axis].live.channels()
+
+    def version(self, topic: str, axis: str) -> int:
+        """A number that changes with every payload of a topic."""
+        return self._axes[axis].versions.get(topic, 0)
 
     def lost_payloads(self, axis: str) -> dict[str, int]:
         """Payloads missing in the sequence, per topic."""
@@ -182,48 +189,24 @@ class Board:
         return tuple(
             f"{axis}: {reason}"
             for axis, board in self._axes.items()
-            for reason in self._missing(board, now_ns)
+            for reason in board.missing(now_ns)
         )
 
     def close(self) -> None:
         """End all live streams, so that a server can stop."""
         self.readers.close()
 
-    def _known(self, axis: str) -> _AxisBoard | None:
+    def _mark(self, board: AxisBoard, topic: str, axis: str) -> None:
+        board.versions[topic] = board.versions.get(topic, 0) + 1
+        self.readers.mark(topic, axis)
+
+    def _known(self, axis: str) -> AxisBoard | None:
         board = self._axes.get(axis)
         if board is None:
             self.ignored_payloads += 1
         return board
 
-    @staticmethod
-    def _readable(board: _AxisBoard, now_ns: int) -> PreloadEstimate:
-        estimate = board.estimate
-        missing = _missing_preload(board.preload_input, now_ns)
-        if estimate is None or missing is not None:
-            return PreloadEstimate(
-                time_s=0.0 if estimate is None else estimate.time_s,
-                status=EstimateStatus.UNESTIMATED,
-                reasons=() if missing is None else (missing,),
-            )
-        if estimate.status is EstimateStatus.ESTIMATED:
-            return estimate
-        return PreloadEstimate(
-            time_s=estimate.time_s,
-            status=estimate.status,
-            reasons=estimate.reasons,
-            level=estimate.level,
-            data_used_s=estimate.data_used_s,
-        )
-
-    @staticmethod
-    def _missing(board: _AxisBoard, now_ns: int) -> tuple[str, ...]:
-        reasons = (
-            _missing_preload(board.preload_input, now_ns),
-            _missing_health(board.health_input, now_ns),
-        )
-        return tuple(reason for reason in reasons if reason is not None)
-
-    def _missing_since_ns(self, board: _AxisBoard, now_ns: int) -> int:
+    def _missing_since_ns(self, board: AxisBoard, now_ns: int) -> int:
         inputs = (board.preload_input, board.health_input)
         stale = (each.stale_since_ns for each in inputs if each.is_stale(now_ns))
         return max(min(stale), self._started_ns)
@@ -235,20 +218,3 @@ class Board:
         heard = self._components.reports(now_ns)
         own |= {report.component: report for report in heard if report.axis == axis}
         return tuple(own.values())
-
-
-def _missing_preload(preload_input: InputWatch, now_ns: int) -> str | None:
-    if preload_input.header is None:
-        return "no_input: no preload estimate heard yet"
-    if preload_input.is_stale(now_ns):
-        limit_s = preload_input.stale_after_s
-        return f"stale_input: no new preload estimate for more than {limit_s:g} s"
-    return None
-
-
-def _missing_health(health_input: InputWatch, now_ns: int) -> str | None:
-    if health_input.header is None:
-        return "no_health: the condition was not heard yet"
-    if health_input.is_stale(now_ns):
-        return f"stale_health: condition not renewed for more than {health_input.stale_after_s:g} s"
-    return None

@@ -1,6 +1,7 @@
 """The last events, numbered so that a reader can go on where it stopped."""
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..messages.event import Event
@@ -22,10 +23,10 @@ class EventLog:
     They stay below 2**53, so every JSON reader keeps them exactly.
     """
 
-    def __init__(self, capacity: int) -> None:
-        self._events: deque[LoggedEvent] = deque(maxlen=capacity)
+    def __init__(self, capacity: int, known: Iterable[LoggedEvent] = ()) -> None:
+        self._events: deque[LoggedEvent] = deque(known, maxlen=capacity)
         self._dropped_id = 0
-        self.last_id = 0
+        self.last_id = self._events[-1].id if self._events else 0
 
     def append(self, event: Event, now_ns: int) -> LoggedEvent:
         """Number an event and keep it; the oldest makes room."""
@@ -43,3 +44,11 @@ class EventLog:
     def holds_all_after(self, last_id: int) -> bool:
         """Whether nothing after `last_id` was dropped from the log since its start."""
         return last_id >= self._dropped_id
+
+    def between(self, start_ns: int, end_ns: int, axis: str) -> tuple[LoggedEvent, ...]:
+        """Events of an axis, or of the service, that happened in [start_ns, end_ns)."""
+        return tuple(
+            logged
+            for logged in self._events
+            if start_ns <= logged.event.time_ns < end_ns and logged.event.axis in ("", axis)
+        )

@@ -4,9 +4,11 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
+from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
 from ..messages.event import Severity
 from ..messages.health import AxisCondition, ComponentStatus
+from ..messages.outlook import TrendStatus
 
 Timestamp = Annotated[
     str,
@@ -80,6 +82,80 @@ class ComponentAnswer(Answer):
     )
 
 
+_ALARM_EXAMPLE: dict[str, Any] = {
+    "alarm": "sudden_drop",
+    "severity": "error",
+    "active": True,
+    "message": "preload fell suddenly by 64 % of the commissioned preload, to 2.46 %",
+    "raised_at": "2026-01-31T12:00:00.000Z",
+    "cleared_at": None,
+    "acknowledged_by": None,
+    "note": "",
+    "shelved_until": None,
+}
+
+
+class AlarmAnswer(Answer):
+    """An alarm that is active, or that nobody has acknowledged yet."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_ALARM_EXAMPLE]})
+
+    alarm: AlarmKind
+    severity: Severity
+    active: bool = Field(description="Whether its cause holds now.")
+    message: str
+    raised_at: Timestamp
+    cleared_at: Timestamp | None
+    acknowledged_by: str | None = Field(description="null: nobody has taken note yet.")
+    note: str
+    shelved_until: Timestamp | None = Field(description="Until then it calls nobody.")
+
+
+class CrossingAnswer(Answer):
+    """When a limit will be reached, if the wear goes on as it does."""
+
+    limit: str = Field(examples=["fault"])
+    limit_percent: float
+    earliest: Timestamp | None
+    likely: Timestamp | None
+    latest: Timestamp | None = Field(description="null: beyond what the history can tell.")
+
+
+_TREND_EXAMPLE: dict[str, Any] = {
+    "status": "falling",
+    "reason": "the preload falls",
+    "since": "2026-01-01T06:00:00.000Z",
+    "basis": "distance",
+    "level": 0.9,
+    "rate_percent_per_h": {"value": -1.2e-3, "low": -1.4e-3, "high": -1.0e-3},
+    "rate_percent_per_km": {"value": -4.1e-3, "low": -4.6e-3, "high": -3.7e-3},
+    "crossings": [
+        {
+            "limit": "fault",
+            "limit_percent": 2.05,
+            "earliest": "2026-06-11T00:00:00.000Z",
+            "likely": "2026-07-12T00:00:00.000Z",
+            "latest": "2026-08-23T00:00:00.000Z",
+        }
+    ],
+}
+
+
+class TrendAnswer(Answer):
+    """How the preload changes since the part came into use, or since it last jumped."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_TREND_EXAMPLE]})
+
+    status: TrendStatus
+    reason: str
+    since: Timestamp
+    basis: str = Field(description="What wear is counted against: `time` or `distance`.")
+    level: float = Field(description="Probability that each interval holds the truth.")
+    rate_percent_per_h: Interval | None
+    rate_percent_per_km: Interval | None
+    crossings: list[CrossingAnswer] = Field(description="Empty unless the preload is falling.")
+
+
 class HealthAnswer(Answer):
     """Condition of one axis, and the state of the data behind it."""
 
@@ -91,6 +167,8 @@ class HealthAnswer(Answer):
     data_faults: dict[str, int] = Field(
         description="Faulty intervals per kind since the start.", examples=[{"gap": 2}]
     )
+    alarms: list[AlarmAnswer] = Field(description="Those a person should see, gravest first.")
+    trend: TrendAnswer | None
 
 
 class ServiceAnswer(Answer):
@@ -127,6 +205,7 @@ class AxesAnswer(Answer):
     """All axes."""
 
     axes: list[AxisAnswer]
+    history: str = Field(description="Where and how long the history is kept.")
 
 
 class SpreadAnswer(Answer):
@@ -148,6 +227,9 @@ class BucketAnswer(Answer):
     low: float | None = Field(description="Lowest lower bound, percent.")
     high: float | None = Field(description="Highest upper bound, percent.")
     drag_torque_nm: SpreadAnswer | None
+    nis: SpreadAnswer | None = Field(description="Squared error of the model, 1 if it fits.")
+    stiffness_n_per_m: SpreadAnswer | None
+    temperature_c: SpreadAnswer | None
 
 
 class HistoryAnswer(Answer):

@@ -10,11 +10,16 @@ from fastapi.staticfiles import StaticFiles
 
 from .. import __version__
 from ..health.board import Board
+from .axis_routes import SendCommand, work_router
 from .context import Clock
+from .download import download_router
 from .guard import LOOPBACK_HOSTS, Guard
+from .job_routes import job_router, on_refused
+from .jobs import JobDesk, RefusedError
 from .metrics import metrics_router
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
 from .routes import axis_router, service_router
+from .schemas import schema_router
 from .stream import stream_router
 
 STATIC = Path(__file__).with_name("static")
@@ -36,7 +41,13 @@ class _Application(FastAPI):
         return schema
 
 
-def create_app(board: Board, clock: Clock, hosts: Iterable[str] = LOOPBACK_HOSTS) -> FastAPI:
+def create_app(
+    board: Board,
+    clock: Clock,
+    hosts: Iterable[str] = LOOPBACK_HOSTS,
+    send_command: SendCommand | None = None,
+    desk: JobDesk | None = None,
+) -> FastAPI:
     """The HTTP interface of one board.
 
     Parameters
@@ -47,6 +58,10 @@ def create_app(board: Board, clock: Clock, hosts: Iterable[str] = LOOPBACK_HOSTS
         UNIX time in ns.
     hosts : Iterable[str]
         Host names, without port, under which the service may be addressed.
+    send_command : Callable[[str, Command], None] or None
+        Passes on what a person asks of an axis; None: nothing is taken.
+    desk : JobDesk or None
+        Keeps recordings and runs jobs; None: there are none.
     """
     app = _Application(
         title="edge-service",
@@ -58,8 +73,21 @@ def create_app(board: Board, clock: Clock, hosts: Iterable[str] = LOOPBACK_HOSTS
     )
     app.state.board = board
     app.state.clock = clock
+    app.state.send_command = send_command
+    app.state.desk = desk
+    app.add_exception_handler(RefusedError, on_refused)
     answer_with_problems(app)
-    for router in (service_router, axis_router, stream_router, metrics_router, page_router):
+    for router in (
+        service_router,
+        axis_router,
+        work_router,
+        download_router,
+        job_router,
+        schema_router,
+        stream_router,
+        metrics_router,
+        page_router,
+    ):
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     app.add_middleware(Guard, hosts=tuple(hosts))

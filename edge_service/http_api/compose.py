@@ -1,15 +1,22 @@
 """From the board to the answers."""
 
+from typing import Any
+
 from ..health.board import Board
-from ..health.history import Bucket, Spread
+from ..health.history.buckets import Bucket, Spread
+from ..health.history.rows import QUANTITIES
 from ..health.settings import AxisLimits
+from ..messages.alarm import Alarm
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth
+from ..messages.outlook import Trend
 from .answers import (
+    AlarmAnswer,
     AxesAnswer,
     AxisAnswer,
     BucketAnswer,
     ComponentAnswer,
+    CrossingAnswer,
     EventAnswer,
     HealthAnswer,
     HistoryAnswer,
@@ -17,6 +24,7 @@ from .answers import (
     PreloadAnswer,
     ServiceAnswer,
     SpreadAnswer,
+    TrendAnswer,
 )
 from .times import rfc3339, rfc3339_s
 
@@ -62,7 +70,8 @@ def service_answer(board: Board, now_ns: int) -> ServiceAnswer:
 
 def axes_answer(board: Board, now_ns: int) -> AxesAnswer:
     """All axes, in the order of the configuration."""
-    return AxesAnswer(axes=[_axis(board, axis, now_ns) for axis in board.axes])
+    answers = [_axis(board, axis, now_ns) for axis in board.axes]
+    return AxesAnswer(axes=answers, history=board.keeping.place)
 
 
 def history_answer(
@@ -81,14 +90,12 @@ def history_answer(
 
 def event_answer(event: Event) -> EventAnswer:
     """One event."""
-    return EventAnswer(
-        axis=event.axis,
-        kind=event.kind,
-        severity=event.severity,
-        message=event.message,
-        time=rfc3339(event.time_ns),
-        data=event.data,
-    )
+    return EventAnswer.model_validate(_event(event))
+
+
+def _event(event: Event) -> dict[str, Any]:
+    members = event.model_dump(exclude={"time_ns"})
+    return members | {"time": rfc3339(event.time_ns)}
 
 
 def _axis(board: Board, axis: str, now_ns: int) -> AxisAnswer:
@@ -122,7 +129,49 @@ def _health(health: AxisHealth) -> HealthAnswer:
         since=rfc3339(health.since_time_ns),
         components=[_component(report) for report in health.components],
         data_faults=health.data_faults,
+        alarms=[_alarm(alarm) for alarm in health.alarms],
+        trend=None if health.trend is None else _trend(health.trend),
     )
+
+
+def _alarm(alarm: Alarm) -> AlarmAnswer:
+    return AlarmAnswer(
+        alarm=alarm.kind,
+        severity=alarm.severity,
+        active=alarm.active,
+        message=alarm.message,
+        raised_at=rfc3339(alarm.raised_time_ns),
+        cleared_at=_moment(alarm.cleared_time_ns),
+        acknowledged_by=alarm.acknowledged_by,
+        note=alarm.note,
+        shelved_until=_moment(alarm.shelved_until_ns),
+    )
+
+
+def _trend(trend: Trend) -> TrendAnswer:
+    return TrendAnswer(
+        status=trend.status,
+        reason=trend.reason,
+        since=rfc3339(trend.since_time_ns),
+        basis=trend.basis,
+        level=trend.level,
+        rate_percent_per_h=trend.rate_percent_per_h,
+        rate_percent_per_km=trend.rate_percent_per_km,
+        crossings=[
+            CrossingAnswer(
+                limit=each.limit,
+                limit_percent=each.limit_percent,
+                earliest=_moment(each.earliest_ns),
+                likely=_moment(each.likely_ns),
+                latest=_moment(each.latest_ns),
+            )
+            for each in trend.crossings
+        ],
+    )
+
+
+def _moment(time_ns: int | None) -> str | None:
+    return None if time_ns is None else rfc3339(time_ns)
 
 
 def _component(report: ComponentHealth) -> ComponentAnswer:
@@ -142,10 +191,9 @@ def _bucket(bucket: Bucket) -> BucketAnswer:
         samples=bucket.samples,
         estimated=bucket.estimated,
         status=bucket.status,
-        preload_percent=_spread(bucket.preload_percent),
         low=bucket.low,
         high=bucket.high,
-        drag_torque_nm=_spread(bucket.drag_torque_nm),
+        **{name: _spread(bucket.spreads.get(name)) for name in QUANTITIES},
     )
 
 

@@ -7,6 +7,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .problems import problem_response
 
+_SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
 SECURITY_HEADERS = {
@@ -22,7 +23,10 @@ SECURITY_HEADERS = {
 
 
 class Guard:
-    """Refuses foreign host names, so that no web page can reach the service by DNS rebinding."""
+    """Refuses foreign host names, so that no web page can reach the service by DNS rebinding.
+
+    Requests that change something are also refused from pages of another origin.
+    """
 
     def __init__(self, app: ASGIApp, hosts: Iterable[str] = LOOPBACK_HOSTS) -> None:
         self._app = app
@@ -42,14 +46,27 @@ class Guard:
                 headers.setdefault("cache-control", "no-store")
             await send(message)
 
-        host = Headers(scope=scope).get("host", "")
-        if _without_port(host).lower() in self._hosts:
-            await self._app(scope, receive, send_guarded)
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        if _without_port(host).lower() not in self._hosts:
+            words = f"the service does not answer to the host name {host!r}"
+            await problem_response(scope["path"], 400, words)(scope, receive, send_guarded)
+        elif scope["method"] not in _SAFE_METHODS and not _same_origin(headers, host):
+            words = f"a page of {headers.get('origin')!r} may not ask this"
+            await problem_response(scope["path"], 403, words)(scope, receive, send_guarded)
         else:
-            refusal = problem_response(
-                scope["path"], 400, f"the service does not answer to the host name {host!r}"
-            )
-            await refusal(scope, receive, send_guarded)
+            await self._app(scope, receive, send_guarded)
+
+
+def _same_origin(headers: Headers, host: str) -> bool:
+    """Whether a request comes from our own page, or from no page at all."""
+    origin = headers.get("origin")
+    site = headers.get("sec-fetch-site", "none")
+    return site in ("none", "same-origin") and (origin is None or _host_of(origin) == host)
+
+
+def _host_of(origin: str) -> str:
+    return origin.partition("://")[2]
 
 
 def _without_port(host: str) -> str:

@@ -13,6 +13,7 @@ from ..health.board import Board
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisCondition, ComponentHealth, ComponentStatus
 from .context import BoardDep, NowDep
+from .metrics_outlook import OutlookCollector
 
 metrics_router = APIRouter(tags=["service"])
 
@@ -46,6 +47,7 @@ async def metrics(board: BoardDep, now_ns: NowDep) -> Response:
     """Metrics in the text format of Prometheus; a number that does not exist has no sample."""
     registry = CollectorRegistry()
     registry.register(BoardCollector(board, now_ns))
+    registry.register(OutlookCollector(board, now_ns))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 

@@ -1,5 +1,6 @@
 """The JSON routes."""
 
+import asyncio
 import math
 from typing import Annotated
 
@@ -96,4 +97,4 @@ async def history(
     step_s = max(1.0, (end_s - start_s) / _DEFAULT_BUCKETS) if step_s is None else step_s
     if math.ceil((end_s - start_s) / step_s) > MOST_BUCKETS:
         raise parameter_error("step", f"would make more than {MOST_BUCKETS} buckets")
-    return history_answer(board, axis, start_s, end_s, step_s)
+    return await asyncio.to_thread(history_answer, board, axis, start_s, end_s, step_s)

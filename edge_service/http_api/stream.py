@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator, Iterator
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Header, Query
+from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.responses import StreamingResponse
 from fastapi.sse import format_sse_event
 from pydantic import BaseModel
@@ -12,8 +12,9 @@ from starlette.exceptions import HTTPException
 from ..health.board import Board
 from ..health.event_log import LoggedEvent
 from ..health.fan_out import Batch, Subscription, concerns
-from ..messages.topics import HEALTH, PRELOAD
+from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .compose import event_answer, health_answer, preload_answer, service_answer
+from .compose_axis import live_answer
 from .context import AxisFilterDep, BoardDep, Clock, clock_of
 from .problems import documented
 
@@ -21,6 +22,7 @@ MOST_READERS = 64
 REFRESH_S = 1.0
 """Every value is sent again after this long, so that a reader sees it grow old."""
 RETRY_MS = 2000
+_SHARED_NS = 20_000_000
 
 stream_router = APIRouter(prefix="/api/v1", tags=["live"])
 
@@ -51,6 +53,32 @@ async def resume_after(
     return last_event_id if header is None else header
 
 
+class _Encoded:
+    """The newest message of each topic, made once for all readers that ask at the same moment."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._made: dict[tuple[str, str], tuple[int, int, bytes]] = {}
+
+    def value(self, topic: str, axis: str, now_ns: int) -> bytes:
+        """The message as of now, or of at most a few milliseconds ago."""
+        version = self._board.version(topic, axis)
+        made = self._made.get((topic, axis))
+        if made is None or made[0] != version or not 0 <= now_ns - made[1] <= _SHARED_NS:
+            message = _value(self._board, topic, axis, now_ns)
+            made = self._made[topic, axis] = (version, now_ns, message)
+        return made[2]
+
+
+async def encoded_of(request: Request) -> _Encoded:
+    """The messages that all readers of this application share."""
+    state = request.app.state
+    if not hasattr(state, "encoded"):
+        state.encoded = _Encoded(state.board)
+    encoded: _Encoded = state.encoded
+    return encoded
+
+
 @stream_router.get(
     "/events",
     response_class=StreamingResponse,
@@ -59,22 +87,27 @@ async def resume_after(
 async def events(
     board: BoardDep,
     clock: Annotated[Clock, Depends(clock_of)],
+    encoded: Annotated[_Encoded, Depends(encoded_of)],
     subscription: Annotated[Subscription, Depends(reader)],
     resume_id: Annotated[int | None, Depends(resume_after)],
 ) -> StreamingResponse:
-    """Live stream: `event` (numbered), `preload`, `health` and `service` (newest values), `lost`.
+    """Live stream: `event` (numbered); `preload`, `health`, `live`, `service` (newest); `lost`.
 
     Events can be resumed after `Last-Event-ID`, or after `last_event_id` (0: all that are kept).
     """
     return StreamingResponse(
-        _stream(board, clock, subscription, resume_id),
+        _stream(board, encoded, clock, subscription, resume_id),
         media_type="text/event-stream",
         headers={"cache-control": "no-cache", "x-accel-buffering": "no"},
     )
 
 
 async def _stream(
-    board: Board, clock: Clock, subscription: Subscription, resume_id: int | None
+    board: Board,
+    encoded: _Encoded,
+    clock: Clock,
+    subscription: Subscription,
+    resume_id: int | None,
 ) -> AsyncIterator[bytes]:
     seen_id = board.events.last_id
     first_id = seen_id if resume_id is None else resume_id
@@ -87,10 +120,10 @@ async def _stream(
         now_ns = clock()
         if refreshed_ns is None or abs(now_ns - refreshed_ns) >= REFRESH_S * 1e9:
             refreshed_ns = now_ns
-            for message in _everything(board, subscription.axis, now_ns):
+            for message in _everything(board, encoded, subscription.axis, now_ns):
                 yield message
         batch = await subscription.next(REFRESH_S)
-        for message in _news(board, batch, seen_id, clock()):
+        for message in _news(encoded, batch, seen_id, clock()):
             yield message
 
 
@@ -102,22 +135,22 @@ def _missed(board: Board, resume_id: int, axis: str | None) -> Iterator[bytes]:
             yield _event(logged)
 
 
-def _everything(board: Board, axis: str | None, now_ns: int) -> Iterator[bytes]:
+def _everything(board: Board, encoded: _Encoded, axis: str | None, now_ns: int) -> Iterator[bytes]:
     yield format_sse_event(comment="keep-alive")
     yield _named("service", service_answer(board, now_ns))
     for each in board.axes if axis is None else (axis,):
-        yield _value(board, PRELOAD.name, each, now_ns)
-        yield _value(board, HEALTH.name, each, now_ns)
+        yield encoded.value(PRELOAD.name, each, now_ns)
+        yield encoded.value(HEALTH.name, each, now_ns)
 
 
-def _news(board: Board, batch: Batch, seen_id: int, now_ns: int) -> Iterator[bytes]:
+def _news(encoded: _Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterator[bytes]:
     if batch.lost:
         yield _lost(batch.lost, "this reader is too slow")
     for logged in batch.events:
         if logged.id > seen_id:
             yield _event(logged)
     for topic, axis in batch.changed:
-        yield _value(board, topic, axis, now_ns)
+        yield encoded.value(topic, axis, now_ns)
 
 
 def _event(logged: LoggedEvent) -> bytes:
@@ -126,6 +159,9 @@ def _event(logged: LoggedEvent) -> bytes:
 
 
 def _value(board: Board, topic: str, axis: str, now_ns: int) -> bytes:
+    if topic == FEAT.name:
+        point = board.live_now(axis)
+        return b"" if point is None else _named("live", live_answer(axis, point))
     answer = preload_answer if topic == PRELOAD.name else health_answer
     return _named(topic, answer(board, axis, now_ns))
 

@@ -2,7 +2,9 @@
 
 from enum import StrEnum
 
+from .alarm import Alarm
 from .estimate import Frozen
+from .outlook import FrictionCurve, Trend, Use
 
 
 class AxisCondition(StrEnum):
@@ -49,6 +51,8 @@ class AxisHealth(Frozen):
     Attributes:
         since_time_ns: UNIX time in ns at which the condition was entered.
         data_faults: count of faulty intervals per kind since start.
+        alarms: those that a person should see, the gravest first.
+        trend, use, friction: None where nobody keeps them.
     """
 
     axis: str
@@ -57,3 +61,7 @@ class AxisHealth(Frozen):
     since_time_ns: int
     components: tuple[ComponentHealth, ...] = ()
     data_faults: dict[str, int] = {}
+    alarms: tuple[Alarm, ...] = ()
+    trend: Trend | None = None
+    use: Use | None = None
+    friction: FrictionCurve | None = None

@@ -42,10 +42,11 @@ FEAT = Topic("feat", "features/1", BLOCK_ENCODING, 10.0, 2.0, Keep.LAST, True)
 PRELOAD = Topic("preload", "preload/1", JSON_ENCODING, 10.0, 2.0, Keep.LAST, True)
 HEALTH = Topic("health", "health/1", JSON_ENCODING, 1.0, 5.0, Keep.LAST, False)
 EVENT = Topic("event", "event/1", JSON_ENCODING, 0.0, float("inf"), Keep.LAST, False)
+COMMAND = Topic("command", "command/1", JSON_ENCODING, 0.0, float("inf"), Keep.NONE, False)
 STATUS = Topic("status", "status/1", JSON_ENCODING, 1.0, 5.0, Keep.LAST, False)
 WAVE = Topic("wave", "waveform/1", BLOCK_ENCODING, 50.0, 2.0, Keep.NONE, True)
 VIB = Topic("vib", "vibration/1", JSON_ENCODING, 1.0, 5.0, Keep.LAST, True)
 
 TOPICS: dict[str, Topic] = {
-    topic.name: topic for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, STATUS, WAVE, VIB)
+    topic.name: topic for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, VIB)
 }

@@ -1,23 +1,33 @@
-"""Estimates, features and component reports in; condition and events out: all axes."""
+"""Estimates, features, reports and commands in; condition and events out: all axes."""
 
 import asyncio
+import logging
 import time
 from collections.abc import Iterable
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 from ..bus.publisher import Publisher
-from ..config import HealthConfig
-from ..health.judge import HealthJudge
+from ..config import AlarmsConfig, HealthConfig
+from ..health.alarm_bench import AlarmSettings
+from ..health.axis_watch import AxisFacts, AxisWatch
 from ..health.settings import HealthSettings
+from ..health.use_meter import ScrewGeometry
+from ..messages.alarm import Command
 from ..messages.codec import decode_features, decode_json, encode_json
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
-from ..messages.topics import EVENT, FEAT, HEALTH, PRELOAD, STATUS
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
+from ..models.machine import Machine
 from .context import NodeContext, Reporter
 from .pipeline import load_machines
+from .watch_store import load_snapshot, save_snapshot
 
+log = logging.getLogger(__name__)
 HEALTH_PERIOD_S = 1.0
+SAVE_PERIOD_S = 10.0
 
 
 def health_settings(config: HealthConfig) -> HealthSettings:
@@ -28,22 +38,59 @@ def health_settings(config: HealthConfig) -> HealthSettings:
     )
 
 
+def alarm_settings(config: AlarmsConfig) -> AlarmSettings:
+    """The alarms' settings from the configuration."""
+    return AlarmSettings(**config.model_dump())
+
+
+def axis_facts(axis: str, machine: Machine) -> AxisFacts:
+    """What the watch of an axis needs of its machine file."""
+    geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
+    return AxisFacts(axis, machine.fresh_preload_percent, geometry)
+
+
 class _Bench:
-    """The judges of all axes with their publishers."""
+    """The watches of all axes with their publishers."""
 
     def __init__(self, context: NodeContext) -> None:
         config, bus = context.config, context.bus
-        settings, now_ns = health_settings(config.health), time.time_ns()
-        self.judges = {
-            axis: HealthJudge(axis, machine.fresh_preload_percent, settings, now_ns)
+        self._folder = config.history.folder
+        settings, alarms = health_settings(config.health), alarm_settings(config.alarms)
+        now_ns = time.time_ns()
+        self.watches = {
+            axis: AxisWatch(axis_facts(axis, machine), settings, alarms, now_ns)
             for axis, machine in load_machines(config).items()
         }
         self._health = {
-            axis: bus.publisher(config.keys.key(axis, HEALTH), HEALTH) for axis in self.judges
+            axis: bus.publisher(config.keys.key(axis, HEALTH), HEALTH) for axis in self.watches
         }
         self._event = {
-            axis: bus.publisher(config.keys.key(axis, EVENT), EVENT) for axis in self.judges
+            axis: bus.publisher(config.keys.key(axis, EVENT), EVENT) for axis in self.watches
         }
+
+    def load(self) -> None:
+        """Go on where the last process was."""
+        if self._folder is not None:
+            for watch in self.watches.values():
+                load_snapshot(self._folder, watch)
+
+    def save(self) -> None:
+        """Keep what must outlive the process."""
+        self.write(self.snapshots())
+
+    def snapshots(self) -> dict[str, dict[str, Any]]:
+        """State of every axis; only in the thread of the event loop."""
+        if self._folder is None:
+            return {}
+        return {axis: watch.snapshot() for axis, watch in self.watches.items()}
+
+    def write(self, snapshots: dict[str, dict[str, Any]]) -> None:
+        """Write states, from any thread; a full disk is told, and tried again."""
+        try:
+            for axis, snapshot in snapshots.items():
+                save_snapshot(self._folder or Path(), axis, snapshot)
+        except OSError as error:
+            log.warning("%s: the state cannot be kept (%s)", self._folder, error.strerror)
 
     def tell(self, axis: str, events: Iterable[Event]) -> None:
         """Publish events, and the health that goes with them at once."""
@@ -57,7 +104,7 @@ class _Bench:
     def publish_health(self, axis: str) -> None:
         """Publish the condition of an axis as of now."""
         now_ns = time.time_ns()
-        health = self.judges[axis].health(now_ns)
+        health = self.watches[axis].health(now_ns)
         _publish(self._health[axis], HEALTH.payload, health, axis, now_ns)
 
 
@@ -71,6 +118,7 @@ async def run(context: NodeContext) -> None:
     """Judge every configured axis until cancelled."""
     config, bus = context.config, context.bus
     bench = _Bench(context)
+    watches = bench.watches
     preloads = bus.subscribe(
         config.keys.all_axes(PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
     )
@@ -78,32 +126,61 @@ async def run(context: NodeContext) -> None:
     reports = bus.subscribe(
         config.keys.all_components(STATUS), partial(decode_json, STATUS.payload, ComponentHealth)
     )
+    commands = bus.subscribe(
+        config.keys.all_axes(COMMAND), partial(decode_json, COMMAND.payload, Command)
+    )
     reporter = Reporter(context, "health")
     reporter.counters = preloads.counters.as_dict
 
     async def follow_preloads() -> None:
         async for axis, header, estimate in preloads:
-            if axis in bench.judges:
-                bench.tell(axis, bench.judges[axis].on_preload(header, estimate, time.time_ns()))
+            if axis in watches:
+                bench.tell(axis, watches[axis].on_preload(header, estimate, time.time_ns()))
 
     async def follow_features() -> None:
         async for axis, header, block in features:
-            if axis in bench.judges:
-                bench.tell(axis, bench.judges[axis].on_feature(header, block, time.time_ns()))
+            if axis in watches:
+                bench.tell(axis, watches[axis].on_feature(header, block, time.time_ns()))
 
     async def follow_reports() -> None:
         async for axis, _, report in reports:
-            if axis in bench.judges:
-                bench.tell(axis, bench.judges[axis].on_component(report, time.time_ns()))
+            if axis in watches:
+                bench.tell(axis, watches[axis].on_component(report, time.time_ns()))
+
+    async def follow_commands() -> None:
+        async for axis, _, command in commands:
+            if axis in watches:
+                bench.tell(axis, watches[axis].on_command(command, time.time_ns()))
+                bench.save()
 
     async def renew() -> None:
         while True:
-            for axis, judge in bench.judges.items():
-                bench.tell(axis, judge.tick(time.time_ns()))
+            for axis, watch in watches.items():
+                bench.tell(axis, watch.tick(time.time_ns()))
                 bench.publish_health(axis)
             await asyncio.sleep(HEALTH_PERIOD_S)
 
+    async def foresee() -> None:
+        while True:
+            for watch in watches.values():
+                if watch.trend_is_due(time.time_ns()):
+                    trend = await asyncio.to_thread(watch.trend_work())
+                    watch.take_trend(trend, time.time_ns())
+            await asyncio.sleep(HEALTH_PERIOD_S)
+
+    async def keep() -> None:
+        while True:
+            await asyncio.sleep(SAVE_PERIOD_S)
+            await asyncio.to_thread(bench.write, bench.snapshots())
+
     async with reporter.running(), asyncio.TaskGroup() as group:
+        bench.load()
         reporter.to(ComponentStatus.OK)
-        for follow in (follow_preloads, follow_features, follow_reports, renew):
-            group.create_task(follow())
+        try:
+            for follow in (follow_preloads, follow_features, follow_reports, follow_commands):
+                group.create_task(follow())
+            for repeat in (renew, foresee, keep):
+                group.create_task(repeat())
+            await asyncio.Event().wait()
+        finally:
+            bench.save()

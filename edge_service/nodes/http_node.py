@@ -9,14 +9,18 @@ from ..health.board import Board
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
 from ..http_api.serve import serve
-from ..messages.codec import decode_json
+from ..messages.alarm import Command
+from ..messages.codec import decode_features, decode_json, encode_json
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
-from ..messages.topics import EVENT, HEALTH, PRELOAD, STATUS
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from .context import NodeContext, Reporter
 from .health_node import health_settings
+from .history_store import open_history
+from .job_desk import ProcessJobDesk
 from .pipeline import load_machines
+from .webhook import Webhook
 
 log = logging.getLogger(__name__)
 
@@ -32,17 +36,24 @@ def _limits(context: NodeContext) -> dict[str, AxisLimits | None]:
 async def run(context: NodeContext) -> None:
     """Serve the API and the page until cancelled. Raises AddressError before anything is served."""
     config, bus = context.config, context.bus
-    board = Board(_limits(context), time.time_ns())
+    machines = load_machines(config)
+    store = open_history(
+        config, {axis: each.transmission_ratio_m_per_rad for axis, each in machines.items()}
+    )
+    board = Board(_limits(context), time.time_ns(), keeping=store.keeping)
     preloads = bus.subscribe(
         config.keys.all_axes(PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
     )
     healths = bus.subscribe(
         config.keys.all_axes(HEALTH), partial(decode_json, HEALTH.payload, AxisHealth)
     )
+    features = bus.subscribe(config.keys.all_axes(FEAT), decode_features)
     events = bus.subscribe(config.keys.all_axes(EVENT), partial(decode_json, EVENT.payload, Event))
     reports = bus.subscribe(
         config.keys.all_components(STATUS), partial(decode_json, STATUS.payload, ComponentHealth)
     )
+    webhook = Webhook.of(config)
+    desk = ProcessJobDesk(config.history.folder, {axis.name: axis.machine for axis in config.axes})
     reporter = Reporter(context, "http")
     reporter.counters = preloads.counters.as_dict
 
@@ -54,13 +65,24 @@ async def run(context: NodeContext) -> None:
         async for _, header, health in healths:
             board.on_health(header, health, time.time_ns())
 
+    async def follow_features() -> None:
+        async for axis, header, block in features:
+            board.on_feature(axis, header, block)
+
     async def follow_events() -> None:
         async for _, _, event in events:
             board.on_event(event, time.time_ns())
+            webhook.put(event)
 
     async def follow_reports() -> None:
         async for _, _, report in reports:
             board.on_component(report, time.time_ns())
+
+    publishers = {axis: bus.publisher(config.keys.key(axis, COMMAND), COMMAND) for axis in machines}
+
+    def send_command(axis: str, command: Command) -> None:
+        encode = partial(encode_json, COMMAND.payload, axis, payload=command)
+        publishers[axis].publish(encode, time.time_ns())
 
     def bound(host: str, port: int) -> None:
         reporter.to(ComponentStatus.OK)
@@ -70,11 +92,19 @@ async def run(context: NodeContext) -> None:
     async with reporter.running():
         followers = [
             asyncio.create_task(follow())
-            for follow in (follow_preloads, follow_healths, follow_events, follow_reports)
+            for follow in (
+                follow_preloads,
+                follow_healths,
+                follow_features,
+                follow_events,
+                follow_reports,
+                store.run,
+                webhook.run,
+            )
         ]
         try:
             await serve(
-                create_app(board, time.time_ns),
+                create_app(board, time.time_ns, send_command=send_command, desk=desk),
                 config.http.host,
                 config.http.port,
                 stop=asyncio.Event(),
@@ -85,3 +115,4 @@ async def run(context: NodeContext) -> None:
             for follower in followers:
                 follower.cancel()
             await asyncio.gather(*followers, return_exceptions=True)
+            await desk.close()

@@ -5,7 +5,8 @@ import asyncio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.health.board import Board, BoardSettings
+from edge_service.health.board import Board
+from edge_service.health.board_settings import BoardSettings
 from edge_service.health.event_log import EventLog, LoggedEvent
 from edge_service.health.fan_out import FanOut
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
@@ -65,7 +66,7 @@ updates = st.lists(
 @given(updates=updates, look=st.integers(-10 * NS, 10 * NS))
 @settings(max_examples=150, deadline=None)
 def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, look):
-    board = _board(history_span_s=20.0)
+    board = _board()
     now_ns = START_NS
     for status, sequence, boot, step_ns, ahead_ns in updates:
         now_ns += step_ns

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
-from edge_service.health.board import Board, BoardSettings
+from edge_service.health.board import Board
+from edge_service.health.board_settings import BoardSettings
 from edge_service.health.settings import HealthSettings
 from edge_service.http_api.app import create_app
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate

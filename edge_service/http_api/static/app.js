@@ -1,23 +1,43 @@
-// The live page: one stream in, one card per axis out.
+// The live page: one stream in, one axis at a time out.
 
-import { Card, componentTexts, symbol } from "./card.js";
-import { element, list, words, write } from "./dom.js";
-import { SPAN_S, STEP_S } from "./plot.js";
+import { renderAnswer } from "./answer.js";
+import { renderAlarms, renderDiary } from "./diary.js";
+import { byId, clock, element, fetchJson, refill, symbol, words, write } from "./dom.js";
+import { renderHistory } from "./history.js";
+import { loadTests } from "./jobs.js";
+import { renderService } from "./service.js";
+import { renderTraces, startTraces, takeLive } from "./traces.js";
+import { loadUse } from "./use.js";
+import { loadWhy, renderWhy } from "./why.js";
 
 const SILENT_AFTER_MS = 4000; // the service sends every value once a second
 const RENDER_MS = 250;
+const SLOW_MS = 10000;
 const RECONNECT_MS = 3000;
-const SHOWN_EVENTS = 200;
+const KEPT_EVENTS = 1000;
 const ORDER = ["FAULT", "WARNING", "UNAVAILABLE", "NORMAL"];
 
-const byId = (id) => document.getElementById(id);
-const cards = new Map();
+const states = new Map();
+let shown = null;
+let service = null;
 let source = null;
 let lastMessageMs = null;
 let lastEventId = 0;
 let clockOffsetMs = 0; // server time minus performance.now()
 let connected = null;
-let lostSince = null;
+let slowMs = -Infinity;
+
+const serverMs = () => performance.now() + clockOffsetMs;
+
+class AxisState {
+  constructor({ axis, limits }, historyPlace) {
+    Object.assign(this, { axis, limits, historyPlace, preload: null, health: null, events: [], connected: true, receivedMs: 0, serverMs });
+  }
+
+  get condition() {
+    return this.connected ? (this.health?.condition ?? "UNAVAILABLE") : "UNAVAILABLE";
+  }
+}
 
 function on(name, handle) {
   source.addEventListener(name, (message) => {
@@ -30,129 +50,119 @@ function connect() {
   source?.close();
   source = new EventSource(`/api/v1/events?last_event_id=${lastEventId}`);
   on("service", takeService);
-  on("preload", (answer) => cards.get(answer.axis)?.take(answer, performance.now()));
+  on("preload", (answer) => Object.assign(states.get(answer.axis) ?? {}, { preload: answer, receivedMs: performance.now() }));
   on("health", takeHealth);
+  on("live", takeLive);
   on("event", (answer, message) => takeEvent(answer, Number(message.lastEventId)));
-  on("lost", (answer) => addEvent({ severity: "warning", axis: "", message: `events are missing here: ${answer.reason}`, time: null }));
+  on("lost", (answer) => takeEvent({ severity: "warning", axis: "", kind: "lost", message: `events are missing here: ${answer.reason}`, time: new Date(serverMs()).toISOString(), data: {} }, lastEventId + 0.5));
 }
 
 async function start() {
   try {
-    const { axes } = await fetchJson("/api/v1/axes");
-    byId("axes").replaceChildren();
-    cards.clear();
-    for (const { axis, limits } of axes) {
-      const card = new Card(axis, limits);
-      cards.set(axis, card);
-      byId("axes").append(card.node);
+    const { axes, history } = await fetchJson("/api/v1/axes");
+    setServerTime((await fetchJson("/api/v1/health")).time);
+    for (const each of axes) {
+      const state = new AxisState(each, history);
+      const { events } = await fetchJson(`/api/v1/axes/${each.axis}/log`);
+      state.events = events.slice(-KEPT_EVENTS);
+      lastEventId = Math.max(lastEventId, events.at(-1)?.id ?? 0);
+      states.set(each.axis, state);
     }
-    const { time } = await fetchJson("/api/v1/health");
-    setServerTime(time);
-    await Promise.all([...cards.values()].map(loadHistory));
+    show(decodeURIComponent(location.hash.slice(1)));
     connect();
   } catch {
+    states.clear();
     setTimeout(start, RECONNECT_MS);
   }
 }
 
-async function fetchJson(path) {
-  const response = await fetch(path);
-  if (!response.ok) throw new Error(`${path}: ${response.status}`);
-  return response.json();
+function show(axis) {
+  shown = states.get(axis) ?? worst();
+  slowMs = -Infinity;
+  startTraces(shown);
 }
 
-async function loadHistory(card) {
-  const from = (serverMs() / 1000 - SPAN_S).toFixed(0);
-  const aligned = from - (from % STEP_S);
-  const { buckets } = await fetchJson(`/api/v1/axes/${card.axis}/history?from=${aligned}&step=${STEP_S}`);
-  card.history.load(buckets);
+function worst() {
+  return [...states.values()].sort((a, b) => ORDER.indexOf(a.condition) - ORDER.indexOf(b.condition))[0];
 }
 
 function setServerTime(time) {
   clockOffsetMs = Date.parse(time) - performance.now();
 }
 
-function serverMs() {
-  return performance.now() + clockOffsetMs;
-}
-
 function takeService(answer) {
   setServerTime(answer.time);
-  const waiting = answer.reasons.map((reason) => reason.replace(/: [a-z_]+: /, ": "));
-  write(byId("service-state"), answer.ready ? "Every axis has fresh input." : `Not ready – ${waiting.join("; ")}.`);
-  list(byId("service-components"), componentTexts(answer.components));
+  service = answer;
 }
 
 function takeHealth(answer) {
-  const card = cards.get(answer.axis);
-  if (card === undefined) return;
-  const before = card.health?.condition;
-  card.health = answer;
+  const state = states.get(answer.axis);
+  if (state === undefined) return;
+  const before = state.health?.condition;
+  state.health = answer;
   if (before !== undefined && before !== answer.condition) {
     const reason = answer.reasons.length ? `. ${words(answer.reasons[0])}` : "";
     byId("announcer").textContent = `Axis ${answer.axis}: ${answer.condition}${reason}`;
   }
 }
 
-function takeEvent(answer, id) {
+function takeEvent(event, id) {
   if (id <= lastEventId) return;
-  lastEventId = id;
-  addEvent(answer);
-}
-
-function addEvent(event) {
-  const time = event.time === null ? "" : new Date(event.time).toLocaleTimeString([], { hour12: false });
-  const item = element(
-    "li",
-    { class: `event ${event.severity}` },
-    element("time", event.time === null ? {} : { datetime: event.time, title: event.time }, time),
-    element("span", { class: "event-axis" }, event.axis || "service"),
-    element("span", { class: "event-severity" }, event.severity),
-    element("span", { class: "event-text" }, event.message),
-  );
-  const events = byId("events");
-  events.prepend(item);
-  while (events.children.length > SHOWN_EVENTS) events.lastElementChild.remove();
-  byId("events-empty").hidden = true;
+  lastEventId = Math.floor(id);
+  for (const state of states.values()) {
+    if (event.axis && event.axis !== state.axis) continue;
+    state.events.push({ ...event, id });
+    state.events.splice(0, state.events.length - KEPT_EVENTS);
+  }
 }
 
 function watchConnection(nowMs) {
   const alive = lastMessageMs !== null && nowMs - lastMessageMs < SILENT_AFTER_MS;
   if (!alive && source?.readyState === EventSource.CLOSED && nowMs - (lastMessageMs ?? 0) > RECONNECT_MS) connect();
   if (alive === connected || (connected === null && !alive && nowMs < SILENT_AFTER_MS)) return;
+  const back = alive && connected === false;
   connected = alive;
-  lostSince = alive ? null : new Date();
-  for (const card of cards.values()) card.connected = alive;
+  for (const state of states.values()) state.connected = alive;
+  document.body.classList.toggle("old", !alive);
   const banner = byId("banner");
   banner.hidden = alive;
-  banner.textContent = alive ? "" : `No connection to the service since ${lostSince.toLocaleTimeString([], { hour12: false })}. Nothing on this page is current; trying again.`;
+  banner.textContent = alive ? "" : `No connection to the service since ${clock(new Date())}. Everything on this page is old; trying again.`;
   byId("connection").dataset.state = alive ? "live" : "lost";
   write(byId("connection-text"), alive ? "live" : "connection lost");
+  if (back && shown) show(shown.axis);
 }
 
-function renderSummary() {
-  if (cards.size === 0) return;
-  const groups = ORDER.map((condition) => [condition, [...cards.values()].filter((card) => card.condition === condition)]);
-  const key = JSON.stringify(groups.map(([condition, members]) => [condition, members.map((card) => card.axis)]));
-  const summary = byId("summary");
-  if (summary.dataset.key === key) return;
-  summary.dataset.key = key;
-  summary.replaceChildren(...groups.filter(([, members]) => members.length > 0).map(([condition, members]) => chip(condition, members)));
-  const worst = groups.find(([, members]) => members.length > 0)[0];
-  document.title = worst === "NORMAL" ? "All axes normal" : `${worst}: ${groups.find(([name]) => name === worst)[1].map((card) => card.axis).join(", ")}`;
+function renderAxes() {
+  const key = JSON.stringify([...states.values()].map((state) => [state.axis, state.condition, state === shown]));
+  refill(byId("axes"), key, () => [...states.values()].map(chip));
+  const first = worst();
+  document.title = first.condition === "NORMAL" ? "All axes normal" : `${first.condition}: ${first.axis}`;
 }
 
-function chip(condition, members) {
-  const links = members.flatMap((card, i) => [i ? ", " : " ", element("a", { href: `#card-${card.axis}` }, card.axis)]);
-  return element("span", { class: "chip", "data-condition": condition }, symbol(condition), element("span", {}, element("b", {}, condition), ...links));
+function chip(state) {
+  const link = element("a", { href: `#${encodeURIComponent(state.axis)}`, class: "chip", "data-condition": state.condition }, symbol(state.condition), element("span", {}, element("b", {}, state.axis), ` ${state.condition}`));
+  if (state === shown) link.setAttribute("aria-current", "true");
+  return link;
 }
 
 function render() {
   const nowMs = performance.now();
   watchConnection(nowMs);
-  renderSummary();
-  for (const card of cards.values()) card.render(nowMs, serverMs() / 1000);
+  if (!shown) return;
+  renderAxes();
+  renderAnswer(shown, nowMs);
+  renderAlarms(shown);
+  renderWhy(shown);
+  renderDiary(shown);
+  renderService(shown, service);
+  renderTraces(shown);
+  if (!connected) return;
+  renderHistory(shown, nowMs);
+  if (nowMs - slowMs < SLOW_MS) return;
+  slowMs = nowMs;
+  Promise.all([loadWhy(shown), loadUse(shown), loadTests(shown)]).catch(() => {});
 }
 
+addEventListener("hashchange", () => show(decodeURIComponent(location.hash.slice(1))));
 start();
 setInterval(render, RENDER_MS);

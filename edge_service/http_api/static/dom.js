@@ -2,6 +2,8 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 
+export const byId = (id) => document.getElementById(id);
+
 export function element(tag, attributes = {}, ...children) {
   return filled(document.createElement(tag), attributes, children);
 }
@@ -16,9 +18,22 @@ function filled(node, attributes, children) {
   return node;
 }
 
+export function button(text, attributes, act) {
+  const node = element("button", { type: "button", ...attributes }, text);
+  node.addEventListener("click", act);
+  return node;
+}
+
 // Text is only written when it changes, so a selection or a screen reader is not disturbed.
 export function write(node, text) {
   if (node.textContent !== text) node.textContent = text;
+}
+
+// Children are only replaced when what they say changes.
+export function refill(node, key, make) {
+  if (node.dataset.key === key) return;
+  node.dataset.key = key;
+  node.replaceChildren(...make());
 }
 
 export function words(reason) {
@@ -28,7 +43,37 @@ export function words(reason) {
 }
 
 export function list(node, texts) {
-  const present = [...node.children].map((item) => item.textContent);
-  if (present.length === texts.length && texts.every((text, i) => text === present[i])) return;
-  node.replaceChildren(...texts.map((text) => element("li", {}, text)));
+  refill(node, JSON.stringify(texts), () => texts.map((text) => element("li", {}, text)));
+}
+
+export async function fetchJson(path, options) {
+  const response = await fetch(path, options);
+  const answer = await response.json().catch(() => null);
+  if (!response.ok) throw new Error(answer?.detail ?? `${path}: ${response.status}`);
+  return answer;
+}
+
+const SHAPES = {
+  NORMAL: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12.5l3.5 3.5L17 9"],
+  WARNING: ["M12 2.5L23 21.5H1z", "M12 9v6M12 18v.6"],
+  FAULT: ["M8 2h8l6 6v8l-6 6H8l-6-6V8z", "M8.5 8.5l7 7M15.5 8.5l-7 7"],
+  UNAVAILABLE: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12h10"],
+};
+
+export function symbol(condition) {
+  const [shape, sign] = SHAPES[condition];
+  const parts = [svg("path", { d: shape, class: "symbol-shape" }), svg("path", { d: sign, class: "symbol-sign" })];
+  return svg("svg", { class: "symbol", viewBox: "0 0 24 24", "aria-hidden": "true" }, ...parts);
+}
+
+export function clock(time) {
+  const moment = new Date(time);
+  const hours = moment.toLocaleTimeString([], { hour12: false });
+  return moment.toDateString() === new Date().toDateString() ? hours : `${moment.toLocaleDateString()} ${hours}`;
+}
+
+export function lasting(seconds) {
+  const steps = [[90, 1, "s"], [5400, 60, "min"], [172800, 3600, "h"], [5184000, 86400, "days"], [Infinity, 2629800, "months"]];
+  const [, size, unit] = steps.find(([below]) => seconds < below);
+  return `${Math.max(0, Math.round(seconds / size))} ${unit}`;
 }

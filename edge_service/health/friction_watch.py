@@ -1,0 +1,92 @@
+"""The friction curve that ordinary work shows, against the one from when the part was new."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..messages.features import FeatureBlock
+from ..messages.outlook import FrictionCurve
+from ..messages.samples import Floats
+
+_STEPS = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0])
+EDGES_RAD_S: Floats = np.concatenate([-_STEPS[::-1], _STEPS])
+_STEADY_SHARE = 0.03
+_SETTLED_S = 0.2
+_BASELINE_COUNT = 100.0
+_MEMORY_COUNT = 300.0
+
+
+class FrictionWatch:
+    """Mean torque at steady speed per class of speed: of the first intervals, and of the newest.
+
+    At steady speed the torque is friction and load alone; a vertical or pushed axis shows its load
+    here as well.
+    """
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """A new part came into use."""
+        classes = EDGES_RAD_S.size - 1
+        self._count: Floats = np.zeros(classes)
+        self._speed: Floats = np.full(classes, np.nan)
+        self._now: Floats = np.full(classes, np.nan)
+        self._first: Floats = np.full(classes, np.nan)
+
+    def add(self, block: FeatureBlock) -> None:
+        """Take an interval in; only those at steady speed count."""
+        speed = 0.5 * (block.speed_start_rad_s + block.speed_end_rad_s)
+        if not _steady(block, speed):
+            return
+        k = int(np.searchsorted(EDGES_RAD_S, speed, side="right")) - 1
+        if not 0 <= k < self._count.size or EDGES_RAD_S[k] == -1.0:
+            return
+        self._count[k] += 1.0
+        self._blend(self._speed, k, speed, _MEMORY_COUNT)
+        self._blend(self._now, k, block.torque_mean_nm, _MEMORY_COUNT)
+        if self._count[k] <= _BASELINE_COUNT:
+            self._blend(self._first, k, block.torque_mean_nm, _BASELINE_COUNT)
+
+    def curve(self) -> FrictionCurve:
+        """Classes of speed that were seen, slowest (most negative) first."""
+        seen = self._count > 0.0
+        return FrictionCurve(
+            speed_rad_s=_rounded(self._speed[seen]),
+            torque_nm=_rounded(self._now[seen]),
+            first_torque_nm=_rounded(self._first[seen]),
+            count=tuple(int(each) for each in self._count[seen]),
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        columns = (self._count, self._speed, self._now, self._first)
+        return {"columns": [np.nan_to_num(each, nan=0.0).tolist() for each in columns]}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none."""
+        count, *means = (np.array(each, np.float64) for each in snapshot["columns"])
+        if count.shape != self._count.shape:
+            raise ValueError("a friction curve of another version")
+        self._count = count
+        self._speed, self._now, self._first = (np.where(count > 0, m, np.nan) for m in means)
+
+    def _blend(self, column: Floats, k: int, value: float, memory: float) -> None:
+        weight = 1.0 / min(self._count[k], memory)
+        column[k] = value if math.isnan(column[k]) else column[k] + weight * (value - column[k])
+
+
+def _steady(block: FeatureBlock, speed_rad_s: float) -> bool:
+    change = abs(block.speed_end_rad_s - block.speed_start_rad_s)
+    return (
+        block.usable
+        and block.reversal_count == 0
+        and block.since_reversal_s >= _SETTLED_S
+        and change <= max(_STEADY_SHARE * abs(speed_rad_s), 0.2)
+        and math.isfinite(block.torque_mean_nm)
+    )
+
+
+def _rounded(values: Floats) -> tuple[float, ...]:
+    return tuple(float(f"{each:.5g}") for each in values)

@@ -1,0 +1,116 @@
+"""Rows in Parquet: one column per number, readable with any tool.
+
+pyarrow is imported when it is needed: a service without history on disk saves its 40 MB.
+"""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...messages.samples import Floats
+from .rows import QUANTITIES, STATUSES, Rows, single_rows
+
+_KINDS = ("count", "least", "mean", "most")
+_WORDS = {"count": "count", "least": "min", "mean": "mean", "most": "max"}
+_NAMES = [
+    (kind, number, f"{quantity}_{_WORDS[kind]}")
+    for number, quantity in enumerate(QUANTITIES)
+    for kind in _KINDS
+]
+
+
+def to_table(rows: Rows) -> Any:
+    """The rows as an Arrow table, NaN as null; single estimates have one column per quantity."""
+    import pyarrow as pa
+
+    columns: dict[str, Any] = {
+        "time": pa.array((rows.time_s * 1e6).round().astype("datetime64[us]")).cast(
+            pa.timestamp("us", "UTC")
+        ),
+        "status": pa.DictionaryArray.from_arrays(
+            pa.array(rows.status.astype(np.int8)), [each.value for each in STATUSES]
+        ),
+        "low": pa.array(rows.low, from_pandas=True),
+        "high": pa.array(rows.high, from_pandas=True),
+    }
+    if np.all(rows.samples == 1):
+        values = zip(QUANTITIES, rows.mean, strict=True)
+        return pa.table(columns | {name: pa.array(row, from_pandas=True) for name, row in values})
+    columns["samples"] = pa.array(rows.samples.astype(np.int32))
+    for kind, number, name in _NAMES:
+        row = getattr(rows, kind)[number]
+        counts = kind == "count"
+        columns[name] = (
+            pa.array(row.astype(np.int32)) if counts else pa.array(row, from_pandas=True)
+        )
+    return pa.table(columns)
+
+
+def from_table(table: Any) -> Rows:
+    """The rows of an Arrow table made by `to_table`."""
+    import pyarrow as pa
+
+    words = table.column("status").cast(pa.string()).to_pylist()
+    index = {each.value: number for number, each in enumerate(STATUSES)}
+    time_s = table.column("time").cast(pa.int64()).to_numpy() / 1e6
+    status = np.array([index[word] for word in words], np.int64)
+    low, high = _column(table, "low"), _column(table, "high")
+    if "samples" not in table.column_names:
+        values = np.stack([_column(table, name) for name in QUANTITIES])
+        return single_rows(time_s, status, low, high, values)
+    count, least, mean, most = (
+        np.stack([_column(table, name) for k, _, name in _NAMES if k == kind]) for kind in _KINDS
+    )
+    samples = _column(table, "samples").astype(np.int64)
+    return Rows(time_s, samples, status, low, high, count.astype(np.int64), least, mean, most)
+
+
+def _column(table: Any, name: str) -> Floats:
+    values: Floats = table.column(name).to_numpy().astype(np.float64)
+    return values
+
+
+def write_rows(path: Path, rows: Rows) -> None:
+    """Write a file that takes `path`'s place on success and leaves no trace on failure."""
+    import pyarrow.parquet as pq
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            pq.write_table(to_table(rows), file, compression="zstd")
+            file.flush()
+            os.fsync(file.fileno())
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def read_rows(path: Path) -> Rows:
+    """Read a file written by `write_rows`; OSError if it cannot be, naming it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return from_table(pq.read_table(path, use_threads=False, memory_map=False))
+    except (pa.ArrowException, KeyError) as error:
+        raise OSError(f"{path}: no history file ({error})") from error
+
+
+def as_bytes(rows: Rows, form: str) -> bytes:
+    """The rows as the bytes of a Parquet file, or of an Arrow IPC file (`arrow`)."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink, table = pa.BufferOutputStream(), to_table(rows)
+    if form == "parquet":
+        pq.write_table(table, sink, compression="zstd")
+    else:
+        with pa.ipc.new_file(sink, table.schema) as writer:
+            writer.write_table(table)
+    content: bytes = sink.getvalue().to_pybytes()
+    return content

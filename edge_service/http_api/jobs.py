@@ -1,0 +1,116 @@
+"""What the routes of recordings and jobs ask of whoever keeps and runs them."""
+
+from collections.abc import AsyncIterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Protocol
+
+from pydantic import ConfigDict, Field
+
+from .answers import Answer, Timestamp
+
+
+class JobKind(StrEnum):
+    """What can be made of recordings."""
+
+    FINGERPRINT = "fingerprint"
+    DIAGNOSE = "diagnose"
+
+
+class JobState(StrEnum):
+    """How far a job is."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class RecordingAnswer(Answer):
+    """One recording that was uploaded."""
+
+    name: str
+    size: int = Field(description="Bytes.")
+    uploaded: Timestamp
+
+
+class RecordingsAnswer(Answer):
+    """All recordings, newest first."""
+
+    recordings: list[RecordingAnswer]
+
+
+class JobBody(Answer):
+    """What is to be made of which recordings."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"kind": "fingerprint", "axis": "X", "recordings": ["friction.csv"]}]
+        }
+    )
+
+    kind: JobKind
+    axis: str
+    recordings: list[str] = Field(min_length=1, max_length=50)
+    baseline: int | None = Field(None, description="An older fingerprint job to compare with.")
+
+
+class JobAnswer(Answer):
+    """One job."""
+
+    id: int
+    kind: JobKind
+    axis: str
+    recordings: list[str]
+    baseline: int | None
+    state: JobState
+    started: Timestamp
+    ended: Timestamp | None
+    lines: list[str] = Field(description="What it said so far, the last lines.")
+    files: list[str] = Field(description="What it made, once it is done.")
+
+
+class JobsAnswer(Answer):
+    """All jobs, newest first."""
+
+    jobs: list[JobAnswer]
+
+
+class RefusedError(Exception):
+    """It cannot be done; the text is one line, `status` the HTTP status that says so."""
+
+    def __init__(self, status: int, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class JobDesk(Protocol):
+    """Keeps recordings and runs one job at a time. Every call may raise RefusedError."""
+
+    def recordings(self) -> list[RecordingAnswer]:
+        """All recordings, newest first."""
+        ...
+
+    async def receive(self, name: str, chunks: AsyncIterator[bytes]) -> RecordingAnswer:
+        """Keep a recording; whole or not at all."""
+        ...
+
+    def remove(self, name: str) -> None:
+        """Forget a recording."""
+        ...
+
+    def jobs(self) -> list[JobAnswer]:
+        """All jobs, newest first."""
+        ...
+
+    async def start(self, body: JobBody) -> JobAnswer:
+        """Start a job; refused while another one runs."""
+        ...
+
+    async def cancel(self, number: int) -> JobAnswer:
+        """End a job that runs."""
+        ...
+
+    def file(self, number: int, name: str) -> Path:
+        """A file that a job made."""
+        ...

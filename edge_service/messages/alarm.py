@@ -1,0 +1,60 @@
+"""What asks for a person, and what a person answers."""
+
+from enum import StrEnum
+from typing import Literal
+
+from pydantic import Field
+
+from .estimate import Frozen
+from .event import Severity
+
+
+class AlarmKind(StrEnum):
+    """What an alarm is about."""
+
+    PRELOAD_LOW = "preload_low"  # below the warning limit
+    PRELOAD_LOST = "preload_lost"  # below the fault limit
+    RATE = "rate"  # wears faster than allowed
+    SUDDEN_DROP = "sudden_drop"
+    MODEL = "model"  # the model no longer fits what is measured
+    DATA_LOST = "data_lost"
+
+
+class Alarm(Frozen):
+    """One alarm that is active, or that nobody has acknowledged yet.
+
+    Attributes:
+        active: whether its cause holds now.
+        raised_time_ns, cleared_time_ns: UNIX times, ns, of the last change either way.
+        acknowledged_by, note: who took note of it, and their words; None if nobody.
+        shelved_until_ns: until then it calls nobody; None if not shelved.
+    """
+
+    kind: AlarmKind
+    severity: Severity
+    active: bool
+    message: str
+    raised_time_ns: int
+    cleared_time_ns: int | None = None
+    acknowledged_by: str | None = None
+    note: str = ""
+    shelved_until_ns: int | None = None
+
+
+class Command(Frozen):
+    """What a person asks of the judgement of one axis.
+
+    Attributes:
+        action: `acknowledge`, `shelve` or `unshelve` an alarm; write a `note`; or say that a part
+            was replaced or set anew (`part_replaced`), which begins its trend and use anew.
+        alarm: the alarm meant; None for the last two actions.
+        user: who asks.
+        note: their words.
+        duration_s: how long to shelve, s.
+    """
+
+    action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced"]
+    alarm: AlarmKind | None = None
+    user: str = Field(min_length=1, max_length=100)
+    note: str = Field("", max_length=1000)
+    duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0)

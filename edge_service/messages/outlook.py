@@ -1,0 +1,96 @@
+"""Where the preload is going, and what the screw has done so far."""
+
+from enum import StrEnum
+
+from .estimate import Frozen, Interval
+
+
+class TrendStatus(StrEnum):
+    """Whether a trend can be told."""
+
+    TOO_EARLY = "too_early"  # too little history since the trend began
+    STEADY = "steady"  # no change can be told from none
+    FALLING = "falling"
+    RISING = "rising"  # parts do not heal: something else changed
+
+
+class Crossing(Frozen):
+    """When a limit will be reached, if the wear goes on as it does.
+
+    Attributes:
+        limit: `warning` or `fault`.
+        limit_percent: the limit, percent of the dynamic load rating.
+        earliest_ns, likely_ns, latest_ns: UNIX times, ns: the bounds of the band and its middle;
+            None where no time within the horizon can be named.
+    """
+
+    limit: str
+    limit_percent: float
+    earliest_ns: int | None
+    likely_ns: int | None
+    latest_ns: int | None
+
+
+class Trend(Frozen):
+    """How the preload changes, since when, and when it reaches its limits.
+
+    Attributes:
+        reason: one sentence for people.
+        since_time_ns: start of the history that it rests on, UNIX ns.
+        basis: what the wear is counted against, `time` or `distance`.
+        level: probability that each interval and band aims to hold the truth.
+        rate_percent_per_h: change of the preload, percent of the load rating per hour.
+        rate_percent_per_km: the same against distance; None where it is not known.
+        crossings: empty unless the preload is falling.
+    """
+
+    status: TrendStatus
+    reason: str
+    since_time_ns: int
+    basis: str = "time"
+    level: float = 0.9
+    rate_percent_per_h: Interval | None = None
+    rate_percent_per_km: Interval | None = None
+    crossings: tuple[Crossing, ...] = ()
+
+
+class Use(Frozen):
+    """What the screw has done since the part is in use.
+
+    Attributes:
+        since_time_ns: when the part came into use, UNIX ns.
+        moving_s, observed_s: time in motion and time with good data, s.
+        distance_m: way of the table, m.
+        reversals: changes of direction.
+        stroke_from_m, stroke_to_m: ends of the map, m.
+        way_m: way worked in each equal part of the stroke, m.
+        force_edges_n: edges of the load spectrum, N, one more than its parts.
+        force_way_m: way worked under a mean axial drive force within each part, m.
+    """
+
+    since_time_ns: int
+    moving_s: float
+    observed_s: float
+    distance_m: float
+    reversals: int
+    stroke_from_m: float
+    stroke_to_m: float
+    way_m: tuple[float, ...]
+    force_edges_n: tuple[float, ...]
+    force_way_m: tuple[float, ...]
+
+
+class FrictionCurve(Frozen):
+    """Torque at steady speed, per class of speed.
+
+    Attributes:
+        speed_rad_s: mean speed of each class, rad/s, rising, (n,).
+        torque_nm: mean torque of the newest intervals, N m, (n,).
+        first_torque_nm: the same of the first intervals since the part is in use, (n,).
+        count: intervals in each class, (n,).
+    """
+
+    speed_rad_s: tuple[float, ...] = ()
+    torque_nm: tuple[float, ...] = ()
+    first_torque_nm: tuple[float, ...] = ()
+    count: tuple[int, ...] = ()

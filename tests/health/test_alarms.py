@@ -1,0 +1,290 @@
+"""Alarms: when they come and go, who has seen them, and what outlives a restart."""
+
+import json
+
+import pytest
+
+from edge_service.health.alarm_bench import AlarmSettings, SuddenDrop
+from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
+from edge_service.health.axis_watch import AxisFacts, AxisWatch
+from edge_service.health.settings import HealthSettings
+from edge_service.health.use_meter import ScrewGeometry
+from edge_service.messages.alarm import AlarmKind, Command
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import Severity
+from edge_service.messages.header import Header
+from edge_service.messages.outlook import Trend, TrendStatus
+
+NS = 1_000_000_000
+START_NS = 1_700_000_000 * NS
+FACTS = AxisFacts("X", 7.0, ScrewGeometry(0.02 / 6.283185307179586, 0.8))
+
+
+def _latch(**rule: object) -> AlarmLatch:
+    members = {"severity": Severity.WARNING, "raise_delay_s": 2.0, "clear_delay_s": 5.0} | rule
+    return AlarmLatch("X", AlarmKind.MODEL, AlarmRule(**members))
+
+
+def _kinds(events: tuple) -> list[str]:
+    return [event.kind for event in events]
+
+
+def test_an_alarm_waits_its_delays_both_ways():
+    latch = _latch()
+    assert latch.update(True, "because", 0) == ()
+    assert latch.update(True, "because", NS) == ()
+    (raised,) = latch.update(True, "because", 2 * NS)
+    assert (raised.kind, raised.severity, raised.message) == (
+        "alarm_raised",
+        Severity.WARNING,
+        "because",
+    )
+    assert latch.update(False, "", 3 * NS) == ()
+    assert latch.update(True, "", 6 * NS) == ()  # back in between: the delay begins anew
+    assert latch.update(False, "", 7 * NS) == ()
+    assert latch.update(False, "", 11 * NS) == ()
+    assert _kinds(latch.update(False, "", 12 * NS)) == ["alarm_cleared"]
+
+
+def test_an_alarm_nobody_saw_stays_until_somebody_has():
+    latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
+    latch.update(True, "because", 0)
+    latch.update(False, "", NS)
+    assert not latch.shown().active
+    assert _kinds(latch.acknowledge("Kim", "loose plug", 2 * NS)) == ["alarm_acknowledged"]
+    assert latch.shown() is None
+    assert latch.acknowledge("Kim", "", 3 * NS) == ()
+
+
+def test_an_acknowledged_alarm_goes_when_its_cause_goes_and_asks_again_when_it_is_back():
+    latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
+    latch.update(True, "because", 0)
+    latch.acknowledge("Kim", "", NS)
+    shown = latch.shown()
+    assert (shown.active, shown.acknowledged_by) == (True, "Kim")
+    latch.update(False, "", 2 * NS)
+    assert latch.shown() is None
+    latch.update(True, "again", 3 * NS)
+    assert latch.shown().acknowledged_by is None
+
+
+def test_shelved_it_calls_nobody_and_comes_back_by_itself():
+    latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
+    latch.shelve("Kim", "known", 100.0, 0)
+    (raised,) = latch.update(True, "because", NS)
+    assert raised.severity is Severity.INFO
+    assert latch.shown().shelved_until_ns == 100 * NS
+    assert _kinds(latch.update(True, "", 100 * NS)) == ["alarm_unshelved"]
+    assert latch.shown().shelved_until_ns is None
+
+
+def test_nobody_can_tell_changes_nothing():
+    latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
+    latch.update(True, "because", 0)
+    assert latch.update(None, "", 60 * NS) == ()
+    assert latch.active
+
+
+@pytest.mark.parametrize(
+    ("last_low", "last", "last_high", "sudden"),
+    [(2.8, 3.0, 3.2, True), (2.0, 3.0, 6.9, False), (6.2, 6.4, 6.6, False)],
+)
+def test_a_drop_is_sudden_only_beyond_doubt(last_low, last, last_high, sudden):
+    drop = SuddenDrop(limit_percent=1.0, within_s=10.0)
+    for second in range(20):
+        assert drop.update(second * NS, 6.8, 7.0, 7.2) is None
+    loss = drop.update(21 * NS, last_low, last, last_high)
+    assert (loss is not None) == sudden
+    if sudden:
+        assert loss == pytest.approx(4.0)
+
+
+def test_a_slow_loss_is_never_sudden():
+    drop = SuddenDrop(limit_percent=1.0, within_s=10.0)
+    for second in range(1000):
+        value = 7.0 - 0.005 * second
+        assert drop.update(second * NS, value - 0.05, value, value + 0.05) is None
+
+
+class Axis:
+    """A watch with its clock."""
+
+    def __init__(self, **alarms: float) -> None:
+        self.now_ns = START_NS
+        self.sequence = 0
+        settings = AlarmSettings(**alarms)
+        self.watch = AxisWatch(FACTS, HealthSettings(), settings, self.now_ns)
+        self.events: list[str] = []
+
+    def hear(self, percent: float | None, seconds: float = 0.1, **more: object) -> None:
+        """An estimate, after some time."""
+        self.now_ns += round(seconds * NS)
+        self.sequence += 1
+        header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
+        members: dict[str, object] = {"time_s": 0.0, "status": EstimateStatus.INVALID}
+        if percent is not None:
+            members |= {
+                "status": EstimateStatus.ESTIMATED,
+                "preload_percent": percent,
+                "low": percent - 0.1,
+                "high": percent + 0.1,
+                "nis": 1.0,
+            }
+        estimate = PreloadEstimate.model_validate(members | more)
+        self.note(self.watch.on_preload(header, estimate, self.now_ns))
+
+    def tick(self, seconds: float = 1.0) -> None:
+        """Time passes."""
+        self.now_ns += round(seconds * NS)
+        self.note(self.watch.tick(self.now_ns))
+
+    def ask(self, action: str, alarm: str | None = None, note: str = "") -> None:
+        """A person asks."""
+        command = Command(action=action, alarm=alarm, user="Kim", note=note)
+        self.note(self.watch.on_command(command, self.now_ns))
+
+    def note(self, events: tuple) -> None:
+        self.events += [
+            f"{event.kind}:{event.data.get('alarm', '')}".rstrip(":") for event in events
+        ]
+
+    def shown(self) -> dict[str, bool]:
+        """Alarms shown, and whether they are active."""
+        alarms = self.watch.health(self.now_ns).alarms
+        return {alarm.kind.value: alarm.active for alarm in alarms}
+
+
+def _settled(percent: float = 7.0, **alarms: float) -> Axis:
+    axis = Axis(**alarms)
+    for _ in range(150):
+        axis.hear(percent)
+    axis.tick(0.0)
+    assert axis.shown() == {}
+    return axis
+
+
+def test_a_sudden_drop_is_an_alarm_at_once_and_until_it_is_acknowledged():
+    axis = _settled()
+    axis.hear(1.0)
+    assert axis.shown()["sudden_drop"]
+    assert "alarm_raised:sudden_drop" in axis.events
+    for _ in range(30):
+        axis.hear(1.0)
+    axis.tick(0.0)
+    assert axis.shown() == {"sudden_drop": True, "preload_lost": True}
+    axis.ask("acknowledge", "sudden_drop", "crash at 4 pm")
+    assert "sudden_drop" not in axis.shown()
+
+
+def test_low_and_lost_follow_the_condition():
+    axis = _settled()
+    for _ in range(20):
+        axis.hear(3.9)  # 56 % of 7: below 60, by more than 15 % at once
+    axis.ask("acknowledge", "sudden_drop")
+    axis.tick(0.0)
+    assert axis.shown() == {"preload_low": True}
+    for _ in range(20):
+        axis.hear(7.0)
+    axis.tick(0.0)
+    axis.hear(7.0, 5.5)
+    axis.tick(0.0)
+    assert axis.shown() == {"preload_low": False}
+
+
+def test_lost_data_are_an_alarm_and_hide_the_others_causes():
+    axis = _settled()
+    axis.tick(3.0)
+    axis.tick(5.0)
+    assert axis.shown() == {"data_lost": True}
+    for _ in range(30):
+        axis.hear(7.0)
+    axis.tick(0.0)
+    axis.tick(1.0)
+    assert axis.shown() == {"data_lost": False}
+
+
+def test_a_start_without_data_is_patient():
+    axis = Axis()
+    for _ in range(29):
+        axis.tick(1.0)
+    assert axis.shown() == {}
+    for _ in range(7):
+        axis.tick(1.0)
+    assert axis.shown() == {"data_lost": True}
+
+
+def test_a_model_that_does_not_fit_is_an_alarm():
+    axis = _settled()
+    for _ in range(150):
+        axis.hear(7.0, nis=30.0)
+    axis.tick(0.0)
+    axis.hear(7.0, 1.0, nis=30.0)
+    axis.tick(0.0)
+    for _ in range(60):
+        axis.hear(7.0, nis=30.0)
+    axis.tick(0.0)
+    assert axis.shown() == {"model": True}
+
+
+def test_wearing_too_fast_is_an_alarm_only_beyond_doubt():
+    def trend(low: float, high: float) -> Trend:
+        rate = {"value": 0.5 * (low + high), "low": low, "high": high}
+        return Trend(
+            status=TrendStatus.FALLING,
+            reason="",
+            since_time_ns=0,
+            rate_percent_per_h=rate,
+        )
+
+    axis = _settled(rate_percent_per_1000_h=10.0)  # 0.7 points in 1000 h
+    axis.watch.take_trend(trend(-1.2e-3, -0.4e-3), axis.now_ns)
+    axis.tick(0.1)
+    assert axis.shown() == {}
+    axis.watch.take_trend(trend(-1.2e-3, -0.8e-3), axis.now_ns)
+    axis.tick(0.1)
+    assert axis.shown() == {"rate": True}
+
+
+def test_notes_and_new_parts_are_events_and_a_new_part_begins_anew():
+    axis = _settled()
+    axis.watch.take_trend(axis.watch.trend_work()(), axis.now_ns)
+    assert axis.watch.health(axis.now_ns).trend is not None
+    axis.ask("note", note="greased")
+    axis.ask("part_replaced", note="nut replaced")
+    assert axis.events[-2:] == ["note", "part_replaced"]
+    health = axis.watch.health(axis.now_ns)
+    assert health.trend is None
+    assert health.use.since_time_ns == axis.now_ns
+    assert axis.watch.trend_work()().status is TrendStatus.TOO_EARLY
+
+
+def test_a_rise_that_wear_cannot_make_begins_the_trend_anew():
+    axis = _settled(5.0)
+    for _ in range(10):
+        axis.hear(7.0)
+    assert "preload_rose" not in axis.events  # not yet sure
+    for _ in range(20):
+        axis.hear(7.0)
+    assert axis.events.count("preload_rose") == 1
+    assert axis.watch.trend_work()().since_time_ns > START_NS + 14 * NS
+
+
+def test_everything_outlives_a_restart():
+    axis = _settled()
+    axis.hear(1.0)
+    axis.ask("shelve", "rate", "known")
+    text = json.dumps(axis.watch.snapshot(), allow_nan=False)
+    other = AxisWatch(FACTS, HealthSettings(), AlarmSettings(), axis.now_ns)
+    other.restore(json.loads(text))
+    assert other.snapshot() == axis.watch.snapshot()
+    assert [alarm.kind.value for alarm in other.health(axis.now_ns).alarms] == ["sudden_drop"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [{"schema": "other/1"}, {"axis": "Y"}, {"alarms": 3}, {"series": {}}, {"use": None}],
+)
+def test_a_damaged_snapshot_is_refused(damage):
+    axis = _settled()
+    with pytest.raises(ValueError):
+        axis.watch.restore(axis.watch.snapshot() | damage)

@@ -1,0 +1,145 @@
+"""The trend against lines whose slope and crossing are known."""
+
+import numpy as np
+import pytest
+
+from edge_service.health.outlook import look_ahead, trend_of
+from edge_service.health.trend import draw_trends
+from edge_service.health.wear_series import MOST_POINTS, WearSeries
+from edge_service.messages.outlook import TrendStatus
+from edge_service.studies.trend_coverage import coverage, simulate_life
+
+DAY_S = 86400.0
+NS = 1_000_000_000
+LIMITS = {"warning": 4.2, "fault": 2.1}
+
+
+def _trend(days: np.ndarray, percent: np.ndarray, distance_m: np.ndarray | None = None):
+    unknown = np.full(days.size, np.nan)
+    width = np.full(days.size, 0.1)
+    return trend_of(
+        days * DAY_S, percent, width, unknown if distance_m is None else distance_m, LIMITS
+    )
+
+
+def test_a_straight_loss_gives_its_rate_and_its_date():
+    rng = np.random.default_rng(1)
+    days = np.arange(100.0)
+    trend = _trend(days, 7.0 - 0.02 * days + 0.03 * rng.standard_normal(100))
+    assert trend.status is TrendStatus.FALLING
+    per_day = trend.rate_percent_per_h
+    assert per_day.low * 24 < -0.02 < per_day.high * 24
+    warning, fault = trend.crossings
+    assert (warning.limit, fault.limit) == ("warning", "fault")
+    for crossing, day in ((warning, 140.0), (fault, 245.0)):
+        assert crossing.earliest_ns < day * DAY_S * NS < crossing.latest_ns
+        assert crossing.earliest_ns <= crossing.likely_ns <= crossing.latest_ns
+
+
+def test_without_a_change_there_is_no_date():
+    rng = np.random.default_rng(2)
+    trend = _trend(np.arange(100.0), 7.0 + 0.1 * rng.standard_normal(100))
+    assert trend.status is TrendStatus.STEADY
+    assert trend.crossings == ()
+
+
+def test_false_alarms_are_as_rare_as_promised():
+    """Without wear, errors that drift over days pass for a fall in no more than about 5 %."""
+    rng = np.random.default_rng(3)
+    falls = 0
+    for _ in range(120):
+        drift = np.zeros(120)
+        for day in range(1, 120):
+            drift[day] = 0.7 * drift[day - 1] + 0.1 * rng.standard_normal()
+        days = np.arange(120.0) * DAY_S
+        draws = draw_trends(days, 7.0 + drift, 0.1, rng)
+        falls += draws.falling_probability() >= 0.95
+    assert falls <= 0.1 * 120
+
+
+def test_too_little_history_is_said():
+    trend = _trend(np.arange(10.0), np.linspace(7.0, 6.0, 10))
+    assert trend.status is TrendStatus.TOO_EARLY
+    assert trend.rate_percent_per_h is None
+
+
+def test_a_rise_is_told_and_has_no_date():
+    rng = np.random.default_rng(4)
+    days = np.arange(60.0)
+    trend = _trend(days, 5.0 + 0.02 * days + 0.02 * rng.standard_normal(60))
+    assert trend.status is TrendStatus.RISING
+    assert trend.crossings == ()
+
+
+def test_after_running_in_the_later_rate_counts():
+    rng = np.random.default_rng(5)
+    days = np.arange(200.0)
+    truth = np.where(days < 40.0, 9.0 - 0.05 * days, 7.0 - 0.01 * (days - 40.0))
+    trend = _trend(days, truth + 0.03 * rng.standard_normal(200))
+    assert trend.rate_percent_per_h.low * 24 < -0.01 < trend.rate_percent_per_h.high * 24
+    crossing = trend.crossings[0]
+    assert crossing.earliest_ns < (40.0 + 280.0) * DAY_S * NS < crossing.latest_ns
+
+
+def test_wear_that_follows_the_way_is_counted_against_it():
+    rng = np.random.default_rng(6)
+    days = np.arange(120.0)
+    daily_m = np.where(days % 30 < 15, 8000.0, 200.0)
+    distance_m = np.cumsum(daily_m)
+    percent = 8.0 - 4e-6 * distance_m + 0.02 * rng.standard_normal(120)
+    trend = _trend(days, percent, distance_m)
+    assert trend.basis == "distance"
+    per_km = trend.rate_percent_per_km
+    assert per_km.low < -4e-3 < per_km.high
+    by_time = 8.0 - 0.02 * days + 0.02 * rng.standard_normal(120)
+    assert _trend(days, by_time, distance_m).basis == "time"
+
+
+def test_the_same_history_gives_the_same_answer():
+    days = np.arange(50.0) * DAY_S
+    percent = 7.0 - 1e-7 * days
+    unknown = np.full(50, np.nan)
+    first, second = (look_ahead(days, unknown, percent, 0.1) for _ in range(2))
+    np.testing.assert_array_equal(first.draws.slope, second.draws.slope)
+
+
+def test_simulated_wear_has_the_shape_of_the_seed():
+    life = simulate_life(np.random.default_rng(8))
+    assert life.crossing_s > life.time_s[-1]
+    assert life.percent[-1] > life.limit_percent
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 12])
+def test_nine_of_ten_bands_hold_the_true_time(seed):
+    result = coverage(300, seed)
+    assert result.dated > 0.8 * result.asked
+    assert 0.85 <= result.share <= 0.95
+
+
+def test_the_series_stays_short_and_keeps_means():
+    series = WearSeries(1.0)
+    values = np.random.default_rng(9).uniform(5.0, 6.0, 5000)
+    for second, value in enumerate(values.tolist()):
+        series.add(second + 0.25, value, 0.2, 3.0 * second)
+    time_s, percent, half_width, distance_m = series.points()
+    assert time_s.size <= MOST_POINTS
+    step_s = round(time_s[1] - time_s[0])
+    whole = values[: 5000 // step_s * step_s].reshape(-1, step_s).mean(axis=1)
+    np.testing.assert_allclose(percent[: whole.size], whole)
+    np.testing.assert_allclose(half_width, 0.2)
+    np.testing.assert_allclose(distance_m[:-1], 3.0 * (time_s[:-1] - 0.5))
+
+
+def test_the_series_goes_on_from_its_snapshot():
+    series, other = WearSeries(1.0), WearSeries(1.0)
+    for second in range(700):
+        series.add(float(second), 5.0 + second, 0.1, 0.0)
+    other.restore(series.snapshot())
+    for each in (series, other):
+        each.add(800.0, 9.0, 0.1, 0.0)
+    for mine, theirs in zip(series.points(), other.points(), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    damaged = series.snapshot() | {"rows": [[2, 1, 1, 1, 1], [1, 1, 1, 1, 1]]}
+    with pytest.raises(ValueError, match="order"):
+        other.restore(damaged)

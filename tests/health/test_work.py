@@ -1,0 +1,175 @@
+"""Use, friction and live values from intervals whose content is known."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edge_service.health.event_journal import EventJournal
+from edge_service.health.event_log import EventLog, LoggedEvent
+from edge_service.health.friction_watch import FrictionWatch
+from edge_service.health.live_features import LiveFeatures
+from edge_service.health.use_meter import FORCE_EDGES_N, ScrewGeometry, UseMeter
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+
+RATIO = 0.02 / (2.0 * math.pi)
+NS = 1_000_000_000
+
+
+def block(speed_rad_s: float = 50.0, place_m: float = 0.4, **more: object) -> FeatureBlock:
+    """A tenth of a second at steady speed."""
+    angle = place_m / RATIO
+    values: dict[str, object] = dict.fromkeys(FEATURE_FIELDS, 0.0)
+    values |= {
+        "time_s": 1.0,
+        "duration_s": 0.1,
+        "sample_count": 100,
+        "fault": Fault.NONE,
+        "torque_mean_nm": math.copysign(0.2, speed_rad_s) + 0.002 * speed_rad_s,
+        "angle_start_rad": angle - 0.05 * speed_rad_s,
+        "angle_end_rad": angle + 0.05 * speed_rad_s,
+        "angle_mean_rad": angle,
+        "speed_start_rad_s": speed_rad_s,
+        "speed_end_rad_s": speed_rad_s,
+        "moving_fraction": 1.0 if speed_rad_s else 0.0,
+        "reversal_count": 0,
+        "since_reversal_s": 1.0,
+        "table_mean_m": place_m + 3e-6,
+        "temperature_c": 21.0,
+        "external_force_n": math.nan,
+    }
+    return FeatureBlock(**(values | more))
+
+
+def test_way_hours_reversals_and_the_map_add_up():
+    meter = UseMeter(ScrewGeometry(RATIO, 0.8), 5)
+    for place_m in np.linspace(0.0, 0.79, 80).tolist():
+        meter.add(block(40.0, place_m))
+    meter.add(block(0.0, 0.5))
+    meter.add(block(40.0, 0.5, fault=Fault.GAP))
+    meter.add(block(-40.0, 0.5, reversal_count=1))
+    use = meter.use()
+    way_m = 0.1 * 40.0 * RATIO
+    assert use.distance_m == pytest.approx(81 * way_m)
+    assert use.moving_s == pytest.approx(8.1)
+    assert use.observed_s == pytest.approx(8.2)
+    assert use.reversals == 1
+    assert sum(use.way_m) == pytest.approx(81 * way_m, abs=0.001 * 40)
+    assert max(use.way_m) == pytest.approx(3 * way_m, abs=0.001)
+    force_n = (0.2 + 0.08) / RATIO
+    part = next(k for k, edge in enumerate(FORCE_EDGES_N) if edge > force_n) - 1
+    assert use.force_way_m[part] == pytest.approx(use.distance_m, abs=0.001)
+
+
+def test_use_goes_on_from_its_snapshot_and_ends_with_the_part():
+    meter, other = (UseMeter(ScrewGeometry(RATIO, 0.8), 5) for _ in range(2))
+    meter.add(block())
+    other.restore(meter.snapshot())
+    assert other.use() == meter.use()
+    other.restart(9)
+    assert (other.use().distance_m, other.use().since_time_ns) == (0.0, 9)
+
+
+def test_without_a_stroke_there_is_no_map():
+    meter = UseMeter(ScrewGeometry(RATIO, None), 0)
+    meter.add(block())
+    assert meter.use().way_m == ()
+    assert meter.use().distance_m > 0.0
+
+
+def test_friction_now_is_held_against_friction_at_first():
+    watch = FrictionWatch()
+    for speed in (-50.0, 50.0):
+        for _ in range(200):
+            watch.add(block(speed))
+        for _ in range(3000):
+            watch.add(block(speed, torque_mean_nm=math.copysign(0.1, speed) + 0.002 * speed))
+    curve = watch.curve()
+    assert curve.speed_rad_s == (-50.0, 50.0)
+    assert curve.first_torque_nm == pytest.approx((-0.3, 0.3))
+    assert curve.torque_nm == pytest.approx((-0.2, 0.2), abs=1e-3)
+    other = FrictionWatch()
+    other.restore(watch.snapshot())
+    assert other.curve() == curve
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"speed_end_rad_s": 60.0},
+        {"reversal_count": 1},
+        {"since_reversal_s": 0.1},
+        {"fault": Fault.STUCK},
+        {"torque_mean_nm": math.nan},
+    ],
+)
+def test_only_steady_speed_tells_friction(change):
+    watch = FrictionWatch()
+    watch.add(block(50.0, **change))
+    assert watch.curve().count == ()
+
+
+def test_live_points_and_channels():
+    live = LiveFeatures(RATIO)
+    assert live.channels() == ()
+    for tenth in range(10):
+        live.add(tenth * NS // 10, block())
+    live.add(NS, replace(block(), fault=Fault.NO_TABLE, table_mean_m=math.nan))
+    point = live.newest
+    assert point.transmission_um is None
+    assert point.position_m == pytest.approx(0.4)
+    assert point.faults == ("no_table",)
+    before = next(iter(live.since(NS // 2 - 1)))
+    assert before.transmission_um == pytest.approx(3.0)
+    states = {each.channel: (each.state, each.good_share) for each in live.channels()}
+    assert states["torque"] == ("ok", 1.0)
+    assert states["table position"] == ("missing", pytest.approx(10 / 11))
+    assert states["external force"] == ("missing", 0.0)
+
+
+def _event(number: int) -> Event:
+    return Event(
+        axis="X", kind="test", severity=Severity.INFO, message=f"n\n{number}", time_ns=number
+    )
+
+
+def test_events_outlive_the_process_but_not_damage(tmp_path):
+    path = tmp_path / "events.log"
+    journal = EventJournal(path)
+    log = EventLog(100)
+    for number in range(10):
+        journal.append(log.append(_event(number), number))
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[3] = lines[3].replace(b'"n\\n3"', b'"n\\n4"')
+    path.write_bytes(b"".join(lines) + lines[0][:20])
+    known = EventJournal(path).events
+    assert [each.event.time_ns for each in known] == [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    again = EventLog(100, known)
+    assert again.append(_event(10), 10).id > known[-1].id
+    assert [each.event.time_ns for each in again.between(5, 8, "X")] == [5, 6, 7]
+
+
+def test_the_journal_is_bounded(tmp_path):
+    journal = EventJournal(tmp_path / "events.log", most=10)
+    for number in range(100):
+        journal.append(LoggedEvent(number, _event(number)))
+    lines = (tmp_path / "events.log").read_text().splitlines()
+    assert len(lines) < 20
+    assert [each.id for each in EventJournal(tmp_path / "events.log", 10).events] == [
+        *range(90, 100)
+    ]
+
+
+def test_a_disk_that_fails_is_told_once_and_ends_nothing(tmp_path, caplog):
+    path = tmp_path / "events.log"
+    journal = EventJournal(path)
+    path.unlink()
+    path.mkdir()
+    for number in range(3):
+        journal.append(LoggedEvent(number, _event(number)))
+    assert len(caplog.records) == 1
+    path.rmdir()
+    journal.append(LoggedEvent(3, _event(3)))
+    assert [each.id for each in EventJournal(path).events] == [3]

@@ -1,0 +1,256 @@
+"""What a person may ask of an axis, what is told of its work, and history to take along."""
+
+import io
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from edge_service.health.history.archive import AxisArchive
+from edge_service.http_api.app import create_app
+from edge_service.messages.alarm import Alarm, AlarmKind, Command
+from edge_service.messages.event import Severity
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+from edge_service.messages.outlook import Crossing, FrictionCurve, Trend, TrendStatus, Use
+
+NS = 1_000_000_000
+BASE = "/api/v1/axes/X"
+
+
+@pytest.fixture
+def sent(scene) -> list[tuple[str, Command]]:
+    """Commands that were passed on."""
+    taken: list[tuple[str, Command]] = []
+    scene.app.state.send_command = lambda axis, command: taken.append((axis, command))
+    return taken
+
+
+def _feature(**values: object) -> FeatureBlock:
+    members = dict.fromkeys(FEATURE_FIELDS, 0.0) | {"fault": Fault.NONE, "reversal_count": 0}
+    return FeatureBlock(**(members | values))
+
+
+async def test_a_command_is_passed_on(client, sent):
+    body = {"action": "acknowledge", "alarm": "sudden_drop", "user": "Kim", "note": "seen"}
+    answer = await client.post(f"{BASE}/commands", json=body)
+    assert (answer.status_code, answer.json()) == (202, {"accepted": True})
+    ((axis, command),) = sent
+    assert axis == "X"
+    assert command == Command(
+        action="acknowledge", alarm=AlarmKind.SUDDEN_DROP, user="Kim", note="seen"
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "parameter"),
+    [
+        ({"action": "explode"}, "action"),
+        ({"alarm": None}, "alarm"),
+        ({"action": "note"}, "alarm"),
+        ({"alarm": "fire"}, "alarm"),
+        ({"user": ""}, "user"),
+        ({"duration_s": -1.0}, "duration_s"),
+        ({"more": 1}, "more"),
+    ],
+)
+async def test_a_wrong_command_is_told_by_its_member(client, sent, change, parameter):
+    body = {"action": "acknowledge", "alarm": "rate", "user": "Kim"} | change
+    answer = await client.post(f"{BASE}/commands", json=body)
+    assert answer.status_code == 422
+    assert [each["parameter"] for each in answer.json()["errors"]] == [parameter]
+    assert sent == []
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "http://evil.example"},
+        {"origin": "null"},
+        {"sec-fetch-site": "cross-site"},
+        {"sec-fetch-site": "same-site"},
+    ],
+)
+async def test_a_foreign_page_may_not_ask(client, sent, headers):
+    body = {"action": "note", "user": "Kim", "note": "x"}
+    answer = await client.post(f"{BASE}/commands", json=body, headers=headers)
+    assert answer.status_code == 403
+    assert sent == []
+
+
+async def test_our_own_page_may_ask(client, sent):
+    headers = {"origin": "http://127.0.0.1", "sec-fetch-site": "same-origin"}
+    body = {"action": "note", "user": "Kim", "note": "x"}
+    assert (await client.post(f"{BASE}/commands", json=body, headers=headers)).status_code == 202
+
+
+async def test_without_a_judge_nothing_is_taken(client):
+    body = {"action": "note", "user": "Kim"}
+    assert (await client.post(f"{BASE}/commands", json=body)).status_code == 503
+    assert (await client.post("/api/v1/axes/Q/commands", json=body)).status_code == 404
+
+
+async def test_alarms_and_trend_are_told(scene, client):
+    alarm = Alarm(
+        kind=AlarmKind.RATE,
+        severity=Severity.WARNING,
+        active=True,
+        message="fast",
+        raised_time_ns=scene.now_ns,
+    )
+    crossing = Crossing(
+        limit="fault",
+        limit_percent=3.0,
+        earliest_ns=scene.now_ns + NS,
+        likely_ns=scene.now_ns + 2 * NS,
+        latest_ns=None,
+    )
+    trend = Trend(
+        status=TrendStatus.FALLING,
+        reason="falls",
+        since_time_ns=scene.now_ns,
+        crossings=(crossing,),
+    )
+    scene.hear_preload()
+    scene.hear_health(alarms=(alarm,), trend=trend)
+    answer = (await client.get(f"{BASE}/health")).json()
+    assert answer["alarms"][0] == {
+        "alarm": "rate",
+        "severity": "warning",
+        "active": True,
+        "message": "fast",
+        "raised_at": "2026-01-31T12:00:00.000Z",
+        "cleared_at": None,
+        "acknowledged_by": None,
+        "note": "",
+        "shelved_until": None,
+    }
+    assert answer["trend"]["crossings"][0] == {
+        "limit": "fault",
+        "limit_percent": 3.0,
+        "earliest": "2026-01-31T12:00:01.000Z",
+        "likely": "2026-01-31T12:00:02.000Z",
+        "latest": None,
+    }
+
+
+async def test_use_and_friction_are_told_once_they_are_known(scene, client):
+    assert (await client.get(f"{BASE}/use")).json() is None
+    assert (await client.get(f"{BASE}/friction")).json()["count"] == []
+    use = Use(
+        since_time_ns=scene.now_ns,
+        moving_s=1.0,
+        observed_s=2.0,
+        distance_m=3.0,
+        reversals=4,
+        stroke_from_m=0.0,
+        stroke_to_m=0.8,
+        way_m=(1.0, 2.0),
+        force_edges_n=(0.0, 1.0),
+        force_way_m=(3.0,),
+    )
+    curve = FrictionCurve(speed_rad_s=(1.0,), torque_nm=(0.1,), first_torque_nm=(0.2,), count=(5,))
+    scene.hear_health(use=use, friction=curve)
+    answer = (await client.get(f"{BASE}/use")).json()
+    assert (answer["distance_m"], answer["since"]) == (3.0, "2026-01-31T12:00:00.000Z")
+    assert (await client.get(f"{BASE}/friction")).json()["first_torque_nm"] == [0.2]
+
+
+async def test_traces_are_the_last_intervals_with_null_for_what_is_missing(scene, client):
+    for tenth in range(30):
+        torque = float("nan") if tenth == 29 else 0.1 * tenth
+        scene.board.on_feature("X", scene.header(), _feature(torque_mean_nm=torque))
+        scene.wait(0.1)
+    answer = (await client.get(f"{BASE}/traces", params={"seconds": 1.05})).json()
+    assert answer["torque_nm"] == pytest.approx([*np.arange(2.0, 2.85, 0.1), None])
+    assert len(answer["time_s"]) == 10
+    assert answer["channels"][0] == {"channel": "torque", "state": "ok", "good_share": 1.0}
+
+
+async def test_the_log_holds_the_events_of_the_axis_and_the_service(scene, client):
+    ids = [scene.hear_event(axis, axis) for axis in ("X", "Y", "")]
+    events = (await client.get(f"{BASE}/log")).json()["events"]
+    assert [event["id"] for event in events] == [ids[0], ids[2]]
+    (newest,) = (await client.get(f"{BASE}/log", params={"limit": 1})).json()["events"]
+    assert newest["id"] == ids[2]
+    scene.wait(60.0)
+    later = await client.get(f"{BASE}/log", params={"from": scene.now_ns / 1e9 - 30.0})
+    assert later.json()["events"] == []
+
+
+@pytest.mark.parametrize("form", ["parquet", "arrow"])
+async def test_history_can_be_taken_along(scene, client, form):
+    values = np.random.default_rng(1).uniform(3.0, 7.0, 50)
+    for value in values.tolist():
+        scene.hear_preload(preload_percent=value)
+        scene.wait(0.5)
+    answer = await client.get(f"{BASE}/history.{form}")
+    assert "attachment" in answer.headers["content-disposition"]
+    source = io.BytesIO(answer.content)
+    table = pq.read_table(source) if form == "parquet" else pa.ipc.open_file(source).read_all()
+    np.testing.assert_array_equal(table["preload_percent"].to_numpy(), values)
+    assert table["status"].to_pylist()[0] == "estimated"
+    assert table["time"].type == pa.timestamp("us", "UTC")
+
+
+async def test_no_other_form_is_known(client):
+    assert (await client.get(f"{BASE}/history.xlsx")).status_code == 422
+
+
+async def test_a_schema_describes_every_payload(client):
+    from edge_service.messages.topics import TOPICS
+
+    schemas = (await client.get("/api/v1/schemas")).json()
+    assert set(schemas) == {topic.payload for topic in TOPICS.values()}
+    assert schemas["preload/1"]["properties"]["schema"] == {"const": "preload/1"}
+    assert schemas["features/1"]["columns"]["torque_mean_nm"] == "N m"
+
+
+async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_scene):
+    """The figure of the README, with room for a busy machine."""
+    from time import perf_counter
+
+    from edge_service.health.board import Board
+    from edge_service.health.board_settings import Keeping
+    from edge_service.health.history.rows import single_rows
+    from edge_service.health.history.tier import HOUR, FileTier
+
+    scene = make_scene()
+    year_s = 365 * 86400.0
+    end_s = scene.now_ns / 1e9
+    times = end_s - year_s + 3600.0 * np.arange(365 * 24)
+    values = np.random.default_rng(2).uniform(3.0, 7.0, (5, times.size))
+    rows = single_rows(times, np.zeros(times.size, np.int64), values[0], values[1], values)
+    FileTier(HOUR, tmp_path / "X").replace(times[0], end_s, rows)
+    keeping = Keeping(archives={"X": AxisArchive(tmp_path / "X")})
+    board = Board({"X": None}, scene.now_ns, keeping=keeping)
+    app = create_app(board, lambda: scene.now_ns)
+    import httpx
+
+    transport = httpx.ASGITransport(app=app)
+    query = {"from": str(end_s - year_s), "to": str(end_s), "step": str(year_s / 1000.0)}
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        taken_s = []
+        for _ in range(3):
+            began_s = perf_counter()
+            answer = await client.get(f"{BASE}/history", params=query)
+            taken_s.append(perf_counter() - began_s)
+    assert len(answer.json()["buckets"]) == 1000
+    assert min(taken_s) < 0.2
+
+
+def test_examples_are_what_they_are_examples_of():
+    """Every example in the description is an answer of its own model."""
+    from pydantic import BaseModel
+
+    from edge_service.http_api import answers, jobs, work_answers
+
+    found = 0
+    for module in (answers, jobs, work_answers):
+        for model in vars(module).values():
+            if isinstance(model, type) and issubclass(model, BaseModel):
+                extra = model.model_config.get("json_schema_extra") or {}
+                for example in extra.get("examples", []):
+                    model.model_validate(example)
+                    found += 1
+    assert found >= 5

@@ -1,0 +1,159 @@
+"""Recordings and jobs: kept whole, one at a time, cancelled for good."""
+
+import asyncio
+import sys
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+
+import httpx
+import pytest
+
+from edge_service.config import DEFAULT_MACHINE
+from edge_service.health.board import Board
+from edge_service.http_api.app import create_app
+from edge_service.http_api.jobs import JobKind
+from edge_service.nodes.job_desk import JOB_COMMANDS, ProcessJobDesk
+
+from .conftest import until
+
+CHILD = """
+import pathlib, sys, time
+out = pathlib.Path(sys.argv[1]); out.mkdir(parents=True)
+print("working", flush=True)
+if sys.argv[2] == "long": time.sleep(60)
+if sys.argv[2] == "bad": sys.exit("trace.csv: no time_s")
+(out / "report.html").write_text("<p>fine</p>")
+(out / "fingerprint.json").write_text("{}")
+"""
+
+
+def _child(word: str):
+    def command(
+        machine: Path, recordings: Sequence[Path], out: Path, baseline: Path | None
+    ) -> list[str]:
+        assert all(path.exists() for path in recordings)
+        return [sys.executable, "-c", CHILD, str(out), word]
+
+    return command
+
+
+class Bench:
+    """The routes over a desk whose jobs are small programs."""
+
+    def __init__(self, folder: Path) -> None:
+        self.desk = ProcessJobDesk(folder, {"X": DEFAULT_MACHINE})
+        app = create_app(Board({"X": None}, 0), lambda: 0, desk=self.desk)
+        transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
+        self.client = httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1/")
+
+    def let(self, word: str) -> None:
+        """What fingerprint jobs do from now on."""
+        self.desk._commands = {kind: _child(word) for kind in JobKind}
+
+    async def start(self, **more: object) -> httpx.Response:
+        """Start a fingerprint of trace.csv."""
+        body = {"kind": "fingerprint", "axis": "X", "recordings": ["trace.csv"]} | more
+        return await self.client.post("jobs", json=body)
+
+    async def ended(self) -> dict[str, object]:
+        """The newest job, once it is over."""
+
+        async def over() -> object:
+            job = (await self.client.get("jobs")).json()["jobs"][0]
+            return job if job["state"] != "running" else None
+
+        return await until(over)
+
+
+@pytest.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+    bench = Bench(tmp_path)
+    bench.let("short")
+    await bench.client.put("recordings/trace.csv", content=b"time_s\n0\n")
+    yield bench
+    await bench.client.aclose()
+    await bench.desk.close()
+
+
+async def test_a_job_runs_and_its_files_can_be_read(bench):
+    assert (await bench.start()).status_code == 202
+    job = await bench.ended()
+    assert (job["state"], job["lines"]) == ("done", ["working"])
+    assert job["files"] == ["fingerprint.json", "report.html"]
+    report = await bench.client.get("jobs/1/files/report.html")
+    assert report.text == "<p>fine</p>"
+    assert report.headers["content-security-policy"].startswith("sandbox;")
+    assert (await bench.start(baseline=1)).status_code == 202
+    assert (await bench.ended())["baseline"] == 1
+
+
+async def test_bad_input_is_told_in_the_words_of_the_command(bench):
+    bench.let("bad")
+    await bench.start()
+    job = await bench.ended()
+    assert (job["state"], job["lines"][-1], job["files"]) == ("failed", "trace.csv: no time_s", [])
+    assert (await bench.client.get("jobs/1/files/report.html")).status_code == 404
+
+
+async def test_one_job_at_a_time_and_a_cancelled_one_is_gone(bench):
+    bench.let("long")
+    await bench.start()
+    assert (await bench.start()).status_code == 409
+    cancelled = (await bench.client.delete("jobs/1")).json()
+    assert cancelled["state"] == "cancelled"
+    process = bench.desk._jobs[1].process
+    assert process.returncode == -9
+    assert (await bench.client.delete("jobs/1")).status_code == 409
+    bench.let("short")
+    assert (await bench.start()).status_code == 202
+    assert (await bench.ended())["state"] == "done"
+
+
+async def test_closing_ends_what_runs(bench):
+    bench.let("long")
+    await bench.start()
+    await asyncio.wait_for(bench.desk.close(), 10.0)
+    assert bench.desk._jobs[1].process.returncode == -9
+
+
+@pytest.mark.parametrize(
+    "name", ["..%2Fedge.toml", ".hidden.csv", "trace.txt", "a%0Ab.csv", "x" * 120 + ".csv"]
+)
+async def test_only_plain_names_of_traces_are_taken(bench, name):
+    answer = await bench.client.put(f"recordings/{name}", content=b"1")
+    assert answer.status_code in (404, 422)
+    assert [each.name for each in bench.desk.recordings()] == ["trace.csv"]
+
+
+async def test_an_upload_is_whole_or_not_at_all(bench, monkeypatch):
+    monkeypatch.setattr("edge_service.nodes.job_desk.MOST_BYTES", 10)
+    assert (await bench.client.put("recordings/big.csv", content=b"x" * 11)).status_code == 413
+    with monkeypatch.context() as full:
+        full.setattr("edge_service.nodes.job_desk.MOST_KEPT_BYTES", 5)
+        assert (await bench.client.put("recordings/more.csv", content=b"1")).status_code == 507
+    assert (await bench.client.put("recordings/empty.csv", content=b"")).status_code == 422
+    folder = bench.desk._recordings
+    assert [path.name for path in folder.iterdir()] == ["trace.csv"]
+
+
+async def test_what_is_not_there_is_told(bench):
+    for request in (
+        bench.start(recordings=["other.csv"]),
+        bench.start(axis="Q"),
+        bench.client.delete("recordings/other.csv"),
+        bench.client.delete("jobs/7"),
+    ):
+        assert (await request).status_code == 404
+    assert (await bench.start(baseline=7)).status_code == 404
+    assert (await bench.start(recordings=[])).status_code == 422
+
+
+def test_commands_are_those_of_the_command_line(tmp_path):
+    line = JOB_COMMANDS[JobKind.FINGERPRINT](
+        Path("m.toml"), [Path("a.csv"), Path("b.csv")], tmp_path, tmp_path / "old"
+    )
+    assert line[1:4] == ["-m", "edge_service", "fingerprint"]
+    assert line[4:] == [
+        *("--machine", "m.toml", "--out", str(tmp_path), "a.csv", "b.csv"),
+        *("--baseline", str(tmp_path / "old" / "fingerprint.json")),
+    ]

@@ -1,0 +1,131 @@
+"""History, alarms and notes over a restart of the whole service, and many readers at once."""
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from edge_service.config import ConfigError, HistoryConfig
+from edge_service.nodes.history_store import open_history
+from edge_service.nodes.watch_store import snapshot_path
+
+from .conftest import config_of, running, until
+
+HEALTHY = {"scenario": "healthy", "speed": 20.0}
+READERS = 50
+LIVE = 10
+
+
+async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
+    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    async with running(config) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+
+            async def estimated() -> Any:
+                answer = (await client.get("api/v1/axes/X/preload")).json()
+                return answer["status"] == "estimated"
+
+            await until(estimated)
+            body = {"action": "note", "user": "Kim", "note": "greased"}
+            await client.post("api/v1/axes/X/commands", json=body)
+
+            async def noted() -> Any:
+                events = (await client.get("api/v1/axes/X/log")).json()["events"]
+                return [event for event in events if event["kind"] == "note"]
+
+            (note,) = await until(noted)
+            way_m = (await client.get("api/v1/axes/X/use")).json()["distance_m"]
+    assert json.loads(snapshot_path(tmp_path, "X").read_text())["axis"] == "X"
+    async with running(config) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+            buckets = (await client.get("api/v1/axes/X/history")).json()["buckets"]
+            assert sum(bucket["estimated"] for bucket in buckets) > 0
+            assert note in (await client.get("api/v1/axes/X/log")).json()["events"]
+
+            async def counted() -> Any:
+                use = (await client.get("api/v1/axes/X/use")).json()
+                return use and use["distance_m"] >= way_m > 0.0
+
+            await until(counted)
+
+
+async def test_one_folder_has_one_service(tmp_path: Path) -> None:
+    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    first = open_history(config, {})
+    with pytest.raises(ConfigError, match="in use by another service"):
+        open_history(config, {})
+    running = asyncio.create_task(first.run())
+    await asyncio.sleep(0)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    second = asyncio.create_task(open_history(config, {}).run())
+    await asyncio.sleep(0)
+    second.cancel()
+    await asyncio.gather(second, return_exceptions=True)
+
+
+async def test_a_damaged_state_is_set_aside(tmp_path: Path) -> None:
+    path = snapshot_path(tmp_path, "X")
+    path.parent.mkdir()
+    path.write_text("{")
+    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    async with running(config) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+
+            async def alive() -> Any:
+                return (await client.get("api/v1/axes/X/use")).json()
+
+            await until(alive)
+    assert path.with_suffix(".damaged").read_text() == "{"
+    assert json.loads(path.read_text())["axis"] == "X"
+
+
+async def test_fifty_readers_get_every_event_while_one_reads_nothing() -> None:
+    """Each of 49 readers sees all notes in order and live values all the while."""
+    async with running(config_of("simulated", HEALTHY | {"speed": 1.0})) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        host, port = address.removeprefix("http://").rstrip("/").split(":")
+        _, silent = await asyncio.open_connection(host, int(port), limit=1024)
+        silent.write(b"GET /api/v1/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        notes = [f"note {number} (Kim)" for number in range(5)]
+        limits = httpx.Limits(max_connections=READERS + 5)
+        async with httpx.AsyncClient(base_url=address, limits=limits, timeout=30.0) as client:
+            readers = [asyncio.create_task(_notes(client, len(notes))) for _ in range(READERS - 1)]
+
+            async def connected() -> bool:
+                text = (await client.get("metrics")).text
+                return f"edge_service_live_readers {float(READERS)}" in text
+
+            await until(connected)
+            for number in range(5):
+                body = {"action": "note", "user": "Kim", "note": f"note {number}"}
+                await client.post("api/v1/axes/X/commands", json=body)
+            async with asyncio.timeout(30.0):
+                heard = await asyncio.gather(*readers)
+        silent.close()
+    assert all(seen == notes for seen, _live in heard)
+    assert min(live for _seen, live in heard) >= LIVE
+
+
+async def _notes(client: httpx.AsyncClient, count: int) -> tuple[list[str], int]:
+    """Notes that a reader sees, and how many live values with them."""
+    seen: list[str] = []
+    live, event = 0, ""
+    async with client.stream("GET", "api/v1/events") as response:
+        async for line in response.aiter_lines():
+            name, _, value = line.partition(": ")
+            if name == "event":
+                event = value
+                live += value == "live"
+            elif name == "data" and event == "event":
+                message = json.loads(value)
+                seen += [message["message"]] if message["kind"] == "note" else []
+            if len(seen) >= count and live >= LIVE:
+                return seen, live
+    return seen, live

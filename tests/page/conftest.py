@@ -1,0 +1,144 @@
+"""The real service on a simulated drive, and a real browser that looks at its page."""
+
+import asyncio
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from edge_service.bus.session import Bus, BusSettings
+from edge_service.config import (
+    DEFAULT_MACHINE,
+    AlarmsConfig,
+    AxisConfig,
+    BusConfig,
+    EdgeConfig,
+    HistoryConfig,
+    HttpConfig,
+)
+from edge_service.nodes.context import NodeContext
+from edge_service.nodes.service import PIPELINE, run_nodes
+
+CHROMIUM = shutil.which("chromium")
+PATIENCE_MS = 40_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Debian's Chromium; ended with the module, for while it runs no other event loop may."""
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed")
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@dataclass
+class Page:
+    """A page with all that it said and asked."""
+
+    page: Any
+    faults: list[str]
+    asked: list[str]
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[Callable[..., Page]]:
+    """Opens pages; at the end none of them has complained or asked anything outside."""
+    contexts, opened = [], []
+
+    def open_page(address: str, **options: Any) -> Page:
+        context = browser.new_context(
+            viewport={"width": 1440, "height": 900} | options.pop("size", {}), **options
+        )
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        seen = Page(page, [], [])
+        page.on(
+            "console",
+            lambda message: (
+                seen.faults.append(message.text) if message.type in ("error", "warning") else None
+            ),
+        )
+        page.on("pageerror", lambda error: seen.faults.append(str(error)))
+        page.on("request", lambda request: seen.asked.append(request.url))
+        opened.append((address, seen))
+        page.goto(address)
+        return seen
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    for address, seen in opened:
+        assert all(url.startswith((address, "blob:")) for url in seen.asked)
+        assert seen.faults == []
+
+
+class Service:
+    """The service in a thread of its own; `stop` ends it, `start` begins it at the same port."""
+
+    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+        self._folder = folder
+        self._settings = settings
+        self._port = 0
+        self.address = ""
+
+    def start(self) -> None:
+        """Run until `stop`; returns once the page is served."""
+        ready = threading.Event()
+        self._thread = threading.Thread(target=asyncio.run, args=(self._run(ready),))
+        self._thread.start()
+        assert ready.wait(30.0)
+
+    def stop(self) -> None:
+        """End it; safe twice."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(30.0)
+
+    async def _run(self, ready: threading.Event) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        axis = AxisConfig(
+            name="X", machine=DEFAULT_MACHINE, driver="simulated", settings=self._settings
+        )
+        config = EdgeConfig(
+            bus=BusConfig(endpoint="tcp/127.0.0.1:0"),
+            http=HttpConfig(port=self._port),
+            alarms=AlarmsConfig(rate_percent_per_1000_h=1e9),
+            history=HistoryConfig(folder=self._folder),
+            axes=(axis,),
+        )
+
+        def on_ready(address: str) -> None:
+            self.address = address
+            self._port = int(address.rstrip("/").rpartition(":")[2])
+            ready.set()
+
+        bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+        try:
+            await run_nodes(NodeContext(config, bus, on_ready), PIPELINE, self._stop)
+        finally:
+            await bus.close()
+
+
+@pytest.fixture
+def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
+    """Services that are ended with the test."""
+    services: list[Service] = []
+
+    def make(**settings: Any) -> Service:
+        service = Service(tmp_path, settings)
+        services.append(service)
+        service.start()
+        return service
+
+    yield make
+    for service in services:
+        service.stop()

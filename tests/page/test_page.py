@@ -1,0 +1,137 @@
+"""What a person sees: the page of the real service in a real browser."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from edge_service.http_api.app import STATIC
+
+HEALTHY = {"scenario": "healthy"}
+SUDDEN = {"scenario": "sudden", "life_h": 1.0, "acceleration": 180.0, "hold_s": 4.0}
+"""New for 14 s, then without any preload."""
+BYTES_MOST = 300_000
+PAINT_MOST_MS = 1000.0
+
+
+def serious_faults(page: Any) -> list[tuple[str, list[str]]]:
+    """What axe-core finds that keeps people out."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is missing")
+    return [
+        (fault["id"], [node["html"] for node in fault["nodes"]])
+        for fault in axe.Axe().run(page).response["violations"]
+        if fault["impact"] in ("serious", "critical")
+    ]
+
+
+def test_the_page_is_light() -> None:
+    assert sum(path.stat().st_size for path in STATIC.iterdir()) < BYTES_MOST
+
+
+@pytest.mark.slow
+def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page: Any) -> None:
+    service = make_service(**SUDDEN)
+    page = open_page(service.address, bypass_csp=True).page
+    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    assert "Axis X is all right" in page.inner_text("#answer-title")
+    assert re.search(r"95 % sure: [\d.]+ to [\d.]+ %", page.inner_text("#answer"))
+    page.wait_for_selector("#answer[data-condition=FAULT]")
+    text = page.inner_text("#answer")
+    assert "Axis X is not all right" in text
+    assert "fell suddenly" in text
+    assert "Not NORMAL since" in text
+    assert "Replace or re-adjust the nut" in text
+    assert page.title() == "FAULT: X"
+    assert serious_faults(page) == []
+    page.click("button[aria-label='Acknowledge: Sudden drop']")
+    page.fill("#ask-user", "Kim")
+    page.fill("#ask-note", "tool crash")
+    page.press("#ask-user", "Enter")
+    page.wait_for_selector("button[aria-label='Acknowledge: Sudden drop']", state="detached")
+    page.wait_for_selector("text=acknowledged by Kim: tool crash")
+
+
+@pytest.mark.slow
+def test_a_lost_connection_is_told_and_made_again(make_service: Any, open_page: Any) -> None:
+    service = make_service(**HEALTHY)
+    seen = open_page(service.address)
+    page = seen.page
+    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    service.stop()
+    page.wait_for_selector("#banner:not([hidden])")
+    assert "Everything on this page is old" in page.inner_text("#banner")
+    assert page.get_attribute("#answer", "data-condition") == "UNAVAILABLE"
+    assert "no value" in page.inner_text("#answer")
+    service.start()
+    page.wait_for_selector("#banner", state="hidden")
+    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    seen.faults[:] = [
+        fault
+        for fault in seen.faults
+        if "ERR_CONNECTION_REFUSED" not in fault
+        and "ERR_INCOMPLETE_CHUNKED" not in fault
+        and "ERR_CONNECTION_RESET" not in fault
+    ]
+
+
+@pytest.mark.parametrize(
+    ("scheme", "size"),
+    [("light", {"width": 1440, "height": 900}), ("dark", {"width": 1024, "height": 768})],
+)
+def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, size: Any) -> None:
+    """No fault that axe-core finds, nothing cut off, painted within a second."""
+    service = make_service(**HEALTHY)
+    page = open_page(service.address, color_scheme=scheme, size=size, bypass_csp=True).page
+    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#use .bars rect", state="attached")
+    assert serious_faults(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    assert paint < PAINT_MOST_MS
+
+
+def test_the_keyboard_is_enough(make_service: Any, open_page: Any) -> None:
+    page = open_page(make_service(**HEALTHY).address).page
+    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    reached = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.textContent.trim()"))
+    assert {"Skip to the answer", "8 h", "Write a note", "Part replaced"} <= reached
+    page.get_by_role("button", name="Write a note").focus()
+    page.keyboard.press("Enter")
+    page.keyboard.type("Kim")
+    page.keyboard.press("Tab")
+    page.keyboard.type("greased")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("text=greased (Kim)")
+
+
+@pytest.mark.slow
+def test_a_fingerprint_is_made_read_and_compared(
+    make_service: Any, open_page: Any, tmp_path: Path
+) -> None:
+    from edge_service.config import DEFAULT_MACHINE, load_machine
+    from edge_service.studies.simulate import SimulationSettings, simulate
+
+    traces = []
+    for seed in (1, 2):
+        traces.append(tmp_path / f"accelerations_{seed}.parquet")
+        settings = SimulationSettings("acceleration", (), None, None, 0.0, 0.0, seed)
+        simulate(load_machine(DEFAULT_MACHINE), settings, traces[-1], lambda _line: None)
+    page = open_page(make_service(**HEALTHY).address).page
+    page.set_input_files("#job-file", traces)
+    for number, trace in enumerate(traces, 1):
+        page.check(f"#tests [name=recording][value='{trace.name}']")
+        page.click("#job-start")
+        page.wait_for_selector(f"#tests a[href='/api/v1/jobs/{number}/files/report.html']")
+        page.uncheck(f"#tests [name=recording][value='{trace.name}']")
+    with page.expect_popup() as popup:
+        page.click("#tests a[href='/api/v1/jobs/1/files/report.html']")
+    popup.value.wait_for_load_state()
+    assert "Inertia" in popup.value.inner_text("body")
+    page.select_option("#compare-left", "1")
+    page.select_option("#compare-right", "2")
+    page.wait_for_selector("#tests table td:has-text('inertia')")
