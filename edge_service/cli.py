@@ -64,11 +64,12 @@ def _is_bad_input(error: Exception) -> bool:
     from .fingerprint.fingerprint_document import FingerprintError
     from .http_api.serve import AddressError
     from .models.motion import MotionError
+    from .studies.machine_gap import DiagnosisError
     from .studies.simulate import SimulationError
     from .trace.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    twin = (MotionError, SimulationError, FingerprintError)
+    twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
     return isinstance(error, (InputError, ConfigError, TraceError, *bus, *twin))
 
 
@@ -374,6 +375,9 @@ def simulate(
 @click.option("--rate", "rate_hz", default=1000.0, show_default=True, help="Setpoints per second.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option("--clip", is_flag=True, help="Leave out what the axis does not allow, and name it.")
+@click.option("--diagnosis", type=click.Path(path_type=Path), help="With NAME next: what is tied.")
+@click.option("--effect", "effects", multiple=True, help="With NAME next: a tied effect; repeat.")
+@click.option("--isolability", is_flag=True, help="Say which effects the motion can tell apart.")
 @click.option("--out", type=click.Path(path_type=Path), help=".csv setpoints or .mpf NC program")
 def motion(
     name: str | None,
@@ -383,9 +387,14 @@ def motion(
     rate_hz: float,
     seed: int,
     clip: bool,
+    diagnosis: Path | None,
+    effects: tuple[str, ...],
+    isolability: bool,
     out: Path | None,
 ) -> None:
     """Write a motion for a controller: setpoints as CSV, or an NC program.
+
+    NAME `next` takes the shortest motion that tells apart what a diagnosis left tied.
 
     It keeps to stroke, speed, acceleration and torque of the machine file, or is refused.
     """
@@ -398,9 +407,20 @@ def motion(
         if out is not None:
             click.echo(write_motions_picture(load_machine(machine), out))
         return
+    settings = MotionFileSettings(duration_s, rate_hz, seed, clip)
+    if name == "next":
+        from .studies.next_motion import next_motion, tied_effects
+
+        tied = tied_effects(diagnosis) if diagnosis else list(effects)
+        click.echo(next_motion(load_machine(machine), tied, out, settings, _progress))
+        return
+    if name is not None and isolability:
+        from .studies.next_motion import isolability as tell_apart
+
+        click.echo(tell_apart(load_machine(machine), name))
+        return
     if name is None or out is None:
         raise InputError("motion: expected a NAME and --out, or --list")
-    settings = MotionFileSettings(duration_s, rate_hz, seed, clip)
     click.echo(write_motion(name, load_machine(machine), out, settings, _progress))
 
 
@@ -424,6 +444,33 @@ def fingerprint(
     from .studies.fingerprint_report import fingerprint as run_fingerprint
 
     click.echo(run_fingerprint(machine, traces, out, baseline, pictures))
+
+
+@cli.command(epilog="Example: edge-service gap --machine m.toml trace.csv --json")
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_MACHINE
+@click.option("--json", "as_json", is_flag=True, help="One JSON object: channel -> RMS.")
+def gap(traces: tuple[Path, ...], machine: Path, as_json: bool) -> None:
+    """How far model and machine are apart: torque in motion, and table against motor."""
+    from .studies.machine_gap import gap as measure_gap
+
+    found = measure_gap(machine, traces)
+    if as_json:
+        click.echo(json.dumps(found))
+    else:
+        for name, rms in found.items():
+            click.echo(f"{name}: {rms:.4g}")
+
+
+@cli.command(epilog="Example: edge-service diagnose --machine m.toml trace.csv --out out/diagnosis")
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_MACHINE
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+def diagnose(traces: tuple[Path, ...], machine: Path, out: Path) -> None:
+    """Say where model and machine disagree, which effect causes it, and how far it shrinks."""
+    from .studies.diagnose import diagnose as run_diagnosis
+
+    click.echo(run_diagnosis(machine, traces, out, _progress))
 
 
 @cli.command(epilog="Example: edge-service reproduce --out out/reproduce")

@@ -158,7 +158,7 @@ def _responses(
 ) -> list[FrequencyResponse]:
     found = []
     frequency, period_s = spectra.frequency_hz, spectra.period_s
-    correction = 1.0
+    correction = np.ones(len(frequency), dtype=np.complex128)
     if source == TORQUE:
         correction = sampling_correction(frequency, period_s, settings.hold)
     parts = spectra.along(places)

@@ -73,7 +73,7 @@ def fit_friction(
 
     def misfit_nm(values: Floats) -> Floats:
         named = dict(zip(names, values.tolist(), strict=True))
-        return _torque_nm(form, named, speed) - torque
+        return np.asarray(_torque_nm(form, named, speed) - torque, dtype=np.float64)
 
     starts = _starts(unknowns, torque)
     first = best_values(lambda values: misfit_nm(values) / error, unknowns, starts)

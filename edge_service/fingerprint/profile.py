@@ -265,7 +265,8 @@ class _Profile:
         if not own > 0.0:
             return self.best
         moved = self.best + self.spread[:, index] / own * (at - self.best[index])
-        return np.clip(moved, 0.0, 1.0)
+        inside: Floats = np.clip(moved, 0.0, 1.0)
+        return inside
 
 
 def _crossing(

@@ -128,7 +128,7 @@ class SegmentSpectra:
     @property
     def frequency_hz(self) -> Floats:
         """(n,)."""
-        return np.fft.rfftfreq(self.size, self.period_s)
+        return np.fft.rfftfreq(self.size, self.period_s).astype(np.float64)
 
     def add(self, run: UniformRun, source: str, sink: str) -> None:
         """Add one run; one too short for a segment adds nothing.
@@ -153,14 +153,14 @@ class SegmentSpectra:
 
     def _add_segment(self, series: dict[str, Floats], where: slice) -> None:
         window = np.ones(self.size) if self.periodic else signal.windows.hann(self.size, sym=False)
-        transforms = [
+        reference, source, sink = (
             np.fft.rfft((series[name][where] - np.mean(series[name][where])) * window)
             for name in ("r", "u", "y")
-        ]
+        )
         angle = series["angle"][where]
         place = int(np.mean(angle) // (2.0 * math.pi))
-        empty = np.zeros((7, len(transforms[0])), dtype=np.complex128)
-        self._places.setdefault(place, PlaceSpectra(empty)).add(*transforms, angle)
+        empty = np.zeros((7, len(reference)), dtype=np.complex128)
+        self._places.setdefault(place, PlaceSpectra(empty)).add(reference, source, sink, angle)
 
     def along(self, count: int) -> list[PlaceSpectra]:
         """Sums at up to `count` places in order, each with about as many segments."""

@@ -17,7 +17,8 @@ from .identified import Identified, normal_quantile, undetermined
 from .nut_preload import preload_from_stiffness
 from .preparation import PreparedRun
 from .section import Contents, Curve
-from .stiffness_fit import StiffnessFit, backlash, fit_stiffness
+from .station import backlash
+from .stiffness_fit import StiffnessFit, fit_stiffness
 from .two_mass_fit import fit_two_mass
 
 STROKE_SHARES = (0.2, 0.5, 0.8)

@@ -61,7 +61,7 @@ class TwoMasses(NamedTuple):
 
     def speed_over_torque(self, frequency_hz: Floats, turned_rad: float = 0.0) -> Complexes:
         """Without sampling, rad/(s N m), (n,): N / (J s D(s) + D N) exp(-s T)."""
-        s = 2j * math.pi * frequency_hz
+        s = (2j * math.pi * frequency_hz).astype(np.complex128)
         flexible = self.flexible(s, np.array(turned_rad))
         rigid = 1.0 / (s + self.viscous / self.inertia)
         whole = rigid + flexible * self.slowed(s, flexible)
@@ -98,12 +98,12 @@ class Sight:
         parts = [frequency]
         if step > 0.0:
             parts += [np.maximum(frequency - step, 0.5 * frequency), frequency + step]
-        s = 2j * math.pi * np.concatenate(parts)
+        s = (2j * math.pi * np.concatenate(parts)).astype(np.complex128)
         period_s = measured.period_s if measured.hold else 0.0
-        differences = np.ones_like(s)
+        differences: Complexes = np.ones(len(s), dtype=np.complex128)
         if measured.hold:
-            differences = (1.0 - np.exp(-s * period_s)) / period_s
-            differences *= sampling_correction(np.concatenate(parts), period_s, True)
+            corrected = sampling_correction(np.concatenate(parts), period_s, True)
+            differences = corrected * (1.0 - np.exp(-s * period_s)) / period_s
         turned = np.zeros((2, len(frequency)))
         if len(measured.place_rad):
             turned += measured.place_rad - centre_rad

@@ -1,9 +1,10 @@
 """How often identification finds the truth inside its own intervals, over many simulated axes."""
 
+import contextlib
 import math
 import multiprocessing
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -15,6 +16,7 @@ from ..fingerprint.identified import LEVEL
 from .benches import Progress
 from .identification_cases import Recovered, Recoveries, recoveries
 
+_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _HEADINGS = ("parameter", "unit", "truth", "mean", "bias/s", "held", "share, 95 %", "width")
 
 
@@ -126,11 +128,25 @@ def run(seeds: int, progress: Progress = lambda _line: None) -> IdentificationBe
     workers = min(os.cpu_count() or 1, seeds)
     runs = []
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with _one_thread_each(), ProcessPoolExecutor(workers, mp_context=context) as pool:
         for done in pool.map(recoveries, range(1, seeds + 1)):
             runs.append(done)
             progress(f"{len(runs)} of {seeds} axes")
     return IdentificationBench.of(runs)
+
+
+@contextlib.contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes begun meanwhile leave the other cores to each other."""
+    before = {name: os.environ.get(name) for name in _THREAD_COUNTS}
+    os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
 
 
 def _finite(value: Any) -> Any:

@@ -14,7 +14,8 @@ from ..fingerprint.identified import Identified
 from ..fingerprint.inverse_dynamics import identify_inverse_dynamics
 from ..fingerprint.preparation import PreparationSettings, PreparedRun, prepare
 from ..fingerprint.regressors import DIRECTIONAL, SYMMETRIC
-from ..fingerprint.stiffness_fit import backlash, fit_stiffness
+from ..fingerprint.station import backlash
+from ..fingerprint.stiffness_fit import fit_stiffness
 from ..fingerprint.two_mass_fit import fit_two_mass
 from ..messages.channels import TORQUE
 from ..messages.samples import SampleFrame

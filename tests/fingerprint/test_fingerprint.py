@@ -20,7 +20,8 @@ from edge_service.fingerprint.identified import around
 from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun
 from edge_service.fingerprint.section import Section, Status, mean_of, rounded_rpm
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.ball_screw import ball_pass_orders
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
@@ -268,20 +269,43 @@ def test_a_mean_is_as_wide_as_its_repeats_scatter() -> None:
     assert rounded_rpm(60.0 * 2.0 * math.pi / 60.0) == "60"
 
 
-def test_orders_above_the_low_pass_are_not_told() -> None:
-    """At 1500 rpm the 100 Hz low-pass begins at order 2.4; an order that it removes is no zero."""
-    time_s = np.arange(20_000, dtype=np.float64) / 1e3
-    speed = 2.0 * np.pi * 25.0
-    run = PreparedRun(
+def cruise(revolutions_per_s: float, torque_nm: Floats, count: int = 20_000) -> PreparedRun:
+    """One run at constant speed, 1 kHz, 100 Hz of low-pass."""
+    speed = 2.0 * np.pi * revolutions_per_s
+    return PreparedRun(
         settings=PreparationSettings(ratio_m_per_rad=1e-3, cutoff_hz=100.0),
         period_s=1e-3,
         start_s=0.0,
         noise_rms={},
-        channels={ANGLE: speed * time_s, TORQUE: 0.1 + 0.01 * np.sin(speed * time_s)},
-        speed_rad_s=np.full(len(time_s), speed),
-        acceleration_rad_s2=np.zeros(len(time_s)),
-        moving=np.ones(len(time_s), dtype=bool),
+        channels={ANGLE: speed * np.arange(count) / 1e3, TORQUE: torque_nm},
+        speed_rad_s=np.full(count, speed),
+        acceleration_rad_s2=np.zeros(count),
+        moving=np.ones(count, dtype=bool),
     )
+
+
+def test_balls_that_pass_are_told_by_their_orders() -> None:
+    """A ripple of 12 mN m at the screw's ball-pass order; none at the nut's."""
+    balls = ball_pass_orders(3.175e-3, 0.0206, 0.02, math.radians(45.0))
+    angle = 2.0 * np.pi * 2.0 * np.arange(60_000) / 1e3
+    noise = 1e-4 * np.random.default_rng(2).standard_normal(60_000)
+    run = cruise(2.0, 0.3 + 0.012 * np.sin(balls.on_screw * angle) + noise, 60_000)
+    figures, _ = measure_signature([run], balls)
+    on_screw = figures["ball_pass_on_screw_120_rpm_nm"]
+    assert on_screw.value == pytest.approx(0.012 / math.sqrt(2.0), rel=0.05)
+    assert on_screw.note == f"ball pass on screw {balls.on_screw:.1f}/rev"
+    assert figures["ball_pass_on_nut_120_rpm_nm"].value < 1e-3
+    fast, _ = measure_signature([cruise(8.0, np.full(20_000, 0.3))], balls)
+    assert "above the low-pass" in fast["ball_pass_on_screw_480_rpm_nm"].note
+    unknown, _ = measure_signature([run])
+    assert not unknown["ball_pass_nm"].determined
+    assert "axis.ball_diameter_m" in unknown["ball_pass_nm"].note
+
+
+def test_orders_above_the_low_pass_are_not_told() -> None:
+    """At 1500 rpm the 100 Hz low-pass begins at order 2.4; an order that it removes is no zero."""
+    time_s = np.arange(20_000, dtype=np.float64) / 1e3
+    run = cruise(25.0, 0.1 + 0.01 * np.sin(2.0 * np.pi * 25.0 * time_s))
     figures, (curve,) = measure_signature([run])
     assert max(curve.x) <= 2.4
     assert not [name for name in figures if name.startswith(("balls", "orders_3_to_8"))]

@@ -10,12 +10,8 @@ from scipy import stats
 from edge_service.fingerprint.identified import around, undetermined
 from edge_service.fingerprint.nut_preload import preload_from_stiffness
 from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun, prepare
-from edge_service.fingerprint.stiffness_fit import (
-    StiffnessFit,
-    StiffnessStation,
-    backlash,
-    fit_stiffness,
-)
+from edge_service.fingerprint.station import StiffnessStation, backlash
+from edge_service.fingerprint.stiffness_fit import StiffnessFit, fit_stiffness
 from edge_service.messages.channels import ANGLE, TABLE_POSITION
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings

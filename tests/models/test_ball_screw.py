@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.models.ball_screw import (
+    ball_pass_orders,
     drag_torque,
     lead_angle,
     lumped_inertia,
@@ -121,3 +122,44 @@ def test_preload_tolerance_is_the_spread_of_many_draws() -> None:
 def test_impossible_constants_are_named_in_one_line(call: Callable[[], float], word: str) -> None:
     with pytest.raises(ValueError, match=f"^{word} must [^\n]*$"):
         call()
+
+
+def test_balls_roll_between_a_screw_that_turns_and_a_nut_that_does_not() -> None:
+    """By rolling: contact points of the tracks move at omega r; a ball's centre at the mean."""
+    ball_m, circle_m, lead_m, angle = 3.175e-3, 0.0206, 1e-9, math.radians(40.0)  # no climb
+    inner_m = 0.5 * (circle_m - ball_m * math.cos(angle))
+    centre_rad_s = 0.5 * 1.0 * inner_m / (0.5 * circle_m)
+    orders = ball_pass_orders(ball_m, circle_m, lead_m, angle, balls_per_turn=18.0)
+    assert orders.on_nut == pytest.approx(18.0 * centre_rad_s)
+    assert orders.on_screw == pytest.approx(18.0 * (1.0 - centre_rad_s))
+    share = ball_m * math.cos(angle) / circle_m
+    assert orders.spin == pytest.approx(circle_m / (2.0 * ball_m) * (1.0 - share**2))
+
+
+def test_the_balls_of_a_turn_are_those_that_fit_along_the_helix() -> None:
+    ball_m, circle_m, lead_m = 3.175e-3, 0.0206, 0.02
+    turn_m = math.hypot(math.pi * circle_m, lead_m)
+    orders = ball_pass_orders(ball_m, circle_m, lead_m, 0.0)
+    assert orders.on_nut + orders.on_screw == pytest.approx(turn_m / ball_m)
+
+
+@pytest.mark.parametrize(
+    ("ball_m", "angle", "told"),
+    [(0.03, 0.7, "does not fit"), (3e-3, 1.6, "contact_angle_rad"), (-1.0, 0.7, "ball_diameter_m")],
+)
+def test_impossible_balls_are_refused(ball_m: float, angle: float, told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        ball_pass_orders(ball_m, 0.0206, 0.02, angle)
+
+
+def test_a_machine_file_knows_its_balls_or_says_nothing(machine: Machine) -> None:
+    assert machine.ball_pass_orders is None
+    axis = {"lead_m": 0.02, "ball_diameter_m": 3.175e-3, "ball_circle_m": 0.0206}
+    model = {"inertia_kg_m2": 1.5e-3}
+    known = Machine.model_validate({"axis": axis, "model": model})
+    assert known.ball_pass_orders == ball_pass_orders(3.175e-3, 0.0206, 0.02, math.pi / 4.0)
+    for wrong in ({"ball_circle_m": 3e-3}, {"ball_diameter_m": 0.03}):
+        with pytest.raises(ValueError, match="must be less than ball_circle_m"):
+            Machine.model_validate({"axis": axis | wrong, "model": model})
+    with pytest.raises(ValueError, match="balls_per_turn needs"):
+        Machine.model_validate({"axis": {"lead_m": 0.02, "balls_per_turn": 18}, "model": model})

@@ -1,0 +1,199 @@
+"""The library as columns: every entry over a grid of its shapes, linear in its amounts."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..messages.samples import Floats
+from ..models.effects.baseline import Baseline, Motion
+from ..models.effects.contribution import Change, Quantity
+from ..models.effects.effect import Effect, Parameter, Role
+from ..models.effects.signature import torque_signature, transmission_signature
+from .session import TORQUE_GAP, Session
+
+LOAD_SHARES = (0.0, 0.5, 1.0)
+"""Shares of the friction that may act on the table, where a signature follows the load."""
+_OF_LOAD = (Quantity.COMPLIANCE, Quantity.COMPLIANCE_SLOPE, Quantity.LOAD_FRICTION)
+_NO_PHASE = {("lead_error", "pitch_error")}
+"""Amounts that the phase and the order of their effect say nothing about."""
+_ORDERS = {"lead_error": 6, "encoder_eccentricity": 3, "once_per_rev_friction": 12}
+_MOST_ORDERS = 32
+
+
+class Atom(Protocol):
+    """A candidate: an effect at one shape, whose strength is linear."""
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+
+    @property
+    def form(self) -> str:
+        """What tells it from atoms of the same name that are no mere other shapes of it."""
+
+    @property
+    def size(self) -> int:
+        """How many columns it has."""
+
+    def columns(self, session: Session, channel: str) -> Floats:
+        """Signatures at unit strength in a channel, (n, size)."""
+
+
+@dataclass(frozen=True, slots=True)
+class EntryAtom:
+    """An entry of the library at one shape.
+
+    Attributes:
+        amount: name of the amount; empty where the effect has none, and its shape is its strength.
+        shape: the values of its shapes.
+        at: complete values of each column: at unit amount, for a harmonic at phases 0 and pi/2.
+        load_share: share of the friction that loads the table; None where nothing follows it.
+    """
+
+    effect: Effect
+    amount: str
+    shape: tuple[tuple[str, float], ...]
+    at: tuple[Mapping[str, float], ...]
+    load_share: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.effect.name
+
+    @property
+    def form(self) -> str:
+        """Its amount."""
+        return self.amount
+
+    @property
+    def size(self) -> int:
+        """One, or two for a harmonic."""
+        return len(self.at)
+
+    def columns(self, session: Session, channel: str) -> Floats:
+        """Signatures at unit strength in a channel, (n, size)."""
+        return np.column_stack([self._column(session, channel, values) for values in self.at])
+
+    def _column(self, session: Session, channel: str, values: Mapping[str, float]) -> Floats:
+        baseline = session.baseline
+        if channel == TORQUE_GAP:
+            return session.torque_column(
+                lambda motion: torque_signature(
+                    self.effect, values, self._loaded(motion, baseline), baseline
+                )
+            )
+        return session.transmission_column(
+            lambda motion: transmission_signature(
+                self.effect, values, self._loaded(motion, baseline), baseline
+            )
+        )
+
+    def _loaded(self, motion: Motion, baseline: Baseline) -> Motion:
+        if self.load_share is None:
+            return motion
+        load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        rubbed = baseline.coulomb_nm * motion.approach
+        rubbed += baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+        return replace(motion, load_torque_nm=load + self.load_share * rubbed)
+
+    def values(self, coefficients: Sequence[float] | Floats) -> dict[str, float]:
+        """Values of the effect for the coefficients of the columns."""
+        values = dict(self.at[0])
+        if self.amount and self.size == 2:
+            phase = next(p.name for p in self.effect.parameters if p.role is Role.PHASE)
+            values[self.amount] = float(np.hypot(*coefficients))
+            values[phase] = float(np.arctan2(coefficients[1], coefficients[0]))
+        elif self.amount:
+            values[self.amount] = float(coefficients[0])
+        return values
+
+
+def entry_atom(
+    effect: Effect, amount: str, shape: Mapping[str, float], load_share: float | None = None
+) -> EntryAtom:
+    """The atom of an amount at a shape."""
+    values: dict[str, float] = {}
+    for parameter in effect.parameters:
+        if parameter.role is Role.SHAPE:
+            values[parameter.name] = shape.get(parameter.name, parameter.faulty)
+        else:
+            values[parameter.name] = 1.0 if parameter.name == amount else 0.0
+    phase = [p.name for p in effect.parameters if p.role is Role.PHASE]
+    turned = bool(phase) and (effect.name, amount) not in _NO_PHASE
+    at = (values, values | {phase[0]: 0.5 * np.pi}) if turned else (values,)
+    return EntryAtom(effect, amount, tuple(sorted(shape.items())), at, load_share)
+
+
+def atoms_of(effect: Effect, session: Session) -> Iterator[EntryAtom]:
+    """All atoms of one entry that a recording could show."""
+    amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT] or [""]
+    shapes = [p for p in effect.parameters if p.role is Role.SHAPE]
+    ranges = Ranges.of_session(session)
+    for amount in amounts:
+        mine = [] if (effect.name, amount) in _NO_PHASE else shapes
+        grids = [[(p.name, value) for value in grid(effect, p, ranges)] for p in mine]
+        for shape in itertools.product(*grids):
+            for share in _shares(effect, amount):
+                yield entry_atom(effect, amount, dict(shape), share)
+
+
+def _shares(effect: Effect, amount: str) -> Sequence[float | None]:
+    parts = effect.contributions(entry_atom(effect, amount, {}).at[0])
+    follows = any(isinstance(p, Change) and p.quantity in _OF_LOAD for p in parts)
+    return LOAD_SHARES if follows else (None,)
+
+
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """What a recording covers."""
+
+    fastest_rad_s: float
+    duration_s: float
+    low_m: float
+    high_m: float
+    strongest_nm: float
+
+    @property
+    def span_m(self) -> float:
+        """Travel, never 0."""
+        return max(self.high_m - self.low_m, 1e-3)
+
+    @classmethod
+    def of_session(cls, session: Session) -> "Ranges":
+        """Over all runs."""
+        motions = [run.motion for run in session.runs]
+        return cls(
+            max(float(np.abs(m.speed_rad_s).max()) for m in motions),
+            max(float(m.time_s[-1]) for m in motions) - min(float(m.time_s[0]) for m in motions),
+            min(float(m.position_m.min()) for m in motions),
+            max(float(m.position_m.max()) for m in motions),
+            max(float(np.nan_to_num(np.abs(m.torque_nm)).max()) for m in motions),
+        )
+
+
+def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float]:
+    """Values of a shape worth trying, by its unit and by what the recording covers."""
+    match parameter.unit:
+        case "rad/s":
+            values = np.geomspace(0.3, max(0.25 * ranges.fastest_rad_s, 3.0), 8)
+        case "s":
+            values = np.geomspace(0.05 * ranges.duration_s, 2.0 * ranges.duration_s, 6)
+        case "m" if parameter.name.startswith("centre"):
+            values = np.linspace(ranges.low_m, ranges.high_m, 25)
+        case "m" if "position" in effect.name:
+            values = ranges.span_m * np.array([0.06, 0.12, 0.25, 0.5])
+        case "m":
+            values = np.geomspace(1e-6, 2e-4, 12)
+        case "N m":
+            values = ranges.strongest_nm * np.geomspace(0.08, 0.97, 24)
+        case "1" if parameter.whole:
+            values = np.arange(1.0, _ORDERS.get(effect.name, _MOST_ORDERS) + 1.0)
+        case "1":
+            values = np.array([1.0, 2.0])
+        case _:
+            values = parameter.faulty * np.geomspace(0.1, 10.0, 6)
+    return [float(v) for v in values if parameter.low <= v <= parameter.high]

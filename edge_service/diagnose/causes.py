@@ -1,0 +1,167 @@
+"""Which effects: material ones, a posterior over sets of them, and what cannot be told apart."""
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from .dictionary import Dictionary
+from .evidence import Fit, Noise, fit
+from .pursuit import pursue
+from .session import TORQUE_GAP, TRANSMISSION_GAP
+from .tolerance import MATERIAL_TOLERANCES
+
+LEAST_RISE_OF_FLOOR = {TORQUE_GAP: 0.5, TRANSMISSION_GAP: 1.0}
+"""An effect that adds less than this many healthy gaps to a channel is immaterial."""
+LEAST_RISE_OF_GAP = 0.1
+"""So is one that is less than this part of the whole gap: the others are no better known."""
+TIED = 5.0
+"""Scores closer than this leave a doubt worth naming."""
+_LEADERS = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A set of effects, and those of it that matter."""
+
+    fit: Fit
+    material: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Causes:
+    """The posterior.
+
+    Attributes:
+        best: the most probable set.
+        probability: of each effect to be part of the cause.
+        classes: effect -> itself and what this data cannot tell from it.
+        candidates: all sets considered, best first, with their probabilities.
+    """
+
+    best: Candidate
+    probability: Mapping[str, float]
+    classes: Mapping[str, tuple[str, ...]]
+    candidates: Sequence[tuple[Candidate, float]]
+
+
+def find_causes(
+    dictionary: Dictionary, noise: Noise, limits: Mapping[str, tuple[float, float]]
+) -> Causes:
+    """Weigh sets of effects.
+
+    Args:
+        limits: effect -> healthy mean and tolerance of its amount, for parameters.
+    """
+    best = pursue(dictionary, noise, dictionary.candidates)
+    fits = [fit(dictionary, (), noise), best]
+    leaders = list(_by_weight(dictionary, best, noise))[:_LEADERS]
+    for name in leaders:
+        other = _pursue_names(dictionary, noise, {name}, banned=True)
+        fits.append(other)
+        fits.append(_pursue_names(dictionary, noise, {name}))
+    rivals = {n for f in fits for n in f.names(dictionary)} - set(leaders)
+    for pair in itertools.combinations(leaders[:3], 2):
+        fits.append(_pursue_names(dictionary, noise, set(pair)))
+    for name in sorted(rivals):
+        fits.append(_pursue_names(dictionary, noise, {name}))
+    judged = [
+        Candidate(each, material_names(dictionary, each, noise, limits)) for each in _unique(fits)
+    ]
+    return _posterior(judged)
+
+
+def _pursue_names(
+    dictionary: Dictionary, noise: Noise, names: Iterable[str], *, banned: bool = False
+) -> Fit:
+    wanted = set(names)
+    allowed = [a for a in dictionary.candidates if (dictionary.atoms[a].name in wanted) != banned]
+    return pursue(dictionary, noise, allowed)
+
+
+def _unique(fits: Sequence[Fit]) -> list[Fit]:
+    best: dict[tuple[int, ...], Fit] = {}
+    for each in fits:
+        best[tuple(sorted(each.atoms))] = each
+    return list(best.values())
+
+
+def _by_weight(dictionary: Dictionary, whole: Fit, noise: Noise) -> Iterable[str]:
+    """Names of a fit, the one that it can spare least first."""
+    loss = {
+        name: whole.score - _without(dictionary, whole, name, noise).score
+        for name in whole.names(dictionary)
+    }
+    return sorted(loss, key=lambda name: -loss[name])
+
+
+def _without(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> Fit:
+    kept = [a for a in whole.atoms[dictionary.tolerated :] if dictionary.atoms[a].name != name]
+    return fit(dictionary, kept, noise)
+
+
+def material_names(
+    dictionary: Dictionary, whole: Fit, noise: Noise, limits: Mapping[str, tuple[float, float]]
+) -> frozenset[str]:
+    """Effects of a fit that matter: significant alone is not enough."""
+    return frozenset(
+        name
+        for name in whole.names(dictionary)
+        if _is_material(dictionary, whole, name, noise, limits)
+    )
+
+
+def _is_material(
+    dictionary: Dictionary,
+    whole: Fit,
+    name: str,
+    noise: Noise,
+    limits: Mapping[str, tuple[float, float]],
+) -> bool:
+    """Whether it adds to a gap what nothing else that is named can replace.
+
+    What is tolerated stays as it is meanwhile: it must not stretch to hide a cause.
+    """
+    if name in limits and _excess(dictionary, whole, name, *limits[name]) <= MATERIAL_TOLERANCES:
+        return False
+    kept = [a for a in whole.atoms[dictionary.tolerated :] if dictionary.atoms[a].name != name]
+    count = int(dictionary.first[dictionary.tolerated])
+    lesser = fit(dictionary, kept, noise, whole.coefficients[:count])
+    for channel, sums in dictionary.sums.items():
+        before = math.sqrt(sums.square / sums.rows)
+        rise = math.sqrt(max(lesser.rms[channel] ** 2 - whole.rms[channel] ** 2, 0.0))
+        least = LEAST_RISE_OF_FLOOR[channel] * noise.floor[channel]
+        if rise >= max(least, LEAST_RISE_OF_GAP * before):
+            return True
+    return False
+
+
+def _excess(dictionary: Dictionary, whole: Fit, name: str, healthy: float, sigma: float) -> float:
+    """By how many tolerances a parameter is off, the tolerated part included."""
+    mine = [a for a in whole.atoms if dictionary.atoms[a].name == name]
+    return abs(float(whole.of_atoms(dictionary, mine).sum()) - healthy) / sigma
+
+
+def _posterior(judged: Sequence[Candidate]) -> Causes:
+    ranked = sorted(judged, key=lambda each: -each.fit.score)
+    top = ranked[0].fit.score
+    weights = [math.exp(max(each.fit.score - top, -700.0)) for each in ranked]
+    total = sum(weights)
+    candidates = [(each, weight / total) for each, weight in zip(ranked, weights, strict=True)]
+    names = {name for each in ranked for name in each.material}
+    probability = {
+        name: sum(p for each, p in candidates if name in each.material) for name in sorted(names)
+    }
+    best = ranked[0]
+    classes = {name: (name, *sorted(_rivals(name, best, ranked))) for name in sorted(best.material)}
+    return Causes(best, probability, classes, candidates)
+
+
+def _rivals(name: str, best: Candidate, ranked: Sequence[Candidate]) -> set[str]:
+    """Effects that stand in for one in a set that is as good."""
+    found: set[str] = set()
+    for each in ranked:
+        close = each.fit.score >= best.fit.score - TIED
+        if close and name not in each.material and each.material:
+            found |= each.material - best.material
+    return found

@@ -1,0 +1,166 @@
+"""All candidate columns of a session at once, and the sums of products that fits need."""
+
+import concurrent.futures
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ..messages.samples import Floats
+from ..models.effects.effect import Effect
+from .atoms import Atom, atoms_of
+from .free_forms import free_forms
+from .session import Session
+from .tolerance import Tolerated
+
+Integers = npt.NDArray[np.int64]
+_STRICT = ("saturation",)
+"""Effects whose column holds the measured torque: at any strength but 1 it would explain itself."""
+_STRICT_SIGMA = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """Sums over the rows of one channel: gram (p, p), cross (p,), square of the gap, rows."""
+
+    gram: Floats
+    cross: Floats
+    square: float
+    rows: int
+
+    @classmethod
+    def of(cls, columns: Floats, gap: Floats) -> Self:
+        """Of columns (n, p) and the gap (n,); most columns show in one channel only."""
+        shown = np.flatnonzero(np.any(columns != 0.0, axis=0))
+        active = columns[:, shown]
+        gram = np.zeros((columns.shape[1], columns.shape[1]))
+        gram[np.ix_(shown, shown)] = active.T @ active
+        return cls(gram, columns.T @ gap, float(gap @ gap), len(gap))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dictionary:
+    """Candidate atoms and their columns.
+
+    Attributes:
+        atoms: the first `tolerated` of them are what a healthy axis may have.
+        mean, precision: prior of the coefficient of each column, (p,); 0 knows nothing.
+        first: first column of each atom, (n_atoms + 1,).
+        columns, sums: by channel, (n, p).
+        alternatives: how many atoms share name and form with each atom.
+    """
+
+    atoms: tuple[Atom, ...]
+    tolerated: int
+    mean: Floats
+    precision: Floats
+    first: Integers
+    columns: Mapping[str, Floats]
+    sums: Mapping[str, Sums]
+    alternatives: tuple[int, ...]
+
+    @classmethod
+    def of_session(
+        cls, session: Session, tolerated: Sequence[Tolerated], library: Sequence[Effect]
+    ) -> Self:
+        """The dictionary of a session and of the entries that may explain its gap."""
+        names = {effect.name for effect in library}
+        candidates: list[Atom] = [a for effect in library for a in atoms_of(effect, session)]
+        if names:
+            candidates += [form for form in free_forms(session) if form.name in names]
+        atoms = [*(each.atom for each in tolerated), *candidates]
+        columns = {name: _columns(atoms, session, name) for name in session.channels}
+        return cls._of(session, tolerated, atoms, columns)
+
+    @classmethod
+    def _of(
+        cls,
+        session: Session,
+        tolerated: Sequence[Tolerated],
+        atoms: Sequence[Atom],
+        columns: Mapping[str, Floats],
+    ) -> Self:
+        first = np.concatenate(([0], np.cumsum([atom.size for atom in atoms]))).astype(np.int64)
+        mean, precision = np.zeros(int(first[-1])), np.zeros(int(first[-1]))
+        mean[: len(tolerated)] = [each.mean for each in tolerated]
+        precision[: len(tolerated)] = [each.sigma**-2 for each in tolerated]
+        for k, atom in enumerate(atoms[len(tolerated) :], start=len(tolerated)):
+            if atom.name in _STRICT:
+                mean[first[k]], precision[first[k]] = 1.0, _STRICT_SIGMA**-2
+        counts = Counter((atom.name, atom.form) for atom in atoms[len(tolerated) :])
+        return cls(
+            tuple(atoms),
+            len(tolerated),
+            mean,
+            precision,
+            first,
+            columns,
+            {name: Sums.of(columns[name], rows.gap) for name, rows in session.channels.items()},
+            tuple(max(counts[atom.name, atom.form], 1) for atom in atoms),
+        )
+
+    def with_atoms(self, session: Session, atoms: Sequence[Atom]) -> "Dictionary":
+        """The dictionary with further candidates behind the others."""
+        if not atoms:
+            return self
+        added = {name: _columns(atoms, session, name) for name in session.channels}
+        sums = {}
+        for name, each in self.sums.items():
+            gap = session.channels[name].gap
+            mixed = self.columns[name].T @ added[name]
+            own = Sums.of(added[name], gap)
+            sums[name] = Sums(
+                np.block([[each.gram, mixed], [mixed.T, own.gram]]),
+                np.concatenate((each.cross, own.cross)),
+                each.square,
+                each.rows,
+            )
+        sizes = np.cumsum([atom.size for atom in atoms])
+        zeros = np.zeros(int(sizes[-1]))
+        return replace(
+            self,
+            atoms=(*self.atoms, *atoms),
+            mean=np.concatenate((self.mean, zeros)),
+            precision=np.concatenate((self.precision, zeros)),
+            first=np.concatenate((self.first, self.first[-1] + sizes)),
+            columns={n: np.column_stack((self.columns[n], added[n])) for n in self.columns},
+            sums=sums,
+            alternatives=(*self.alternatives, *(len(atoms) for _ in atoms)),
+        )
+
+    def indices(self, atoms: Sequence[int]) -> Integers:
+        """Columns of some atoms, in their order."""
+        parts = [np.arange(self.first[a], self.first[a + 1]) for a in atoms]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+
+    @property
+    def candidates(self) -> list[int]:
+        """Atoms that are not merely tolerated."""
+        return list(range(self.tolerated, len(self.atoms)))
+
+    def modelled(self, channel: str, atoms: Sequence[int], coefficients: Floats) -> Floats:
+        """What atoms say of the gap in a channel, (n,)."""
+        return self.columns[channel][:, self.indices(atoms)] @ coefficients
+
+
+def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Floats:
+    """Columns of all atoms, (n, p); families that cannot show in the channel are not evaluated."""
+    families: dict[tuple[str, str], Atom] = {}
+    for atom in atoms:
+        families.setdefault((atom.name, atom.form), atom)
+    shows = {
+        family: bool(np.any(atom.columns(session, channel))) for family, atom in families.items()
+    }
+    rows = len(session.channels[channel].gap)
+
+    def column(atom: Atom) -> Floats:
+        if not shows[atom.name, atom.form]:
+            return np.zeros((rows, atom.size))
+        return atom.columns(session, channel)
+
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.column_stack(list(pool.map(column, atoms)))

@@ -1,0 +1,166 @@
+"""How well a set of atoms explains the gap, on equal terms for all."""
+
+import functools
+import math
+import operator
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.samples import Floats
+from .dictionary import Dictionary, Sums
+
+NAME_COST = 4.0
+"""Each effect is there with odds of 1 to 55 before anything is measured."""
+_ROUNDS = 6
+_RIDGE = 1e-12
+_PINNED = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """What a fit cannot explain, by channel.
+
+    Attributes:
+        floor: root mean square that a healthy axis leaves.
+        effective: independent observations among the rows; bounded, because the library is no
+            better than an approximation of a real axis.
+        discrepancy: root mean square below which one fit is no better than another.
+    """
+
+    floor: Mapping[str, float]
+    effective: Mapping[str, float]
+    discrepancy: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A set of atoms fitted to all channels.
+
+    Attributes:
+        atoms: tolerated parameters first.
+        coefficients: of their columns, (p,).
+        covariance: (p, p).
+        rms: what is left, by channel.
+        score: logarithm of the evidence, up to a constant.
+    """
+
+    atoms: tuple[int, ...]
+    coefficients: Floats
+    covariance: Floats
+    rms: Mapping[str, float]
+    score: float
+
+    def of_atoms(self, dictionary: Dictionary, atoms: Sequence[int]) -> Floats:
+        """Coefficients of some of its atoms."""
+        place = {c: k for k, c in enumerate(dictionary.indices(self.atoms).tolist())}
+        wanted = [place[c] for c in dictionary.indices(atoms).tolist()]
+        found: Floats = self.coefficients[wanted]
+        return found
+
+    def names(self, dictionary: Dictionary) -> frozenset[str]:
+        """Effects in the set."""
+        return frozenset(dictionary.atoms[a].name for a in self.atoms if a >= dictionary.tolerated)
+
+
+def fit(
+    dictionary: Dictionary, chosen: Sequence[int], noise: Noise, pinned: Floats | None = None
+) -> Fit:
+    """Fit tolerated parameters, unless they are pinned to given values, and the chosen atoms.
+
+    Each channel has its own noise scale, found together with the coefficients. The score is
+    -1/2 sum_c n_c log(s_c^2) with n_c effective observations, less what the prior of the tolerated
+    parameters and, as in Schwarz (1978), the number of coefficients and of shapes tried cost.
+    """
+    atoms = (*range(dictionary.tolerated), *chosen)
+    index = dictionary.indices(atoms)
+    sums = {
+        name: Sums(each.gram[np.ix_(index, index)], each.cross[index], each.square, each.rows)
+        for name, each in dictionary.sums.items()
+    }
+    return solved(dictionary, atoms, sums, noise, pinned)
+
+
+def solved(
+    dictionary: Dictionary,
+    atoms: tuple[int, ...],
+    sums: Mapping[str, Sums],
+    noise: Noise,
+    pinned: Floats | None = None,
+) -> Fit:
+    """The fit from the sums of its own columns."""
+    index = dictionary.indices(atoms)
+    prior, mean = dictionary.precision[index], dictionary.mean[index]
+    if pinned is not None:
+        mean[: len(pinned)] = pinned
+        prior[: len(pinned)] *= _PINNED
+    variance = {name: max(each.square / each.rows, 1e-300) for name, each in sums.items()}
+    for _ in range(_ROUNDS):
+        weights = {name: noise.effective[name] / sums[name].rows / variance[name] for name in sums}
+        normal = np.diag(prior) + sum(weights[name] * sums[name].gram for name in sums)
+        target = prior * mean + sum(weights[name] * sums[name].cross for name in sums)
+        inverse = inverted(normal)
+        beta = inverse @ target
+        left = {name: _left(sums[name], beta) for name in sums}
+        variance = {name: left[name] + noise.discrepancy[name] ** 2 for name in sums}
+    chosen = atoms[dictionary.tolerated :]
+    penalty = sum(_cost(dictionary, a, noise) for a in chosen)
+    penalty += NAME_COST * len({dictionary.atoms[a].name for a in chosen})
+    score = -0.5 * sum(noise.effective[name] * math.log(variance[name]) for name in sums)
+    score -= 0.5 * float((beta - mean) @ (prior * (beta - mean))) + penalty
+    return Fit(atoms, beta, inverse, {n: math.sqrt(v) for n, v in left.items()}, score)
+
+
+def inverted(normal: Floats) -> Floats:
+    """Inverse of a positive matrix whose rows may differ by many orders of magnitude."""
+    diagonal = np.diag(normal)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = normal / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    inverse: Floats = np.linalg.inv(scaled) / np.outer(scale, scale)
+    return inverse
+
+
+def _left(sums: Sums, beta: Floats) -> float:
+    left = sums.square - 2.0 * float(beta @ sums.cross) + float(beta @ sums.gram @ beta)
+    return max(left, 1e-12 * sums.square) / sums.rows
+
+
+def _cost(dictionary: Dictionary, atom: int, noise: Noise) -> float:
+    size = dictionary.atoms[atom].size
+    count = sum(noise.effective.values())
+    return 0.5 * size * math.log(count) + math.log(dictionary.alternatives[atom])
+
+
+def _total(parts: Iterable[Floats]) -> Floats:
+    return functools.reduce(operator.add, parts)
+
+
+def reductions(
+    dictionary: Dictionary, base: Fit, noise: Noise, candidates: Sequence[int]
+) -> Floats:
+    """Fall of the weighted square by each candidate added to a fit, to first order, (n,)."""
+    index = dictionary.indices(base.atoms)
+    weights = {
+        name: noise.effective[name]
+        / each.rows
+        / (base.rms[name] ** 2 + noise.discrepancy[name] ** 2)
+        for name, each in dictionary.sums.items()
+    }
+    across = _total(weights[n] * s.gram[:, index] for n, s in dictionary.sums.items())
+    cross = _total(weights[n] * s.cross for n, s in dictionary.sums.items())
+    prior, mean = dictionary.precision[index], dictionary.mean[index]
+    covariance = inverted(np.diag(prior) + across[index])
+    rest = cross - across @ (covariance @ (prior * mean + cross[index]))
+    carried = across @ covariance
+    found = np.zeros(len(candidates))
+    for k, atom in enumerate(candidates):
+        mine = slice(dictionary.first[atom], dictionary.first[atom + 1])
+        own = _total(weights[n] * s.gram[mine, mine] for n, s in dictionary.sums.items())
+        schur = own - carried[mine] @ across[mine].T
+        diagonal = np.diag(own)
+        if np.any(diagonal <= 0.0) or np.any(np.diag(schur) < 1e-6 * diagonal):
+            continue
+        schur = schur + 1e-9 * np.diag(diagonal)
+        found[k] = float(rest[mine] @ np.linalg.solve(schur, rest[mine]))
+    return found

@@ -1,0 +1,83 @@
+"""Sets of effects by forward selection and backward pruning."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from ..messages.samples import Floats
+from .dictionary import Dictionary
+from .evidence import Fit, Noise, fit, reductions
+
+ATOMS_PER_EFFECT = 4
+_MOST_LEADERS = 12
+_MOST_PUSHES = 10
+_LEAST_GAIN = 3.0
+_MOST_ATOMS = 14
+
+
+def pursue(
+    dictionary: Dictionary,
+    noise: Noise,
+    candidates: Sequence[int],
+    pinned: Floats | None = None,
+) -> Fit:
+    """The set that grows by the best atom, and loses what has become idle, until none is worth it.
+
+    An effect may be there several times: two ripples, two rough stretches. Where the coefficients
+    of what is tolerated are pinned they do not follow.
+    """
+    best = fit(dictionary, (), noise, pinned)
+    while len(best.atoms) - dictionary.tolerated < _MOST_ATOMS:
+        open_ = _open(dictionary, best, candidates)
+        if not open_:
+            return best
+        leaders = _leaders(dictionary, open_, reductions(dictionary, best, noise, open_))
+        if not leaders:
+            return best
+        chosen = best.atoms[dictionary.tolerated :]
+        grown = max(
+            (fit(dictionary, (*chosen, atom), noise, pinned) for atom in leaders),
+            key=lambda each: each.score,
+        )
+        if grown.score < best.score + _LEAST_GAIN:
+            return best
+        best = _pruned(dictionary, grown, noise, pinned)
+    return best
+
+
+def _leaders(dictionary: Dictionary, open_: Sequence[int], falls: Floats) -> list[int]:
+    """The best atom of each effect and form, the best of all first."""
+    best: dict[tuple[str, str], tuple[float, int]] = {}
+    for atom, fall in zip(open_, falls.tolist(), strict=True):
+        family = dictionary.atoms[atom].name, dictionary.atoms[atom].form
+        if fall > best.get(family, (0.0, 0))[0]:
+            best[family] = fall, atom
+    return [atom for _, atom in sorted(best.values(), reverse=True)[:_MOST_LEADERS]]
+
+
+def _open(dictionary: Dictionary, base: Fit, candidates: Sequence[int]) -> list[int]:
+    used = Counter(dictionary.atoms[a].name for a in base.atoms[dictionary.tolerated :])
+    taken = set(base.atoms)
+    return [
+        a
+        for a in candidates
+        if a not in taken and used[dictionary.atoms[a].name] < _limit(dictionary.atoms[a].name)
+    ]
+
+
+def _pruned(dictionary: Dictionary, grown: Fit, noise: Noise, pinned: Floats | None) -> Fit:
+    best = grown
+    while True:
+        chosen = best.atoms[dictionary.tolerated :]
+        if len(chosen) < 2:
+            return best
+        fewer = max(
+            (fit(dictionary, [b for b in chosen if b != a], noise, pinned) for a in chosen),
+            key=lambda each: each.score,
+        )
+        if fewer.score <= best.score:
+            return best
+        best = fewer
+
+
+def _limit(name: str) -> int:
+    return _MOST_PUSHES if name == "external_force" else ATOMS_PER_EFFECT

@@ -1,0 +1,204 @@
+"""Recordings as native-rate motion, and the low-pass that everything compared must pass."""
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage, signal
+
+from ..fingerprint.preparation import central_difference, low_pass, white_noise_rms
+from ..fingerprint.regression import Booleans
+from ..fingerprint.uniform import UniformRun, uniform_runs
+from ..messages.channels import (
+    ANGLE,
+    EXTERNAL_FORCE,
+    SETPOINT,
+    TABLE_POSITION,
+    TEMPERATURE,
+    TORQUE,
+)
+from ..messages.samples import Floats, SampleFrame
+from ..models.effects.baseline import Baseline, Motion
+
+CUTOFF_HZ = 40.0
+"""Low-pass of both sides of the comparison: above the position loop, below torsional modes."""
+MOTION_CUTOFF_HZ = 100.0
+"""Low-pass of the measured angle before it is differentiated."""
+FILTER_ORDER = 4
+STILL_RAD_S = 0.1
+"""Up to this motor speed the axis is at rest, unless the encoder's noise asks for more."""
+EDGE_S = 0.1
+LEAST_RUN_S = 1.0
+_ROWS_PER_CUTOFF = 3.0
+_OPTIONAL = (SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filter:
+    """A zero-phase low-pass that keeps every `step`-th sample.
+
+    Attributes:
+        taps: symmetric impulse response of a Butterworth filter run both ways, (2 m + 1,).
+    """
+
+    taps: Floats
+    step: int
+    period_s: float
+
+    @classmethod
+    def of_period(cls, period_s: float) -> "Filter":
+        """The comparison's filter for a sampling period."""
+        cutoff_hz = min(CUTOFF_HZ, 0.2 / period_s)
+        step = max(math.floor(1.0 / (period_s * cutoff_hz * _ROWS_PER_CUTOFF)), 1)
+        reach = math.ceil(3.0 / (cutoff_hz * period_s))
+        impulse = np.zeros(4 * reach + 1)
+        impulse[2 * reach] = 1.0
+        taps = low_pass(impulse, cutoff_hz, FILTER_ORDER, period_s)[reach:-reach]
+        return cls(taps / taps.sum(), step, period_s)
+
+    def __call__(self, values: Floats) -> Floats:
+        """Filtered rows, (n,) -> (ceil(n / step),)."""
+        half = len(self.taps) // 2
+        padded = np.pad(values, half, mode="edge")
+        rows: Floats = signal.upfirdn(self.taps, padded, 1, self.step)
+        first = (len(self.taps) - 1) // self.step
+        offset = (len(self.taps) - 1) % self.step
+        if offset:  # align the first full overlap with a kept sample
+            rows = signal.upfirdn(self.taps, np.pad(padded, (self.step - offset, 0)), 1, self.step)
+            first += 1
+        return rows[first : first + -(-len(values) // self.step)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """One unbroken run at its native rate, edges cut off; all arrays (n,).
+
+    Attributes:
+        motion: of the motor, from the filtered angle, with what the baseline says of it.
+        moving: samples that are not at rest.
+        transmission_m: table position minus that of the angle; None without a linear encoder.
+        temperature_c, setpoint_m: None where not recorded.
+        recording: number of the file that it comes from.
+        noise: white noise of the raw channels, by channel.
+    """
+
+    motion: Motion
+    moving: Booleans
+    transmission_m: Floats | None
+    temperature_c: Floats | None
+    setpoint_m: Floats | None
+    recording: int
+    low_pass: Filter
+    noise: dict[str, float]
+
+    @property
+    def has_torque(self) -> bool:
+        """Whether the torque was recorded."""
+        return bool(np.isfinite(self.motion.torque_nm).all())
+
+    def resting_zero(self, values: Floats) -> Floats:
+        """Filtered rows of `values`, which count as zero at rest."""
+        return self.low_pass(np.where(self.moving, values, 0.0))
+
+    def at_rows(self, values: Floats) -> Floats:
+        """Unfiltered `values` at the rows."""
+        return values[:: self.low_pass.step]
+
+    @property
+    def moving_rows(self) -> Booleans:
+        """Rows that are not at rest."""
+        return self.moving[:: self.low_pass.step]
+
+
+def runs_of(
+    recordings: Iterable[Iterable[SampleFrame] | SampleFrame], baseline: Baseline
+) -> Iterator[Run]:
+    """Every unbroken run of recordings of one axis, filtered.
+
+    Raises:
+        ValueError: one line; no position, or no clock.
+    """
+    for number, recording in enumerate(recordings):
+        frames = iter([recording] if isinstance(recording, SampleFrame) else recording)
+        first = next(frames, None)
+        if first is None:
+            continue
+        needed = tuple(name for name in (ANGLE, TORQUE, TABLE_POSITION) if name in first.channels)
+        if ANGLE not in needed:
+            needed = (ANGLE, *(name for name in needed if name != TABLE_POSITION))
+        angled = _with_angle(itertools.chain([first], frames), baseline.ratio_m_per_rad)
+        for uniform in uniform_runs(angled, needed, optional=_OPTIONAL):
+            if len(uniform) * uniform.period_s >= LEAST_RUN_S:
+                yield _run_of(uniform, baseline, number)
+
+
+def _with_angle(frames: Iterable[SampleFrame], ratio_m_per_rad: float) -> Iterator[SampleFrame]:
+    """Frames with an angle; x / R stands in where there is no rotary encoder."""
+    for frame in frames:
+        if ANGLE in frame.channels or TABLE_POSITION not in frame.channels:
+            yield frame
+        else:
+            channels = dict(frame.channels)
+            channels[ANGLE] = channels.pop(TABLE_POSITION) / ratio_m_per_rad
+            yield SampleFrame(frame.time_s, channels)
+
+
+def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
+    cutoff_hz = min(MOTION_CUTOFF_HZ, 0.4 / run.period_s)
+    raw = run.channels
+    smooth = {
+        name: low_pass(raw[name], cutoff_hz, FILTER_ORDER, run.period_s)
+        for name in (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE)
+        if name in raw
+    }
+    speed = central_difference(smooth[ANGLE], run.period_s)
+    acceleration = central_difference(speed, run.period_s)
+    noise = {
+        name: white_noise_rms(raw[name]) for name in (ANGLE, TORQUE, TABLE_POSITION) if name in raw
+    }
+    still = max(STILL_RAD_S, 6.0 * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0)
+    edge = math.ceil(EDGE_S / run.period_s)
+    inside = slice(edge, len(run) - edge)
+    moving = _moving(speed[inside], still, run.period_s)
+    motion = Motion.of_samples(
+        baseline,
+        run.time_s[inside],
+        smooth[ANGLE][inside],
+        speed[inside],
+        acceleration[inside],
+        position_m=smooth[TABLE_POSITION][inside] if TABLE_POSITION in raw else None,
+        torque_nm=smooth[TORQUE][inside] if TORQUE in raw else None,
+        external_force_n=smooth[EXTERNAL_FORCE][inside] if EXTERNAL_FORCE in raw else None,
+    )
+    motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
+    stretch = None
+    if TABLE_POSITION in raw:
+        stretch = raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE]
+        stretch = stretch[inside]
+    return Run(
+        motion=motion,
+        moving=moving,
+        transmission_m=stretch,
+        temperature_c=_inside(raw, TEMPERATURE, inside),
+        setpoint_m=_inside(raw, SETPOINT, inside),
+        recording=number,
+        low_pass=Filter.of_period(run.period_s),
+        noise=noise,
+    )
+
+
+def _inside(channels: Mapping[str, Floats], name: str, inside: slice) -> Floats | None:
+    values = channels.get(name)
+    return None if values is None else values[inside]
+
+
+def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Booleans:
+    """Not at rest; a passage through zero shorter than 20 ms is no rest."""
+    fast = np.abs(speed_rad_s) > still_rad_s
+    reach = max(round(0.02 / period_s), 1)
+    closed: Booleans = ndimage.binary_closing(
+        np.pad(fast, reach, mode="edge"), np.ones(reach + 1, dtype=bool)
+    )[reach:-reach]
+    return closed | fast

@@ -1,0 +1,155 @@
+"""Values of named effects: shapes between the points of the grid, amounts, and their spread."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize
+
+from ..fingerprint.regression import Booleans
+from ..messages.samples import Floats
+from ..models.effects.effect import Parameter, Role
+from .atoms import EntryAtom, entry_atom
+from .evidence import inverted
+from .session import Session
+
+_SWEEPS = 2
+_EVALUATIONS = 10
+_REACH = 2.0  # of a shape's search around its point of the grid, as a factor
+
+
+@dataclass(slots=True, eq=False)
+class Problem:
+    """Weighted least squares over both channels, with columns that come and go.
+
+    Attributes:
+        gaps, weights: by channel; a weight is one over the noise.
+        fixed: columns of what is tolerated, by channel, (n, q), with their prior.
+    """
+
+    session: Session
+    weights: Mapping[str, float]
+    fixed: Mapping[str, Floats]
+    mean: Floats
+    precision: Floats
+
+    def columns(self, atom: EntryAtom) -> dict[str, Floats]:
+        """Of one atom, by channel."""
+        return {name: atom.columns(self.session, name) for name in self.session.channels}
+
+    def solve(
+        self, atoms: Sequence[EntryAtom], columns: Sequence[Mapping[str, Floats]]
+    ) -> tuple[Floats, Floats, float]:
+        """Coefficients of fixed and free columns, covariance, and the weighted square left."""
+        return self._solved(columns, strict_columns(atoms), None)
+
+    def solve_rows(
+        self,
+        columns: Sequence[Mapping[str, Floats]],
+        ones: Booleans,
+        rows: Mapping[str, Booleans],
+    ) -> Floats:
+        """Coefficients of the free columns from some rows of each channel."""
+        found: Floats = self._solved(columns, ones, rows)[0][len(self.mean) :]
+        return found
+
+    def _solved(
+        self,
+        columns: Sequence[Mapping[str, Floats]],
+        ones: Booleans,
+        rows: Mapping[str, Booleans] | None,
+    ) -> tuple[Floats, Floats, float]:
+        mean = np.concatenate((self.mean, np.where(ones, 1.0, 0.0)))
+        precision = np.concatenate((self.precision, np.where(ones, 1e12, 0.0)))
+        normal, target = np.diag(precision), precision * mean
+        square = float(mean @ (precision * mean))
+        for name, each in self.session.channels.items():
+            x, gap = np.column_stack([self.fixed[name], *(c[name] for c in columns)]), each.gap
+            if rows is not None:
+                x, gap = x[rows[name]], gap[rows[name]]
+            weight = self.weights[name] ** 2
+            normal = normal + weight * (x.T @ x)
+            target = target + weight * (x.T @ gap)
+            square += weight * float(gap @ gap)
+        inverse = inverted(normal)
+        beta = inverse @ target
+        left = square - 2.0 * float(beta @ target) + float(beta @ normal @ beta)
+        return beta, inverse, left
+
+
+def strict_columns(atoms: Sequence[EntryAtom]) -> Booleans:
+    """Columns whose coefficient is 1: those of effects without an amount, (p,)."""
+    return np.array([not atom.amount for atom in atoms for _ in range(atom.size)], dtype=np.bool_)
+
+
+def refine(problem: Problem, atoms: Sequence[EntryAtom]) -> list[EntryAtom]:
+    """Move the shapes of entries to where they fit best, one after another."""
+    atoms = [_started(problem, atom, atoms) for atom in atoms]
+    columns: list[Mapping[str, Floats]] = [problem.columns(atom) for atom in atoms]
+    for _ in range(_SWEEPS):
+        for k, atom in enumerate(atoms):
+            for parameter in _shapes(atom):
+                atoms[k], columns[k] = _moved(problem, atoms, columns, k, parameter)
+    return list(atoms)
+
+
+def _shapes(atom: EntryAtom) -> list[Parameter]:
+    if atom.name == "external_force":
+        return []  # the search for it has its own, finer resolution
+    moved = {name for name, _ in atom.shape}
+    return [
+        p
+        for p in atom.effect.parameters
+        if p.role is Role.SHAPE and not p.whole and p.name in moved
+    ]
+
+
+def _started(problem: Problem, atom: EntryAtom, atoms: Sequence[EntryAtom]) -> EntryAtom:
+    """An effect without an amount begins where its strength would be 1."""
+    if atom.amount or len(atom.shape) != 1 or atom.name == "saturation":
+        return atom
+    free = replace(atom, amount=atom.shape[0][0])
+    others = [each for each in atoms if each is not atom]
+    beta, _, _ = problem.solve([*others, free], [problem.columns(each) for each in (*others, free)])
+    ((name, value),) = atom.shape
+    return _at(atom, name, value * float(np.clip(beta[-1], 0.2, 3.0)))
+
+
+def _moved(
+    problem: Problem,
+    atoms: Sequence[EntryAtom],
+    columns: Sequence[Mapping[str, Floats]],
+    k: int,
+    parameter: Parameter,
+) -> tuple[EntryAtom, Mapping[str, Floats]]:
+    value = dict(atoms[k].shape)[parameter.name]
+    is_scale = parameter.low >= 0.0 and value > 0.0
+
+    def trial(x: float) -> tuple[EntryAtom, dict[str, Floats], float]:
+        wanted = value * float(np.exp(x)) if is_scale else value + x * _span(atoms[k], parameter)
+        atom = _at(atoms[k], parameter.name, float(np.clip(wanted, parameter.low, parameter.high)))
+        mine = problem.columns(atom)
+        changed = [*atoms[:k], atom, *atoms[k + 1 :]]
+        left = problem.solve(changed, [*columns[:k], mine, *columns[k + 1 :]])[2]
+        return atom, mine, left
+
+    reach = float(np.log(_REACH)) if is_scale else 1.0
+    found = optimize.minimize_scalar(
+        lambda x: trial(x)[2],
+        bounds=(-reach, reach),
+        method="bounded",
+        options={"maxiter": _EVALUATIONS, "xatol": 0.01 * reach},
+    )
+    here, there = trial(0.0), trial(float(found.x))
+    return there[:2] if there[2] < here[2] else here[:2]
+
+
+def _span(atom: EntryAtom, parameter: Parameter) -> float:
+    """How far a place or a time is moved: by the width or the length of what is there."""
+    shape = dict(atom.shape)
+    return shape.get("width_m", shape.get("duration_s", 0.1 * abs(parameter.faulty)))
+
+
+def _at(atom: EntryAtom, name: str, value: float) -> EntryAtom:
+    shape = dict(atom.shape) | {name: value}
+    return entry_atom(atom.effect, atom.amount, shape, atom.load_share)

@@ -1,0 +1,142 @@
+"""All runs of one axis as rows of two channels: what the baseline leaves of torque and position."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fingerprint.regression import Booleans
+from ..messages.samples import Floats
+from ..models.effects.baseline import Baseline, Motion
+from ..models.effects.effect import ActiveEffect
+from ..models.effects.signature import torque_signature, transmission_signature
+from .recorded import Run
+
+TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
+CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
+Integers = npt.NDArray[np.int64]
+BLOCK_S = 5.0
+"""Rows are held out, and resampled, in blocks of about this length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """One channel of a session.
+
+    Attributes:
+        gap: measured minus modelled, (n,).
+        variables: name -> what was the case at each row, (n,).
+        block: number of the block of time, (n,).
+    """
+
+    gap: Floats
+    variables: Mapping[str, Floats]
+    block: Integers
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the gap."""
+        return float(np.sqrt(np.mean(self.gap**2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """Runs and the rows that follow from them.
+
+    Attributes:
+        baseline: rigid; `modelled` effects belong to the model as well.
+        channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
+    """
+
+    runs: tuple[Run, ...]
+    baseline: Baseline
+    modelled: tuple[ActiveEffect, ...]
+    channels: Mapping[str, Rows]
+
+    @classmethod
+    def of_runs(
+        cls, runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect] = ()
+    ) -> Self:
+        """The session; a channel counts as recorded where any run has it."""
+        channels = {}
+        if any(run.has_torque for run in runs):
+            channels[TORQUE_GAP] = _torque_rows(runs, baseline, modelled)
+        if any(run.transmission_m is not None for run in runs):
+            channels[TRANSMISSION_GAP] = _transmission_rows(runs, baseline, modelled)
+        return cls(tuple(runs), baseline, tuple(modelled), channels)
+
+    def torque_column(self, curve: Callable[[Motion], Floats]) -> Floats:
+        """Any function of the motion as a column of the torque channel, (n,)."""
+        return np.concatenate(
+            [
+                run.resting_zero(curve(run.motion))[run.moving_rows]
+                for run in self.runs
+                if run.has_torque
+            ]
+        )
+
+    def transmission_column(self, curve: Callable[[Motion], Floats]) -> Floats:
+        """Any function of the motion as a column of the transmission channel, its mean removed."""
+        column: Floats = np.concatenate(
+            [run.low_pass(curve(run.motion)) for run in self.runs if run.transmission_m is not None]
+        )
+        column -= column.mean()
+        return column
+
+
+def _torque_rows(runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Rows:
+    gaps, kept = [], []
+    for run in (run for run in runs if run.has_torque):
+        motion = run.motion
+        model = motion.model_torque_nm.copy()
+        for each in modelled:
+            model += torque_signature(each.effect, each.values, motion, baseline)
+        rows = run.moving_rows
+        gaps.append(run.resting_zero(motion.torque_nm - model)[rows])
+        kept.append((run, rows))
+    return _rows(np.concatenate(gaps), kept)
+
+
+def _transmission_rows(
+    runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]
+) -> Rows:
+    gaps, kept = [], []
+    for run in runs:
+        if run.transmission_m is None:
+            continue
+        gap = run.transmission_m.copy()
+        for each in modelled:
+            gap -= transmission_signature(each.effect, each.values, run.motion, baseline)
+        gaps.append(run.low_pass(gap))
+        kept.append((run, np.ones(len(gaps[-1]), dtype=bool)))
+    gap = np.concatenate(gaps)
+    return _rows(gap - gap.mean(), kept)
+
+
+def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:
+    names: dict[str, Callable[[Run], Floats]] = {
+        "motor_speed_rad_s": lambda run: run.motion.speed_rad_s,
+        "motor_acceleration_rad_s2": lambda run: run.motion.acceleration_rad_s2,
+        "table_position_m": lambda run: run.motion.position_m,
+        "motor_angle_rad": lambda run: np.mod(run.motion.angle_rad, 2.0 * np.pi),
+        "time_s": lambda run: run.motion.time_s,
+        "direction": lambda run: run.motion.approach,
+    }
+    variables = {
+        name: np.concatenate([run.at_rows(of(run))[rows] for run, rows in kept])
+        for name, of in names.items()
+    }
+    warmth = [run.temperature_c for run, _ in kept if run.temperature_c is not None]
+    if len(warmth) == len(kept):
+        variables["temperature_c"] = np.concatenate(
+            [run.at_rows(each)[rows] for each, (run, rows) in zip(warmth, kept, strict=True)]
+        )
+    blocks, last = [], 0
+    for run, rows in kept:
+        time_s = run.at_rows(run.motion.time_s)[rows]
+        number = np.floor((time_s - run.motion.time_s[0]) / BLOCK_S).astype(np.int64) + last
+        last = int(number.max(initial=last - 1)) + 1
+        blocks.append(number)
+    return Rows(gap, variables, np.concatenate(blocks))

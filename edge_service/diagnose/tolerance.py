@@ -1,0 +1,67 @@
+"""What a healthy axis may have: parameters within their tolerance, and a trace of everything."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..models.effects.registry import get_effect
+from ..models.machine import Machine
+from .atoms import EntryAtom, entry_atom
+
+MATERIAL_TOLERANCES = 3.0
+"""A parameter that is off by more tolerances than this is a cause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerated:
+    """An effect of a healthy axis: its coefficient is normal with `mean` and `sigma`."""
+
+    atom: EntryAtom
+    mean: float
+    sigma: float
+
+
+def parameter_tolerances(machine: Machine) -> dict[str, float]:
+    """Standard deviation of each parameter effect's amount, as the machine file states it."""
+    model = machine.model
+    drag = model.preload_drag_nm
+    return {
+        "inertia_error": model.inertia_kg_m2.sigma,
+        "viscous_error": model.viscous_nm_s_per_rad.sigma,
+        "drag_error": machine.other_drag_nm.sigma + (drag.sigma if drag else 0.0),
+        "torque_gain_error": model.inertia_kg_m2.tolerance,
+    }
+
+
+def tolerated(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[Tolerated]:
+    """Parameters within their tolerance, and traces of what no axis is free of.
+
+    A command that is held for a period acts half a period late, behind a current loop of a few
+    tenths of a millisecond; sliding begins after a micrometre; dry friction is a few percent
+    higher at a creep.
+    """
+    found = [
+        Tolerated(_one(name), 0.0, sigma)
+        for name, sigma in parameter_tolerances(machine).items()
+        if sigma > 0.0
+    ]
+    found.append(Tolerated(_one("delay"), 0.5 * period_s + 2e-4, 2e-4))
+    found.append(Tolerated(_one("presliding", reach_m=1e-6), 0.5, 0.5))
+    slow = _one("stribeck", speed_rad_s=1.5, exponent=1.0)
+    found.append(Tolerated(slow, 0.0, max(0.05 * coulomb_nm, 1e-9)))
+    found.append(Tolerated(_one("compliance"), 0.0, 2e-10))
+    return found
+
+
+def _one(name: str, **shape: float) -> EntryAtom:
+    effect = get_effect(name)
+    amounts = [p.name for p in effect.parameters if p.role.value == "amount"]
+    return entry_atom(effect, amounts[0] if amounts else "", shape)
+
+
+def limits_of(prior: Sequence[Tolerated]) -> dict[str, tuple[float, float]]:
+    """Effect -> healthy mean and tolerance, where its amount is all that it has."""
+    return {
+        each.atom.name: (each.mean, each.sigma)
+        for each in prior
+        if not each.atom.shape and len(each.atom.effect.parameters) == 1
+    }

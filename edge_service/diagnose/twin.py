@@ -1,0 +1,180 @@
+"""Healthy runs of the same motion on the simulated axis: what a gap is when nothing is wrong."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ..messages.samples import Floats, SampleFrame
+from ..models.effects.baseline import Baseline
+from ..models.effects.effect import ActiveEffect
+from ..models.effects.registry import active_effect, machine_effects
+from ..models.encoders import Sensors
+from ..models.feed_drive import FeedDrive, FeedDriveSettings
+from ..models.machine import Machine
+from ..models.plant import Plant
+from .dictionary import Dictionary
+from .evidence import Noise, fit
+from .recorded import EDGE_S, Run, runs_of
+from .session import Session
+from .tolerance import parameter_tolerances, tolerated
+
+NULL_RUNS = 32
+LONGEST_RUN_S = 60.0
+"""Of each healthy run; the beginning of a longer recording stands for the rest."""
+_STIFFENING = 300.0
+_SETTLE_S = 0.5
+_PRELOAD_PERCENT = 7.0
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyGap:
+    """Root mean square gaps of healthy runs, by channel, (runs,) each.
+
+    Attributes:
+        before: as `gap` has it.
+        left: when the tolerated parameters are fitted.
+    """
+
+    before: dict[str, tuple[float, ...]]
+    left: dict[str, tuple[float, ...]]
+
+
+def healthy_gap(sessions: Sequence[Session], machine: Machine) -> HealthyGap:
+    """Gaps of healthy sessions."""
+    before: dict[str, list[float]] = {}
+    left: dict[str, list[float]] = {}
+    for session in sessions:
+        for name, rms in tolerated_fit(session, machine).items():
+            before.setdefault(name, []).append(session.channels[name].rms)
+            left.setdefault(name, []).append(rms)
+    return HealthyGap(
+        {name: tuple(values) for name, values in before.items()},
+        {name: tuple(values) for name, values in left.items()},
+    )
+
+
+def tolerated_fit(session: Session, machine: Machine) -> dict[str, float]:
+    """What a session's gap leaves when only what is tolerated is fitted, by channel."""
+    period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
+    prior = tolerated(machine, period_s, session.baseline.coulomb_nm)
+    dictionary = Dictionary.of_session(session, prior, ())
+    noise = Noise(
+        {},
+        dict.fromkeys(session.channels, 400.0),
+        {name: 0.05 * rows.rms for name, rows in session.channels.items()},
+    )
+    return dict(fit(dictionary, (), noise).rms)
+
+
+def rigid_baseline(machine: Machine) -> Baseline:
+    """The baseline as the machine file means it: nothing winds up."""
+    baseline = Baseline.of_machine(machine)
+    return replace(baseline, compliance_m_per_n=np.zeros_like(baseline.compliance_m_per_n))
+
+
+def rigid_plant(plant: Plant) -> Plant:
+    """A plant whose springs are too stiff to show."""
+    return plant._replace(
+        screw_rigidity_n=plant.screw_rigidity_n * _STIFFENING,
+        nut_catalogue_n_per_m=plant.nut_catalogue_n_per_m * _STIFFENING,
+        bearing_compliance_m_per_n=plant.bearing_compliance_m_per_n / _STIFFENING,
+        further_compliance_m_per_n=plant.further_compliance_m_per_n / _STIFFENING,
+        damping_n_s_per_m=plant.damping_n_s_per_m * np.sqrt(_STIFFENING),
+    )
+
+
+def setpoints_of(run: Run, ratio_m_per_rad: float, longest_s: float = LONGEST_RUN_S) -> Floats:
+    """Position, speed and acceleration to command, (n, 3): recorded, or those of the motion."""
+    period_s = float(run.motion.time_s[1] - run.motion.time_s[0])
+    count = min(len(run.motion), round(longest_s / period_s))
+    position = ratio_m_per_rad * run.motion.angle_rad if run.setpoint_m is None else run.setpoint_m
+    position = position[:count]
+    speed = np.gradient(position, period_s)
+    return np.column_stack((position, speed, np.gradient(speed, period_s)))
+
+
+def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session:
+    """One healthy axis on the motion of the runs: drawn parameters, traces, noise as measured."""
+    random = np.random.default_rng((seed, 20))
+    drawn = _drawn(machine, random)
+    effects = [*machine_effects(machine), *_traces(machine, random)]
+    baseline = rigid_baseline(machine)
+    made: list[Run] = []
+    for number, run in enumerate(runs):
+        frame = simulated(drawn, run, effects, seed * 1000 + number)
+        made += runs_of([frame], baseline)
+    return Session.of_runs(made, baseline, machine_effects(machine))
+
+
+def simulated(
+    machine: Machine, run: Run, effects: Sequence[ActiveEffect], seed: int
+) -> SampleFrame:
+    """The recording that a stiff simulated axis gives on the motion of a run."""
+    period_s = float(run.motion.time_s[1] - run.motion.time_s[0])
+    settings = FeedDriveSettings.of_machine(machine, 1.0 / period_s)
+    settings = replace(
+        settings,
+        plant=rigid_plant(settings.plant),
+        effects=tuple(effects),
+        sensors=_sensors(run),
+    )
+    setpoints = setpoints_of(run, settings.plant.ratio_m_per_rad)
+    drive = FeedDrive(settings, float(setpoints[0, 0]), _PRELOAD_PERCENT, seed)
+    frame = drive.advance(setpoints, np.full(len(setpoints), _PRELOAD_PERCENT))
+    kept = [name for name, there in _recorded(run).items() if there]
+    settle = round(max(_SETTLE_S - EDGE_S, 0.0) / period_s)
+    return SampleFrame(
+        frame.time_s[settle:], {name: frame.channels[name][settle:] for name in kept}
+    )
+
+
+def _recorded(run: Run) -> dict[str, bool]:
+    return {
+        ANGLE: True,
+        TORQUE: run.has_torque,
+        TABLE_POSITION: run.transmission_m is not None,
+    }
+
+
+def _sensors(run: Run) -> Sensors:
+    return Sensors(
+        torque_noise_nm=run.noise.get(TORQUE, 0.0),
+        angle_noise_rad=run.noise.get(ANGLE, 0.0),
+        table_noise_m=run.noise.get(TABLE_POSITION, 0.0),
+        angle_step_rad=0.0,
+        table_step_m=0.0,
+    )
+
+
+def _drawn(machine: Machine, random: np.random.Generator) -> Machine:
+    """The machine with its parameters drawn from their tolerances, cut off at 2.5 of them."""
+    model = machine.model
+    changes = {}
+    for key in ("inertia_kg_m2", "viscous_nm_s_per_rad", "preload_drag_nm"):
+        quantity = getattr(model, key)
+        if quantity is not None:
+            off = float(np.clip(random.standard_normal(), -2.5, 2.5)) * quantity.sigma
+            changes[key] = quantity.model_copy(update={"value": quantity.value + off})
+    return machine.model_copy(update={"model": model.model_copy(update=changes), "effects": ()})
+
+
+def _traces(machine: Machine, random: np.random.Generator) -> list[ActiveEffect]:
+    """A little of what every real axis has."""
+    drag = parameter_tolerances(machine)["drag_error"] / 0.01
+    gain = parameter_tolerances(machine)["torque_gain_error"]
+    phase = random.uniform(-3.1, 3.1, 2)
+    share = random.uniform(0.0, 1.0, 5)
+    return [
+        active_effect("torque_gain_error", {"excess_share": 0.5 * gain * random.standard_normal()}),
+        active_effect("delay", {"lag_s": 1e-4 + 3e-4 * share[0]}),
+        active_effect("presliding", {"reach_m": 3e-7 + 1.5e-6 * share[1]}),
+        active_effect(
+            "stribeck", {"excess_nm": 0.06 * drag * share[2], "speed_rad_s": 1.0 + 2.0 * share[3]}
+        ),
+        active_effect(
+            "torque_ripple",
+            {"amplitude_nm": 0.01 * drag * share[4], "order": 6.0, "phase_rad": phase[0]},
+        ),
+    ]

@@ -1,0 +1,97 @@
+"""`edge-service diagnose`: recordings and a machine file in, the diagnosis as three files out."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..atomic import replaced_file
+from ..config import ConfigError, load_machine
+from ..diagnose.data_check import check_data
+from ..diagnose.diagnosis import Diagnosis, diagnose_session
+from ..diagnose.judged import not_judged
+from ..diagnose.session import Session
+from ..models.machine import Machine
+from .diagnosis_document import augmented_toml, bad_data_document, to_document
+from .diagnosis_report import render, render_bad_data
+from .healthy_cache import healthy_gap_of
+from .machine_gap import DiagnosisError, read_runs, session_of
+
+HEALTHY_RUNS = 16
+
+
+def diagnose(
+    machine_file: Path,
+    traces: Sequence[Path],
+    out: Path,
+    progress: Callable[[str], None] = lambda _line: None,
+) -> str:
+    """Write diagnosis.json, augmented.toml and report.html into `out`; returns a summary.
+
+    Raises:
+        ConfigError: the machine file is wrong.
+        TraceError: a recording cannot be read.
+        DiagnosisError: no recording, or one that this cannot be done with.
+    """
+    machine, text = load_machine(machine_file), machine_file.read_text("utf-8")
+    runs = read_runs(machine, traces)
+    check = check_data(runs, machine.transmission_ratio_m_per_rad)
+    names = [path.name for path in traces]
+    if check.faults:
+        gap = _gap_if_any(machine, runs)
+        document = bad_data_document(check.faults, gap, check.remarks)
+        page = render_bad_data(machine, names, check)
+        _write(out, document, text, page)
+        return f"bad data: {'; '.join(check.faults)}\nreport: {out / 'report.html'}"
+    session = session_of(machine, runs)
+    healthy = healthy_gap_of(machine, runs, HEALTHY_RUNS, progress)
+    found = diagnose_session(session, machine, healthy, progress=progress)
+    silent = not_judged(session)
+    try:
+        augmented = augmented_toml(text, found.effects if _accepted(found) else ())
+    except ValueError as error:
+        raise ConfigError(f"{machine_file}: {error}") from error
+    document = to_document(found, check.remarks, silent)
+    _write(out, document, augmented, render(machine, names, session, found, check, silent))
+    return _summary(found, out)
+
+
+def _accepted(found: Diagnosis) -> bool:
+    return found.verdict.value in ("explained", "ambiguous")
+
+
+def _gap_if_any(machine: Machine, runs: Sequence[Any]) -> dict[str, float]:
+    try:
+        session: Session = session_of(machine, runs)
+    except DiagnosisError:
+        return {}
+    return {name: rows.rms for name, rows in session.channels.items()}
+
+
+def _write(out: Path, document: dict[str, Any], augmented: str, page: str) -> None:
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    for name, content in (
+        ("augmented.toml", augmented),
+        ("report.html", page),
+        ("diagnosis.json", text),
+    ):
+        with replaced_file(out / name) as file:
+            file.write(content)
+
+
+def _summary(found: Diagnosis, out: Path) -> str:
+    lines = [f"verdict: {found.verdict.value}"]
+    lines += [
+        f"{name}: {each.before:.3g} {each.unit} before, {each.after:.3g} after, "
+        f"{each.noise_floor:.3g} on a healthy axis"
+        for name, each in found.gap.items()
+    ]
+    lines += [
+        f"{each.name}: probability {each.probability:.3f}, shrinks {each.channel} by "
+        f"{100.0 * each.shrink.estimate:.0f} % "
+        f"({100.0 * each.shrink.low:.0f} to {100.0 * each.shrink.high:.0f})"
+        for each in found.effects
+    ]
+    if found.next_motion:
+        lines.append(f"to decide: edge-service motion {found.next_motion} --out setpoints.csv")
+    return "\n".join([*lines, f"report: {out / 'report.html'}"])

@@ -1,0 +1,54 @@
+"""Recordings of an axis that shares no code with the library."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from edge_service.config import load_machine
+from edge_service.diagnose.recorded import Run, runs_of
+from edge_service.diagnose.session import Session
+from edge_service.diagnose.twin import rigid_baseline
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
+
+from .. import foreign_plant
+
+DURATION_S = 40.0
+
+
+@cache
+def recorded(causes: tuple[str, ...], seed: int, strength: float = 1.0) -> Any:
+    """A recording of production with causes at full strength."""
+    effects = tuple((name, strength) for name in causes)
+    return foreign_plant.simulate(
+        foreign_plant.case(effects, "production", seed=seed, duration_s=DURATION_S)
+    )
+
+
+def frame_of(recording: Any, **changes: Any) -> SampleFrame:
+    """The recording as one frame; a channel changed, or left out where None."""
+    columns = {**recording.columns, **changes}
+    time_s = columns.pop("time_s")
+    return SampleFrame(time_s, {name: v for name, v in columns.items() if v is not None})
+
+
+@pytest.fixture(scope="session")
+def machine_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("machine") / "machine.toml"
+    path.write_text(foreign_plant.nominal_machine_toml(foreign_plant.DIAGNOSIS))
+    return path
+
+
+@pytest.fixture(scope="session")
+def machine(machine_file: Path) -> Machine:
+    return load_machine(machine_file)
+
+
+def runs(machine: Machine, frame: SampleFrame) -> list[Run]:
+    return list(runs_of([frame], rigid_baseline(machine)))
+
+
+def session_of(machine: Machine, frame: SampleFrame) -> Session:
+    return Session.of_runs(runs(machine, frame), rigid_baseline(machine))

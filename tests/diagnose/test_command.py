@@ -1,0 +1,90 @@
+"""The command's files, and what it says of bad input."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from edge_service.cli import main
+
+from .conftest import recorded
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("edge_service.studies.diagnose.HEALTHY_RUNS", 2)
+
+
+@pytest.mark.usefixtures("cache")
+def test_three_files_and_a_loop_that_closes(
+    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trace = str(recorded(("drag_error", "backlash"), 3).write_csv(tmp_path / "a.csv"))
+    out = tmp_path / "out"
+    assert main(["diagnose", "--machine", str(machine_file), trace, "--out", str(out)]) == 0
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert document["schema"] == "diagnosis/1"
+    assert document["verdict"] == "explained"
+    assert {each["name"] for each in document["effects"]} == {"drag_error", "backlash"}
+    for each in document["effects"]:
+        assert each["shrink"]["low"] <= each["shrink"]["estimate"] <= each["shrink"]["high"]
+        assert each["class"][0] == each["name"]
+    page = (out / "report.html").read_text()
+    assert "drag error" in page.lower()
+    assert 'src="http' not in page
+    assert "<script" not in page
+    assert "<link" not in page
+    capsys.readouterr()
+    augmented = str(out / "augmented.toml")
+    assert main(["gap", "--machine", augmented, trace, "--json"]) == 0
+    gap = json.loads(capsys.readouterr().out)
+    for name, rms in gap.items():
+        assert rms == pytest.approx(document["gap"][name]["after"], rel=0.02)
+    assert (
+        main(
+            [
+                "simulate",
+                "--machine",
+                augmented,
+                "--duration",
+                "1",
+                "--out",
+                str(tmp_path / "s.csv"),
+            ]
+        )
+        == 0
+    )
+
+
+@pytest.mark.usefixtures("cache")
+def test_bad_data_is_a_verdict_and_no_error(machine_file: Path, tmp_path: Path) -> None:
+    trace = tmp_path / "a.csv"
+    trace.write_text(
+        "time_s,torque_command_nm,motor_angle_rad\n"
+        + "".join(f"{k / 1000},0.1,1.0\n" for k in range(3000))
+    )
+    out = tmp_path / "out"
+    assert main(["diagnose", "--machine", str(machine_file), str(trace), "--out", str(out)]) == 0
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert document["verdict"] == "bad_data"
+    assert document["reasons"]
+    assert (out / "augmented.toml").exists()
+    assert (out / "report.html").exists()
+
+
+@pytest.mark.parametrize("text", ["", "time_s,torque_command_nm\n", "a,b\n1,2\n"])
+def test_a_file_that_is_no_trace_is_one_line(
+    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    trace, out = tmp_path / "a.csv", tmp_path / "out"
+    trace.write_text(text)
+    assert main(["diagnose", "--machine", str(machine_file), str(trace), "--out", str(out)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_next_motion_needs_a_tie(machine_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["motion", "next", "--machine", str(machine_file), "--effect", "stribeck"]
+    assert main(given) == 2
+    assert "two effects or more" in capsys.readouterr().err

@@ -1,0 +1,50 @@
+"""Recordings that must be refused, each with its reason."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edge_service.diagnose.data_check import check_data
+from edge_service.models.machine import Machine
+
+from .conftest import frame_of, recorded, runs
+
+RATIO = 0.02 / (2.0 * np.pi)
+
+
+def faults(machine: Machine, **changes: Any) -> str:
+    frame = frame_of(recorded((), seed=3), **changes)
+    return " | ".join(check_data(runs(machine, frame), RATIO).faults)
+
+
+def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
+    assert faults(machine) == ""
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "reason"),
+    [
+        ("torque_command_nm", -1.0, "wrong sign"),
+        ("torque_command_nm", 1000.0, "unit"),
+        ("torque_command_nm", 0.0, "times what the machine file needs|does not change"),
+        ("table_position_m", 1000.0, "unit or the lead"),
+        ("table_position_m", -1.0, "sign is turned"),
+        ("motor_angle_rad", 180.0 / np.pi, "unit or the lead"),
+    ],
+)
+def test_units_and_signs(machine: Machine, channel: str, factor: float, reason: str) -> None:
+    values = factor * recorded((), seed=3).columns[channel]
+    found = faults(machine, **{channel: values})
+    assert any(each in found for each in reason.split("|"))
+
+
+def test_too_little_motion(machine: Machine) -> None:
+    columns = recorded((), seed=3).columns
+    still = np.full_like(columns["motor_angle_rad"], columns["motor_angle_rad"][0])
+    table = np.full_like(still, columns["table_position_m"][0])
+    assert "moves for" in faults(machine, motor_angle_rad=still, table_position_m=table)
+
+
+def test_nothing_at_all() -> None:
+    assert check_data([], RATIO).faults == ("no unbroken run of a second or more",)

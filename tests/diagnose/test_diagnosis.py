@@ -1,0 +1,75 @@
+"""Causes are named on recordings from a plant that shares no code with the library."""
+
+import numpy as np
+import pytest
+
+from edge_service.diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
+from edge_service.diagnose.session import Session
+from edge_service.diagnose.twin import healthy_gap, healthy_session
+from edge_service.models.effects.registry import effects
+from edge_service.models.machine import Machine
+
+from .conftest import frame_of, recorded, runs, session_of
+
+
+def diagnosed(
+    machine: Machine, causes: tuple[str, ...], seed: int, withheld: tuple[str, ...] = ()
+) -> tuple[Diagnosis, Session]:
+    frame = frame_of(recorded(causes, seed))
+    session = session_of(machine, frame)
+    healthy = healthy_gap([healthy_session(machine, runs(machine, frame), 0)], machine)
+    library = [each for each in effects().values() if each.name not in withheld]
+    return diagnose_session(session, machine, healthy, library), session
+
+
+def test_a_healthy_axis_has_no_gap(machine: Machine) -> None:
+    found, _ = diagnosed(machine, (), seed=3)
+    assert found.verdict is Verdict.NO_GAP
+    assert found.effects == ()
+
+
+@pytest.mark.parametrize(
+    "cause", ["drag_error", "torque_ripple", "timestamp_skew", "encoder_eccentricity"]
+)
+def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
+    found, _ = diagnosed(machine, (cause,), seed=3)
+    assert found.verdict is Verdict.EXPLAINED
+    assert [each.name for each in found.effects] == [cause]
+    assert found.effects[0].probability > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cause", sorted(effects()))
+def test_every_cause_leads_the_list(machine: Machine, cause: str) -> None:
+    found, _ = diagnosed(machine, (cause,), seed=5)
+    before = max(each.before / each.noise_floor for each in found.gap.values())
+    if before < 1.5:
+        pytest.skip("the motion hardly shows it")
+    assert found.effects
+    assert found.effects[0].name == cause
+
+
+def test_two_causes_in_two_channels_are_both_named(machine: Machine) -> None:
+    found, _ = diagnosed(machine, ("viscous_error", "backlash"), seed=3)
+    assert {each.name for each in found.effects} == {"viscous_error", "backlash"}
+
+
+def test_what_the_library_lacks_is_unknown(machine: Machine) -> None:
+    found, _ = diagnosed(machine, ("torque_ripple",), seed=3, withheld=("torque_ripple",))
+    assert found.verdict is Verdict.UNKNOWN
+    assert all(each.probability < 0.9 for each in found.effects)
+    assert found.where
+
+
+def test_the_found_value_is_the_true_one(machine: Machine) -> None:
+    found, _ = diagnosed(machine, ("drag_error",), seed=3)
+    truth = recorded(("drag_error",), 3).truth["effects"]["drag_error"]["change_nm"]
+    assert found.effects[0].parameters["change_nm"].value == pytest.approx(truth, abs=0.012)
+
+
+def test_what_is_left_is_the_gap_less_the_entries(machine: Machine) -> None:
+    found, session = diagnosed(machine, ("torque_ripple",), seed=3)
+    for name, gap in found.gap.items():
+        assert gap.before == pytest.approx(session.channels[name].rms)
+        assert gap.after == pytest.approx(float(np.sqrt(np.mean(found.left[name] ** 2))))
+        assert gap.after <= gap.before * (1.0 + 1e-9)

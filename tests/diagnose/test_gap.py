@@ -1,0 +1,86 @@
+"""The gap against an independent computation, and the filter behind it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from edge_service.cli import main
+from edge_service.diagnose.recorded import Filter
+from edge_service.diagnose.session import TORQUE_GAP, TRANSMISSION_GAP
+from edge_service.models.machine import Machine
+
+from .conftest import frame_of, recorded, session_of
+
+RATIO = 0.02 / (2.0 * np.pi)
+
+
+@pytest.mark.parametrize("count", [2000, 2001, 2003, 2007])
+def test_the_low_pass_is_a_butterworth_filter_run_both_ways(count: int) -> None:
+    low_pass = Filter.of_period(1e-3)
+    values = np.random.default_rng(1).standard_normal(count).cumsum()
+    expected = signal.sosfiltfilt(signal.butter(4, 40.0, fs=1000.0, output="sos"), values)
+    inside = slice(20, -20)
+    found, expected = low_pass(values), expected[:: low_pass.step]
+    assert len(found) == len(expected)
+    assert found[inside] == pytest.approx(expected[inside], abs=0.02 * values.std())
+
+
+@pytest.mark.parametrize("causes", [(), ("viscous_error",), ("drag_error", "backlash")])
+def test_the_gap_is_that_of_an_independent_computation(
+    machine: Machine, causes: tuple[str, ...]
+) -> None:
+    recording = recorded(causes, seed=3)
+    session = session_of(machine, frame_of(recording))
+    c = recording.columns
+    low = signal.butter(4, 40.0, fs=1000.0, output="sos")
+    stretch = signal.sosfiltfilt(low, c["table_position_m"] - RATIO * c["motor_angle_rad"])
+    assert session.channels[TRANSMISSION_GAP].rms == pytest.approx(stretch.std(), rel=0.03)
+    smooth = signal.butter(4, 100.0, fs=1000.0, output="sos")
+    angle = signal.sosfiltfilt(smooth, c["motor_angle_rad"] - c["motor_angle_rad"][0])
+    speed = np.gradient(angle, 1e-3)
+    model = machine.model
+    assert model.preload_drag_nm is not None
+    need = model.inertia_kg_m2.value * np.gradient(speed, 1e-3)
+    need += model.viscous_nm_s_per_rad.value * speed
+    need += model.preload_drag_nm.value * np.sign(speed)
+    moving = np.abs(speed) > 0.1
+    gap = signal.sosfiltfilt(low, np.where(moving, c["torque_command_nm"] - need, 0.0))
+    expected = float(np.sqrt(np.mean(gap[moving] ** 2)))
+    assert session.channels[TORQUE_GAP].rms == pytest.approx(expected, rel=0.1)
+
+
+def test_the_command_prints_one_json_object(
+    machine: Machine, machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trace = recorded((), seed=3).write_csv(tmp_path / "a.csv")
+    assert main(["gap", "--machine", str(machine_file), str(trace), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    session = session_of(machine, frame_of(recorded((), seed=3)))
+    assert printed == {
+        name: pytest.approx(rows.rms, rel=1e-3) for name, rows in session.channels.items()
+    }
+
+
+def test_channels_that_are_absent_are_absent(machine: Machine) -> None:
+    recording = recorded((), seed=3)
+    assert set(session_of(machine, frame_of(recording, torque_command_nm=None)).channels) == {
+        TRANSMISSION_GAP
+    }
+    assert set(session_of(machine, frame_of(recording, table_position_m=None)).channels) == {
+        TORQUE_GAP
+    }
+
+
+def test_several_files_are_one_session(
+    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a = str(recorded((), seed=3).write_csv(tmp_path / "a.csv"))
+    b = str(recorded((), seed=4).write_csv(tmp_path / "b.csv"))
+    found = []
+    for traces in ([a, b], [b, a]):
+        assert main(["gap", "--machine", str(machine_file), *traces, "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0] == pytest.approx(found[1], rel=1e-9)

@@ -1,0 +1,42 @@
+"""The interval that is found is the one the gap was put into."""
+
+import numpy as np
+import pytest
+
+from edge_service.diagnose.session import TORQUE_GAP, Rows
+from edge_service.diagnose.where import where
+
+ROWS = 12_000
+
+
+def rows_of(gap_over: str, low: float, high: float) -> Rows:
+    random = np.random.default_rng(4)
+    time_s = np.arange(ROWS) * 0.01
+    direction = np.where(random.random(ROWS) < 0.5, -1.0, 1.0)
+    variables = {
+        "motor_speed_rad_s": direction * random.uniform(0.0, 100.0, ROWS),
+        "table_position_m": random.uniform(0.0, 0.8, ROWS),
+        "motor_angle_rad": random.uniform(0.0, 2.0 * np.pi, ROWS),
+        "time_s": time_s,
+        "direction": direction,
+    }
+    inside = (variables[gap_over] >= low) & (variables[gap_over] <= high)
+    gap = 0.1 * direction * inside + 0.005 * random.standard_normal(ROWS)
+    return Rows(gap, variables, (time_s / 5.0).astype(np.int64))
+
+
+@pytest.mark.parametrize(
+    ("variable", "low", "high"),
+    [("table_position_m", 0.2, 0.4), ("motor_speed_rad_s", 20.0, 60.0), ("time_s", 30.0, 60.0)],
+)
+def test_variable_and_interval(variable: str, low: float, high: float) -> None:
+    first = where({TORQUE_GAP: rows_of(variable, low, high)})[0]
+    assert first.variable == variable
+    overlap = min(high, first.high) - max(low, first.low)
+    assert overlap / (max(high, first.high) - min(low, first.low)) > 0.75
+    assert first.energy > 0.9
+
+
+def test_noise_lives_nowhere() -> None:
+    rows = rows_of("table_position_m", 2.0, 3.0)
+    assert where({TORQUE_GAP: rows}) == []
