@@ -5,8 +5,16 @@ import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
+from .config_tables import (
+    AlarmsConfig,
+    HistoryConfig,
+    MqttConfig,
+    Table,
+    VibrationConfig,
+    WebhookConfig,
+)
 from .messages.addresses import is_loopback, split_endpoint
 from .messages.keys import MachineKeys, check_part
 from .models.machine import Machine
@@ -22,11 +30,7 @@ class ConfigError(Exception):
     """A file or key that is wrong; the text is one line."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class ServiceConfig(_Table):
+class ServiceConfig(Table):
     """`[service]`: who we are on the bus."""
 
     site: str = "bench"
@@ -38,7 +42,7 @@ class ServiceConfig(_Table):
         return check_part(value)
 
 
-class BusConfig(_Table):
+class BusConfig(Table):
     """`[bus]`: the loopback endpoint at which the bus listens."""
 
     endpoint: str = "tcp/127.0.0.1:7447"
@@ -50,7 +54,7 @@ class BusConfig(_Table):
         return value
 
 
-class HttpConfig(_Table):
+class HttpConfig(Table):
     """`[http]`: where the API and the page are served; loopback only. Port 0 takes a free one."""
 
     host: str = "127.0.0.1"
@@ -66,13 +70,13 @@ class HttpConfig(_Table):
         return value
 
 
-class DownsampleConfig(_Table):
+class DownsampleConfig(Table):
     """`[downsample]`: length of an interval."""
 
     interval_s: float = Field(0.1, ge=0.001, le=10.0)
 
 
-class EstimatorConfig(_Table):
+class EstimatorConfig(Table):
     """`[estimator]`: `auto` is `fused` where the machine file is commissioned, else `kf-imm`."""
 
     method: Literal["auto", "fused", "kf-imm", "sif-imm"] = "auto"
@@ -87,7 +91,7 @@ class EstimatorConfig(_Table):
         return self
 
 
-class HealthConfig(_Table):
+class HealthConfig(Table):
     """`[health]`: limits of the axis condition, in percent of the fresh screw's preload."""
 
     warning_percent_of_fresh: float = Field(60.0, gt=0.0, le=100.0)
@@ -100,101 +104,7 @@ class HealthConfig(_Table):
         return self
 
 
-class MqttConfig(_Table):
-    """`[mqtt]`: where answers are sent besides; nothing is sent without it.
-
-    Attributes:
-        prefix: first part of every topic, `{prefix}/{site}/{machine}/{axis}/{preload|...}`.
-        period_s: at most one preload estimate per axis in this time; health and events all go.
-        buffer: file in which messages wait while the broker is away.
-        buffer_messages: how many of them; then the oldest go.
-    """
-
-    host: str
-    port: int = Field(1883, ge=1, le=65535)
-    prefix: str = "feeddrive"
-    user: str | None = None
-    password: str | None = None
-    ca_certificate: Path | None = None
-    period_s: float = Field(1.0, ge=0.0, le=3600.0)
-    buffer: Path = Path("mqtt-buffer.sqlite")
-    buffer_messages: int = Field(1_000_000, ge=1)
-
-    @model_validator(mode="after")
-    def _check(self) -> "MqttConfig":
-        if any(sign in self.prefix for sign in "+#$") or not self.prefix.strip("/"):
-            raise ValueError(f"prefix {self.prefix!r}: expected a topic without +, # and $")
-        if self.password is not None and self.user is None:
-            raise ValueError("user: missing, there is a password")
-        if self.user is not None and self.ca_certificate is None and not is_loopback(self.host):
-            raise ValueError("user: needs ca_certificate, or the password could be read")
-        return self
-
-
-class VibrationConfig(_Table):
-    """`[vibration]`: fast sensors reduced to features; without it their signals are dropped.
-
-    Attributes:
-        interval_s: one set of features per interval.
-        bands_hz: name -> lower and upper frequency.
-        orders: name -> order per revolution of the screw; balls slip by up to `slip` of it.
-        keep_folder: where the raw signal around an event is kept; it is dropped without.
-        keep_before_s, keep_after_s: how much of it.
-    """
-
-    interval_s: float = Field(1.0, ge=0.05, le=60.0)
-    bands_hz: dict[str, tuple[float, float]] = {"low": (10.0, 1000.0), "high": (1000.0, 5000.0)}
-    orders: dict[str, float] = {"screw": 1.0, "ball_pass": 9.56}
-    slip: float = Field(0.02, ge=0.0, le=0.2)
-    keep_folder: Path | None = None
-    keep_before_s: float = Field(5.0, ge=0.0, le=600.0)
-    keep_after_s: float = Field(5.0, ge=0.0, le=600.0)
-
-    @model_validator(mode="after")
-    def _check(self) -> "VibrationConfig":
-        for name, (low, high) in self.bands_hz.items():
-            if not 0.0 <= low < high:
-                raise ValueError(f"bands_hz.{name}: [{low:g}, {high:g}], expected low below high")
-        for name, order in self.orders.items():
-            if not order > 0.0:
-                raise ValueError(f"orders.{name}: {order:g}, expected more than 0")
-        return self
-
-
-class HistoryConfig(_Table):
-    """`[history]`: where history, events and the state of alarms and trends are kept."""
-
-    folder: Path | None = None
-    budget_mb: float = Field(2000.0, ge=10.0)
-
-
-class AlarmsConfig(_Table):
-    """`[alarms]`: what calls a person; percent of the fresh screw's preload."""
-
-    rate_percent_per_1000_h: float = Field(20.0, gt=0.0)
-    sudden_drop_percent: float = Field(15.0, gt=0.0, le=100.0)
-    sudden_drop_within_s: float = Field(10.0, gt=0.0, le=3600.0)
-    model_nis: float = Field(6.0, gt=1.0)
-    raise_delay_s: float = Field(0.0, ge=0.0, le=3600.0)
-    clear_delay_s: float = Field(5.0, ge=0.0, le=3600.0)
-    data_lost_after_s: float = Field(5.0, ge=0.0, le=3600.0)
-
-
-class WebhookConfig(_Table):
-    """`[webhook]`: where events are posted to; nothing is sent without a `url`."""
-
-    url: str | None = Field(None, pattern=r"^https?://")
-    secret_file: Path | None = None
-    kinds: tuple[str, ...] = ("alarm_raised", "alarm_cleared", "condition_changed")
-
-    @model_validator(mode="after")
-    def _signed(self) -> "WebhookConfig":
-        if self.url is not None and self.secret_file is None:
-            raise ValueError("url needs a secret_file: what is sent is signed with it")
-        return self
-
-
-class AxisConfig(_Table):
+class AxisConfig(Table):
     """`[[axes]]`: one axis, its machine file and its driver."""
 
     name: str
@@ -208,7 +118,7 @@ class AxisConfig(_Table):
         return check_part(value)
 
 
-class EdgeConfig(_Table):
+class EdgeConfig(Table):
     """The whole configuration file."""
 
     service: ServiceConfig = ServiceConfig()
@@ -286,7 +196,7 @@ def check_settings(model: type[_Model], settings: dict[str, Any], where: str) ->
         raise ConfigError(f"{where}.{explain(error, model)}") from None
 
 
-def _placed(table: _Table | None, key: str, folder: Path) -> _Table | None:
+def _placed(table: Table | None, key: str, folder: Path) -> Table | None:
     """A path in a table is relative to the configuration file."""
     path = None if table is None else getattr(table, key)
     if table is None or path is None:

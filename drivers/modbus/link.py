@@ -8,6 +8,7 @@ from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from edge_service.cancellation import heed_cancellation
 from edge_service.messages.quality import Quality
 
 from ..base import DriverUnavailableError
@@ -78,6 +79,7 @@ class ModbusLink:
         self._client = client
         try:
             reached = await client.connect()
+            heed_cancellation()
         except BaseException:
             self._let_go(client)
             raise
@@ -97,6 +99,7 @@ class ModbusLink:
             return Reply([], Quality.NO_REPLY, "not connected", sent_s, sent_s)
         try:
             response = await self._ask(client, request)
+            heed_cancellation()
         except (ModbusException, OSError) as error:
             malformed = isinstance(error, _WrongReplyError)
             quality = Quality.MALFORMED if malformed else Quality.NO_REPLY

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 from asyncua import ua
 
+from edge_service.cancellation import heed_cancellation
 from edge_service.messages.channels import CHANNELS
 from edge_service.messages.samples import SampleFrame
 
@@ -90,6 +91,7 @@ class OpcuaDriver:
         except BaseException:
             await session.close()
             raise
+        heed_cancellation()
         self._counts["sessions"] += 1
         self._maker = self._make_maker(self._granted)
         self._tell_what_was_granted(self._granted)
@@ -163,6 +165,7 @@ class OpcuaDriver:
                 return None
             problem = "hung up" if losing.done() else f"no word for {patience_s:g} s"
             await session.close()
+            heed_cancellation()
             raise DriverUnavailableError(f"{url}: {problem}")
         finally:
             getting.cancel()

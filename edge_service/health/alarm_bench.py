@@ -48,22 +48,18 @@ class SuddenDrop:
 
     def __init__(self, limit_percent: float, within_s: float) -> None:
         self._limit_percent = limit_percent
-        self._within_ns = round(within_s * NS_PER_S)
+        self.within_ns = round(within_s * NS_PER_S)
         self._recent: deque[tuple[int, float, float]] = deque()
 
     def update(self, time_ns: int, low: float, value: float, high: float) -> float | None:
         """Take an estimate in; the loss in percent of the load rating if it was sudden."""
-        while self._recent and not 0 <= time_ns - self._recent[0][0] <= self._within_ns:
+        while self._recent and not 0 <= time_ns - self._recent[0][0] <= self.within_ns:
             self._recent.popleft()
         best = max(self._recent, key=lambda each: each[2], default=None)
         self._recent.append((time_ns, low, value))
         if best is None or best[2] - value < self._limit_percent or high >= best[1]:
             return None
         return best[2] - value
-
-    def restart(self) -> None:
-        """Forget what was before."""
-        self._recent.clear()
 
 
 class AlarmBench:
@@ -94,6 +90,7 @@ class AlarmBench:
         self._latches = {kind: AlarmLatch(axis, kind, rule) for kind, rule in rules.items()}
         share = 0.0 if fresh_percent is None else fresh_percent / 100.0
         self._drop = SuddenDrop(settings.sudden_drop_percent * share, settings.sudden_drop_within_s)
+        self._fallen_ns: int | None = None
         self._nis = 1.0
         self._status: EstimateStatus | None = None
 
@@ -110,12 +107,16 @@ class AlarmBench:
         loss = self._drop.update(time_ns, low, value, high)
         if loss is None:
             return ()
-        self._drop.restart()
         share = 100.0 * loss / self._fresh
         words = (
             f"preload fell suddenly by {share:.0f} % of the commissioned preload, to {value:.2f} %"
         )
-        return self._latches[AlarmKind.SUDDEN_DROP].update(True, words, now_ns)
+        latch, before_ns = self._latches[AlarmKind.SUDDEN_DROP], self._fallen_ns
+        self._fallen_ns = time_ns
+        if before_ns is None or abs(time_ns - before_ns) > self._drop.within_ns:
+            return latch.update(True, words, now_ns)
+        latch.reword(words)  # the same fall, further down: the estimates need a second for it
+        return ()
 
     def tick(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Event, ...]:
         """Let time pass, with the condition and the trend as of now."""

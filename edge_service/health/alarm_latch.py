@@ -60,6 +60,11 @@ class AlarmLatch:
         self._change_since_ns = None
         return (*over, *(self._raise(message, now_ns) if cause else self._clear(now_ns)))
 
+    def reword(self, message: str) -> None:
+        """Say better what it is about, while it is shown."""
+        if self._alarm is not None:
+            self._alarm = self._alarm.model_copy(update={"message": message})
+
     def acknowledge(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
         """A person has taken note; no event if there was nothing to acknowledge."""
         alarm = self._alarm

@@ -72,6 +72,7 @@ class AxisWatch:
         sudden = self._alarms.on_preload(estimate, header.source_time_ns, now_ns)
         if sudden:
             self._series.clear()  # what comes now is another state: its trend begins anew
+            self._friction.restart_newest()
             self._trend = None
             self._trend_ns = 0
         elif estimate.status is EstimateStatus.ESTIMATED:

@@ -14,7 +14,7 @@ EDGES_RAD_S: Floats = np.concatenate([-_STEPS[::-1], _STEPS])
 _STEADY_SHARE = 0.03
 _SETTLED_S = 0.2
 _BASELINE_COUNT = 100.0
-_MEMORY_COUNT = 300.0
+_MEMORY_COUNT = 100.0
 
 
 class FrictionWatch:
@@ -31,9 +31,16 @@ class FrictionWatch:
         """A new part came into use."""
         classes = EDGES_RAD_S.size - 1
         self._count: Floats = np.zeros(classes)
+        self._recent: Floats = np.zeros(classes)
         self._speed: Floats = np.full(classes, np.nan)
         self._now: Floats = np.full(classes, np.nan)
         self._first: Floats = np.full(classes, np.nan)
+
+    def restart_newest(self) -> None:
+        """The axis changed suddenly: what was before is no longer what is now."""
+        self._count = np.where(self._count > 0.0, np.maximum(self._count, _BASELINE_COUNT), 0.0)
+        self._recent[:] = 0.0
+        self._now[:] = np.nan
 
     def add(self, block: FeatureBlock) -> None:
         """Take an interval in; only those at steady speed count."""
@@ -44,14 +51,15 @@ class FrictionWatch:
         if not 0 <= k < self._count.size or EDGES_RAD_S[k] == -1.0:
             return
         self._count[k] += 1.0
-        self._blend(self._speed, k, speed, _MEMORY_COUNT)
-        self._blend(self._now, k, block.torque_mean_nm, _MEMORY_COUNT)
+        self._recent[k] = min(self._recent[k] + 1.0, _MEMORY_COUNT)
+        _blend(self._speed, k, speed, self._recent[k])
+        _blend(self._now, k, block.torque_mean_nm, self._recent[k])
         if self._count[k] <= _BASELINE_COUNT:
-            self._blend(self._first, k, block.torque_mean_nm, _BASELINE_COUNT)
+            _blend(self._first, k, block.torque_mean_nm, self._count[k])
 
     def curve(self) -> FrictionCurve:
-        """Classes of speed that were seen, slowest (most negative) first."""
-        seen = self._count > 0.0
+        """Classes of speed that were seen lately, most negative first."""
+        seen = self._recent > 0.0
         return FrictionCurve(
             speed_rad_s=_rounded(self._speed[seen]),
             torque_nm=_rounded(self._now[seen]),
@@ -61,20 +69,23 @@ class FrictionWatch:
 
     def snapshot(self) -> dict[str, Any]:
         """Everything, for JSON."""
-        columns = (self._count, self._speed, self._now, self._first)
+        columns = (self._count, self._recent, self._speed, self._now, self._first)
         return {"columns": [np.nan_to_num(each, nan=0.0).tolist() for each in columns]}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot; ValueError if it is none."""
-        count, *means = (np.array(each, np.float64) for each in snapshot["columns"])
-        if count.shape != self._count.shape:
+        columns = np.array(snapshot["columns"], np.float64)
+        if columns.shape != (5, self._count.size):
             raise ValueError("a friction curve of another version")
-        self._count = count
-        self._speed, self._now, self._first = (np.where(count > 0, m, np.nan) for m in means)
+        self._count, self._recent, speed, now, first = columns
+        self._speed = np.where(self._count > 0.0, speed, np.nan)
+        self._now = np.where(self._recent > 0.0, now, np.nan)
+        self._first = np.where(self._count > 0.0, first, np.nan)
 
-    def _blend(self, column: Floats, k: int, value: float, memory: float) -> None:
-        weight = 1.0 / min(self._count[k], memory)
-        column[k] = value if math.isnan(column[k]) else column[k] + weight * (value - column[k])
+
+def _blend(column: Floats, k: int, value: float, count: float) -> None:
+    """Mean of `count` values, or one that forgets as slowly as if there were so many."""
+    column[k] = value if math.isnan(column[k]) else column[k] + (value - column[k]) / count
 
 
 def _steady(block: FeatureBlock, speed_rad_s: float) -> bool:

@@ -61,13 +61,14 @@ def ball_pass_orders(
     contact_angle_rad: float,
     balls_per_turn: float | None = None,
 ) -> BallPassOrders:
-    """Orders of the balls: those of an angular-contact bearing along the helix (not in the seed).
+    """Orders of the balls: those of an angular-contact bearing along the helix.
 
-    z / 2 (1 - g), z / 2 (1 + g) and D / (2 d) (1 - g^2) with g = d cos(beta) cos(lambda) / D, the
-    ball bearing's formulas (Harris and Kotzalas, Rolling Bearing Analysis, 2006) with the contact
-    angle beta in the section normal to the track, which climbs by the lead angle lambda. Balls
-    without spacers touch: z = pi D / (d cos lambda) per turn of one track. Circuits and starts
-    change the strength of an order, not its place. Balls slip by a per cent or two.
+    Not in the seed. z / 2 (1 - g), z / 2 (1 + g) and D / (2 d) (1 - g^2) with the share
+    g = d cos(beta) cos(lambda) / D, a ball bearing's formulas (Harris and Kotzalas, Rolling Bearing
+    Analysis, 2006) with the contact angle beta in the section normal to the track, which climbs by
+    the lead angle lambda. Balls without spacers touch: z = pi D / (d cos lambda) per turn of one
+    track. Circuits and starts change the strength of an order, not its place. Balls slip by a per
+    cent or two.
 
     Args:
         ball_circle_m: D, the diameter of the circle of the balls' centres.

@@ -24,7 +24,7 @@ LARGEST_TABLE_SHARE = 0.5  # assumption: of the whole inertia, where the table i
 
 
 def plant_of(machine: Machine) -> Plant:
-    """Plant constants from a machine file, without its effects.
+    """Plant constants from a machine file, without its effects (4.3.2, 4.3.5, 5.3.2, 5.3.9).
 
     Raises:
         ValueError: the table is heavier than the whole inertia.
@@ -69,7 +69,7 @@ def table_mass(machine: Machine) -> float:
 
 
 def screw_drag(machine: Machine) -> tuple[float, float]:
-    """Drag of the screw without preload, N m, and its rise per point of preload, N m.
+    """Drag of the screw without preload, N m, and its rise per point of preload, N m (4.3.6).
 
     Where the file cannot tell preload in percent, the drag does not follow it.
     """
@@ -94,7 +94,10 @@ def _nut_catalogue(machine: Machine) -> float:
 
 
 def _structural_damping(plant: Plant, machine: Machine) -> float:
-    """Damper that gives the free resonance at mid-stroke its damping ratio, N s/m."""
+    """Damper that gives the free resonance at mid-stroke its damping ratio, N s/m: 2 z sqrt(K m).
+
+    With m = m1 m2 / (m1 + m2), as in the denominator of (5.3.19) without D_2.
+    """
     fresh_percent = machine.fresh_preload_percent or 0.0
     stiffness = 1.0 / axial_compliance(plant, 0.5 * plant.screw_length_m, fresh_percent)
     reduced_kg = 1.0 / (1.0 / plant.motor_mass_kg + 1.0 / plant.table_mass_kg)

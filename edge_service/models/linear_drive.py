@@ -64,7 +64,7 @@ class OneMassDrive:
         )
 
     def state_space(self) -> LinearModel:
-        """States [angle, speed]; inputs torque and force; outputs at motor and table (5.3.18).
+        """States [angle, speed]; inputs torque and force; outputs at both ends (4.3.4, 5.3.18).
 
         Both columns of B are over J. The print has J_m, the motor alone, beside a J in A: the
         lumped mass has one inertia only.

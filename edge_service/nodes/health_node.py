@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..bus.publisher import Publisher
-from ..config import AlarmsConfig, HealthConfig
+from ..config import HealthConfig
+from ..config_tables import AlarmsConfig
 from ..health.alarm_bench import AlarmSettings
 from ..health.axis_watch import AxisFacts, AxisWatch
 from ..health.settings import HealthSettings

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from functools import partial
 
 from ..bus.subscriber import Subscriber
-from ..config import ConfigError, MqttConfig
+from ..config import ConfigError
+from ..config_tables import MqttConfig
 from ..messages.codec import decode_json
 from ..messages.estimate import Frozen, PreloadEstimate
 from ..messages.event import Event

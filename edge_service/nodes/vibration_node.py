@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from ..bus.publisher import Publisher
-from ..config import ConfigError, VibrationConfig
+from ..config import ConfigError
+from ..config_tables import VibrationConfig
 from ..downsample.signal_ring import SignalRing
 from ..downsample.vibration import VibrationReducer, VibrationSettings
 from ..messages.channels import ANGLE

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import aiomqtt
 
+from ..cancellation import heed_cancellation
 from .spool import Message, Spool
 
 BATCH = 64
@@ -99,6 +100,7 @@ class MqttDelivery:
             self._on_change("")
             await client.publish(settings.presence, "true", qos=1, retain=True)
             while True:
+                heed_cancellation()
                 await self._spool.wait()
                 await self._deliver(client, self._spool.oldest(BATCH))
 

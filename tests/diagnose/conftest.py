@@ -15,12 +15,12 @@ from edge_service.models.machine import Machine
 
 from .. import foreign_plant
 
-DURATION_S = 40.0
+DURATION_S = 25.0
 
 
 @cache
 def recorded(causes: tuple[str, ...], seed: int, strength: float = 1.0) -> Any:
-    """A recording of production with causes at full strength."""
+    """A recording of production."""
     effects = tuple((name, strength) for name in causes)
     return foreign_plant.simulate(
         foreign_plant.case(effects, "production", seed=seed, duration_s=DURATION_S)

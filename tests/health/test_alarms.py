@@ -176,6 +176,19 @@ def test_a_sudden_drop_is_an_alarm_at_once_and_until_it_is_acknowledged():
     assert "sudden_drop" not in axis.shown()
 
 
+def test_a_drop_that_takes_a_second_is_one_alarm_with_the_whole_loss():
+    axis = _settled()
+    for percent in (5.5, 4.0, 2.5, 1.4, 1.4, 1.4):
+        axis.hear(percent)
+    assert axis.events.count("alarm_raised:sudden_drop") == 1
+    (drop,) = (a for a in axis.watch.health(axis.now_ns).alarms if a.kind == "sudden_drop")
+    assert "by 80 % of the commissioned preload, to 1.40 %" in drop.message
+    axis.ask("acknowledge", "sudden_drop")
+    for _ in range(120):
+        axis.hear(1.4)
+    assert axis.events.count("alarm_raised:sudden_drop") == 1
+
+
 def test_low_and_lost_follow_the_condition():
     axis = _settled()
     for _ in range(20):

@@ -204,3 +204,16 @@ def test_appending_never_waits_for_the_disk(tmp_path, monkeypatch):
         for second in range(5):
             archive.append(second * NS, _estimate(5.0))
     assert sum(bucket.samples for bucket in archive.buckets(0.0, 10.0, 10.0)) == 5
+
+
+def test_a_log_that_cannot_be_written_loses_nothing_that_was_heard(tmp_path):
+    archive = AxisArchive(tmp_path)
+    (tmp_path / "open.log").mkdir()
+    archive.append(5 * NS, _estimate(5.0))
+    with pytest.raises(OSError, match="directory"):
+        archive.flush()
+    (tmp_path / "open.log").rmdir()
+    archive.append(6 * NS, _estimate(6.0))
+    archive.flush()
+    (bucket,) = archive.buckets(0.0, 10.0, 10.0)
+    assert bucket.samples == 2

@@ -93,6 +93,11 @@ def test_friction_now_is_held_against_friction_at_first():
     other = FrictionWatch()
     other.restore(watch.snapshot())
     assert other.curve() == curve
+    watch.restart_newest()
+    assert watch.curve().count == ()
+    watch.add(block(50.0, torque_mean_nm=0.15))
+    assert watch.curve().torque_nm == (0.15,)
+    assert watch.curve().first_torque_nm == pytest.approx((0.3,))
 
 
 @pytest.mark.parametrize(

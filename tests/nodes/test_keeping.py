@@ -8,7 +8,8 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.config import ConfigError, HistoryConfig
+from edge_service.config import ConfigError
+from edge_service.config_tables import HistoryConfig
 from edge_service.nodes.history_store import open_history
 from edge_service.nodes.watch_store import snapshot_path
 

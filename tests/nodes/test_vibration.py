@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.config import ConfigError, VibrationConfig, load_config
+from edge_service.config import ConfigError, load_config
+from edge_service.config_tables import VibrationConfig
 from edge_service.messages.codec import (
     CodecError,
     decode_json,

@@ -9,7 +9,8 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
-from edge_service.config import ConfigError, MqttConfig, load_config
+from edge_service.config import ConfigError, load_config
+from edge_service.config_tables import MqttConfig
 from edge_service.outputs.mqtt import MqttDelivery, MqttError, MqttSettings
 from edge_service.outputs.spool import Spool
 

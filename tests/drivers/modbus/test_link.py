@@ -40,10 +40,12 @@ class Peer(ModbusProtocol):
         self.answer: Answer = good
         self.connections = 0
         self._root = listener
+        self.latest: Peer | None = None
 
     def callback_new_connection(self) -> ModbusProtocol:
         self.connections += 1
-        return Peer(self)
+        self.latest = Peer(self)
+        return self.latest
 
     def callback_connected(self) -> None:
         pass
@@ -220,3 +222,21 @@ async def test_the_midpoint_lies_between_request_and_reply(peer: Peer, link: Mod
     read = await link.read(REQUEST)
     assert before_s <= read.sent_s <= read.midpoint_s <= read.received_s <= loop.time()
     assert read.midpoint_s == pytest.approx(0.5 * (read.sent_s + read.received_s))
+
+
+async def test_a_cancellation_that_comes_with_the_reply_is_heeded(peer: Peer) -> None:
+    """In Python 3.11 the library's `wait_for` hands out the reply and forgets the cancellation."""
+    link = ModbusLink(NULLMODEM_HOST, 502, 1, 5.0)
+    packets: list[bytes] = []
+    peer.answer = lambda packet: packets.append(packet) or []  # type: ignore[func-returns-value]
+    await link.connect()
+    reading = asyncio.create_task(link.read(REQUEST))
+    while not packets:
+        await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert peer.latest is not None
+    peer.latest.send(good(packets[0])[0])
+    reading.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await reading
+    assert not link.connected

@@ -1,4 +1,9 @@
-"""Lost motion between screw and table."""
+"""Lost motion between screw and table.
+
+Only friction holds a table within its play. Where the machine file states no `guide_force_n`, the
+simulated axis has none there, and its position loop hunts across the clearance at rest, as a real
+one would; two newtons end it.
+"""
 
 from ..contribution import Change, Contribution, Quantity
 from ..effect import Effect, Parameter, Role, Values

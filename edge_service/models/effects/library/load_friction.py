@@ -11,7 +11,7 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 EFFECT = Effect(
     name="load_friction",
     description="Friction grows with the force that the screw carries: its efficiency is low.",
-    source="torque s(v) mu |T_load|",
+    source="screw catalogues: a load T needs T / eta; torque s(v) mu |T_load|, mu = 1 / eta - 1",
     parameters=(
         Parameter("coefficient", "1", "Friction torque over load torque.", 0.0, 0.9, 0.0, 0.15),
     ),

@@ -18,7 +18,7 @@ def _quadratic(coefficient_nm_s2_per_rad2: float) -> Curve:
 EFFECT = Effect(
     name="quadratic_friction",
     description="Friction soars at high speed: too much lubricant is churned.",
-    source="torque E v |v|",
+    source="drag of a churned fluid at high Reynolds numbers: torque E v |v|",
     parameters=(
         Parameter(
             "coefficient_nm_s2_per_rad2",
