@@ -24,8 +24,9 @@ from ..base import (
 from ..rows import QualityCounts, RowBlock, Values
 from ..signals import Scaling
 from .config import OpcuaConfig
+from .granted import Granted
 from .notifications import Change, RowMaker
-from .session import Granted, OpcuaSession
+from .session import OpcuaSession
 
 log = logging.getLogger(__name__)
 MERGE_SHARE = 0.5

@@ -5,7 +5,6 @@ import contextlib
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from asyncua import ua
@@ -13,11 +12,11 @@ from asyncua.client.client import Client
 from asyncua.common.node import Node
 from asyncua.crypto import security_policies
 from asyncua.ua.attribute_ids import AttributeIds
-from asyncua.ua.object_ids import ObjectIds
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from .config import NodeConfig, OpcuaConfig
 from .errors import FAILURES, NOT_THERE, say, translated
+from .granted import LIMITS, Granted
 from .names import browse_path, is_path, node_id
 from .units import unit_of_code
 
@@ -27,35 +26,6 @@ SESSION_S = 20.0
 """A server keeps the session of a client that vanished for so long; it has few to give away."""
 GOODBYE_S = 1.0
 """How long a server may take to let us go."""
-
-
-@dataclass(frozen=True, slots=True)
-class Granted:
-    """What the server gives: intervals in s, values that it queues, limits that it names."""
-
-    publishing_s: float
-    sampling_s: float
-    queue_size: int
-    limits: dict[str, float]
-
-    def as_readings(self) -> dict[str, float]:
-        """By name."""
-        return {
-            "publishing_s": self.publishing_s,
-            "sampling_s": self.sampling_s,
-            "queue_size": float(self.queue_size),
-        } | self.limits
-
-
-LIMITS = {
-    "min_supported_sample_s": (ObjectIds.Server_ServerCapabilities_MinSupportedSampleRate, 1e-3),
-    "max_sessions": (ObjectIds.Server_ServerCapabilities_MaxSessions, 1.0),
-    "max_monitored_items_per_call": (
-        ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall,
-        1.0,
-    ),
-}
-"""Name -> variable of the server and its factor to SI; servers may lack them."""
 
 
 class OpcuaSession:

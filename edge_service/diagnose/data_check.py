@@ -17,6 +17,7 @@ _GAIN_RANGE = (0.2, 5.0)
 _LEAST_CORRELATION = 0.3
 _STUCK_SHARE = 0.3
 _BETWEEN_FILES = 3.0
+_NO_RUN = "no unbroken run of a second or more: rows or channels are missing, or a channel is stuck"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class DataCheck:
 def check_data(runs: Sequence[Run], ratio_m_per_rad: float) -> DataCheck:
     """Judge the runs of one axis."""
     if not runs:
-        return DataCheck(("no unbroken run of a second or more",), ())
+        return DataCheck((_NO_RUN,), ())
     faults = [*_cover(runs)]
     if not faults:
         faults += [*_units(runs, ratio_m_per_rad), *_stuck(runs), *_torque(runs)]

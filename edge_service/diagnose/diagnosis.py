@@ -13,7 +13,7 @@ from ..models.effects.effect import Effect
 from ..models.effects.registry import effects, get_effect
 from ..models.machine import Machine
 from .atoms import EntryAtom, entry_atom
-from .causes import Causes, find_causes
+from .causes import Candidate, Causes, find_causes
 from .dictionary import Dictionary
 from .evidence import Fit, Noise, fit
 from .free_forms import Push, lone_forms
@@ -35,6 +35,8 @@ UNKNOWN_SHARE = 0.15
 LEFT_OVER_FLOOR = 1.5
 """What is left counts from this many healthy floors on."""
 SURE = 0.9
+LEAST_FREE_SHARE = 0.3
+"""Share of the motion that must be free of a force for other causes to be sought there alone."""
 MOST_CAUSES = 3
 """It takes more than this many causes at once only where none of them is the true one."""
 
@@ -125,7 +127,10 @@ def diagnose_session(
     causes = find_causes(dictionary, noise, limits)
     noise = _renoised(session, dictionary, causes.best.fit, noise)
     causes = find_causes(dictionary, noise, limits)
-    unexplained = _unexplained(session, causes.best.fit, healthy)
+    left = dict(causes.best.fit.rms)
+    if "external_force" in causes.best.material:
+        causes, left = _beside_force(session, dictionary, noise, limits, causes)
+    unexplained = _unexplained(session, left, healthy)
     progress("values and held-out motion")
     return _concluded(session, machine, dictionary, noise, healthy, causes, unexplained)
 
@@ -164,14 +169,55 @@ def _renoised(session: Session, dictionary: Dictionary, best: Fit, noise: Noise)
     return replace(noise, effective=effective)
 
 
-def _unexplained(session: Session, best: Fit, healthy: HealthyGap) -> dict[str, float]:
-    """Share of each channel's energy above the floor that the best set leaves."""
+def _beside_force(
+    session: Session,
+    dictionary: Dictionary,
+    noise: Noise,
+    limits: Mapping[str, tuple[float, float]],
+    causes: Causes,
+) -> tuple[Causes, dict[str, float]]:
+    """Other causes from the motion that no force disturbs: a force hides and feigns them.
+
+    Returns the causes, and what is left outside the force.
+    """
+    whole = causes.best.fit
+    pushes = [a for a in whole.atoms if isinstance(dictionary.atoms[a], Push)]
+    free = {name: np.ones(len(rows.gap), np.bool_) for name, rows in session.channels.items()}
+    for push in (dictionary.atoms[a] for a in pushes):
+        for name, rows in session.channels.items():
+            if isinstance(push, Push):
+                free[name] &= ~push.covers(rows.variables["time_s"])
+    if min(float(each.mean()) for each in free.values()) < LEAST_FREE_SHARE:
+        return causes, dict(whole.rms)
+    first = next(k for k, atom in enumerate(dictionary.atoms) if isinstance(atom, Push))
+    calm = find_causes(dictionary.restricted(first, session, free), noise, limits)
+    beside = calm.best.fit
+    tolerated_beta = beside.coefficients[: int(dictionary.first[dictionary.tolerated])]
+    chosen = [*beside.atoms[dictionary.tolerated :], *pushes]
+    both = Candidate(
+        fit(dictionary, chosen, noise, tolerated_beta), calm.best.material | {"external_force"}
+    )
+    return (
+        Causes(
+            both,
+            {**calm.probability, "external_force": causes.probability["external_force"]},
+            {**calm.classes, "external_force": causes.classes["external_force"]},
+            calm.candidates,
+        ),
+        dict(beside.rms),
+    )
+
+
+def _unexplained(
+    session: Session, left_rms: Mapping[str, float], healthy: HealthyGap
+) -> dict[str, float]:
+    """Share of each channel's energy above the floor that is left, `left_rms` by channel."""
     found = {}
     for name, rows in session.channels.items():
         floor = float(np.median(healthy.left[name]))
         above = rows.rms**2 - float(np.median(healthy.before[name])) ** 2
-        over = best.rms[name] > LEFT_OVER_FLOOR * floor
-        left = best.rms[name] ** 2 - floor**2
+        over = left_rms[name] > LEFT_OVER_FLOOR * floor
+        left = left_rms[name] ** 2 - floor**2
         found[name] = min(max(left / above, 0.0), 1.0) if over and above > 0.0 else 0.0
     return found
 

@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from ..fingerprint.regression import Booleans
 from ..messages.samples import Floats
 from ..models.effects.effect import Effect
 from .atoms import Atom, atoms_of
 from .free_forms import free_forms
-from .session import Session
+from .session import Integers, Session
 from .tolerance import Tolerated
 
-Integers = npt.NDArray[np.int64]
 _STRICT = ("saturation",)
 """Effects whose column holds the measured torque: at any strength but 1 it would explain itself."""
 _STRICT_SIGMA = 0.05
@@ -130,6 +129,26 @@ class Dictionary:
             columns={n: np.column_stack((self.columns[n], added[n])) for n in self.columns},
             sums=sums,
             alternatives=(*self.alternatives, *(len(atoms) for _ in atoms)),
+        )
+
+    def restricted(
+        self, count: int, session: Session, kept: Mapping[str, Booleans]
+    ) -> "Dictionary":
+        """Its first `count` atoms, and of each channel only the rows that are kept."""
+        end = int(self.first[count])
+        columns = {name: each[kept[name], :end] for name, each in self.columns.items()}
+        return replace(
+            self,
+            atoms=self.atoms[:count],
+            mean=self.mean[:end],
+            precision=self.precision[:end],
+            first=self.first[: count + 1],
+            columns=columns,
+            sums={
+                name: Sums.of(columns[name], rows.gap[kept[name]])
+                for name, rows in session.channels.items()
+            },
+            alternatives=self.alternatives[:count],
         )
 
     def indices(self, atoms: Sequence[int]) -> Integers:

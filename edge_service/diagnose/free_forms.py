@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
+from ..fingerprint.regression import Booleans
 from ..messages.samples import Floats
 from ..models.effects.baseline import Baseline, Motion
 from ..models.effects.hysteresis import bristle_share, play
@@ -20,6 +21,7 @@ from .session import TORQUE_GAP, TRANSMISSION_GAP, Session
 Curve = Callable[[Motion, Baseline], Floats]
 _PROFILE_ORDERS = (2, 3, 4, 5, 6)
 _HEAT_CELLS = 40
+_DISTURBED_S = 0.2
 _TABLE_SHARES = (0.4, 0.8)
 
 
@@ -253,6 +255,13 @@ class Push:
         if channel != TORQUE_GAP:
             return np.zeros((len(session.channels[channel].gap), 1))
         return session.torque_column(lambda motion: self._torque(motion, session.baseline))[:, None]
+
+    def covers(self, time_s: Floats) -> Booleans:
+        """Times that it disturbs, with the controller's answer to its end, (n,)."""
+        inside: Booleans = (time_s >= self.start_s - _DISTURBED_S) & (
+            time_s < self.end_s + _DISTURBED_S
+        )
+        return inside
 
     def _torque(self, motion: Motion, baseline: Baseline) -> Floats:
         inside = (motion.time_s >= self.start_s) & (motion.time_s < self.end_s)

@@ -9,7 +9,18 @@ from ..messages.codec import FEATURE_UNITS, MAGIC
 from ..messages.estimate import Frozen, PreloadEstimate
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS, TOPICS
+from ..messages.topics import (
+    BLOCK_ENCODING,
+    COMMAND,
+    EVENT,
+    FEAT,
+    HEALTH,
+    PRELOAD,
+    STATUS,
+    TOPICS,
+    VIB,
+)
+from ..messages.vibration import VibrationFeatures
 
 schema_router = APIRouter(prefix="/api/v1", tags=["service"])
 
@@ -19,7 +30,9 @@ _MODELS: dict[str, type[Frozen]] = {
     EVENT.payload: Event,
     COMMAND.payload: Command,
     STATUS.payload: ComponentHealth,
+    VIB.payload: VibrationFeatures,
 }
+_BLOCKS = {topic.payload for topic in TOPICS.values() if topic.encoding == BLOCK_ENCODING}
 _HEADER = ("sequence", "boot_epoch", "source_time_ns", "monotonic_time_ns")
 
 
@@ -31,7 +44,7 @@ async def schemas() -> dict[str, Any]:
 
 def payload_schema(payload: str) -> dict[str, Any]:
     """Schema of one payload; binary blocks are described by their header and columns."""
-    if payload in (RAW.payload, FEAT.payload):
+    if payload in _BLOCKS:
         units = FEATURE_UNITS if payload == FEAT.payload else {"time_s": "s"}
         return {
             "title": payload,

@@ -44,7 +44,7 @@ BENCHES = (
     Bench(
         "identification",
         "identification_bench",
-        "Identify simulated axes; compare parameters and intervals with the truth.",
+        "Identified parameters against the truth.",
         100,
     ),
 )

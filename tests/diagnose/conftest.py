@@ -15,7 +15,7 @@ from edge_service.models.machine import Machine
 
 from .. import foreign_plant
 
-DURATION_S = 25.0
+DURATION_S = 40.0
 
 
 @cache

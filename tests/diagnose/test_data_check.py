@@ -27,7 +27,7 @@ def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
     [
         ("torque_command_nm", -1.0, "wrong sign"),
         ("torque_command_nm", 1000.0, "unit"),
-        ("torque_command_nm", 0.0, "times what the machine file needs|does not change"),
+        ("torque_command_nm", 0.0, "a channel is stuck"),
         ("table_position_m", 1000.0, "unit or the lead"),
         ("table_position_m", -1.0, "sign is turned"),
         ("motor_angle_rad", 180.0 / np.pi, "unit or the lead"),
@@ -36,15 +36,17 @@ def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
 def test_units_and_signs(machine: Machine, channel: str, factor: float, reason: str) -> None:
     values = factor * recorded((), seed=3).columns[channel]
     found = faults(machine, **{channel: values})
-    assert any(each in found for each in reason.split("|"))
+    assert reason in found
 
 
 def test_too_little_motion(machine: Machine) -> None:
     columns = recorded((), seed=3).columns
-    still = np.full_like(columns["motor_angle_rad"], columns["motor_angle_rad"][0])
-    table = np.full_like(still, columns["table_position_m"][0])
+    noise = np.random.default_rng(1).standard_normal((2, len(columns["motor_angle_rad"])))
+    still = columns["motor_angle_rad"][0] + 5e-6 * noise[0]
+    table = columns["table_position_m"][0] + 5e-8 * noise[1]
     assert "moves for" in faults(machine, motor_angle_rad=still, table_position_m=table)
 
 
 def test_nothing_at_all() -> None:
-    assert check_data([], RATIO).faults == ("no unbroken run of a second or more",)
+    (fault,) = check_data([], RATIO).faults
+    assert fault.startswith("no unbroken run of a second or more")

@@ -25,8 +25,8 @@ def config_of(port: int, **changes: Any) -> OpcuaConfig:
     settings = {
         "url": f"opc.tcp://127.0.0.1:{port}",
         "signals": SIGNALS,
-        "timeout_s": 1.0,
-        "lost_after_s": 0.6,
+        "timeout_s": 2.0,
+        "lost_after_s": 1.5,
     }
     return OpcuaConfig.model_validate(settings | changes)
 

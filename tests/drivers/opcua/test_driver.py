@@ -110,8 +110,9 @@ async def test_old_values_are_found_by_their_heartbeat(
 ) -> None:
     await take(driver, 1)
     stub.fault = Fault(FaultKind.STALE)
-    frame = await until(driver, lambda f: TORQUE in f.quality)
-    assert frame.quality[TORQUE][-1] == Quality.STALE
+    stale = np.uint8(Quality.STALE)
+    frame = await until(driver, lambda f: stale in f.quality.get(TORQUE, ()))
+    assert (np.array(frame.quality[ANGLE]) == stale).any()
     assert np.isnan(frame.channels[TORQUE][-1])
 
 
@@ -119,9 +120,9 @@ async def test_a_server_that_hangs_is_lost_in_time(driver: OpcuaDriver, stub: Op
     await take(driver, 1)
     stub.fault = Fault(FaultKind.HANG)
     start_s = time.monotonic()
-    with pytest.raises(DriverUnavailableError, match=r"no word for 0\.6 s|hung up|ended"):
+    with pytest.raises(DriverUnavailableError, match=r"no word for 1\.5 s|hung up|ended"):
         await take(driver, 1000)
-    assert time.monotonic() - start_s < 3.0
+    assert time.monotonic() - start_s < 5.0
 
 
 async def test_a_server_that_hangs_up_is_lost_and_found_again(
