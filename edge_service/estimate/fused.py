@@ -20,12 +20,13 @@ from .fused_kernel import (
     STATES,
     VISCOUS,
     WEARING,
+    FusedModel,
     GrownMap,
     Mixture,
     Reading,
     take,
 )
-from .fused_model import FusedSettings, drift_of, fused_model, normal_cdf, start_of
+from .fused_model import FusedSettings, Start, drift_of, fused_model, normal_cdf, start_of
 from .transition import LEVELS_PERCENT
 from .validity import Validity, ValiditySettings
 
@@ -34,6 +35,10 @@ _ARRAYS = Mixture._fields
 _START_PERCENTS = (0.2, 0.6, 1.1, 1.7, 2.4, 3.2, 4.1, 5.1, 6.2, 7.4, 8.7, 10.1)
 SPAWN_S = 2.0
 VIBRATING_SHARE = 0.25
+START_SIGMA_SHARE = 0.5
+"""Of the fresh preload, where torque alone has to find it."""
+WILDEST = (1e4, 1e6, 1e4, 1.0)
+"""Torque N m, acceleration rad/s^2, speed rad/s, stretch m that no axis has."""
 GROWTH_NODE_M = 0.025
 COLD_MAP_SIGMA_M = 2e-8
 MODEL_ERROR_SHARE = 0.02
@@ -69,7 +74,7 @@ class FusedPreloadEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
-        self._mixture = _begin(self._start.mean, self._start.covariance, self._settings)
+        self._mixture = _begin(self._start, self._model)
         self._grown = _cold_map(self._machine, self._settings)
         self._last_s: float | None = None
         self._since_spawn_s = 0.0
@@ -87,6 +92,9 @@ class FusedPreloadEstimator:
         self._validity.update(block, bool(calm), max(calm, default=None))
 
     def _take(self, block: FeatureBlock, phase: Phase) -> float:
+        reading = self._reading(block, phase)
+        if not plausible(reading):
+            return math.nan
         elapsed_s = block.duration_s if self._last_s is None else block.time_s - self._last_s
         elapsed_s = min(max(elapsed_s, 0.0), 1e5)
         self._last_s = block.time_s
@@ -94,7 +102,6 @@ class FusedPreloadEstimator:
         spawn = self._since_spawn_s >= SPAWN_S
         if spawn:
             self._since_spawn_s = 0.0
-        reading = self._reading(block, phase)
         nis = take(self._mixture, self._grown, self._model, self._drift, reading, elapsed_s, spawn)
         self._nis = self._nis if math.isnan(nis) else nis
         return nis
@@ -237,8 +244,19 @@ def vibrates(block: FeatureBlock) -> bool:
     return shaken_s > VIBRATING_SHARE * steady_s and shaken_s > 0.0
 
 
-def _begin(mean: Floats, covariance: Floats, settings: FusedSettings) -> Mixture:
-    """One hypothesis per preload that the axis may have at the start."""
+def plausible(reading: Reading) -> bool:
+    """Whether an axis can be as a phase says; the stretch may be missing."""
+    stretch_m = 0.0 if math.isnan(reading.stretch_m) else reading.stretch_m
+    told = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s, stretch_m)
+    return all(abs(value) <= most for value, most in zip(told, WILDEST, strict=True))
+
+
+def _begin(start: Start, model: FusedModel) -> Mixture:
+    """Hypotheses of the preload that the axis may have at the start.
+
+    Torque is linear in the preload: one Gaussian holds all that it can tell, and jumps from there
+    are weighed against one another over the whole of it. The stretch is not: a hypothesis each.
+    """
     mixture = Mixture(
         np.zeros(1, dtype=np.int64),
         np.full(CAPACITY, -np.inf),
@@ -250,13 +268,16 @@ def _begin(mean: Floats, covariance: Floats, settings: FusedSettings) -> Mixture
         np.zeros((CAPACITY, STATES)),
         np.zeros((CAPACITY, STATES, STATES)),
     )
-    mixture.alive[0] = len(_START_PERCENTS)
-    for k, percent in enumerate(_START_PERCENTS):
-        mixture.log_weight[k] = -math.log(len(_START_PERCENTS))
-        mixture.mean[k] = mean
+    sigmas = {percent: 0.15 + 0.06 * percent for percent in _START_PERCENTS}
+    if model.compliance_m_per_n == 0.0:
+        sigmas = {model.fresh_percent: START_SIGMA_SHARE * model.fresh_percent}
+    mixture.alive[0] = len(sigmas)
+    for k, (percent, sigma) in enumerate(sigmas.items()):
+        mixture.log_weight[k] = -math.log(len(sigmas))
+        mixture.mean[k] = start.mean
         mixture.mean[k, PRELOAD] = percent
-        mixture.covariance[k] = covariance
-        mixture.covariance[k, PRELOAD, PRELOAD] = (0.15 + 0.06 * percent) ** 2
+        mixture.covariance[k] = start.covariance
+        mixture.covariance[k, PRELOAD, PRELOAD] = sigma**2
     return mixture
 
 

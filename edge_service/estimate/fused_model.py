@@ -61,7 +61,6 @@ class FusedSettings:
     force_hazard: float = 0.01
     force_stay: float = 0.9
     process_force_n: float = 600.0
-    start_sigma_percent: float = 1.5
 
 
 def fused_model(machine: Machine, settings: FusedSettings) -> FusedModel:

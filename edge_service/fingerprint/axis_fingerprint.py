@@ -89,7 +89,7 @@ def fingerprint_axis(
         "stiffness": ("acceleration", lambda: measure_stiffness(stretch())),
         "backlash": ("reversals", lambda: measure_backlash(stretch(), machine)),
         "equability": ("friction", lambda: measure_equability(runs())),
-        "signature": ("signature", lambda: measure_signature(runs())),
+        "signature": ("signature", lambda: measure_signature(runs(), machine.ball_pass_orders)),
         "reversal_error": ("reversals", lambda: measure_reversal_error(moved())),
         "frequency_response": ("multisine", lambda: measure_response(frames)),
         "inertia": ("acceleration", lambda: _measure_inertia(machine, frames)),

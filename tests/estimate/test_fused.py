@@ -17,18 +17,26 @@ from edge_service.estimate import fused, fused_kernel, fused_model
 from edge_service.estimate.fused import FusedPreloadEstimator, vibrates
 from edge_service.estimate.fused_kernel import PRELOAD, STATES, Mixture
 from edge_service.estimate.fused_model import FusedSettings, drift_of, start_of
-from edge_service.messages.channels import ANGLE, TORQUE
+from edge_service.messages.channels import (
+    ANGLE,
+    MOTOR_SPEED,
+    SETPOINT,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    TORQUE,
+)
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock, Phase
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.studies.estimator_axis import FRAME_ROWS, OwnAxis, downsampled
 from edge_service.studies.estimator_hostile import CASES, spoiled
-from edge_service.studies.estimator_seed import thesis_blocks, thesis_machine
+from edge_service.studies.estimator_seed import SETTINGS, thesis_blocks, thesis_machine
 from edge_service.studies.thesis_runs import ThesisCase, run_case
 
 AXIS = OwnAxis(1)
 FRESH = AXIS.fresh_percent
+RATIO = AXIS.nominal().transmission_ratio_m_per_rad
 
 
 @cache
@@ -77,9 +85,17 @@ def mixture_of(estimator: FusedPreloadEstimator) -> Mixture:
 # what theory says
 
 
+def in_sigmas(mixture: Mixture) -> Floats:
+    """Means of the hypotheses over their standard deviations."""
+    alive = int(mixture.alive[0])
+    variance = np.einsum("kii->ki", mixture.covariance[:alive])
+    sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    return np.asarray(mixture.mean[:alive] / sigma)
+
+
 def test_plain_python_gives_the_same_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over a run in which hypotheses are born, merge and die: a drop at half time."""
-    blocks = [b for b in production("drop", 60.0) if 27.0 < b.time_s < 33.0]
+    blocks = [b for b in production("drop", 60.0) if 28.5 < b.time_s < 31.5]
     compiled = FusedPreloadEstimator(machine())
     run(blocks, compiled)
     kernels = [
@@ -94,13 +110,27 @@ def test_plain_python_gives_the_same_numbers(monkeypatch: pytest.MonkeyPatch) ->
     assert inspect.isfunction(fused.take)
     plain = FusedPreloadEstimator(machine())
     run(blocks, plain)
-    alive = int(mixture_of(plain).alive[0])
-    assert alive > 1
-    for mine, other in zip(mixture_of(plain), mixture_of(compiled), strict=True):
-        rows = slice(0, alive)
-        scale = float(np.abs(np.nan_to_num(other[rows], posinf=0.0)).max()) or 1.0
-        np.testing.assert_allclose(mine[rows], other[rows], rtol=1e-10, atol=1e-12 * scale)
-    assert run([], plain) == run([], compiled)
+    assert mixture_of(plain).alive[0] > 1
+    assert_alike(mixture_of(plain), mixture_of(compiled), 1e-10)  # rounding of 90 steps
+    plain.restore(json.loads(json.dumps(compiled.snapshot())))
+    following = production("drop")[315:318]
+    plain_last = run(following, plain)[-1]
+    monkeypatch.undo()
+    compiled_last = run(following, compiled)[-1]
+    assert_alike(mixture_of(plain), mixture_of(compiled), 1e-12)
+    assert plain_last.preload_percent == pytest.approx(compiled_last.preload_percent, rel=1e-12)
+
+
+def assert_alike(mine: Mixture, other: Mixture, tolerance: float) -> None:
+    """The same hypotheses, means within a share of their standard deviations."""
+    rows = slice(0, int(other.alive[0]))
+    assert mine.alive[0] == other.alive[0]
+    for name in ("mode", "kind"):
+        np.testing.assert_array_equal(getattr(mine, name)[rows], getattr(other, name)[rows])
+    for name in ("log_weight", "force", "age_s"):
+        first, second = getattr(mine, name)[rows], getattr(other, name)[rows]
+        np.testing.assert_allclose(first, second, rtol=0.0, atol=tolerance)
+    np.testing.assert_allclose(in_sigmas(mine), in_sigmas(other), rtol=tolerance, atol=tolerance)
 
 
 def test_permuting_the_hypotheses_changes_nothing() -> None:
@@ -120,10 +150,8 @@ def test_permuting_the_hypotheses_changes_nothing() -> None:
     np.testing.assert_allclose(numbers(first), numbers(second), rtol=1e-6, atol=1e-6)
 
 
-def test_without_jumps_it_is_a_plain_kalman_filter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_jumps_it_is_a_plain_kalman_filter() -> None:
     """One encoder makes the balance linear; the filter below shares no code with the kernel."""
-    monkeypatch.setattr(fused, "_START_PERCENTS", (FRESH,))
-    monkeypatch.setattr(fused_kernel, "_OUTLIER", 1e9)  # compiled in: see the assertion on nis
     none = 1e-300
     quiet = FusedSettings(
         loss_hazard=none,
@@ -142,7 +170,7 @@ def test_without_jumps_it_is_a_plain_kalman_filter(monkeypatch: pytest.MonkeyPat
     mixture = mixture_of(estimator)
     assert mixture.alive[0] == 1
     np.testing.assert_allclose(mixture.mean[0], mean, rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(mixture.covariance[0], covariance, rtol=1e-8, atol=1e-14)
+    np.testing.assert_allclose(mixture.covariance[0], covariance, rtol=1e-10, atol=1e-14)
 
 
 def plain_kalman(
@@ -157,7 +185,7 @@ def plain_kalman(
     start, drift = start_of(axis_machine, model, chosen), drift_of(axis_machine, model, chosen)
     mean, covariance = start.mean.copy(), start.covariance.copy()
     mean[PRELOAD] = FRESH
-    covariance[PRELOAD, PRELOAD] = (0.15 + 0.06 * FRESH) ** 2
+    covariance[PRELOAD, PRELOAD] = (fused.START_SIGMA_SHARE * FRESH) ** 2
     last_s: float | None = None
     most = 0.0
     for block in blocks:
@@ -296,12 +324,20 @@ def test_a_one_point_step_is_found() -> None:
     assert after[:, 3].mean() < FRESH
 
 
-@pytest.mark.parametrize("one_encoder", [False, True])
-def test_a_full_drop_is_seen_within_a_second(one_encoder: bool) -> None:
-    estimator = FusedPreloadEstimator(machine(one_encoder))
-    told = numbers(run(production("drop", one_encoder=one_encoder), estimator))
+def test_a_full_drop_is_seen_within_a_second() -> None:
+    told = numbers(run(production("drop")))
     assert (told[told[:, 0] < 30.0, 1] > 0.5 * FRESH).all()
     assert (told[(told[:, 0] > 31.5), 1] < 0.5 * FRESH).all()
+
+
+def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
+    """Torque cannot tell a lost preload from a lubricated axis: the interval holds either."""
+    estimator = FusedPreloadEstimator(machine(one_encoder=True))
+    told = numbers(run(production("drop", one_encoder=True), estimator))
+    before, after = told[told[:, 0] < 30.0], told[told[:, 0] > 32.0]
+    assert np.mean((before[:, 2] <= FRESH) & (before[:, 3] >= FRESH)) > 0.94
+    assert after[:, 2].max() < 0.5
+    assert (after[:, 1] < before[-1, 1] - 1.0).all()
 
 
 def test_a_payload_is_no_loss() -> None:
@@ -349,18 +385,31 @@ def test_preload_in_newton_and_percent_agree() -> None:
 
 
 def moved_then(table_m: Callable[[Floats], Floats], seconds: float) -> list[PreloadEstimate]:
-    """20 s of production, then a motion of the motor around where that ended."""
-    percent = np.full(20_000, FRESH)
+    """20 s of production until a dwell, then a motion around where that ended."""
+    percent = np.full(FRAME_ROWS * 2, FRESH)
     frames = list(AXIS.frames("production", percent, 6))
-    ratio = machine().transmission_ratio_m_per_rad
-    last = {name: column[-1] for name, column in frames[-1].channels.items()}
+    target = frames[-1].channels[SETPOINT]
+    until = next(i for i in range(150, len(target)) if np.ptp(target[i - 150 : i]) == 0.0)
+    begin_s = float(frames[-1].time_s[until])
+    frames[-1] = part(frames[-1], until)
+    last = {name: float(column[-1]) for name, column in frames[-1].channels.items()}
     time_s = np.arange(round(seconds * 1e3)) / 1e3
-    noise = np.random.default_rng(9).standard_normal((2, len(time_s)))
-    channels = {name: np.full(len(time_s), value) for name, value in last.items()}
-    channels[ANGLE] = last[ANGLE] + table_m(time_s) / ratio + 5e-6 * noise[0]
-    channels[TORQUE] = 0.05 + 0.02 * noise[1]
-    rest = SampleFrame(20.0 + time_s, channels)
-    return run(downsampled([*frames, rest], machine()))
+    noise = np.random.default_rng(9).standard_normal((4, len(time_s)))
+    rest = {
+        TORQUE: 0.05 + 0.02 * noise[0],
+        ANGLE: last[ANGLE] + table_m(time_s) / RATIO + 5e-6 * noise[1],
+        MOTOR_SPEED: np.gradient(table_m(time_s), 1e-3) / RATIO + 0.01 * noise[2],
+        TABLE_POSITION: last[TABLE_POSITION] + table_m(time_s) + 5e-8 * noise[3],
+        TABLE_SPEED: np.gradient(table_m(time_s), 1e-3) + 5e-5 * noise[2],
+        SETPOINT: last[SETPOINT] + table_m(time_s),
+    }
+    rested = SampleFrame(begin_s + time_s, rest)
+    return run(downsampled([*frames, rested], machine()))
+
+
+def part(frame: SampleFrame, rows: int) -> SampleFrame:
+    channels = {name: column[:rows] for name, column in frame.channels.items()}
+    return SampleFrame(frame.time_s[:rows], channels)
 
 
 def resting(time_s: Floats) -> Floats:
@@ -379,11 +428,11 @@ def test_a_number_stands_for_ten_seconds_without_motion_and_no_longer(
     table_m: Callable[[Floats], Floats],
 ) -> None:
     estimates = moved_then(table_m, 15.0)
-    late = [e for e in estimates if e.time_s > 31.0]
+    late = [e for e in estimates if e.time_s > 30.0]
     assert {e.status for e in late} == {EstimateStatus.INSUFFICIENT_EXCITATION}
     assert all(e.preload_percent is None and e.low is None and e.reasons for e in late)
     held = [e for e in estimates if 20.5 < e.time_s < 29.0]
-    assert EstimateStatus.ESTIMATED in {e.status for e in held}
+    assert {e.status for e in held} == {EstimateStatus.ESTIMATED}
 
 
 def test_no_motion_is_insufficient_excitation_from_the_start() -> None:
@@ -428,15 +477,17 @@ def test_what_is_spoiled_misleads_nobody(name: str) -> None:
 # the seed's own plant
 
 
-def test_the_seeds_drop_is_seen_within_three_steps() -> None:
-    run_of, _ = run_case(ThesisCase(4), seed=3)
-    estimates = run(
-        thesis_blocks(run_of),
-        FusedPreloadEstimator(thesis_machine(), FusedSettings(friction_walk=0.0)),
-    )
-    told = numbers(estimates)
-    assert (told[(told[:, 0] > 10.0) & (told[:, 0] < 50.05), 1] > 9.5).all()
-    assert (told[told[:, 0] > 50.35, 1] < 1.0).all()
+def test_the_seeds_drop_is_seen_in_the_third_informative_step() -> None:
+    """Steps in which the drag may hold the axis tell nothing."""
+    simulated, _ = run_case(ThesisCase(4), seed=3)
+    blocks = thesis_blocks(simulated)
+    estimator = FusedPreloadEstimator(thesis_machine(), SETTINGS)
+    told = {e.time_s: e.preload_percent for e in run(blocks, estimator)}
+    before = [p for time_s, p in told.items() if 10.0 < time_s < 50.15 and p is not None]
+    assert min(before) > 9.5
+    informative = [block.time_s for block in blocks if block.time_s > 50.15 and block.phases]
+    after = [told[time_s] for time_s in informative[2:]]
+    assert max(p for p in after if p is not None) < 5.0
 
 
 def test_frames_of_a_case_hold_its_rows_once() -> None:
