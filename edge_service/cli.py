@@ -609,6 +609,17 @@ for _each in BENCHES:
     bench.add_command(_bench_command(_each))
 
 
+@bench.command("estimator", epilog="Example: edge-service bench estimator --quick")
+@click.option("--quick", is_flag=True, help="Fewer axes, shorter runs.")
+@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
+def bench_estimator(quick: bool, as_json: bool) -> None:
+    """Measure the preload estimate against two plants, beside the seed's and what was aimed at."""
+    from .studies.estimator_bench import run_estimator_bench
+
+    table = run_estimator_bench(quick, _progress)
+    click.echo(table.as_json() if as_json else table.as_text())
+
+
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")
 @click.option("--quick", is_flag=True, help="Shorter measurements.")
 @click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")

@@ -1,0 +1,123 @@
+"""The estimator's bench: what it scores, and that it hides nothing."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.messages.samples import Floats
+from edge_service.models.thesis_plant import ThesisPlant
+from edge_service.studies.estimator_bench import tasks_of
+from edge_service.studies.estimator_foreign import (
+    CHECKOUT_TESTS,
+    ROW,
+    foreign_plant,
+    has_foreign_plant,
+    scenarios,
+)
+from edge_service.studies.estimator_own import Part
+from edge_service.studies.estimator_rows import AIMS, Aim, table_of
+from edge_service.studies.estimator_scores import Score, Track, detection, pooled, score
+from edge_service.studies.estimator_seed import seed_runs, thesis_machine, torque_noise_var
+
+
+def track(percent: Floats, truth: Floats, half_width: float = 0.5) -> Track:
+    time_s = 0.1 * np.arange(1, len(percent) + 1)
+    return Track(time_s, truth, percent, percent - half_width, percent + half_width, 0.5 * time_s)
+
+
+def test_a_score_is_what_its_names_say() -> None:
+    percent = np.array([5.0, 5.2, math.nan, 4.0])
+    one = score(track(percent, np.full(4, 5.0)))
+    assert (one.moments, one.told) == (4, 3)
+    assert one.mae == pytest.approx((0.0 + 0.2 + 1.0) / 3.0)
+    assert one.worst == pytest.approx(1.0)
+    assert one.false_drop == pytest.approx(1.0)
+    assert one.coverage == pytest.approx(2.0 / 3.0)
+    # widths of 1, and one truth half a point outside
+    assert one.interval_score == pytest.approx(1.0 + 40.0 * 0.5 / 3.0)
+    assert one.misleading == pytest.approx(1.0 / 4.0)
+
+
+def test_a_false_drop_counts_from_the_event_on() -> None:
+    percent = np.array([3.0, 5.0, 4.8])
+    assert score(track(percent, np.full(3, 5.0)), event_s=0.15).false_drop == pytest.approx(0.2)
+
+
+def test_detection_is_counted_in_motion() -> None:
+    percent = np.array([5.0] * 10 + [5.0, 5.0, 1.0, 1.0])
+    truth = np.array([5.0] * 10 + [0.0] * 4)
+    seen = track(percent, truth)
+    # the loss at 1.0 s is seen at 1.3 s, and the axis moves half of the time
+    assert detection(seen, 1.0, 2.5) == pytest.approx(0.15)
+    assert math.isinf(detection(track(np.full(14, 5.0), truth), 1.0, 2.5))
+    early = np.where(np.arange(14) > 7, 1.0, 5.0)
+    assert math.isinf(detection(track(early, truth), 1.0, 2.5))
+
+
+def test_pooling_weighs_by_moments_and_keeps_the_worst() -> None:
+    first = score(track(np.full(3, 5.0), np.full(3, 5.0)))
+    second = score(track(np.full(1, 6.0), np.full(1, 5.0)))
+    silent = score(track(np.full(4, math.nan), np.full(4, 5.0)))
+    both = pooled([first, second, silent])
+    assert both.mae == pytest.approx(0.25)
+    assert both.worst == pytest.approx(1.0)
+    assert (both.moments, both.told) == (8, 4)
+
+
+def test_an_unmeasured_figure_meets_no_aim() -> None:
+    silent = Score(10, 0)
+    assert not Aim(mae=0.1).met(silent, None)
+    assert not Aim(detection_s=1.0).met(Score(1, 1, detection_s=math.inf), None)
+    assert not Aim(added=0.1, reference="calibration exact").met(Score(1, 1, mae=0.1), None)
+    assert Aim(misleading=0.0).met(silent, None)
+
+
+def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
+    row = "closed loop: constant"
+    bad = Score(1, 1, mae=9.0, worst=9.0, coverage=0.0, interval_score=1.0, false_drop=0.0)
+    text = table_of([Part(row, bad)]).as_text()
+    lines = {line.split("  ")[0]: line for line in text.splitlines()}
+    assert "MISSED" in lines[row]
+    assert "no data" in lines["closed loop: full drop"]
+    assert set(AIMS) <= set(lines)
+    json.loads(table_of([Part(row, bad)]).as_json())
+
+
+def test_without_the_second_plant_its_rows_are_not_measured(tmp_path: Path) -> None:
+    names = [task.name for task in tasks_of(False, tmp_path)]
+    assert names
+    assert not any("foreign" in name for name in names)
+    assert has_foreign_plant(CHECKOUT_TESTS)
+    assert any("foreign" in task.name for task in tasks_of(False, CHECKOUT_TESTS))
+
+
+def test_every_scenario_of_the_second_plant_has_a_row() -> None:
+    named = {f"{ROW}{name}" for name in scenarios(foreign_plant(CHECKOUT_TESTS), False)}
+    assert len(named) > 10
+    assert named <= set(AIMS)
+
+
+def test_the_seeds_rows_are_among_the_aims_and_beat_its_own_filter() -> None:
+    parts = list(seed_runs(7, 1))
+    assert {part.row for part in parts} <= set(AIMS)
+    compared = [(part.ours, part.seed) for part in parts if part.seed is not None]
+    assert len(compared) == 4
+    for ours, theirs in compared:
+        assert ours.mae < 0.5 * theirs.mae
+
+
+def test_the_noise_of_the_seeds_plant_is_that_of_its_angle() -> None:
+    """Euler: the second difference errs by two of the angle, T of the speed, (1, -2, 1) read."""
+    plant, rng = ThesisPlant(), np.random.default_rng(1)
+    count, step_s = 200_000, 0.1
+    walk = np.sqrt(plant.angle_noise_var_rad2) * rng.standard_normal(count + 1)
+    kick = np.sqrt(plant.speed_noise_var_rad2_s2) * rng.standard_normal(count)
+    reading = np.sqrt(plant.rotary_noise_var_rad2) * rng.standard_normal(count + 2)
+    bend = np.diff(walk) + step_s * kick + np.diff(reading, 2)
+    simulated = float(np.var(plant.inertia_kg_m2 * bend / step_s**2))
+    assert torque_noise_var(plant) == pytest.approx(simulated, rel=0.02)
+    assert FusedPreloadEstimator(thesis_machine()).estimate().preload_percent is None
