@@ -34,11 +34,11 @@ from .estimator_seed import seed_runs
 Progress = Callable[[str], None]
 PROCESSES = 2
 _FOREIGN_ERRORS = (
-    ("torque_gain", 0.02),
-    ("inertia", 0.05),
-    ("skew_s", 1e-6),
-    ("series", 0.1),
-    ("series", -0.1),
+    ("no", 0.0),
+    *(("torque_gain", share) for share in (-0.02, 0.02)),
+    *(("inertia", share) for share in (-0.05, 0.05)),
+    *(("skew_s", skew_s) for skew_s in (-1e-6, 1e-6)),
+    *(("series", share) for share in (-0.1, 0.1)),
 )
 
 

@@ -140,9 +140,9 @@ def foreign_one_encoder(tests: Path, axis_seed: int, quick: bool) -> Iterator[Pa
 
 
 def foreign_errors(tests: Path, error: str, share: float, quick: bool) -> Iterator[Part]:
-    """A loss of two points where the true axis is off its nominal by a given error."""
+    """A loss of two points where the true axis is off its nominal by an error; `no` is none."""
     plant = foreign_plant(tests)
-    errors = {error: share}
+    errors = {} if error == "no" else {error: share}
     healthy = plant.commissioning_case(axis_seed=3, errors=errors)
     machine = commissioned([recorded(tests, healthy).blocks], nominal_machine(tests))
     fresh = plant.Machine().preload_percent
