@@ -410,7 +410,10 @@ class _Values:
         )
 
     def parameters(self, name: str) -> dict[str, Interval]:
-        """Values of the strongest entry with the intervals that the fit gives."""
+        """Values of the strongest entry with the intervals that the fit gives.
+
+        A parameter whose error is not estimated (a shape, a phase) gets all that its bounds allow.
+        """
         mine = [k for k, atom in enumerate(self.atoms) if atom.name == name]
         if not mine:
             return {}
@@ -422,10 +425,13 @@ class _Values:
         shown = {}
         for parameter in atom.effect.parameters:
             value = values[parameter.name]
-            half = 1.645 * sigma if parameter.name == atom.amount else 0.05 * abs(value)
-            if value == 0.0 and parameter.name != atom.amount:
+            if parameter.name == atom.amount:
+                low, high = value - 1.645 * sigma, value + 1.645 * sigma
+            elif value != 0.0:
+                low, high = parameter.low, parameter.high
+            else:
                 continue
-            shown[parameter.name] = Interval(value, value - half, value + half, parameter.unit)
+            shown[parameter.name] = Interval(value, low, high, parameter.unit)
         return shown
 
 

@@ -6,7 +6,7 @@ import pytest
 from edge_service.diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
 from edge_service.diagnose.session import Session
 from edge_service.diagnose.twin import healthy_gap, healthy_session
-from edge_service.models.effects.registry import effects
+from edge_service.models.effects.registry import effects, get_effect
 from edge_service.models.machine import Machine
 
 from .conftest import frame_of, recorded, runs, session_of
@@ -88,3 +88,13 @@ def test_what_is_left_is_the_gap_less_the_entries(machine: Machine) -> None:
         assert gap.before == pytest.approx(session.channels[name].rms)
         assert gap.after == pytest.approx(float(np.sqrt(np.mean(found.left[name] ** 2))))
         assert gap.after <= gap.before * (1.0 + 1e-9)
+
+
+def test_a_shape_whose_error_is_not_estimated_has_no_narrow_interval(machine: Machine) -> None:
+    found, _ = diagnosed(machine, ("torque_ripple",), seed=3)
+    (ripple,) = found.effects
+    bounds = {each.name: each for each in get_effect("torque_ripple").parameters}
+    order = ripple.parameters["order"]
+    assert (order.low, order.high) == (bounds["order"].low, bounds["order"].high)
+    amplitude = ripple.parameters["amplitude_nm"]
+    assert bounds["amplitude_nm"].low < amplitude.low < amplitude.high < bounds["amplitude_nm"].high
