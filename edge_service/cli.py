@@ -64,12 +64,13 @@ def _is_bad_input(error: Exception) -> bool:
     from .fingerprint.fingerprint_document import FingerprintError
     from .http_api.serve import AddressError
     from .models.motion import MotionError
+    from .studies.diagnose_bench import BenchError
     from .studies.machine_gap import DiagnosisError
     from .studies.simulate import SimulationError
     from .trace.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
+    twin = (MotionError, SimulationError, FingerprintError, DiagnosisError, BenchError)
     return isinstance(error, (InputError, ConfigError, TraceError, *bus, *twin))
 
 
@@ -618,6 +619,17 @@ def bench_estimator(quick: bool, as_json: bool) -> None:
 
     table = run_estimator_bench(quick, _progress)
     click.echo(table.as_json() if as_json else table.as_text())
+
+
+@bench.command("diagnose", epilog="Example: edge-service bench diagnose --cases 20")
+@click.option("--cases", type=click.IntRange(1), default=500, show_default=True, help="Cases.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the mixture of cases.")
+@click.option("--out", type=click.Path(path_type=Path), help="Each case as a line of JSON.")
+def bench_diagnose(cases: int, seed: int, out: Path | None) -> None:
+    """Score the diagnosis on a plant that shares no code with the library (checkout only)."""
+    from .studies.diagnose_bench import run_diagnose_bench
+
+    click.echo(run_diagnose_bench(cases, out, seed=seed, progress=_progress))
 
 
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")
