@@ -17,11 +17,9 @@ from .fused_kernel import (
     MASS,
     PRELOAD,
     RATE,
-    STATES,
     VISCOUS,
     WEARING,
     FusedModel,
-    GrownMap,
     Mixture,
     Reading,
     take,
@@ -39,8 +37,6 @@ START_SIGMA_SHARE = 0.5
 """Of the fresh preload, where torque alone has to find it."""
 WILDEST = (1e4, 1e6, 1e4, 1.0)
 """Torque N m, acceleration rad/s^2, speed rad/s, stretch m that no axis has."""
-GROWTH_NODE_M = 0.025
-COLD_MAP_SIGMA_M = 2e-8
 MODEL_ERROR_SHARE = 0.02
 """Error of the cube root law, as a share of the way from the fresh preload."""
 MODEL_ERROR_PERCENT = 0.12
@@ -75,7 +71,6 @@ class FusedPreloadEstimator:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
         self._mixture = _begin(self._start, self._model)
-        self._grown = _cold_map(self._machine, self._settings)
         self._last_s: float | None = None
         self._since_spawn_s = 0.0
         self._nis = float("nan")
@@ -102,7 +97,7 @@ class FusedPreloadEstimator:
         spawn = self._since_spawn_s >= SPAWN_S
         if spawn:
             self._since_spawn_s = 0.0
-        nis = take(self._mixture, self._grown, self._model, self._drift, reading, elapsed_s, spawn)
+        nis = take(self._mixture, self._model, self._drift, reading, elapsed_s, spawn)
         self._nis = self._nis if math.isnan(nis) else nis
         return nis
 
@@ -196,7 +191,7 @@ class FusedPreloadEstimator:
 
     def _drag(self) -> Interval:
         """Coulomb torque of the whole axis, N m."""
-        slope = np.zeros(STATES)
+        slope = np.zeros(self._mixture.mean.shape[1])
         slope[PRELOAD], slope[DRY] = self._model.drag_per_percent_nm, 1.0
         slope[GUIDE] = self._model.ratio_m_per_rad
         alive = slice(0, int(self._mixture.alive[0]))
@@ -217,7 +212,6 @@ class FusedPreloadEstimator:
                 name: np.where(np.isfinite(array), array, -1e300).tolist()
                 for name, array in zip(_ARRAYS, self._mixture, strict=True)
             },
-            "grown": [self._grown.value_m.tolist(), self._grown.variance_m2.tolist()],
             "last_s": self._last_s,
             "since_spawn_s": self._since_spawn_s,
             "nis": None if math.isnan(self._nis) else self._nis,
@@ -230,8 +224,6 @@ class FusedPreloadEstimator:
         self._validity.restore(snapshot["validity"])
         for name, array in zip(_ARRAYS, self._mixture, strict=True):
             array[...] = np.array(snapshot["mixture"][name], dtype=array.dtype)
-        for kept, array in zip(snapshot["grown"], self._grown[:2], strict=True):
-            array[...] = np.array(kept)
         self._last_s = snapshot["last_s"]
         self._since_spawn_s = float(snapshot["since_spawn_s"])
         self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
@@ -265,8 +257,8 @@ def _begin(start: Start, model: FusedModel) -> Mixture:
         np.full(CAPACITY, np.inf),
         np.zeros(CAPACITY),
         np.full(1, 1e3),
-        np.zeros((CAPACITY, STATES)),
-        np.zeros((CAPACITY, STATES, STATES)),
+        np.zeros((CAPACITY, len(start.mean))),
+        np.zeros((CAPACITY, len(start.mean), len(start.mean))),
     )
     sigmas = {percent: 0.15 + 0.06 * percent for percent in _START_PERCENTS}
     if model.compliance_m_per_n == 0.0:
@@ -279,14 +271,6 @@ def _begin(start: Start, model: FusedModel) -> Mixture:
         mixture.covariance[k] = start.covariance
         mixture.covariance[k, PRELOAD, PRELOAD] = sigma**2
     return mixture
-
-
-def _cold_map(machine: Machine, settings: FusedSettings) -> GrownMap:
-    """No growth yet; a node every 2.5 cm."""
-    stroke, taught = machine.axis.stroke_m, machine.commissioned
-    used = stroke is not None and taught is not None and taught.transmission is not None
-    nodes = round(stroke / GROWTH_NODE_M) + 1 if used and stroke is not None else 0
-    return GrownMap(np.zeros(nodes), np.full(nodes, COLD_MAP_SIGMA_M**2), settings.uneven_growth_m)
 
 
 def _interval(weight: Floats, mean: Floats, sigma: Floats) -> tuple[float, float]:

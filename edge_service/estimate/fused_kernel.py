@@ -4,8 +4,8 @@ The state of every hypothesis is Gaussian; its elements are the indices below. A
 motion (messages.features.Phase) measures two quantities, with s the direction, x the table
 position, a and v acceleration and speed of the motor::
 
-    torque    u = (J + R^2 dM) a + D v + A |v| + s (k m(x) p + R G + B + St(v)) + b
-    stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + T R v
+    torque    (1 + e) u = (J + R^2 dM) a + D v + A |v| + s (k m(x) p + R G + B + St(v)) + b
+    stretch   R theta - x = g0 + g1 (x - x0) + map(x) + h(x) + s odd(x) + T R v
                             + (c0 + c1 (x - x0) - cn) F + 3 F0 cn y(F, m(x) p)
                             + s chi (c0 + c1 (x - x0)) k p / R
               F = (M + dM) R a + s G + V R v
@@ -27,8 +27,10 @@ from ..models.compiled import compiled
 
 PRELOAD, RATE, DRY, GUIDE, VISCOUS, ASYMMETRY, MASS = range(7)
 GAP, GROWTH, SKEW, NUT, OFFSET, SLIDE = range(7, 13)
-"""p %, dp/dt %/s, B N m, G N, D and A N m s/rad, dM kg; g0 m, g1, T s, cn m/N, b N m, V N s/m."""
-STATES = 13
+GAIN, GAP_RATE, GROWTH_RATE = range(13, 16)
+"""p %, dp/dt %/s, B N m, G N, D and A N m s/rad, dM kg; g0 m, g1, T s, cn m/N, b N m, V N s/m;
+e, dg0/dt m/s, dg1/dt 1/s. Behind them h at even nodes from 0 to the stroke, m."""
+STATES = 16
 WIND_UP_SHARE = 0.3
 """Of the screw's drag, acts behind the axis' spring: R^2 over torsional and whole compliance."""
 CAPACITY = 16
@@ -43,6 +45,7 @@ _OUTLIER = 20.0
 _LEAST_PERCENT = 0.02
 _LOOSE_PERCENT = 0.15
 _SETTLING_S = 15.0
+_WARMING_S = 300.0
 _SETTLING_HASTE = 8.0
 _FORCE_ERROR = 0.05
 _DRIVEN_RAD_S2 = 100.0
@@ -82,10 +85,11 @@ class FusedModel(NamedTuple):
 class Drift(NamedTuple):
     """Random walks per square root of a second, and jumps per second of motion."""
 
-    walk: Floats  # (STATES,), of QUIET
-    moving: npt.NDArray[np.bool_]  # (STATES,), whether the walk needs motion
+    walk: Floats  # (n,), of QUIET
+    uneven_m2_s: Floats  # (n - STATES, n - STATES), of h
+    moving: npt.NDArray[np.bool_]  # (n,), whether the walk needs motion
     rate_walk: float  # of the rate while WEARING, %/s per sqrt(s)
-    jumps: Floats  # (j, STATES, STATES): covariance that each kind of jump adds
+    jumps: Floats  # (j, n, n): covariance that each kind of jump adds
     hazards: Floats  # (j,) 1/s
     modes: npt.NDArray[np.int64]  # (j,), mode after the jump
     force_hazard: float  # share of phases in which a process force begins
@@ -104,17 +108,6 @@ class Reading(NamedTuple):
     stretch_m: float
 
 
-class GrownMap(NamedTuple):
-    """How the lead map has changed since commissioning (heat grows a screw unevenly).
-
-    Errors of neighbouring nodes and of the state are taken as independent.
-    """
-
-    value_m: Floats  # (n,) at even nodes from 0 to the stroke
-    variance_m2: Floats  # (n,)
-    walk_m: float  # per sqrt(s)
-
-
 class Mixture(NamedTuple):
     """The hypotheses; `alive[0]` of the CAPACITY rows count."""
 
@@ -125,8 +118,17 @@ class Mixture(NamedTuple):
     age_s: Floats  # (CAPACITY,), motion since then
     force: Floats  # (CAPACITY,), probability that a process force acts
     since_force_s: Floats  # (1,), motion since a large one
-    mean: Floats  # (CAPACITY, STATES)
-    covariance: Floats  # (CAPACITY, STATES, STATES)
+    mean: Floats  # (CAPACITY, n)
+    covariance: Floats  # (CAPACITY, n, n)
+
+
+class Innovation(NamedTuple):
+    """Of torque and stretch; with one encoder the second means nothing."""
+
+    slopes: Floats  # (2, n) H
+    gains: Floats  # (2, n) P H'
+    error: Floats  # (2,)
+    covariance: Floats  # (2, 2), but for process forces
 
 
 @compiled
@@ -175,18 +177,25 @@ def stroke_factor(model: FusedModel, table_m: float) -> float:
 @compiled
 def mapped(nodes_m: Floats, stroke_m: float, table_m: float) -> float:
     """Value at a place of a broken line with even nodes from 0 to the stroke, m."""
-    last = nodes_m.shape[0] - 1
-    if last < 1:
+    left, share = _between(nodes_m.shape[0], stroke_m, table_m)
+    if left < 0:
         return 0.0
-    place = min(max(table_m / stroke_m, 0.0), 1.0) * last
-    left = min(int(place), last - 1)
-    share = place - left
     return float((1.0 - share) * nodes_m[left] + share * nodes_m[left + 1])
 
 
 @compiled
+def _between(count: int, stroke_m: float, table_m: float) -> tuple[int, float]:
+    """The node before a place and the share of the one behind; -1 without nodes or place."""
+    if count < 2 or math.isnan(table_m):
+        return -1, 0.0
+    place = min(max(table_m / stroke_m, 0.0), 1.0) * (count - 1)
+    left = min(int(place), count - 2)
+    return left, place - left
+
+
+@compiled
 def predict_torque(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> float:
-    """Torque of a phase, N m, and its derivatives by the state into `slope` (STATES,)."""
+    """Torque of a phase, N m, and its derivatives by the state into `slope` (n,)."""
     ratio = model.ratio_m_per_rad
     per_percent = model.drag_per_percent_nm * stroke_factor(model, r.table_m)
     slope[:] = 0.0
@@ -197,6 +206,7 @@ def predict_torque(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> f
     slope[ASYMMETRY] = abs(r.speed_rad_s)
     slope[MASS] = ratio * ratio * r.acceleration_rad_s2
     slope[OFFSET] = 1.0
+    slope[GAIN] = -r.torque_nm
     known = model.inertia_kg_m2 * r.acceleration_rad_s2 + r.direction * stribeck(model, r)
     return known + float(np.dot(slope, x))
 
@@ -237,6 +247,10 @@ def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> 
     value += x[GAP] + x[GROWTH] * away + x[SKEW] * speed + rest * load + nut_m * x[NUT] * y
     value += mapped(model.lead_map_m, model.stroke_m, r.table_m)
     value += r.direction * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
+    left, share = _between(x.shape[0] - STATES, model.stroke_m, r.table_m)
+    if left >= 0:
+        slope[STATES + left], slope[STATES + left + 1] = 1.0 - share, share
+        value += (1.0 - share) * x[STATES + left] + share * x[STATES + left + 1]
     return value, compliance
 
 
@@ -248,58 +262,73 @@ def predict_state(mixture: Mixture, k: int, drift: Drift, elapsed_s: float, move
     if mixture.mode[k] == SETTLING and mixture.age_s[k] > _SETTLING_S:
         mixture.mode[k] = QUIET
     settling = mixture.mode[k] == SETTLING
+    p[STATES:, STATES:] += elapsed_s * drift.uneven_m2_s
     for i in range(STATES):
         time_s = moved_s if drift.moving[i] else elapsed_s
         walk = drift.walk[i]
         if settling and i in (DRY, GUIDE, VISCOUS, SLIDE):
             walk *= _SETTLING_HASTE
         p[i, i] += walk * walk * time_s
+    lasting = math.exp(-elapsed_s / _WARMING_S)
+    _run(x, p, GAP, GAP_RATE, _WARMING_S * (1.0 - lasting), lasting)
+    _run(x, p, GROWTH, GROWTH_RATE, _WARMING_S * (1.0 - lasting), lasting)
     if mixture.mode[k] == WEARING:
-        x[PRELOAD] += x[RATE] * moved_s
-        for j in range(STATES):
-            p[PRELOAD, j] += moved_s * p[RATE, j]
-        for j in range(STATES):
-            p[j, PRELOAD] += moved_s * p[j, RATE]
+        _run(x, p, PRELOAD, RATE, moved_s, 1.0)
         p[RATE, RATE] += drift.rate_walk**2 * moved_s
 
 
 @compiled
-def _innovate(
-    model: FusedModel,
-    x: Floats,
-    at: Floats,
-    p: Floats,
-    r: Reading,
-    slopes: Floats,
-    gains: Floats,
-    e: Floats,
-    s: Floats,
-    grown: tuple[float, float],
-) -> float:
-    """Innovation `e` (2,), its covariance `s` (2, 2) but for process forces, P H' (2, n).
+def _run(x: Floats, p: Floats, i: int, rate: int, time_s: float, lasting: float) -> None:
+    """Let x[i] run at x[rate] for a time, after which a share of the rate is left."""
+    x[i] += x[rate] * time_s
+    for j in range(x.shape[0]):
+        p[i, j] += time_s * p[rate, j]
+    for j in range(x.shape[0]):
+        p[j, i] += time_s * p[j, rate]
+    if lasting != 1.0:
+        x[rate] *= lasting
+        for j in range(x.shape[0]):
+            p[rate, j] *= lasting
+        for j in range(x.shape[0]):
+            p[j, rate] *= lasting
 
-    `at` is the state around which the stretch is linear, `grown` the change of the lead map and its
-    variance. Returns the compliance, m/N; with one encoder the second row means nothing.
+
+@compiled
+def _innovate(
+    model: FusedModel, x: Floats, at: Floats, p: Floats, r: Reading, told: Innovation
+) -> float:
+    """Fill `told`; `at` is the state around which the stretch is linear.
+
+    Returns the compliance, m/N.
     """
+    slopes, gains, e, s = told.slopes, told.gains, told.error, told.covariance
     e[0] = r.torque_nm - predict_torque(model, x, r, slopes[0])
-    compliance = 0.0
+    compliance, left = 0.0, -1
     e[1] = 0.0
     slopes[1, :] = 0.0
     if not math.isnan(r.stretch_m):
         predicted, compliance = predict_stretch(model, at, r, slopes[1])
-        e[1] = r.stretch_m - predicted - grown[0]
-        for i in range(STATES):
-            e[1] -= slopes[1, i] * (x[i] - at[i])
+        left, _ = _between(x.shape[0] - STATES, model.stroke_m, r.table_m)
+        e[1] = r.stretch_m - predicted
+    far = STATES + left if left >= 0 else 0
+    for m in range(STATES):
+        e[1] -= slopes[1, m] * (x[m] - at[m])
+    for m in range(far, far + 2 if far else 0):
+        e[1] -= slopes[1, m] * (x[m] - at[m])
     for i in range(2):
-        for j in range(STATES):
-            total = 0.0
-            for m in range(STATES):
-                total += p[j, m] * slopes[i, m]
-            gains[i, j] = total
+        gains[i, :] = 0.0
+        for m in range(STATES):
+            if slopes[i, m] != 0.0:
+                gains[i] += slopes[i, m] * p[m]
+        for m in range(far, far + 2 if far else 0):
+            if slopes[i, m] != 0.0:
+                gains[i] += slopes[i, m] * p[m]
     for i in range(2):
         for j in range(2):
             total = 0.0
             for m in range(STATES):
+                total += slopes[i, m] * gains[j, m]
+            for m in range(far, far + 2 if far else 0):
                 total += slopes[i, m] * gains[j, m]
             s[i, j] = total
     speed = max(abs(r.speed_rad_s), 1e-3)
@@ -307,36 +336,28 @@ def _innovate(
         model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
         + (0.3 * stribeck(model, r)) ** 2
     )
-    s[1, 1] += grown[1]
     s[1, 1] += model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
     return compliance
 
 
 @compiled
 def _innovate_well(
-    model: FusedModel,
-    x: Floats,
-    p: Floats,
-    r: Reading,
-    slopes: Floats,
-    gains: Floats,
-    e: Floats,
-    s: Floats,
-    grown: tuple[float, float],
+    model: FusedModel, x: Floats, p: Floats, r: Reading, told: Innovation
 ) -> float:
     """The same around where the correction leads, if the preload is too uncertain for one step."""
     at = x.copy()
-    c = _innovate(model, x, at, p, r, slopes, gains, e, s, grown)
+    c = _innovate(model, x, at, p, r, told)
     if math.isnan(r.stretch_m) or p[PRELOAD, PRELOAD] < (_STRAIGHT * max(x[PRELOAD], 1.0)) ** 2:
         return c
+    e, s = told.error, told.covariance
     for _ in range(_RELINEARISATIONS):
         det = max(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1], 1e-300)
         a = (s[1, 1] * e[0] - s[0, 1] * e[1]) / det
         b = (s[0, 0] * e[1] - s[0, 1] * e[0]) / det
-        for i in range(STATES):
-            at[i] = x[i] + gains[0, i] * a + gains[1, i] * b
+        for i in range(x.shape[0]):
+            at[i] = x[i] + told.gains[0, i] * a + told.gains[1, i] * b
         at[PRELOAD] = max(at[PRELOAD], _LEAST_PERCENT)
-        c = _innovate(model, x, at, p, r, slopes, gains, e, s, grown)
+        c = _innovate(model, x, at, p, r, told)
     return c
 
 
@@ -382,27 +403,20 @@ def _under_force(
 
 
 @compiled
-def _correct(
-    mixture: Mixture, k: int, gains: Floats, e: Floats, s: Floats, scale: float, two: bool
-) -> None:
+def _correct(mixture: Mixture, k: int, told: Innovation, scale: float, two: bool) -> None:
     """Kalman correction of hypothesis k; `scale` widens the innovation of an outlier."""
     x, p = mixture.mean[k], mixture.covariance[k]
-    s00 = s[0, 0] * scale
-    if not two:
-        for i in range(STATES):
-            x[i] += gains[0, i] / s00 * e[0]
-        for i in range(STATES):
-            for j in range(STATES):
-                p[i, j] -= gains[0, i] * gains[0, j] / s00
-        return
-    s11, s01 = s[1, 1] * scale, s[0, 1] * scale
+    gains, e, s = told.gains, told.error, told.covariance
+    s00, s11, s01 = s[0, 0] * scale, s[1, 1] * scale, s[0, 1] * scale
     det = max(s00 * s11 - s01 * s01, 1e-300)
     i00, i11, i01 = s11 / det, s00 / det, -s01 / det
-    for i in range(STATES):
+    if not two:
+        i00, i11, i01 = 1.0 / s00, 0.0, 0.0
+    for i in range(x.shape[0]):
         k0 = gains[0, i] * i00 + gains[1, i] * i01
         k1 = gains[0, i] * i01 + gains[1, i] * i11
         x[i] += k0 * e[0] + k1 * e[1]
-        for j in range(STATES):
+        for j in range(x.shape[0]):
             p[i, j] -= k0 * gains[0, j] + k1 * gains[1, j]
 
 
@@ -506,43 +520,8 @@ def _merge(mixture: Mixture, k: int, j: int) -> None:
 
 
 @compiled
-def _grown_at(
-    grown: GrownMap, model: FusedModel, r: Reading, elapsed_s: float
-) -> tuple[float, float]:
-    """Change of the lead map at a place, m, and its variance; the map drifts by `elapsed_s`."""
-    last = grown.value_m.shape[0] - 1
-    if last < 1 or math.isnan(r.table_m):
-        return 0.0, 0.0
-    for j in range(last + 1):
-        grown.variance_m2[j] += grown.walk_m * grown.walk_m * elapsed_s
-    place = min(max(r.table_m / model.stroke_m, 0.0), 1.0) * last
-    left = min(int(place), last - 1)
-    share = place - left
-    value = (1.0 - share) * grown.value_m[left] + share * grown.value_m[left + 1]
-    variance = (1.0 - share) ** 2 * grown.variance_m2[left]
-    return value, variance + share**2 * grown.variance_m2[left + 1]
-
-
-@compiled
-def _learn_growth(
-    grown: GrownMap, model: FusedModel, r: Reading, error_m: float, precision: float
-) -> None:
-    last = grown.value_m.shape[0] - 1
-    if last < 1 or math.isnan(r.table_m):
-        return
-    place = min(max(r.table_m / model.stroke_m, 0.0), 1.0) * last
-    left = min(int(place), last - 1)
-    for j in (left, left + 1):
-        share = 1.0 - abs(place - j)
-        gain = share * grown.variance_m2[j] * precision
-        grown.value_m[j] += gain * error_m
-        grown.variance_m2[j] *= 1.0 - gain * share
-
-
-@compiled
 def take(
     mixture: Mixture,
-    grown_map: GrownMap,
     model: FusedModel,
     drift: Drift,
     r: Reading,
@@ -552,7 +531,7 @@ def take(
     """Take one phase.
 
     Args:
-        mixture, grown_map: changed in place.
+        mixture: changed in place.
         elapsed_s: since the phase before.
         spawn: whether jumps are considered even without a surprise.
 
@@ -562,15 +541,13 @@ def take(
     """
     ratio = model.ratio_m_per_rad
     two = not math.isnan(r.stretch_m)
-    slopes, gains = np.empty((2, STATES)), np.empty((2, STATES))
+    size = mixture.mean.shape[1]
     e, s = np.empty(2), np.empty((2, 2))
+    told = Innovation(np.empty((2, size)), np.empty((2, size)), e, s)
     for k in range(mixture.alive[0]):
         predict_state(mixture, k, drift, elapsed_s, r.steady_s)
     leader = _leader(mixture)
-    grown = _grown_at(grown_map, model, r, elapsed_s)
-    c = _innovate_well(
-        model, mixture.mean[leader], mixture.covariance[leader], r, slopes, gains, e, s, grown
-    )
+    c = _innovate_well(model, mixture.mean[leader], mixture.covariance[leader], r, told)
     calm, surprise = _likelihood(e, s, two)
     forced, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
     large = forced > calm and abs(seen_n) > _LARGE_FORCE_N
@@ -582,11 +559,9 @@ def take(
     elif (spawn or surprise > _SURPRISE) and mixture.since_force_s[0] > _AFTER_FORCE_S:
         _spawn(mixture, leader, drift, motion_s, False)
     dimension = 2.0 if two else 1.0
-    best_nis, best_weight, best_share, best_error = math.nan, -math.inf, 0.0, 0.0
+    best_nis, best_weight = math.nan, -math.inf
     for k in range(mixture.alive[0]):
-        c = _innovate_well(
-            model, mixture.mean[k], mixture.covariance[k], r, slopes, gains, e, s, grown
-        )
+        c = _innovate_well(model, mixture.mean[k], mixture.covariance[k], r, told)
         calm, nis = _likelihood(e, s, two)
         scale = max(1.0, nis / _OUTLIER)
         if scale > 1.0:
@@ -604,12 +579,9 @@ def take(
         if large and acts:
             mixture.log_weight[k] += forced - both
         if not acts:
-            _correct(mixture, k, gains, e, s, scale, two)
+            _correct(mixture, k, told, scale, two)
         if mixture.log_weight[k] > best_weight:
             best_weight = mixture.log_weight[k]
             best_nis = math.nan if acts else nis / dimension
-            best_share, best_error = 0.0 if acts else 1.0 / (s[1, 1] * scale), e[1]
-    if two and best_share > 0.0:
-        _learn_growth(grown_map, model, r, best_error, best_share)
     tidy(mixture)
     return best_nis

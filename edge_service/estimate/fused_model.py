@@ -10,8 +10,11 @@ from ..models.machine import Machine
 from .fused_kernel import (
     ASYMMETRY,
     DRY,
+    GAIN,
     GAP,
+    GAP_RATE,
     GROWTH,
+    GROWTH_RATE,
     GUIDE,
     MASS,
     NUT,
@@ -30,6 +33,9 @@ from .fused_kernel import (
     FusedModel,
 )
 
+GROWTH_NODE_M = 0.04
+GROWTH_REACH_M = 0.1
+"""Places nearer than this grow alike."""
 CLEARANCE_M = 1.5e-6
 """Assumption: clearance of a nut that has lost its preload."""
 
@@ -53,7 +59,11 @@ class FusedSettings:
     preload_walk: float = 0.003
     friction_walk: float = 0.003
     growth_m: float = 2e-8
+    growth_rate_m_s: float = 4e-9
+    gain_error: float = 0.01
+    gain_walk: float = 3e-4
     uneven_growth_m: float = 2e-8
+    uneven_start_m: float = 2e-8
     loss_hazard: float = 2e-4
     friction_hazard: float = 5e-4
     payload_hazard: float = 1e-3
@@ -105,8 +115,8 @@ def fused_model(machine: Machine, settings: FusedSettings) -> FusedModel:
 class Start:
     """Where the hypotheses begin: the commissioned axis with a preload that is not yet known."""
 
-    mean: Floats  # (STATES,)
-    covariance: Floats  # (STATES, STATES)
+    mean: Floats  # (n,)
+    covariance: Floats  # (n, n)
 
 
 def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Start:
@@ -132,13 +142,27 @@ def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> St
     sigma[GUIDE] = drifted * guide_n
     sigma[VISCOUS] = max(viscous.sigma, drifted * viscous.value)
     sigma[ASYMMETRY] = 0.05 * viscous.value * bool(settings.friction_walk)
-    sigma[MASS] = 1e-3 * model.table_mass_kg if t else 0.0
+    sigma[GAIN] = settings.gain_error if settings.friction_walk else 0.0
+    if t is not None:
+        sigma[GAP_RATE], sigma[GROWTH_RATE] = 2e-8, 5e-8
     sigma[GAP], sigma[GROWTH] = 1e-4, 1e-4
     sigma[SKEW] = 2e-6
     sigma[SLIDE] = max(drifted * mean[SLIDE], 1.0) if t else 0.0
     sigma[NUT] = t.nut_share_sigma * model.compliance_m_per_n if t else 0.0
     sigma[OFFSET] = 0.1 * taught.coulomb_nm * bool(settings.friction_walk)
-    return Start(mean, np.diag(sigma**2))
+    nodes_m = _growth_nodes(machine)
+    covariance = np.zeros((STATES + len(nodes_m),) * 2)
+    covariance[:STATES, :STATES] = np.diag(sigma**2)
+    covariance[STATES:, STATES:] = settings.uneven_start_m**2 * np.eye(len(nodes_m))
+    return Start(np.concatenate([mean, np.zeros(len(nodes_m))]), covariance)
+
+
+def _growth_nodes(machine: Machine) -> Floats:
+    """Places along the stroke where uneven growth is followed, m; none with one encoder."""
+    stroke_m, taught = machine.axis.stroke_m, machine.commissioned
+    if stroke_m is None or taught is None or taught.transmission is None:
+        return np.zeros(0)
+    return np.linspace(0.0, stroke_m, max(round(stroke_m / GROWTH_NODE_M), 1) + 1)
 
 
 def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Drift:
@@ -156,14 +180,21 @@ def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Dr
     walk[ASYMMETRY] = 0.1 * walk[VISCOUS]
     walk[GAP], walk[GROWTH] = settings.growth_m, 2.0 * settings.growth_m
     walk[OFFSET] = 0.1 * walk[DRY]
+    if t is not None:
+        walk[GAP_RATE], walk[GROWTH_RATE] = settings.growth_rate_m_s, 2.5 * settings.growth_rate_m_s
+    walk[GAIN] = settings.gain_walk if share else 0.0
     moving = np.zeros(STATES, dtype=np.bool_)
     moving[PRELOAD] = True
     jumps, hazards, modes = _jumps(machine, model, settings)
+    nodes_m = _growth_nodes(machine)
+    apart = (nodes_m[:, None] - nodes_m[None, :]) / GROWTH_REACH_M
+    alike = 0.9 * np.exp(-0.5 * apart**2) + 0.1 * np.eye(len(nodes_m))
     return Drift(
         walk=walk,
+        uneven_m2_s=settings.uneven_growth_m**2 * alike,
         moving=moving,
         rate_walk=0.003,
-        jumps=np.array(jumps),
+        jumps=np.pad(np.array(jumps), ((0, 0), (0, len(nodes_m)), (0, len(nodes_m)))),
         hazards=np.array(hazards),
         modes=np.array(modes, dtype=np.int64),
         force_hazard=settings.force_hazard,
