@@ -549,8 +549,8 @@ def take(
     leader = _leader(mixture)
     c = _innovate_well(model, mixture.mean[leader], mixture.covariance[leader], r, told)
     calm, surprise = _likelihood(e, s, two)
-    forced, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
-    large = forced > calm and abs(seen_n) > _LARGE_FORCE_N
+    leading, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
+    large = leading > calm and abs(seen_n) > _LARGE_FORCE_N
     mixture.since_force_s[0] = 0.0 if large else mixture.since_force_s[0] + r.steady_s
     motion_s = max(r.steady_s, 0.1)
     if large:
@@ -561,16 +561,15 @@ def take(
     dimension = 2.0 if two else 1.0
     best_nis, best_weight = math.nan, -math.inf
     for k in range(mixture.alive[0]):
-        c = _innovate_well(model, mixture.mean[k], mixture.covariance[k], r, told)
+        _innovate_well(model, mixture.mean[k], mixture.covariance[k], r, told)
         calm, nis = _likelihood(e, s, two)
         scale = max(1.0, nis / _OUTLIER)
         if scale > 1.0:
             calm -= 0.5 * _OUTLIER * (1.0 + math.log(scale)) - 0.5 * nis
-        forced, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
         before = mixture.force[k]
         acting = before * drift.force_stay + (1.0 - before) * drift.force_hazard
         calm += math.log(1.0 - acting)
-        forced += math.log(acting)
+        forced = leading + math.log(acting)
         top = max(calm, forced)
         both = top + math.log(math.exp(calm - top) + math.exp(forced - top))
         mixture.force[k] = math.exp(forced - both)
