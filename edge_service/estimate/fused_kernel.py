@@ -47,6 +47,7 @@ _LOOSE_PERCENT = 0.15
 _SETTLING_S = 15.0
 _WARMING_S = 300.0
 _SETTLING_HASTE = 8.0
+_SETTLED_S = 4.0
 _FORCE_ERROR = 0.05
 _DRIVEN_RAD_S2 = 100.0
 _AFTER_FORCE_S = 0.3
@@ -261,13 +262,15 @@ def predict_state(mixture: Mixture, k: int, drift: Drift, elapsed_s: float, move
     mixture.age_s[k] += moved_s
     if mixture.mode[k] == SETTLING and mixture.age_s[k] > _SETTLING_S:
         mixture.mode[k] = QUIET
-    settling = mixture.mode[k] == SETTLING
+    haste = 1.0
+    if mixture.mode[k] == SETTLING:
+        haste += _SETTLING_HASTE * math.exp(-mixture.age_s[k] / _SETTLED_S)
     p[STATES:, STATES:] += elapsed_s * drift.uneven_m2_s
     for i in range(STATES):
         time_s = moved_s if drift.moving[i] else elapsed_s
         walk = drift.walk[i]
-        if settling and i in (DRY, GUIDE, VISCOUS, SLIDE):
-            walk *= _SETTLING_HASTE
+        if i in (DRY, GUIDE, VISCOUS, SLIDE):
+            walk *= haste
         p[i, i] += walk * walk * time_s
     lasting = math.exp(-elapsed_s / _WARMING_S)
     _run(x, p, GAP, GAP_RATE, _WARMING_S * (1.0 - lasting), lasting)
