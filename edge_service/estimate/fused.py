@@ -260,15 +260,16 @@ def _begin(start: Start, model: FusedModel) -> Mixture:
         np.zeros((CAPACITY, len(start.mean))),
         np.zeros((CAPACITY, len(start.mean), len(start.mean))),
     )
-    sigmas = {percent: 0.15 + 0.06 * percent for percent in _START_PERCENTS}
+    levels = [(percent, 0.15 + 0.06 * percent) for percent in _START_PERCENTS]
     if model.compliance_m_per_n == 0.0:
-        sigmas = {model.fresh_percent: START_SIGMA_SHARE * model.fresh_percent}
-    mixture.alive[0] = len(sigmas)
-    for k, (percent, sigma) in enumerate(sigmas.items()):
-        mixture.log_weight[k] = -math.log(len(sigmas))
+        levels = [(model.fresh_percent, START_SIGMA_SHARE * model.fresh_percent)]
+    begun = [(*level, spread) for spread in (start.covariance, start.unchanged) for level in levels]
+    mixture.alive[0] = len(begun)
+    for k, (percent, sigma, covariance) in enumerate(begun):
+        mixture.log_weight[k] = -math.log(len(begun))
         mixture.mean[k] = start.mean
         mixture.mean[k, PRELOAD] = percent
-        mixture.covariance[k] = start.covariance
+        mixture.covariance[k] = covariance
         mixture.covariance[k, PRELOAD, PRELOAD] = sigma**2
     return mixture
 

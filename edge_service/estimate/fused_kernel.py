@@ -33,7 +33,7 @@ e, dg0/dt m/s, dg1/dt 1/s. Behind them h at even nodes from 0 to the stroke, m."
 STATES = 16
 WIND_UP_SHARE = 0.3
 """Of the screw's drag, acts behind the axis' spring: R^2 over torsional and whole compliance."""
-CAPACITY = 16
+CAPACITY = 24
 """Most hypotheses that live at the same time."""
 
 QUIET, WEARING, SETTLING = 0, 1, 2

@@ -36,6 +36,8 @@ from .fused_kernel import (
 GROWTH_NODE_M = 0.04
 GROWTH_REACH_M = 0.1
 """Places nearer than this grow alike."""
+UNCHANGED_SHARE = 0.2
+"""Of what friction may have changed by since commissioning, if it has hardly."""
 CLEARANCE_M = 1.5e-6
 """Assumption: clearance of a nut that has lost its preload."""
 
@@ -117,6 +119,7 @@ class Start:
 
     mean: Floats  # (n,)
     covariance: Floats  # (n, n)
+    unchanged: Floats  # (n, n), covariance if friction is as commissioned
 
 
 def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Start:
@@ -154,7 +157,10 @@ def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> St
     covariance = np.zeros((STATES + len(nodes_m),) * 2)
     covariance[:STATES, :STATES] = np.diag(sigma**2)
     covariance[STATES:, STATES:] = settings.uneven_start_m**2 * np.eye(len(nodes_m))
-    return Start(np.concatenate([mean, np.zeros(len(nodes_m))]), covariance)
+    unchanged = covariance.copy()
+    for index in (DRY, GUIDE, VISCOUS, OFFSET):
+        unchanged[index, index] *= UNCHANGED_SHARE**2
+    return Start(np.concatenate([mean, np.zeros(len(nodes_m))]), covariance, unchanged)
 
 
 def _growth_nodes(machine: Machine) -> Floats:
