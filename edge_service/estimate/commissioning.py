@@ -17,6 +17,7 @@ from ..messages.samples import Floats
 from ..models.commissioned import CommissionedConfig, TransmissionConfig
 from ..models.machine import Machine, Quantity
 from ..models.stiffness import STEEL_MODULUS_PA, screw_area, screw_torsional_rigidity
+from .known_effects import KnownEffects
 
 HUBER = 2.0
 SLOW_RAD_S = (0.0, 1.0, 2.0, 4.0, 7.0, 12.0, 20.0, 35.0, 60.0)
@@ -50,10 +51,24 @@ class SteadyPhases:
     table_m: Floats
 
     @classmethod
-    def of(cls, recordings: Sequence[Sequence[FeatureBlock]]) -> "SteadyPhases":
-        """All steady phases of usable blocks."""
+    def of(
+        cls, recordings: Sequence[Sequence[FeatureBlock]], known: KnownEffects | None = None
+    ) -> "SteadyPhases":
+        """All steady phases of usable blocks, without the effects that are known."""
+
+        def freed(phase: Phase, block: FeatureBlock) -> Phase:
+            if known is None:
+                return phase
+            return known.freed(phase, block.steady_direction, block.time_s)
+
         rows = [
-            (run, block.time_s, phase.steady_s, block.steady_direction, *_numbers(phase))
+            (
+                run,
+                block.time_s,
+                phase.steady_s,
+                block.steady_direction,
+                *_numbers(freed(phase, block)),
+            )
             for run, blocks in enumerate(recordings)
             for block in blocks
             if block.usable
@@ -300,9 +315,10 @@ def teach_stretch(
     phases: SteadyPhases, machine: Machine, nut_softness: Callable[[Floats, float], Floats]
 ) -> StretchTaught | None:
     """Fit the stretch; None with one encoder, or where nothing stretches."""
-    if np.isnan(phases.table_m).mean() > 0.5:
+    missing = np.isnan(phases.table_m + phases.angle_rad)
+    if missing.mean() > 0.5:
         return None
-    phases = phases.where(~np.isnan(phases.table_m))
+    phases = phases.where(~missing)
     ratio = machine.transmission_ratio_m_per_rad
     x, s = phases.table_m, phases.direction
     a = ratio * phases.acceleration_rad_s2
@@ -452,7 +468,7 @@ def commissioned(recordings: Sequence[Sequence[FeatureBlock]], machine: Machine)
     Raises:
         CommissioningError: the recordings cannot determine it; the text names the motion.
     """
-    phases = SteadyPhases.of(recordings)
+    phases = SteadyPhases.of(recordings, KnownEffects.of_machine(machine))
     torque = teach_torque(phases, machine)
     stroke_map = torque.harmonics_nm / _screw_drag_nm(machine, torque)
     stretch = teach_stretch(phases, machine, partial(_nut_softness, machine, torque, stroke_map))

@@ -25,6 +25,7 @@ from .fused_kernel import (
     take,
 )
 from .fused_model import FusedSettings, Start, drift_of, fused_model, normal_cdf, start_of
+from .known_effects import KnownEffects
 from .transition import LEVELS_PERCENT
 from .validity import Validity, ValiditySettings
 
@@ -65,6 +66,7 @@ class FusedPreloadEstimator:
         self._model = fused_model(machine, self._settings)
         self._drift = drift_of(machine, self._model, self._settings)
         self._start = start_of(machine, self._model, self._settings)
+        self._known = KnownEffects.of_machine(machine)
         self.reset()
 
     def reset(self) -> None:
@@ -87,6 +89,8 @@ class FusedPreloadEstimator:
         self._validity.update(block, bool(calm), max(calm, default=None))
 
     def _take(self, block: FeatureBlock, phase: Phase) -> float:
+        if self._known is not None:
+            phase = self._known.freed(phase, block.steady_direction, block.time_s)
         reading = self._reading(block, phase)
         if not plausible(reading):
             return math.nan
@@ -171,10 +175,10 @@ class FusedPreloadEstimator:
         return None
 
     def _caveats(self) -> tuple[str, ...]:
-        if not self._machine.effects:
+        if self._known is None or not self._known.left:
             return ()
-        names = ", ".join(effect.name for effect in self._machine.effects)
-        return (f"effects_unused: this estimator does not use the machine file's {names}",)
+        names = ", ".join(self._known.left)
+        return (f"effects_left: {names} of the machine file: the estimate follows these by itself",)
 
     def _marginal(self) -> tuple[Floats, Floats, Floats]:
         """Weights, means and standard deviations of the preload, %, one per hypothesis."""

@@ -344,9 +344,7 @@ def _innovate(
 
 
 @compiled
-def _innovate_well(
-    model: FusedModel, x: Floats, p: Floats, r: Reading, told: Innovation
-) -> float:
+def _innovate_well(model: FusedModel, x: Floats, p: Floats, r: Reading, told: Innovation) -> float:
     """The same around where the correction leads, if the preload is too uncertain for one step."""
     at = x.copy()
     c = _innovate(model, x, at, p, r, told)

@@ -1,0 +1,173 @@
+"""What a machine file's `[[effects]]` do to the phases of a motion, taken off them again.
+
+A known effect is no change of the axis: commissioning and estimate see the axis without it. What
+changes in time (warmth, growth, process forces) stays in, for the estimate follows it by itself,
+and so does the level of the drag, for that is what preload is told from.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..messages.features import Phase
+from ..messages.samples import Floats
+from ..models.effects.baseline import Baseline, Motion
+from ..models.effects.contribution import (
+    Change,
+    Contribution,
+    DryFriction,
+    Over,
+    Quantity,
+    Shift,
+    SmoothTorque,
+    Strain,
+    TableForce,
+    Warming,
+)
+from ..models.effects.effect import ActiveEffect
+from ..models.effects.registry import machine_effects
+from ..models.effects.signature import torque_signature, transmission_signature
+from ..models.machine import Machine
+
+DRAG = "drag_error"
+_POINTS = 17
+_APPROACH_M = 5e-3
+"""Way of unbroken motion before a phase: longer than any play, and less than a gate lets pass."""
+_MOMENTS_S = np.array([0.0, 1.0, 1e2, 1e4])
+_FLOATING_N = 15.0
+"""With a smaller force through the nut the table may lie anywhere within its play."""
+_DYNAMIC = frozenset({Quantity.TORQUE_LAG, Quantity.TORQUE_LIMIT})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownEffects:
+    """Those effects of one machine file that a phase can be freed from.
+
+    Attributes:
+        used, left: by whether they are taken off.
+        command_share: of the torque command above the torque that arrives.
+    """
+
+    used: tuple[ActiveEffect, ...]
+    left: tuple[str, ...]
+    command_share: float
+    baseline: Baseline
+
+    @classmethod
+    def of_machine(cls, machine: Machine) -> "KnownEffects | None":
+        """None without `[[effects]]`.
+
+        Raises:
+            ValueError: an effect or its parameter does not exist.
+        """
+        if not machine.effects:
+            return None
+        every = machine_effects(machine)
+        used = tuple(one for one in every if _steady(one))
+        share = 1.0
+        for one in used:
+            for each in one.contributions:
+                if isinstance(each, Change) and each.quantity is Quantity.COMMAND_SHARE:
+                    share *= 1.0 + each.value
+        left = tuple(one.effect.name for one in every if not _steady(one))
+        return cls(used, left, share - 1.0, _baseline(machine))
+
+    def freed(self, phase: Phase, direction: float, time_s: float) -> Phase:
+        """The phase of an axis without these effects; `direction` is -1 or 1.
+
+        Its angle is NaN where they leave the stretch unknown.
+        """
+        if not (phase.steady_s > 0.0 and np.isfinite(phase.angle_rad)):
+            return phase
+        motion = _motion(self.baseline, phase, direction, time_s)
+        torque_nm, shift_m = 0.0, 0.0
+        for one in self.used:
+            torque = torque_signature(one.effect, one.values, motion, self.baseline)
+            shift = transmission_signature(one.effect, one.values, motion, self.baseline)
+            if not _changes(one, Quantity.COMMAND_SHARE):
+                torque_nm += float(np.mean(torque[1:]))
+            if _changes(one, Quantity.BACKLASH):
+                shift_m += _flank(one, motion, self.baseline)
+            else:
+                shift_m += float(np.mean(shift[1:]))
+        return replace(
+            phase,
+            torque_nm=phase.torque_nm / (1.0 + self.command_share) - torque_nm,
+            angle_rad=phase.angle_rad + shift_m / self.baseline.ratio_m_per_rad,
+        )
+
+
+def _changes(one: ActiveEffect, quantity: Quantity) -> bool:
+    return any(isinstance(each, Change) and each.quantity is quantity for each in one.contributions)
+
+
+def _flank(one: ActiveEffect, motion: Motion, baseline: Baseline) -> float:
+    """x - R theta by the flank that carries, m: the width where the force is negative.
+
+    An axis that brakes hard is pushed by its table, which lies on the other flank then. NaN where
+    hardly any force is carried.
+    """
+    force_n = float(np.mean(motion.load_torque_nm[1:])) / baseline.ratio_m_per_rad
+    width_m = sum(
+        each.value
+        for each in one.contributions
+        if isinstance(each, Change) and each.quantity is Quantity.BACKLASH
+    )
+    if abs(force_n) < _FLOATING_N:
+        return math.nan
+    return width_m if force_n < 0.0 else 0.0
+
+
+def _steady(one: ActiveEffect) -> bool:
+    """Whether means over a phase say what the effect does to them."""
+    return one.effect.name != DRAG and not any(map(_fleeting, one.contributions))
+
+
+def _fleeting(contribution: Contribution) -> bool:
+    match contribution:
+        case DryFriction(over, curve, _) | SmoothTorque(over, curve, _) | Shift(_, over, curve):
+            return over is Over.TIME and bool(np.ptp(curve(_MOMENTS_S)) > 0.0)
+        case TableForce() | Strain() | Warming():
+            return True
+        case Change(quantity, _):
+            return quantity in _DYNAMIC
+
+
+def _baseline(machine: Machine) -> Baseline:
+    """With the commissioned compliance where there is one."""
+    baseline = Baseline.of_machine(machine)
+    mass = machine.model.table_mass_kg
+    taught = machine.commissioned
+    if taught is None or taught.transmission is None or mass is None:
+        return baseline
+    t = taught.transmission
+    away_m = baseline.position_m - t.reference_m
+    compliance: Floats = (
+        t.stretch_per_acceleration_s2 + t.stretch_slope_s2_per_m * away_m
+    ) / mass.value
+    return replace(baseline, compliance_m_per_n=np.maximum(compliance, 0.0))
+
+
+def _motion(baseline: Baseline, phase: Phase, direction: float, time_s: float) -> Motion:
+    """One phase as motion at a constant acceleration, and before it one point of its approach."""
+    half_s = 0.5 * phase.steady_s
+    t = np.linspace(-half_s, half_s, _POINTS)
+    mean_square = half_s**2 * (_POINTS + 1) / (3.0 * (_POINTS - 1))
+    turned = phase.speed_rad_s * t + 0.5 * phase.acceleration_rad_s2 * (t**2 - mean_square)
+    turned = np.concatenate(
+        [turned[:1] - direction * _APPROACH_M / baseline.ratio_m_per_rad, turned]
+    )
+    speed = phase.speed_rad_s + phase.acceleration_rad_s2 * np.concatenate([t[:1], t])
+    speed = direction * np.maximum(direction * speed, 1e-9)
+    known = np.isfinite(phase.table_m)
+    place_m = phase.table_m if known else baseline.ratio_m_per_rad * phase.angle_rad
+    return Motion.of_samples(
+        baseline,
+        np.concatenate([[time_s - half_s - 1.0], time_s + t]),
+        phase.angle_rad + turned,
+        speed,
+        np.full(_POINTS + 1, phase.acceleration_rad_s2),
+        position_m=place_m + baseline.ratio_m_per_rad * turned,
+        torque_nm=np.full(_POINTS + 1, phase.torque_nm),
+    )
