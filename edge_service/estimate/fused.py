@@ -43,7 +43,7 @@ MODEL_ERROR_SHARE = 0.02
 MODEL_ERROR_PERCENT = 0.12
 LAG_S = 1.5
 """A preload that runs at a rate is followed with about this delay, s of motion."""
-LEAST_KNOWN_PERCENT = 0.4
+LEAST_KNOWN_PERCENT = 1.0
 """Below this nothing tells a preload from none: a clearance may be there."""
 
 
@@ -72,7 +72,7 @@ class FusedPreloadEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
-        self._mixture = _begin(self._start, self._model)
+        self._mixture = _begin(self._start, self._model, self._settings)
         self._last_s: float | None = None
         self._since_spawn_s = 0.0
         self._nis = float("nan")
@@ -247,7 +247,7 @@ def plausible(reading: Reading) -> bool:
     return all(abs(value) <= most for value, most in zip(told, WILDEST, strict=True))
 
 
-def _begin(start: Start, model: FusedModel) -> Mixture:
+def _begin(start: Start, model: FusedModel, settings: FusedSettings) -> Mixture:
     """Hypotheses of the preload that the axis may have at the start.
 
     Torque is linear in the preload: one Gaussian holds all that it can tell, and jumps from there
@@ -267,10 +267,16 @@ def _begin(start: Start, model: FusedModel) -> Mixture:
     levels = [(percent, 0.15 + 0.06 * percent) for percent in _START_PERCENTS]
     if model.compliance_m_per_n == 0.0:
         levels = [(model.fresh_percent, START_SIGMA_SHARE * model.fresh_percent)]
-    begun = [(*level, spread) for spread in (start.covariance, start.unchanged) for level in levels]
+    spreads = ((1.0 - settings.unchanged, start.covariance), (settings.unchanged, start.unchanged))
+    begun = [
+        (share / len(levels), *level, spread)
+        for share, spread in spreads
+        if share > 0.0
+        for level in levels
+    ]
     mixture.alive[0] = len(begun)
-    for k, (percent, sigma, covariance) in enumerate(begun):
-        mixture.log_weight[k] = -math.log(len(begun))
+    for k, (weight, percent, sigma, covariance) in enumerate(begun):
+        mixture.log_weight[k] = math.log(weight)
         mixture.mean[k] = start.mean
         mixture.mean[k, PRELOAD] = percent
         mixture.covariance[k] = covariance

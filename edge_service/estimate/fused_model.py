@@ -51,7 +51,11 @@ class FusedSettings:
         friction_walk: of every friction (warm-up), share per sqrt(s); 0 where all dry friction is
             the screw's (the seed's plant).
         growth_m: of the difference between the encoders, m per sqrt(s).
-        uneven_growth_m: the same of a place along the stroke against its neighbours.
+        uneven_growth_m: the same of a place along the stroke against its neighbours, and
+            `uneven_start_m` the error of the map from commissioning.
+        growth_rate_m_s: of the speed at which that difference grows, m/s per sqrt(s).
+        gain_error, gain_walk: of the torque constant since commissioning, and per sqrt(s); shares.
+        unchanged: probability that friction begins hardly different from commissioning.
         loss_hazard, friction_hazard, payload_hazard, wear_hazard: per second of motion.
         force_hazard: share of phases in which a process force begins.
         force_stay: probability that it lasts for another phase.
@@ -66,6 +70,7 @@ class FusedSettings:
     gain_walk: float = 3e-4
     uneven_growth_m: float = 2e-8
     uneven_start_m: float = 2e-8
+    unchanged: float = 0.5
     loss_hazard: float = 2e-4
     friction_hazard: float = 5e-4
     payload_hazard: float = 1e-3
