@@ -9,6 +9,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator, model_v
 
 from .config_tables import (
     AlarmsConfig,
+    FleetConfig,
     HistoryConfig,
     MqttConfig,
     Table,
@@ -186,6 +187,11 @@ def load_machine(path: Path) -> Machine:
         except ValueError as error:
             raise ConfigError(f"{path}: effects: {error}") from None
     return machine
+
+
+def load_fleet(path: Path) -> FleetConfig:
+    """Read and check a fleet file. Raises ConfigError like `load_config`."""
+    return _checked(FleetConfig, _read_toml(path), path)
 
 
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from .messages.addresses import is_loopback
+from .messages.addresses import is_loopback, service_address
 
 
 class Table(BaseModel):
@@ -102,6 +102,25 @@ class AlarmsConfig(Table):
     raise_delay_s: float = Field(0.0, ge=0.0, le=3600.0)
     clear_delay_s: float = Field(5.0, ge=0.0, le=3600.0)
     data_lost_after_s: float = Field(5.0, ge=0.0, le=3600.0)
+
+
+class FleetServiceConfig(Table):
+    """`[[services]]` of a fleet file: where one service answers, and a name for people."""
+
+    address: str
+    name: str = ""
+
+    @field_validator("address")
+    @classmethod
+    def _http(cls, value: str) -> str:
+        return service_address(value)
+
+
+class FleetConfig(Table):
+    """A fleet file: the services of many machines."""
+
+    timeout_s: float = Field(5.0, gt=0.0, le=60.0)
+    services: tuple[FleetServiceConfig, ...] = Field(min_length=1)
 
 
 class WebhookConfig(Table):

@@ -182,10 +182,7 @@ class AlarmBench:
         loss = trend.rate_percent_per_h.value * share
         sure = trend.rate_percent_per_h.high * share
         limit = self._settings.rate_percent_per_1000_h
-        words = (
-            f"preload falls by {loss:,.0f} % of the commissioned preload per 1000 h; "
-            f"the limit is {limit:g}"
-        )
+        words = f"preload falls by {_readable(loss)}; the limit is {limit:g} % per 1000 h"
         if sure > limit:
             return True, words
         return (False if loss < 0.9 * limit else None), words
@@ -206,6 +203,16 @@ class AlarmBench:
             words = f"the model no longer fits: its errors are {self._nis:.1f} times as expected"
             return True, words
         return (False if self._nis < 0.8 * limit else None), ""
+
+
+def _readable(percent_per_1000_h: float) -> str:
+    """A rate over the longest time in which less than everything is lost."""
+    spans = ((1000.0, "1000 h"), (24.0, "day"), (1.0, "hour"), (1.0 / 60.0, "minute"))
+    short = [span for span in spans if percent_per_1000_h * span[0] < 100.0 * _H_PER_RATE]
+    hours, name = (short or spans[-1:])[0]
+    return (
+        f"{percent_per_1000_h * hours / _H_PER_RATE:.3g} % of the commissioned preload per {name}"
+    )
 
 
 def _data_lost(health: AxisHealth) -> tuple[bool | None, str]:

@@ -85,7 +85,8 @@ class AlarmLatch:
         """Let it call nobody for a while."""
         self._shelved_until_ns = now_ns + round(duration_s * NS_PER_S)
         hours = duration_s / 3600.0
-        text = f"shelved for {hours:.3g} h by {user}"
+        span = f"{hours:.3g} h" if hours >= 1.0 else f"{duration_s / 60.0:.2g} min"
+        text = f"shelved for {span} by {user}"
         return (self._event("shelved", Severity.INFO, text, now_ns, note),)
 
     def unshelve(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:

@@ -8,6 +8,7 @@ from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
+from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .axis_board import AxisBoard
 from .board_settings import BoardSettings, Keeping
@@ -18,6 +19,7 @@ from .history.buckets import Bucket
 from .history.rows import Rows
 from .live_features import ChannelQuality, LivePoint
 from .settings import AxisLimits
+from .stroke import StrokeModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,10 @@ class Board:
         Sizes and times.
     keeping : Keeping
         What outlives the process.
+    strokes : Mapping[str, StrokeModel or None]
+        What is known of each axis along its stroke.
+    place : MachineKeys
+        Site and machine that the axes belong to.
     """
 
     def __init__(
@@ -60,13 +66,17 @@ class Board:
         now_ns: int,
         settings: BoardSettings | None = None,
         keeping: Keeping | None = None,
+        strokes: Mapping[str, StrokeModel | None] | None = None,
+        place: MachineKeys = MachineKeys("", ""),  # noqa: B008  frozen
     ) -> None:
         settings, keeping = settings or BoardSettings(), keeping or Keeping()
         self._started_ns = now_ns
+        self.place = place
         self.keeping = keeping
         self._axes = {
             axis: AxisBoard(axis, limits, settings, keeping) for axis, limits in axes.items()
         }
+        self._strokes = dict(strokes or {})
         self._components = ComponentWatch(settings.component_silent_after_s)
         journal = keeping.journal
         known = () if journal is None else journal.events
@@ -152,6 +162,10 @@ class Board:
     def limits(self, axis: str) -> AxisLimits | None:
         """Limits of an axis, for display; KeyError for an unknown axis."""
         return self._axes[axis].limits
+
+    def stroke(self, axis: str) -> StrokeModel | None:
+        """What is known of an axis along its stroke."""
+        return self._strokes.get(axis)
 
     def history(self, axis: str, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
         """Buckets of the axis' history; see AxisArchive.buckets. For any thread."""

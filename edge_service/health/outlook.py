@@ -14,6 +14,10 @@ NS_PER_S = 1_000_000_000
 _SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
 _SEED = 20260131
 _BLOCKS = 8
+MEMORY_S = 600.0
+"""Assumption: an estimator that erred errs anew after so long; a faster change may be its own."""
+_WIDE = 2.0
+"""Estimates with intervals wider than this many times the middle one only begin to know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +63,12 @@ def look_ahead(
         Standard deviation of an error common to all points, percent.
     """
     rng = np.random.default_rng(_SEED)
-    by_time = draw_trends(time_s, percent, sigma_level, rng)
+    by_time = draw_trends(time_s, percent, sigma_level, rng, MEMORY_S)
     if by_time is None:
         return None
     if np.all(np.isfinite(distance_m)) and np.all(np.diff(distance_m) >= 0.0):
-        by_distance = draw_trends(distance_m, percent, sigma_level, rng)
+        memory_m = MEMORY_S * float(np.ptp(distance_m)) / float(np.ptp(time_s))
+        by_distance = draw_trends(distance_m, percent, sigma_level, rng, memory_m)
         if by_distance is not None and by_distance.evidence > by_time.evidence:
             speed_m_s = _future_speed(time_s, distance_m, by_distance.slope.size, rng)
             return Future(by_distance, "distance", speed_m_s)
@@ -116,6 +121,10 @@ def trend_of(
         Limits by name, percent of the dynamic load rating.
     """
     settings = settings or OutlookSettings()
+    if time_s.size:
+        sure = half_width_percent <= _WIDE * np.median(half_width_percent)
+        time_s, percent, distance_m = time_s[sure], percent[sure], distance_m[sure]
+        half_width_percent = half_width_percent[sure]
     since_ns = round(float(time_s[0]) * NS_PER_S) if time_s.size else 0
     sigma = float(np.median(half_width_percent)) * _SIGMA_OF_HALF_WIDTH if time_s.size else 0.0
     future = look_ahead(time_s, distance_m, percent, sigma)

@@ -61,7 +61,11 @@ class TrendDraws:
 
 
 def draw_trends(
-    s: Floats, percent: Floats, sigma_level: float, rng: np.random.Generator
+    s: Floats,
+    percent: Floats,
+    sigma_level: float,
+    rng: np.random.Generator,
+    memory: float = 0.0,
 ) -> TrendDraws | None:
     """Draw lines through a history; None if it is too short to tell.
 
@@ -72,9 +76,11 @@ def draw_trends(
     percent : (n,)
         Preload, percent of the dynamic load rating.
     sigma_level : float
-        Standard deviation of an error common to all points, percent.
+        Standard deviation of an error common to neighbouring points, percent.
     rng : Generator
         Source of the draws; seed it, so that the same history gives the same answer.
+    memory : float
+        After so much s that error is another one, as with a filter that forgets.
     """
     if s.size < _FEWEST_POINTS or s[-1] <= s[0]:
         return None
@@ -89,9 +95,21 @@ def draw_trends(
     parts = [fit.draw(int(count), rng) for fit, count in zip(fits, counts, strict=True) if count]
     level, slope = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     level = level + sigma_level * rng.standard_normal(level.size)
-    slope = slope * np.exp(_RATE_WANDER * rng.standard_normal(slope.size)) / (s[-1] - s[0])
+    slope = slope * np.exp(_RATE_WANDER * rng.standard_normal(slope.size))
+    wander = sigma_level * _slope_of_wander(memory / (s[-1] - s[0]))
+    slope = (slope + wander * rng.standard_normal(slope.size)) / (s[-1] - s[0])
     evidence = float(logs.max() + np.log(weights.sum()))
     return TrendDraws(level, slope, evidence)
+
+
+def _slope_of_wander(memory: float) -> float:
+    """Standard deviation of a line's slope over the age 0 to 1 through an error of unit variance.
+
+    The error forgets itself after `memory` of that age: 1 / (2 memory) values are independent,
+    and a line through n of them has the slope variance 12 / n. No slope can be worse than that
+    through two independent ends.
+    """
+    return math.sqrt(min(24.0 * memory, 2.0))
 
 
 @dataclass(frozen=True, slots=True)

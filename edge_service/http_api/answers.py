@@ -27,6 +27,7 @@ _PRELOAD_EXAMPLE: dict[str, Any] = {
     "level": 0.95,
     "preload_n": 500.1,
     "drag_torque_nm": {"value": 0.141, "low": 0.139, "high": 0.143},
+    "stiffness_n_per_m": {"value": 3.6e7, "low": 3.4e7, "high": 3.8e7},
     "condition": "NORMAL",
     "reasons": [],
     "mode_probability": {"10": 0.0, "7.5": 0.9, "5": 0.1},
@@ -57,6 +58,9 @@ class PreloadAnswer(Answer):
     preload_n: float | None = Field(description="Preload, N.")
     drag_torque_nm: Interval | None = Field(
         description="Coulomb drag torque of the axis at the motor shaft, N m."
+    )
+    stiffness_n_per_m: Interval | None = Field(
+        description="Of all in series between motor and table, N/m; null if it is not estimated."
     )
     condition: AxisCondition
     reasons: list[str] = Field(description="Why, as `code: sentence`; empty if all is well.")
@@ -202,8 +206,10 @@ class AxisAnswer(Answer):
 
 
 class AxesAnswer(Answer):
-    """All axes."""
+    """All axes of one machine."""
 
+    site: str = Field(examples=["bench"])
+    machine: str = Field(examples=["lfd"])
     axes: list[AxisAnswer]
     history: str = Field(description="Where and how long the history is kept.")
 

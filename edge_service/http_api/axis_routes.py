@@ -8,7 +8,13 @@ from starlette.exceptions import HTTPException
 
 from ..messages.alarm import Command
 from ..messages.topics import PRELOAD
-from .compose_axis import friction_answer, log_answer, traces_answer, use_answer
+from .compose_axis import (
+    friction_answer,
+    log_answer,
+    stroke_answer,
+    traces_answer,
+    use_answer,
+)
 from .context import AxisDep, BoardDep, Moment, NowDep, parameter_error
 from .problems import documented
 from .work_answers import (
@@ -16,6 +22,7 @@ from .work_answers import (
     CommandBody,
     FrictionAnswer,
     LogAnswer,
+    StrokeAnswer,
     TracesAnswer,
     UseAnswer,
 )
@@ -48,6 +55,12 @@ async def traces(
 async def use(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> UseAnswer | None:
     """Way, hours, reversals, load spectrum and map along the stroke of the part in use."""
     return use_answer(board, axis, now_ns)
+
+
+@work_router.get("/stroke", response_model=StrokeAnswer | None)
+async def stroke(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> StrokeAnswer | None:
+    """Preload and stiffness along the stroke: as commissioned, and as the estimate implies now."""
+    return stroke_answer(board, axis, now_ns)
 
 
 @work_router.get("/friction", response_model=FrictionAnswer)

@@ -43,6 +43,7 @@ def preload_answer(board: Board, axis: str, now_ns: int) -> PreloadAnswer:
         level=estimate.level,
         preload_n=estimate.preload_n,
         drag_torque_nm=estimate.drag_torque_nm,
+        stiffness_n_per_m=estimate.stiffness_n_per_m,
         condition=health.condition,
         reasons=list(dict.fromkeys((*health.reasons, *estimate.reasons))),
         mode_probability=estimate.mode_probability,
@@ -71,7 +72,10 @@ def service_answer(board: Board, now_ns: int) -> ServiceAnswer:
 def axes_answer(board: Board, now_ns: int) -> AxesAnswer:
     """All axes, in the order of the configuration."""
     answers = [_axis(board, axis, now_ns) for axis in board.axes]
-    return AxesAnswer(axes=answers, history=board.keeping.place)
+    place = board.place
+    return AxesAnswer(
+        site=place.site, machine=place.machine, axes=answers, history=board.keeping.place
+    )
 
 
 def history_answer(

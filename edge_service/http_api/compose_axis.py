@@ -2,7 +2,9 @@
 
 from ..health.board import Board
 from ..health.live_features import LivePoint
+from ..health.stroke import StrokeBand
 from ..messages.outlook import FrictionCurve
+from ..messages.samples import Floats
 from .compose import event_answer
 from .times import rfc3339
 from .work_answers import (
@@ -11,6 +13,8 @@ from .work_answers import (
     LiveAnswer,
     LogAnswer,
     NumberedEventAnswer,
+    ProfileAnswer,
+    StrokeAnswer,
     TracesAnswer,
     UseAnswer,
 )
@@ -49,6 +53,38 @@ def use_answer(board: Board, axis: str, now_ns: int) -> UseAnswer | None:
         return None
     members = use.model_dump(exclude={"since_time_ns"})
     return UseAnswer.model_validate(members | {"axis": axis, "since": rfc3339(use.since_time_ns)})
+
+
+def stroke_answer(board: Board, axis: str, now_ns: int) -> StrokeAnswer | None:
+    """What the estimate implies along the stroke; None where the axis is not commissioned."""
+    stroke = board.stroke(axis)
+    if stroke is None:
+        return None
+    estimate = board.preload(axis, now_ns).estimate
+    fresh, now = stroke.fresh_percent, estimate.preload_percent
+    told = None if now is None else (now, estimate.low or 0.0, estimate.high or now)
+    return StrokeAnswer(
+        axis=axis,
+        position_m=_rounded(stroke.position_m),
+        level=estimate.level,
+        preload_percent=_profile(
+            stroke.preload(fresh, fresh, fresh), told and stroke.preload(*told)
+        ),
+        stiffness_n_per_m=(
+            _profile(stroke.stiffness(fresh, fresh, fresh), told and stroke.stiffness(*told))
+            if stroke.knows_stiffness
+            else None
+        ),
+    )
+
+
+def _profile(commissioned: StrokeBand, now: StrokeBand | None) -> ProfileAnswer:
+    value, low, high = (None, None, None) if now is None else map(_rounded, now)
+    return ProfileAnswer(commissioned=_rounded(commissioned[0]), value=value, low=low, high=high)
+
+
+def _rounded(values: Floats) -> list[float]:
+    return [float(f"{value:.5g}") for value in values]
 
 
 def friction_answer(board: Board, axis: str, now_ns: int) -> FrictionAnswer:

@@ -18,14 +18,15 @@ from .metrics_outlook import OutlookCollector
 metrics_router = APIRouter(tags=["service"])
 
 _PREFIX = "edge_service"
+_DRAG, _STIFFNESS = "drag_torque_nm", "stiffness_n_per_m"
 
 _Number = Callable[[PreloadEstimate], float | None]
 
 
-def _of_drag(bound: str) -> _Number:
+def _bound(quantity: str, bound: str) -> _Number:
     def number(estimate: PreloadEstimate) -> float | None:
-        drag = estimate.drag_torque_nm
-        return None if drag is None else float(getattr(drag, bound))
+        interval = getattr(estimate, quantity)
+        return None if interval is None else float(getattr(interval, bound))
 
     return number
 
@@ -35,9 +36,12 @@ _NUMBERS: tuple[tuple[str, str, _Number], ...] = (
     ("preload_low_percent", "Lower bound of the preload, percent", attrgetter("low")),
     ("preload_high_percent", "Upper bound of the preload, percent", attrgetter("high")),
     ("preload_newtons", "Preload, N", attrgetter("preload_n")),
-    ("drag_torque_newton_metres", "Coulomb drag torque, N m", _of_drag("value")),
-    ("drag_torque_low_newton_metres", "Lower bound of the drag torque, N m", _of_drag("low")),
-    ("drag_torque_high_newton_metres", "Upper bound of the drag torque, N m", _of_drag("high")),
+    ("drag_torque_newton_metres", "Coulomb drag torque, N m", _bound(_DRAG, "value")),
+    ("drag_torque_low_newton_metres", "Lower bound of the drag torque, N m", _bound(_DRAG, "low")),
+    ("drag_torque_high_newton_metres", "Upper bound of the drag, N m", _bound(_DRAG, "high")),
+    ("stiffness_newtons_per_metre", "Stiffness in series, N/m", _bound(_STIFFNESS, "value")),
+    ("stiffness_low_newtons_per_metre", "Its lower bound, N/m", _bound(_STIFFNESS, "low")),
+    ("stiffness_high_newtons_per_metre", "Its upper bound, N/m", _bound(_STIFFNESS, "high")),
     ("normalised_innovation_squared", "Mean 1 if the model holds", attrgetter("nis")),
 )
 
@@ -131,7 +135,10 @@ class BoardCollector(Collector):
             "Payloads of axes that are not configured",
             self._board.ignored_payloads,
         )
-        return lost, ready, readers, ignored
+        place = self._board.place
+        info = _gauge("info", "1, with what the axes belong to", "site", "machine")
+        _add(info, (place.site, place.machine), 1.0)
+        return info, lost, ready, readers, ignored
 
 
 def _gauge(name: str, text: str, *labels: str) -> GaugeMetricFamily:

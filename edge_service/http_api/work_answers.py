@@ -1,6 +1,6 @@
 """What the routes about the work of one axis take and answer."""
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -35,6 +35,51 @@ class UseAnswer(Answer):
     way_m: list[float] = Field(description="Way worked in each equal part of the stroke, m.")
     force_edges_n: list[float]
     force_way_m: list[float] = Field(description="Way worked under a force in each class, m.")
+
+
+class ProfileAnswer(Answer):
+    """A quantity along the stroke, (n,): as commissioned, and as the estimate implies now."""
+
+    commissioned: list[float]
+    value: list[float] | None = Field(description="null while there is no estimate.")
+    low: list[float] | None
+    high: list[float] | None
+
+
+_STROKE_EXAMPLE: dict[str, Any] = {
+    "axis": "X",
+    "position_m": [0.0, 0.4, 0.8],
+    "level": 0.95,
+    "preload_percent": {
+        "commissioned": [6.86, 6.84, 6.86],
+        "value": [3.2, 3.19, 3.2],
+        "low": [2.2, 2.19, 2.2],
+        "high": [4.1, 4.09, 4.1],
+    },
+    "stiffness_n_per_m": {
+        "commissioned": [4.65e7, 3.61e7, 2.95e7],
+        "value": [4.12e7, 3.28e7, 2.72e7],
+        "low": [3.71e7, 3.0e7, 2.52e7],
+        "high": [4.63e7, 3.61e7, 2.96e7],
+    },
+}
+
+
+class StrokeAnswer(Answer):
+    """Preload and stiffness along the stroke; null if the machine file is not commissioned.
+
+    The shape along the stroke is that of the commissioned axis, its level that of the estimate.
+    """
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_STROKE_EXAMPLE]})
+
+    axis: str
+    position_m: list[float]
+    level: float = Field(description="Probability that each interval aims to hold the truth.")
+    preload_percent: ProfileAnswer
+    stiffness_n_per_m: ProfileAnswer | None = Field(
+        description="Of all in series between motor and table; null without a linear encoder."
+    )
 
 
 class FrictionAnswer(Answer):

@@ -1,6 +1,8 @@
 """Which addresses stay on this machine."""
 
 import ipaddress
+import re
+from urllib.parse import urlsplit
 
 
 def is_loopback(host: str) -> bool:
@@ -22,3 +24,15 @@ def split_endpoint(endpoint: str) -> tuple[str, int]:
             f"{endpoint!r}: only loopback addresses are allowed until TLS and roles exist"
         )
     return host, int(port)
+
+
+def service_address(address: str) -> str:
+    """The address of a service without the slash at its end; ValueError says what is wrong."""
+    parts = urlsplit(address)
+    try:
+        right = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:  # the port is no number
+        right = False
+    if not right or parts.query or parts.fragment or re.search(r"[\s\x00-\x1f]", address):
+        raise ValueError(f"{address!r} is no address of the form http://127.0.0.1:8080/")
+    return address.rstrip("/")

@@ -39,6 +39,8 @@ class PreloadEstimate(Frozen):
         level: probability that the interval [low, high] aims to hold the truth.
         preload_n: the same in newton.
         drag_torque_nm: the Coulomb drag torque of the axis at the motor shaft, N m.
+        stiffness_n_per_m: of all that lies in series between motor and table, N/m; None from an
+            estimator that does not know it.
         mode_probability: probability of each preload level of the filter bank.
         data_used_s: time of informative motion behind the estimate, s.
         nis: normalised innovation squared of the last informative interval (mean 1 if the
@@ -54,6 +56,7 @@ class PreloadEstimate(Frozen):
     level: float = 0.95
     preload_n: float | None = None
     drag_torque_nm: Interval | None = None
+    stiffness_n_per_m: Interval | None = None
     mode_probability: dict[str, float] = {}
     data_used_s: float = 0.0
     nis: float | None = None

@@ -1,8 +1,10 @@
 """The history of all axes on disk: opened, flushed, kept within its budget."""
 
 import asyncio
+import contextlib
 import fcntl
 import logging
+import time
 from pathlib import Path
 from typing import TextIO
 
@@ -16,6 +18,7 @@ from .watch_store import axis_folder
 log = logging.getLogger(__name__)
 FLUSH_PERIOD_S = 1.0
 _FLUSHES_PER_SYNC = 5
+_READ_STEP_S = 3600.0
 _MB = 1_000_000
 
 
@@ -39,6 +42,7 @@ class HistoryStore:
         """Flush once a second until cancelled; what is left is flushed at the end."""
         flushes = 0
         try:
+            await asyncio.to_thread(self._read_once)
             while True:
                 await asyncio.sleep(FLUSH_PERIOD_S)
                 flushes += 1
@@ -47,6 +51,12 @@ class HistoryStore:
             self._flush(sync=True)
             if self._lock is not None:
                 self._lock.close()
+
+    def _read_once(self) -> None:
+        """The first reading loads the Parquet library, a second that no person should wait."""
+        with contextlib.suppress(OSError):  # who asks for the history is told
+            for archive in self._archives.values():
+                archive.rows(0.0, time.time(), _READ_STEP_S)
 
     def _flush(self, *, sync: bool) -> None:
         try:

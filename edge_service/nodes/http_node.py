@@ -15,6 +15,7 @@ from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
+from ..models.stroke_profile import stroke_profile
 from .context import NodeContext, Reporter
 from .health_node import health_settings
 from .history_store import open_history
@@ -40,7 +41,13 @@ async def run(context: NodeContext) -> None:
     store = open_history(
         config, {axis: each.transmission_ratio_m_per_rad for axis, each in machines.items()}
     )
-    board = Board(_limits(context), time.time_ns(), keeping=store.keeping)
+    board = Board(
+        _limits(context),
+        time.time_ns(),
+        keeping=store.keeping,
+        strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
+        place=config.keys,
+    )
     preloads = bus.subscribe(
         config.keys.all_axes(PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
     )

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..http_api.jobs import JobAnswer, JobBody, JobKind, JobState, RecordingAnswer, RefusedError
-from ..http_api.times import rfc3339_s
+from ..http_api.times import parse_moment, rfc3339_s
+from .job_records import forget_job, known_jobs, save_job
 
 MOST_BYTES = 1_000_000_000
 MOST_KEPT_BYTES = 5_000_000_000
@@ -97,7 +98,9 @@ class ProcessJobDesk:
         self._recordings, self._answers = root / "@recordings", root / "@jobs"
         self._machines = machines
         self._commands = commands
-        self._jobs: dict[int, _Job] = {}
+        self._jobs = {
+            answer.id: _remembered(out, answer) for out, answer in known_jobs(self._answers)
+        }
         self._followers: set[asyncio.Task[None]] = set()
 
     def recordings(self) -> list[RecordingAnswer]:
@@ -147,6 +150,7 @@ class ProcessJobDesk:
         out = self._answers / f"{time.time_ns()}"
         job = self._jobs[number] = _Job(number, body, out, time.time())
         self._forget_old()
+        save_job(out, job.answer())
         machine = self._machines[body.axis]
         line = self._commands[body.kind](machine, recordings, out, baseline)
         job.process = await asyncio.create_subprocess_exec(
@@ -197,10 +201,13 @@ class ProcessJobDesk:
         job.ended_s = time.time()
         if job.state is JobState.RUNNING:
             job.state = JobState.DONE if status == 0 else JobState.FAILED
+        save_job(job.out, job.answer())
 
     def _forget_old(self) -> None:
         for number in sorted(self._jobs)[:-MOST_JOBS]:
-            shutil.rmtree(self._jobs.pop(number).out, ignore_errors=True)
+            out = self._jobs.pop(number).out
+            forget_job(out)
+            shutil.rmtree(out, ignore_errors=True)
 
     def _job(self, number: int) -> _Job:
         if number not in self._jobs:
@@ -226,6 +233,15 @@ class ProcessJobDesk:
         if not path.exists():
             raise RefusedError(404, f"there is no recording {name!r}")
         return path
+
+
+def _remembered(out: Path, answer: JobAnswer) -> _Job:
+    """A job of an earlier run."""
+    body = JobBody.model_validate(answer.model_dump(include=set(JobBody.model_fields)))
+    job = _Job(answer.id, body, out, parse_moment(answer.started), answer.state)
+    job.ended_s = None if answer.ended is None else parse_moment(answer.ended)
+    job.lines.extend(answer.lines)
+    return job
 
 
 def _recording(path: Path) -> RecordingAnswer:

@@ -57,6 +57,36 @@ def test_false_alarms_are_as_rare_as_promised():
     assert falls <= 0.1 * 120
 
 
+def _minutes(change: float, half_width: float):
+    """Ten minutes in which the preload falls evenly, by estimates of one interval."""
+    time_s = np.arange(0.0, 600.0, 4.0)
+    percent = 6.8 - change * time_s / 600.0
+    percent = percent + 0.01 * np.random.default_rng(10).standard_normal(time_s.size)
+    width, unknown = np.full(time_s.size, half_width), np.full(time_s.size, np.nan)
+    return trend_of(time_s, percent, width, unknown, LIMITS)
+
+
+def test_a_quick_change_within_the_interval_may_be_the_estimators_own():
+    assert _minutes(0.1, 0.05).status is TrendStatus.FALLING
+    assert _minutes(0.1, 1.7).status is TrendStatus.STEADY
+    lost = _minutes(5.0, 1.7)
+    assert lost.status is TrendStatus.FALLING
+    per_h = lost.rate_percent_per_h
+    # both ends err on their own: the interval holds half_width * sqrt(2) on either side, at 95 %
+    assert per_h.high - per_h.low > 2.0 * 1.7 * np.sqrt(2.0) * 6.0 * 1.645 / 1.96 * 0.9
+
+
+def test_estimates_that_only_begin_to_know_are_no_history():
+    rng = np.random.default_rng(11)
+    days = np.arange(100.0)
+    percent = 7.0 + 0.03 * rng.standard_normal(100)
+    width = np.full(100, 0.1)
+    percent[:8], width[:8] = 9.0, 2.0
+    trend = trend_of(days * DAY_S, percent, width, np.full(100, np.nan), LIMITS)
+    assert trend.status is TrendStatus.STEADY
+    assert trend.since_time_ns == round(8.0 * DAY_S * NS)
+
+
 def test_too_little_history_is_said():
     trend = _trend(np.arange(10.0), np.linspace(7.0, 6.0, 10))
     assert trend.status is TrendStatus.TOO_EARLY

@@ -31,6 +31,7 @@ ESTIMATE = PreloadEstimate(
     high=6.84,
     preload_n=500.1,
     drag_torque_nm=Interval(value=0.141, low=0.139, high=0.143),
+    stiffness_n_per_m=Interval(value=3.6e7, low=3.4e7, high=3.8e7),
     mode_probability={"10": 0.0, "7.5": 0.9, "5": 0.1},
     nis=1.1,
 )

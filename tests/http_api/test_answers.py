@@ -5,7 +5,7 @@ import pytest
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import AxisCondition, ComponentStatus
 
-NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm")
+NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "stiffness_n_per_m")
 
 
 async def test_preload_is_the_answer_of_the_contract(scene, client):
@@ -23,6 +23,7 @@ async def test_preload_is_the_answer_of_the_contract(scene, client):
         "level": 0.95,
         "preload_n": 500.1,
         "drag_torque_nm": {"value": 0.141, "low": 0.139, "high": 0.143},
+        "stiffness_n_per_m": {"value": 3.6e7, "low": 3.4e7, "high": 3.8e7},
         "condition": "NORMAL",
         "reasons": ["warm: the axis is warming up"],
         "mode_probability": {"10": 0.0, "7.5": 0.9, "5": 0.1},
@@ -36,7 +37,7 @@ async def test_numbers_are_null_without_the_status_estimated(scene, client, stat
     scene.hear_preload(status=status)
     answer = (await client.get("/api/v1/axes/X/preload")).json()
     assert answer["status"] == status
-    assert [answer[name] for name in NUMBERS] == [None] * 5
+    assert [answer[name] for name in NUMBERS] == [None] * 6
     assert answer["mode_probability"] == {}
 
 
@@ -46,7 +47,7 @@ async def test_stale_preload_has_no_number_but_its_true_time(scene, client):
     scene.wait(2.5)
     answer = (await client.get("/api/v1/axes/X/preload")).json()
     assert answer["status"] == "unestimated"
-    assert [answer[name] for name in NUMBERS] == [None] * 5
+    assert [answer[name] for name in NUMBERS] == [None] * 6
     assert answer["condition"] == "UNAVAILABLE"
     assert answer["measured_at"] == "2026-01-31T12:00:00.000Z"
     assert answer["age_s"] == 2.5

@@ -33,6 +33,8 @@ async def test_metrics_say_what_the_board_says(scene, client):
     assert samples["preload_low_percent", "X"] == 6.58
     assert samples["preload_newtons", "X"] == 500.1
     assert samples["drag_torque_high_newton_metres", "X"] == 0.143
+    assert samples["stiffness_newtons_per_metre", "X"] == 3.6e7
+    assert samples["stiffness_low_newtons_per_metre", "X"] == 3.4e7
     assert samples["estimate_age_seconds", "X"] == 0.5
     assert samples["estimate_status", "X", "estimated"] == 1.0
     assert samples["estimate_status", "X", "invalid"] == 0.0
@@ -49,7 +51,9 @@ async def test_number_that_does_not_exist_has_no_sample(scene, client):
     scene.hear_preload()
     scene.wait(10.0)
     samples = await _samples(client)
-    assert not [key for key in samples if key[0].startswith(("preload", "drag", "normalised"))]
+    assert not [
+        key for key in samples if key[0].startswith(("preload", "drag", "stiff", "normalised"))
+    ]
     assert samples["estimate_status", "X", "unestimated"] == 1.0
     assert samples["estimate_age_seconds", "X"] == 10.0
     assert ("estimate_age_seconds", "Y") not in samples

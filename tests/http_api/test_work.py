@@ -207,8 +207,8 @@ async def test_a_schema_describes_every_payload(client):
 
 
 async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_scene):
-    """The figure of the README, with room for a busy machine."""
-    from time import perf_counter
+    """The figure of the README, in processor time: what else a machine does must not count."""
+    from time import process_time
 
     from edge_service.health.board import Board
     from edge_service.health.board_settings import Keeping
@@ -232,9 +232,9 @@ async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_sc
     async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
         taken_s = []
         for _ in range(3):
-            began_s = perf_counter()
+            began_s = process_time()
             answer = await client.get(f"{BASE}/history", params=query)
-            taken_s.append(perf_counter() - began_s)
+            taken_s.append(process_time() - began_s)
     assert len(answer.json()["buckets"]) == 1000
     assert min(taken_s) < 0.2
 

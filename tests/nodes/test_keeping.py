@@ -8,7 +8,8 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.config import ConfigError
+from edge_service.cli import main
+from edge_service.config import DEFAULT_MACHINE, ConfigError
 from edge_service.config_tables import HistoryConfig
 from edge_service.nodes.history_store import open_history
 from edge_service.nodes.watch_store import snapshot_path
@@ -130,3 +131,18 @@ async def _notes(client: httpx.AsyncClient, count: int) -> tuple[list[str], int]
             if len(seen) >= count and live >= LIVE:
                 return seen, live
     return seen, live
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [("", "history in memory, it ends with the service"), ("[history]\nfolder = 'kept'", "kept")],
+)
+def test_check_config_says_where_history_lives(
+    table: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "edge.toml"
+    config.write_text(f"{table}\n[[axes]]\nname = 'X'\nmachine = '{DEFAULT_MACHINE}'\n")
+    assert main(["check-config", str(config)]) == 0
+    line = next(each for each in capsys.readouterr().out.splitlines() if "history" in each)
+    assert said in line
+    assert not (tmp_path / "kept").exists()

@@ -84,7 +84,7 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
     service = make_service(**HEALTHY)
     page = open_page(service.address, color_scheme=scheme, size=size, bypass_csp=True).page
     page.wait_for_selector("#answer[data-condition=NORMAL]")
-    page.wait_for_selector("#use .bars rect", state="attached")
+    page.wait_for_selector("#use .u-over", state="attached")
     assert serious_faults(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
@@ -121,7 +121,8 @@ def test_a_fingerprint_is_made_read_and_compared(
         traces.append(tmp_path / f"accelerations_{seed}.parquet")
         settings = SimulationSettings("acceleration", (), None, None, 0.0, 0.0, seed)
         simulate(load_machine(DEFAULT_MACHINE), settings, traces[-1], lambda _line: None)
-    page = open_page(make_service(**HEALTHY).address).page
+    service = make_service(**HEALTHY)
+    page = open_page(service.address).page
     page.set_input_files("#job-file", traces)
     for number, trace in enumerate(traces, 1):
         page.check(f"#tests [name=recording][value='{trace.name}']")
@@ -135,3 +136,39 @@ def test_a_fingerprint_is_made_read_and_compared(
     page.select_option("#compare-left", "1")
     page.select_option("#compare-right", "2")
     page.wait_for_selector("#tests table td:has-text('inertia')")
+    with page.expect_download() as download:
+        page.click("#tests a[href='/api/v1/jobs/1/files/fingerprint.json']")
+    assert download.value.suggested_filename == "fingerprint_1_fingerprint.json"
+    page.goto("about:blank")
+    service.stop()
+    service.start()
+    page.goto(service.address)
+    page.wait_for_selector("#tests a[href='/api/v1/jobs/2/files/report.html']")
+
+
+def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_page: Any) -> None:
+    def profile(commissioned: float, value: float, low: float, high: float) -> dict[str, Any]:
+        names = ("commissioned", "value", "low", "high")
+        return {
+            name: [x] * 3 for name, x in zip(names, (commissioned, value, low, high), strict=True)
+        }
+
+    told = {
+        "axis": "X",
+        "position_m": [0.0, 0.4, 0.8],
+        "level": 0.95,
+        "preload_percent": profile(8.0, 4.0, 3.2, 4.8),
+        "stiffness_n_per_m": profile(4e7, 3.6e7, 3.4e7, 3.8e7),
+    }
+    page = open_page(make_service(**HEALTHY).address).page
+    page.wait_for_selector("#stroke :text('this axis is not commissioned') >> nth=0")
+    page.route("**/stroke", lambda route: route.fulfill(json=told))
+    page.wait_for_selector("#stroke :text('At mid-stroke 50 % of the commissioned one')")
+    text = page.inner_text("#stroke")
+    assert "(95 % sure: 40 to 60 %)" in text
+    assert "90 % of the commissioned one (95 % sure: 85 to 95 %)" in text
+    label = page.get_attribute("#stroke .chart >> nth=2", "aria-label")
+    assert label == (
+        "Stiffness along the stroke: last 36 newtons per micrometre, between 36 and 36 "
+        "newtons per micrometre"
+    )

@@ -26,7 +26,7 @@ function build(root) {
     part("facts", "dl", "facts"),
   ]);
   parts.verdict.id = "answer-title";
-  parts.gauge = svg("svg", { class: "gauge", viewBox: "0 0 420 26", role: "img" });
+  parts.gauge = svg("svg", { class: "gauge", viewBox: "0 0 420 40", role: "img" });
   root.replaceChildren(
     parts.verdict,
     parts.since,
@@ -105,12 +105,17 @@ function renderGauge(limits, reading, percent) {
   const top = Math.max(limits.fresh_percent * 1.25, reading?.high ?? 0);
   const x = (value) => (Math.min(Math.max(value, 0), top) / top) * 420;
   const zone = (name, from, to) => svg("rect", { x: x(from), width: x(to) - x(from), y: 9, height: 8, class: `zone ${name}` });
-  const tick = (value) => svg("line", { x1: x(value), x2: x(value), y1: 6, y2: 20, class: "fresh" });
+  const ticks = (value, name) => [
+    svg("line", { x1: x(value), x2: x(value), y1: 6, y2: 22, class: "fresh" }),
+    svg("text", { x: x(value), y: 36, class: "tick" }, name),
+  ];
   const marks = [
     zone("fault", 0, limits.fault_percent),
     zone("warning", limits.fault_percent, limits.warning_percent),
     zone("normal", limits.warning_percent, top),
-    ...[limits.fault_percent, limits.warning_percent, limits.fresh_percent].map(tick),
+    ...ticks(limits.fault_percent, "fault"),
+    ...ticks(limits.warning_percent, "warning"),
+    ...ticks(limits.fresh_percent, "fresh"),
   ];
   if (percent !== null) {
     const low = x(reading.low ?? percent);

@@ -59,7 +59,8 @@ function connect() {
 
 async function start() {
   try {
-    const { axes, history } = await fetchJson("/api/v1/axes");
+    const { axes, history, site, machine } = await fetchJson("/api/v1/axes");
+    write(byId("machine"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
     for (const each of axes) {
       const state = new AxisState(each, history);

@@ -50,7 +50,7 @@ export function axis(more = {}) {
 }
 
 export function timeAxis() {
-  return axis({ values: uTimes, space: 70 });
+  return axis({ values: uTimes, space: 70, size: 30 });
 }
 
 function uTimes(self, splits, index, space, step) {
@@ -62,6 +62,11 @@ function uTimes(self, splits, index, space, step) {
     return step < 60 ? `${time}:${pad(d.getSeconds())}` : time;
   };
   return splits.map(shown);
+}
+
+// The last `span` seconds, so that one value does not stretch over years.
+export function lately(span) {
+  return { range: (self, first, last) => [(last ?? 0) - span, last ?? 1] };
 }
 
 export function range(least, most) {

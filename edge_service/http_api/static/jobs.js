@@ -4,6 +4,9 @@ import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js
 
 const KINDS = { fingerprint: "Fingerprint", diagnose: "Diagnosis" };
 const POLL_MS = 1000;
+const READABLE = { m: [1e6, "µm"], "N/m": [1e-6, "N/µm"], "kg m^2": [1e4, "kg cm²"] };
+const UNIT_IN_NAME = /_(n_per_m|hz|m|kg_m2|nm_s_per_rad|nm|n|rad)$/;
+const STARTED = "Started. It takes up to some minutes; the page may be closed meanwhile.";
 const parts = {};
 let axis = null;
 let polling = false;
@@ -48,6 +51,7 @@ export async function loadTests(state) {
   for (const select of [parts.left, parts.right]) options(select, [["", "choose"], ...choices]);
   const running = jobs.some((job) => job.state === "running");
   byId("job-start").disabled = running;
+  if (!running && parts.status.textContent === STARTED) write(parts.status, `It is ${jobs[0]?.state ?? "over"}: see below.`);
   if (running && !polling) poll(state);
 }
 
@@ -74,7 +78,10 @@ function recordingNode(recording) {
 function jobNode(job) {
   const took = job.state === "running" ? `running since ${clock(job.started)}` : `${job.state} ${clock(job.ended ?? job.started)}`;
   const node = element("li", { class: "row" }, element("span", {}, `${KINDS[job.kind]} ${job.id}: ${took}. `));
-  for (const name of job.files) node.append(element("a", { href: `/api/v1/jobs/${job.id}/files/${encodeURIComponent(name)}`, target: "_blank", rel: "noopener" }, name), " ");
+  for (const name of job.files) {
+    const open = name.endsWith(".html") ? { target: "_blank", rel: "noopener" } : { download: `${job.kind}_${job.id}_${name}` };
+    node.append(element("a", { href: `/api/v1/jobs/${job.id}/files/${encodeURIComponent(name)}`, ...open }, name), " ");
+  }
   if (job.state === "running") node.append(button("Cancel", { "aria-label": `Cancel job ${job.id}` }, () => act(fetchJson(`/api/v1/jobs/${job.id}`, { method: "DELETE" }), "Cancelled.")));
   if (job.lines.length) node.append(element("pre", { tabindex: "0" }, job.lines.join("\n")));
   return node;
@@ -92,7 +99,7 @@ async function startJob() {
   const recordings = [...byId("tests").querySelectorAll("[name=recording]:checked")].map((box) => box.value);
   if (recordings.length === 0) return write(parts.status, "Choose at least one recording.");
   const body = { kind: parts.kind.value, axis, recordings, baseline: parts.baseline.value && parts.kind.value === "fingerprint" ? Number(parts.baseline.value) : null };
-  await act(fetchJson("/api/v1/jobs", { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) }), "Started.");
+  await act(fetchJson("/api/v1/jobs", { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) }), STARTED);
 }
 
 async function act(request, done) {
@@ -120,13 +127,14 @@ async function compare() {
 function row(section, name, left, right) {
   const known = left?.low != null && right?.low != null;
   const changed = known ? (left.high < right.low || right.high < left.low ? "yes" : "no") : "not known";
-  const cells = [section, name.replaceAll("_", " "), shown(left), shown(right), changed];
+  const cells = [section, name.replace(UNIT_IN_NAME, "").replaceAll("_", " "), shown(left), shown(right), changed];
   return element("tr", { "data-state": changed === "yes" ? "faulty" : "ok" }, ...cells.map((text) => element("td", {}, text)));
 }
 
 function shown(figure) {
   if (figure?.value == null) return "–";
-  const digits = (value) => Number(value.toPrecision(4));
+  const [scale, unit] = READABLE[figure.unit] ?? [1, figure.unit];
+  const digits = (value) => Number((scale * value).toPrecision(4));
   const bounds = figure.low == null ? "" : ` (${digits(figure.low)} to ${digits(figure.high)})`;
-  return `${digits(figure.value)} ${figure.unit}${bounds}`;
+  return `${digits(figure.value)} ${unit}${bounds}`;
 }

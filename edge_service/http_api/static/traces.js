@@ -4,6 +4,7 @@ import { byId, element, fetchJson } from "./dom.js";
 import { Chart, axis, colour, range, spoken, timeAxis } from "./charts.js";
 
 const SPAN_S = 60;
+const HOLE_S = 1;
 const SIGNALS = [
   ["torque_nm", "Torque", "N m", 0.1],
   ["speed_rad_s", "Motor speed", "rad/s", 1],
@@ -15,7 +16,7 @@ const columns = { axis: null, time_s: [] };
 let fresh = false;
 
 function build(root) {
-  const grid = element("div", { class: "small-charts" });
+  const grid = element("div", { class: "small-charts four" });
   for (const [name, title, unit, least] of SIGNALS) {
     const holder = element("div", { class: "chart", id: `trace-${name}` });
     grid.append(element("div", {}, element("h3", {}, `${title}, ${unit}`), holder));
@@ -40,9 +41,21 @@ export async function startTraces(state) {
   columns.time_s = [];
   const answer = await fetchJson(`/api/v1/axes/${state.axis}/traces?seconds=${SPAN_S}`).catch(() => null);
   if (answer === null || columns.axis !== answer.axis) return;
-  columns.time_s = answer.time_s;
-  for (const [name] of SIGNALS) columns[name] = answer[name];
+  columns.time_s = [];
+  for (const [name] of SIGNALS) columns[name] = [];
+  answer.time_s.forEach((time, i) => add(time, (name) => answer[name][i]));
   fresh = true;
+}
+
+// A hole in the data is a hole in the line.
+function add(time, valueOf) {
+  const last = columns.time_s.at(-1) ?? time;
+  if (time - last > HOLE_S) {
+    columns.time_s.push(last + HOLE_S / 2);
+    for (const [name] of SIGNALS) columns[name].push(null);
+  }
+  columns.time_s.push(time);
+  for (const [name] of SIGNALS) columns[name].push(valueOf(name));
 }
 
 export function takeLive(answer) {
@@ -50,13 +63,7 @@ export function takeLive(answer) {
   const time = Date.parse(answer.time) / 1000;
   const last = columns.time_s.at(-1) ?? -Infinity;
   if (time <= last) return;
-  const hole = time - last > 1 && Number.isFinite(last);
-  for (const [name] of SIGNALS) {
-    if (hole) columns[name].push(null);
-    columns[name].push(answer[name]);
-  }
-  if (hole) columns.time_s.push(last + 0.1);
-  columns.time_s.push(time);
+  add(time, (name) => answer[name]);
   const old = columns.time_s.findIndex((each) => each > time - SPAN_S - 2);
   if (old > 50) for (const name of ["time_s", ...SIGNALS.map(([each]) => each)]) columns[name].splice(0, old);
   fresh = true;

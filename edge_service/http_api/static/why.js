@@ -1,9 +1,10 @@
 // Why: what the estimator believes, friction, model, temperature, and the state of the data.
 
 import { byId, element, fetchJson, refill, write } from "./dom.js";
-import { Chart, axis, colour, range, spoken, timeAxis } from "./charts.js";
+import { Chart, axis, colour, lately, range, spoken, timeAxis } from "./charts.js";
 
 const SYMBOLS = { ok: "✓ ok", faulty: "△ faulty at times", missing: "✕ missing" };
+const HISTORY_S = 3600;
 const parts = {};
 
 function build() {
@@ -53,7 +54,7 @@ function lineOptions(width, least, most) {
   return {
     width,
     height: 120,
-    scales: { y: { range: range(least, most) } },
+    scales: { x: lately(HISTORY_S), y: { range: range(least, most) } },
     axes: [timeAxis(), axis({ size: 44, space: 24 })],
     series: [{}, { stroke: colour("accent"), width: 1.5, points: { show: false } }],
   };
@@ -65,7 +66,7 @@ function frictionOptions(width) {
     width,
     height: 200,
     scales: { x: { time: false }, y: { range: range() } },
-    axes: [axis(), axis({ size: 50 })],
+    axes: [axis({ size: 30 }), axis({ size: 50, space: 28 })],
     series: [{}, { stroke: colour("accent"), width: 2, points }, { stroke: colour("quiet"), width: 1.5, dash: [5, 4], points }],
   };
 }
@@ -95,7 +96,7 @@ export async function loadWhy(state) {
   const [friction, traces, history] = await Promise.all([
     fetchJson(`${path}/friction`),
     fetchJson(`${path}/traces?seconds=1`),
-    fetchJson(`${path}/history?from=${end - 3600}&to=${end}&step=20`),
+    fetchJson(`${path}/history?from=${end - HISTORY_S}&to=${end}&step=20`),
   ]);
   parts.friction.set([friction.speed_rad_s, friction.torque_nm, friction.first_torque_nm]);
   write(parts.frictionText, frictionText(friction));
@@ -106,8 +107,7 @@ export async function loadWhy(state) {
   parts.temperature.set([times, column("temperature_c")]);
   write(parts.modelText, modelText(state, column("nis")));
   write(parts.warm, warmText(times, column("temperature_c")));
-  const stiffness = column("stiffness_n_per_m").findLast((value) => value !== null);
-  write(parts.stiffness, stiffness === undefined ? "This estimator does not measure it from ordinary work; a fingerprint test does (below)." : `${(stiffness / 1e6).toFixed(1)} N/µm`);
+  write(parts.stiffness, stiffnessText(state.connected ? state.preload?.stiffness_n_per_m : null));
 }
 
 function frictionText({ torque_nm: now, first_torque_nm: first, count }) {
@@ -115,6 +115,12 @@ function frictionText({ torque_nm: now, first_torque_nm: first, count }) {
   const weight = count.reduce((a, b) => a + b, 0);
   const change = now.reduce((sum, torque, i) => sum + count[i] * (Math.abs(torque) - Math.abs(first[i])), 0) / weight;
   return `On average ${Math.abs(change).toFixed(3)} N m ${change < 0 ? "lower" : "higher"} than when the part was new.`;
+}
+
+function stiffnessText(stiffness) {
+  if (!stiffness) return "This estimator does not measure it from ordinary work; a fingerprint test does (below).";
+  const micro = (bound) => (stiffness[bound] / 1e6).toFixed(1);
+  return `${micro("value")} N/µm between motor and table (95 % sure: ${micro("low")} to ${micro("high")}).`;
 }
 
 function modelText(state, values) {

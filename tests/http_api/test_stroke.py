@@ -1,0 +1,85 @@
+"""Preload and stiffness along the stroke over HTTP, of a model that can be reckoned by hand."""
+
+import httpx
+import numpy as np
+
+from edge_service.health.board import Board
+from edge_service.health.stroke import StrokeBand
+from edge_service.http_api.app import create_app
+from edge_service.messages.keys import MachineKeys
+
+PATH = "/api/v1/axes/X/stroke"
+
+
+class Ramp:
+    """Preload rises along two metres; the stiffness is a million times as much."""
+
+    position_m = np.array([0.0, 1.0, 2.0])
+    fresh_percent = 10.0
+    knows_stiffness = True
+
+    def preload(self, percent: float, low: float, high: float) -> StrokeBand:
+        shape = np.array([0.5, 1.0, 1.5])
+        return percent * shape, low * shape, high * shape
+
+    def stiffness(self, percent: float, low: float, high: float) -> StrokeBand:
+        value, least, most = self.preload(percent, low, high)
+        return 1e6 * value, 1e6 * least, 1e6 * most
+
+
+class OneEncoder(Ramp):
+    knows_stiffness = False
+
+
+def client_of(scene, stroke):
+    scene.board = Board(
+        {"X": None}, scene.now_ns, strokes={"X": stroke}, place=MachineKeys("hall", "m1")
+    )
+    app = create_app(scene.board, lambda: scene.now_ns)
+    transport = httpx.ASGITransport(app=app)
+    return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1")
+
+
+async def test_the_estimate_is_spread_along_the_stroke(scene):
+    async with client_of(scene, Ramp()) as client:
+        scene.hear_preload(preload_percent=4.0, low=3.0, high=5.0)
+        answer = (await client.get(PATH)).json()
+    assert answer["position_m"] == [0.0, 1.0, 2.0]
+    assert answer["preload_percent"] == {
+        "commissioned": [5.0, 10.0, 15.0],
+        "value": [2.0, 4.0, 6.0],
+        "low": [1.5, 3.0, 4.5],
+        "high": [2.5, 5.0, 7.5],
+    }
+    assert answer["stiffness_n_per_m"]["value"] == [2e6, 4e6, 6e6]
+    assert answer["stiffness_n_per_m"]["commissioned"] == [5e6, 1e7, 1.5e7]
+
+
+async def test_without_an_estimate_only_the_commissioned_state_is_told(scene):
+    async with client_of(scene, Ramp()) as client:
+        scene.hear_preload()
+        scene.wait(10.0)  # now it is stale
+        answer = (await client.get(PATH)).json()
+    for quantity in ("preload_percent", "stiffness_n_per_m"):
+        profile = answer[quantity]
+        assert len(profile["commissioned"]) == 3
+        assert (profile["value"], profile["low"], profile["high"]) == (None, None, None)
+
+
+async def test_one_encoder_knows_no_stiffness_and_no_commissioning_nothing(scene):
+    async with client_of(scene, OneEncoder()) as client:
+        scene.hear_preload()
+        answer = (await client.get(PATH)).json()
+        assert answer["preload_percent"]["value"] is not None
+        assert answer["stiffness_n_per_m"] is None
+    async with client_of(scene, None) as client:
+        answer = await client.get(PATH)
+        assert (answer.status_code, answer.json()) == (200, None)
+
+
+async def test_the_axes_say_which_machine_they_belong_to(scene):
+    async with client_of(scene, None) as client:
+        answer = (await client.get("/api/v1/axes")).json()
+        metrics = (await client.get("/metrics")).text
+    assert (answer["site"], answer["machine"]) == ("hall", "m1")
+    assert 'edge_service_info{machine="m1",site="hall"} 1.0' in metrics

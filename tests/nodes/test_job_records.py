@@ -1,0 +1,84 @@
+"""Jobs outlive the service that ran them."""
+
+import shutil
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from edge_service.nodes.job_records import known_jobs
+
+from .test_job_desk import Bench
+
+
+@pytest.fixture
+async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
+    bench = Bench(tmp_path)
+    bench.let("short")
+    await bench.client.put("recordings/trace.csv", content=b"time_s\n0\n")
+    yield bench
+    await bench.client.aclose()
+    await bench.desk.close()
+
+
+async def restarted(bench: Bench, folder: Path) -> Bench:
+    await bench.desk.close()
+    again = Bench(folder)
+    again.let("short")
+    return again
+
+
+async def test_jobs_and_their_files_are_there_after_a_restart(bench, tmp_path):
+    await bench.start()
+    before = await bench.ended()
+    again = await restarted(bench, tmp_path)
+    assert (await again.client.get("jobs")).json()["jobs"] == [before]
+    assert (await again.client.get("jobs/1/files/report.html")).text == "<p>fine</p>"
+    assert (await again.start(baseline=1)).json()["id"] == 2
+    assert (await again.ended())["baseline"] == 1
+    await again.client.aclose()
+
+
+async def test_a_job_that_ran_when_the_service_died_has_failed(bench, tmp_path):
+    await bench.start()
+    await bench.ended()
+    (path,) = (tmp_path / "@jobs").glob("*.json")
+    path.write_text(path.read_text().replace('"done"', '"running"'))
+    again = Bench(tmp_path)  # nobody closed the first: it was killed
+    (job,) = (await again.client.get("jobs")).json()["jobs"]
+    assert job["state"] == "failed"
+    assert job["lines"][-1] == "the service ended before it was done"
+    assert job["files"] == []
+    await again.client.aclose()
+
+
+async def test_a_damaged_record_is_left_out(bench, tmp_path, caplog):
+    await bench.start()
+    await bench.ended()
+    (path,) = (tmp_path / "@jobs").glob("*.json")
+    (path.parent / "1.json").write_text("{")
+    (path.parent / "2.json").write_text("[]")
+    assert [answer.id for _, answer in known_jobs(path.parent)] == [1]
+    assert caplog.text.count("no record of a job") == 2
+
+
+async def test_files_that_were_removed_by_hand_are_not_offered(bench, tmp_path):
+    await bench.start()
+    await bench.ended()
+    (out,) = (path for path in (tmp_path / "@jobs").iterdir() if path.is_dir())
+    shutil.rmtree(out)
+    again = await restarted(bench, tmp_path)
+    (job,) = (await again.client.get("jobs")).json()["jobs"]
+    assert job["files"] == []
+    assert (await again.client.get("jobs/1/files/report.html")).status_code == 404
+    await again.client.aclose()
+
+
+async def test_what_is_forgotten_stays_forgotten(bench, tmp_path, monkeypatch):
+    monkeypatch.setattr("edge_service.nodes.job_desk.MOST_JOBS", 1)
+    for _ in range(2):
+        await bench.start()
+        await bench.ended()
+    again = await restarted(bench, tmp_path)
+    assert [job["id"] for job in (await again.client.get("jobs")).json()["jobs"]] == [2]
+    await again.client.aclose()
