@@ -16,6 +16,10 @@ if ! command -v chromium >/dev/null 2>&1 && [ "$(id -u)" = 0 ] && command -v apt
     >/dev/null 2>&1 || echo "check: chromium cannot be installed, the browser tests are skipped" >&2
 fi
 
+# A reader of Sparkplug that nobody here wrote. It asks for paho-mqtt 1, but its codec needs none.
+$bin/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes \
+  -r deploy/requirements-sparkplug.lock
+
 step() { echo "check: $*" >&2; "$@"; }
 
 # A device and a broker that nobody here wrote: without them those tests are skipped and say so.

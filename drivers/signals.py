@@ -1,6 +1,7 @@
 """A measured value of a device and the channel that it becomes: unit, sign and bounds declared."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -62,6 +63,16 @@ class SignalConfig(BaseModel):
     def declared_unit(self) -> str:
         """The unit of the scaled value: as given, or the channel's own."""
         return self.unit or (CHANNELS[self.channel].unit if self.channel else "")
+
+
+def check_channels(key: str, signals: Sequence[SignalConfig]) -> None:
+    """Raise ValueError if a channel is there twice, or none that makes rows."""
+    channels = [each.channel for each in signals if each.channel is not None]
+    for channel in channels:
+        if channels.count(channel) > 1:
+            raise ValueError(f"{key}: {channel} is there more than once")
+    if not set(channels) & set(JOINT_CHANNELS):
+        raise ValueError(f"{key}: expected one of {', '.join(JOINT_CHANNELS)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from edge_service.models.accelerometer import Accelerometer, AccelerometerSettin
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.encoders import Sensors
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, MotionError, Setpoints, motion_limits
 from edge_service.models.wear import RUN_IN_SHARE, SCENARIOS, Wear
 
@@ -54,7 +55,8 @@ class SimulatedConfig(DriverConfig):
         bearing_drag_nm: drag of the screw's bearings; the machine file's unless given.
         effects: what the axis has beyond the machine file, each as NAME[:key=value,...].
         accelerometer_rate_hz: of an accelerometer on the nut; 0 is none.
-        ball_pass_order: balls that pass a point of the nut per revolution of the screw.
+        ball_pass_order: balls that pass a point of the nut per revolution of the screw; the machine
+            file's unless given, that of the bench where it does not know the balls.
         raceway_damage: what the accelerometer sees when a ball strikes a pit, m/s^2; 0 is sound.
     """
 
@@ -78,7 +80,7 @@ class SimulatedConfig(DriverConfig):
     angle_noise_rad: float = Field(_SENSORS.angle_noise_rad, ge=0.0)
     table_noise_m: float = Field(_SENSORS.table_noise_m, ge=0.0)
     accelerometer_rate_hz: float = Field(0.0, ge=0.0, le=100_000.0)
-    ball_pass_order: float = Field(_ACCELEROMETER.ball_pass_order, gt=0.0, le=1000.0)
+    ball_pass_order: float | None = Field(None, gt=0.0, le=1000.0)
     raceway_damage: float = Field(0.0, ge=0.0)
 
 
@@ -104,7 +106,7 @@ class _Bench:
         except ValueError as error:
             raise DriverMisconfiguredError("effects", str(error)) from error
         self._sample = 0
-        self._accelerometer = _accelerometer(config)
+        self._accelerometer = _accelerometer(config, context.machine)
 
     def advance(self, count: int) -> SampleFrame:
         """The next `count` samples."""
@@ -127,12 +129,14 @@ class _Bench:
         return self._wear.preload_percent((time_s - config.hold_s) * config.acceleration, life_s)
 
 
-def _accelerometer(config: SimulatedConfig) -> Accelerometer | None:
+def _accelerometer(config: SimulatedConfig, machine: Machine) -> Accelerometer | None:
     if config.accelerometer_rate_hz == 0.0:
         return None
+    balls = machine.ball_pass_orders
+    known = _ACCELEROMETER.ball_pass_order if balls is None else balls.on_nut
     settings = AccelerometerSettings(
         rate_hz=config.accelerometer_rate_hz,
-        ball_pass_order=config.ball_pass_order,
+        ball_pass_order=config.ball_pass_order or known,
         damage=config.raceway_damage,
     )
     return Accelerometer(settings, config.seed)

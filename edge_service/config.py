@@ -24,6 +24,7 @@ DEFAULT_CONFIG = Path(__file__).parent / "defaults" / "edge.toml"
 DEFAULT_MACHINE = Path(__file__).parent / "defaults" / "machine.toml"
 FILE_KEYS = ("path", "folder", "certificate", "private_key", "server_certificate", "ledger")
 """Keys of drivers that name files or folders."""
+MQTT_FILES = ("buffer", "ca_certificate", "client_certificate", "client_key")
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -168,10 +169,10 @@ def load_config(path: Path) -> EdgeConfig:
     folder = path.parent
     placed = {
         "axes": axes,
-        "history": _placed(config.history, "folder", folder),
-        "webhook": _placed(config.webhook, "secret_file", folder),
-        "mqtt": _placed(_placed(config.mqtt, "buffer", folder), "ca_certificate", folder),
-        "vibration": _placed(config.vibration, "keep_folder", folder),
+        "history": _placed(config.history, folder, "folder"),
+        "webhook": _placed(config.webhook, folder, "secret_file"),
+        "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
+        "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     return config.model_copy(update=placed)
 
@@ -202,12 +203,12 @@ def check_settings(model: type[_Model], settings: dict[str, Any], where: str) ->
         raise ConfigError(f"{where}.{explain(error, model)}") from None
 
 
-def _placed(table: Table | None, key: str, folder: Path) -> Table | None:
-    """A path in a table is relative to the configuration file."""
-    path = None if table is None else getattr(table, key)
-    if table is None or path is None:
-        return table
-    return table.model_copy(update={key: folder / path})
+def _placed(table: Table | None, folder: Path, *keys: str) -> Table | None:
+    """The paths in a table are relative to the configuration file."""
+    if table is None:
+        return None
+    paths = {key: getattr(table, key) for key in keys}
+    return table.model_copy(update={key: folder / path for key, path in paths.items() if path})
 
 
 def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:

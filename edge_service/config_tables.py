@@ -1,6 +1,7 @@
 """Tables of the configuration that may be left out, and what all tables have in common."""
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -17,7 +18,10 @@ class MqttConfig(Table):
     """`[mqtt]`: where answers are sent besides; nothing is sent without it.
 
     Attributes:
-        prefix: first part of every topic, `{prefix}/{site}/{machine}/{axis}/{preload|...}`.
+        payload: `json` as on the bus, or `sparkplug`: Sparkplug B 3.0.
+        prefix: of JSON; first part of topics, `{prefix}/{site}/{machine}/{axis}/{preload|...}`.
+        ca_certificate: of the authority that signed the broker's certificate; TLS with it.
+        client_certificate, client_key: ours, for a broker that asks for them.
         period_s: at most one preload estimate per axis in this time; health and events all go.
         buffer: file in which messages wait while the broker is away.
         buffer_messages: how many of them; then the oldest go.
@@ -25,10 +29,13 @@ class MqttConfig(Table):
 
     host: str
     port: int = Field(1883, ge=1, le=65535)
+    payload: Literal["json", "sparkplug"] = "json"
     prefix: str = "feeddrive"
     user: str | None = None
     password: str | None = None
     ca_certificate: Path | None = None
+    client_certificate: Path | None = None
+    client_key: Path | None = None
     period_s: float = Field(1.0, ge=0.0, le=3600.0)
     buffer: Path = Path("mqtt-buffer.sqlite")
     buffer_messages: int = Field(1_000_000, ge=1)
@@ -41,12 +48,12 @@ class MqttConfig(Table):
             raise ValueError("user: missing, there is a password")
         if self.user is not None and self.ca_certificate is None and not is_loopback(self.host):
             raise ValueError("user: needs ca_certificate, or the password could be read")
+        if (self.client_certificate is None) != (self.client_key is None):
+            missing = "client_key" if self.client_key is None else "client_certificate"
+            raise ValueError(f"{missing}: missing, the two go together")
+        if self.client_certificate is not None and self.ca_certificate is None:
+            raise ValueError("client_certificate: needs ca_certificate, there is no TLS without")
         return self
-
-    def anchored(self, folder: Path) -> "MqttConfig":
-        """The same with its files relative to `folder`."""
-        authority = self.ca_certificate and folder / self.ca_certificate
-        return self.model_copy(update={"buffer": folder / self.buffer, "ca_certificate": authority})
 
 
 class VibrationConfig(Table):
@@ -55,14 +62,15 @@ class VibrationConfig(Table):
     Attributes:
         interval_s: one set of features per interval.
         bands_hz: name -> lower and upper frequency.
-        orders: name -> order per revolution of the screw; balls slip by up to `slip` of it.
+        orders: name -> order per revolution of the screw; balls slip by up to `slip` of it. Unless
+            given the screw's own, and the ball passes where the machine file knows the balls.
         keep_folder: where the raw signal around an event is kept; it is dropped without.
         keep_before_s, keep_after_s: how much of it.
     """
 
     interval_s: float = Field(1.0, ge=0.05, le=60.0)
     bands_hz: dict[str, tuple[float, float]] = {"low": (10.0, 1000.0), "high": (1000.0, 5000.0)}
-    orders: dict[str, float] = {"screw": 1.0, "ball_pass": 9.56}
+    orders: dict[str, float] | None = None
     slip: float = Field(0.02, ge=0.0, le=0.2)
     keep_folder: Path | None = None
     keep_before_s: float = Field(5.0, ge=0.0, le=600.0)
@@ -73,16 +81,10 @@ class VibrationConfig(Table):
         for name, (low, high) in self.bands_hz.items():
             if not 0.0 <= low < high:
                 raise ValueError(f"bands_hz.{name}: [{low:g}, {high:g}], expected low below high")
-        for name, order in self.orders.items():
+        for name, order in (self.orders or {}).items():
             if not order > 0.0:
                 raise ValueError(f"orders.{name}: {order:g}, expected more than 0")
         return self
-
-    def anchored(self, folder: Path) -> "VibrationConfig":
-        """The same with its folder relative to `folder`."""
-        return self.model_copy(
-            update={"keep_folder": self.keep_folder and folder / self.keep_folder}
-        )
 
 
 class HistoryConfig(Table):

@@ -48,6 +48,10 @@ CASES: dict[str, tuple[Case, str]] = {
         lambda p: ["stub", "profibus", write(p, modbus())],
         "no stub 'profibus'; there are modbus, opcua",
     ),
+    "a unit of another kind": (
+        lambda p: ["check-config", write(p, modbus(more=', unit = "degC"'))],
+        "axes.X.settings.registers[0].unit: 'degC' is no unit of torque_command_nm",
+    ),
     "no axis of that driver": (
         lambda p: ["stub", "opcua", write(p, modbus())],
         "no axis with driver = 'opcua'",

@@ -88,10 +88,11 @@ def has_proper_end(path: Path) -> bool:
     return tail.endswith((b"\n", b"\r"))
 
 
-def digest_of(path: Path) -> str:
-    """SHA-256 of a file's content. Raises OSError."""
-    digest = hashlib.sha256()
+def digest_of(path: Path, size: int) -> str:
+    """SHA-256 of a file's first `size` bytes. Raises OSError."""
+    digest, left = hashlib.sha256(), size
     with path.open("rb") as file:
-        while chunk := file.read(_CHUNK_BYTES):
+        while chunk := file.read(min(_CHUNK_BYTES, left)):
             digest.update(chunk)
+            left -= len(chunk)
     return digest.hexdigest()

@@ -21,7 +21,7 @@ class FolderConfig(DriverConfig):
     """
 
     folder: Path
-    pattern: str = "*"
+    pattern: str = Field("*", min_length=1)
     axis_number: int | None = Field(None, ge=1)
     settle_s: float = Field(2.0, ge=0.0, le=3600.0)
     poll_s: float = Field(1.0, gt=0.0, le=3600.0)

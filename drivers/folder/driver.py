@@ -151,9 +151,17 @@ class FolderDriver:
             ledger.save()
 
     def _begin(self, ledger: Ledger, path: Path) -> Entry | None:
-        """Its entry, unless it has been read already."""
+        """Its entry, unless it has been read already; one that has grown is read on."""
         try:
-            entry = ledger.entry(digest_of(path), path.name)
+            size = path.stat().st_size
+            entry = ledger.entry(digest_of(path, size), path.name, size)
+            if entry.rows == 0 and not entry.done:
+                beginnings = [
+                    each.rows
+                    for each in ledger.shorter(path.name, size)
+                    if digest_of(path, each.size) == each.digest
+                ]
+                entry.rows = max(beginnings, default=0)
         except OSError as error:
             log.warning("%s: cannot be read (%s)", path, error.strerror)
             return None

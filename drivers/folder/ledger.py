@@ -15,6 +15,7 @@ class Entry:
 
     Attributes:
         digest: SHA-256 of the content.
+        size: of the content, bytes; 0 where it was not written down.
         name: of the file when it was first seen.
         rows: handed out so far.
         done: nothing is left to read.
@@ -26,6 +27,7 @@ class Entry:
     rows: int = 0
     done: bool = False
     problem: str = ""
+    size: int = 0
 
 
 class Ledger:
@@ -39,9 +41,13 @@ class Ledger:
         self._path = path
         self._entries = _read(path)
 
-    def entry(self, digest: str, name: str) -> Entry:
+    def entry(self, digest: str, name: str, size: int) -> Entry:
         """The entry of a trace; a new one where it has not been seen."""
-        return self._entries.setdefault(digest, Entry(digest, name))
+        return self._entries.setdefault(digest, Entry(digest, name, size=size))
+
+    def shorter(self, name: str, size: int) -> list[Entry]:
+        """Entries of that name that had less content."""
+        return [e for e in self._entries.values() if e.name == name and 0 < e.size < size]
 
     def save(self) -> None:
         """Write all entries."""

@@ -1,11 +1,12 @@
 """What a user says of a Modbus device: where it is, and its register map."""
 
+from itertools import pairwise
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from ..base import DriverConfig
-from ..signals import JOINT_CHANNELS, SignalConfig
+from ..signals import JOINT_CHANNELS, SignalConfig, check_channels
 
 Order = Literal["big", "little"]
 Table = Literal["holding", "input"]
@@ -108,18 +109,25 @@ class ModbusConfig(DriverConfig):
         return self
 
     def _check_channels(self) -> None:
-        channels = [each.channel for each in self.registers if each.channel is not None]
-        for channel in channels:
-            if channels.count(channel) > 1:
-                raise ValueError(f"registers: {channel} is there more than once")
-        if not set(channels) & set(JOINT_CHANNELS):
-            raise ValueError(f"registers: expected one of {', '.join(JOINT_CHANNELS)}")
+        check_channels("registers", self.registers)
+        self._check_overlaps()
         for number, register in enumerate(self.registers):
             joint = register.channel in JOINT_CHANNELS
             if joint and self.group_of(register) != self.fastest_group:
                 raise ValueError(
                     f"registers[{number}].group: {register.channel} makes the rows and must be in "
                     f"the fastest group, {self.fastest_group!r}"
+                )
+
+    def _check_overlaps(self) -> None:
+        """Two channels in part of the same registers: one of them reads nonsense."""
+        read = [(n, each) for n, each in enumerate(self.registers) if each.channel is not None]
+        read.sort(key=lambda pair: (pair[1].table, pair[1].address))
+        for (first, low), (second, high) in pairwise(read):
+            if low.table == high.table and high.address < low.address + low.words:
+                raise ValueError(
+                    f"registers[{second}].address: {high.address} is inside registers[{first}], "
+                    f"whose {low.type} takes {low.words} from {low.address}"
                 )
 
     @property

@@ -9,7 +9,8 @@ from pydantic import Field, field_validator, model_validator
 from edge_service.messages.addresses import is_loopback
 
 from ..base import DriverConfig
-from ..signals import JOINT_CHANNELS, SignalConfig
+from ..signals import SignalConfig, check_channels
+from .names import check_name
 
 Policy = Literal["None", "Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
 
@@ -26,6 +27,11 @@ class NodeConfig(SignalConfig):
 
     node: str = Field(min_length=1)
     heartbeat: bool = False
+
+    @field_validator("node")
+    @classmethod
+    def _is_a_name(cls, value: str) -> str:
+        return check_name(value)
 
     @model_validator(mode="after")
     def _one_role(self) -> "NodeConfig":
@@ -90,6 +96,8 @@ class OpcuaConfig(DriverConfig):
         for key in ("certificate", "private_key", "server_certificate"):
             if secured and getattr(self, key) is None:
                 raise ValueError(f"{key}: missing, security_policy {self.security_policy} needs it")
+            if not secured and getattr(self, key) is not None:
+                raise ValueError(f"{key}: is for a security_policy, and that is None")
         if self.password is not None and self.user is None:
             raise ValueError("user: missing, there is a password")
         if self.user is not None and not secured and not is_loopback(self.host):
@@ -98,12 +106,7 @@ class OpcuaConfig(DriverConfig):
 
     @model_validator(mode="after")
     def _check_channels(self) -> "OpcuaConfig":
-        channels = [each.channel for each in self.signals if each.channel is not None]
-        for channel in channels:
-            if channels.count(channel) > 1:
-                raise ValueError(f"signals: {channel} is there more than once")
-        if not set(channels) & set(JOINT_CHANNELS):
-            raise ValueError(f"signals: expected one of {', '.join(JOINT_CHANNELS)}")
+        check_channels("signals", self.signals)
         return self
 
     @property

@@ -1,11 +1,30 @@
 """Names of variables as people write them, and as a server knows them."""
 
+import re
+
 from asyncua import ua
+from asyncua.ua.uaerrors import UaError
+
+_URI = re.compile(r"\{([^}]*)\}")
+_NSU = re.compile(r"^nsu=[^;]*;")
 
 
 def is_path(name: str) -> bool:
     """Whether a name is a path of browse names, and no node id."""
     return name.startswith("{") or "=" not in name.partition(";")[0]
+
+
+def check_name(name: str) -> str:
+    """Return a name that can be one whatever the server; raise ValueError if it cannot."""
+    example = "expected ns=2;s=X.torque, nsu=URI;s=X.torque or {URI}Machines/{URI}Lathe"
+    try:
+        if is_path(name):
+            browse_path(name, [*_URI.findall(name)])
+        else:
+            ua.NodeId.from_string(_NSU.sub("ns=1;", name))
+    except (ValueError, UaError):
+        raise ValueError(f"{name!r} is no node: {example}") from None
+    return name
 
 
 def browse_path(name: str, namespaces: list[str]) -> list[str]:

@@ -2,12 +2,9 @@
 
 import functools
 import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
-
-import numpy as np
 
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.samples import SampleFrame
@@ -31,7 +28,6 @@ from .transmission_tests import (
 )
 
 CUTOFF_HZ = 100.0
-_CUTOFF_SHARE = 0.2
 """Of the sampling rate, for slow recordings."""
 _T = TypeVar("_T")
 
@@ -165,13 +161,5 @@ def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:
 
 
 def _settings(machine: Machine, frame: SampleFrame) -> PreparationSettings:
-    steps = np.diff(frame.time_s)
-    forward = steps[steps > 0.0]
-    period_s = float(np.median(forward)) if forward.size else math.nan
-    if not math.isfinite(period_s):
-        raise ValueError("time_s never increases; a recording needs a clock")
-    return PreparationSettings(
-        machine.transmission_ratio_m_per_rad,
-        cutoff_hz=min(CUTOFF_HZ, _CUTOFF_SHARE / period_s),
-        torque_delay_s=0.5 * period_s,
-    )
+    ratio_m_per_rad = machine.transmission_ratio_m_per_rad
+    return PreparationSettings.sampled(ratio_m_per_rad, [frame], CUTOFF_HZ)

@@ -11,7 +11,7 @@ equation.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,10 @@ _DECIMATION_ORDER = 8
 _DECIMATION_RIPPLE_DB = 0.05
 _DECIMATION_PASS = 0.8
 """Chebyshev filter before decimation: the one of MATLAB's and scipy's `decimate`."""
+
+
+CUTOFF_SHARE = 0.2
+"""Of the sampling rate; above it the low-pass has no samples to work with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,29 @@ class PreparationSettings:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} must be finite and not negative, got {value:g}")
+
+    @classmethod
+    def sampled(
+        cls, ratio_m_per_rad: float, frames: Sequence[SampleFrame], cutoff_hz: float
+    ) -> "PreparationSettings":
+        """For recordings of a torque that is held from sample to sample.
+
+        Args:
+            cutoff_hz: of the low-pass; less where the samples are too far apart for it.
+
+        Raises:
+            ValueError: a clock that stands.
+        """
+        steps = np.concatenate([np.diff(frame.time_s) for frame in frames])
+        forward = steps[steps > 0.0]
+        if forward.size == 0:
+            raise ValueError("time_s never increases; a recording needs a clock")
+        period_s = float(np.median(forward))
+        return cls(
+            ratio_m_per_rad,
+            cutoff_hz=min(cutoff_hz, CUTOFF_SHARE / period_s),
+            torque_delay_s=0.5 * period_s,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,13 +7,11 @@ import numpy as np
 
 from ..messages.samples import Floats, SampleFrame
 from .identified import Identified, undetermined
-from .preparation import central_difference, low_pass, white_noise_rms
+from .preparation import CUTOFF_SHARE, central_difference, low_pass, white_noise_rms
 from .regression import LinearFit, least_squares
 from .uniform import UniformRun, uniform_runs
 
 CUTOFF_HZ = 50.0
-CUTOFF_SHARE = 0.2
-"""Of the sampling rate, for slow recordings."""
 ORDER = 4
 EDGE_PERIODS = 2.0
 """Periods of the cutoff that are cut from both ends of a run."""

@@ -32,7 +32,10 @@ def make_driver(axis: AxisConfig) -> Driver:
     except UnknownDriverError as error:
         raise ConfigError(f"axes.{axis.name}.driver: {error}") from None
     settings = check_settings(driver.config_model, axis.settings, f"axes.{axis.name}.settings")
-    return driver(settings, DriverContext(axis.name, load_machine(axis.machine)))
+    try:
+        return driver(settings, DriverContext(axis.name, load_machine(axis.machine)))
+    except DriverMisconfiguredError as error:
+        raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
 
 
 async def run(context: NodeContext, axis: AxisConfig) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable
 from functools import partial
 
@@ -15,9 +16,13 @@ from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentStatus
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
 from ..outputs.mqtt import MqttDelivery, MqttError, MqttSettings
+from ..outputs.packet import GONE, PayloadForm
+from ..outputs.plain_json import PlainJson
+from ..outputs.sparkplug import Sparkplug
 from ..outputs.spool import Spool, SpoolError
 from .context import NodeContext, Reporter
 
+_ABSENCE_PERIOD_S = 0.5
 log = logging.getLogger(__name__)
 SENT: tuple[tuple[Topic, type[Frozen]], ...] = (
     (PRELOAD, PreloadEstimate),
@@ -34,9 +39,15 @@ async def run(context: NodeContext) -> None:
     reporter = Reporter(context, "mqtt")
     try:
         spool = Spool(config.mqtt.buffer, config.mqtt.buffer_messages)
-        delivery = MqttDelivery(_settings(context, config.mqtt), spool, partial(_tell, reporter))
+        delivery = MqttDelivery(
+            _settings(context, config.mqtt),
+            _form(context, config.mqtt),
+            spool,
+            partial(_tell, reporter),
+        )
     except (SpoolError, MqttError) as error:
         raise ConfigError(str(error)) from None
+    attendance = Attendance(PRELOAD.stale_after_s)
     subscribers = [_subscribe(context, topic, model) for topic, model in SENT]
     reporter.counters = lambda: {
         "delivered": delivery.delivered,
@@ -48,7 +59,8 @@ async def run(context: NodeContext) -> None:
         async with reporter.running(), asyncio.TaskGroup() as group:
             group.create_task(delivery.run())
             for (topic, _), subscriber in zip(SENT, subscribers, strict=True):
-                group.create_task(_follow(context, config.mqtt, spool, topic, subscriber))
+                group.create_task(_follow(config.mqtt, spool, topic, subscriber, attendance))
+            group.create_task(_note_absence(attendance, spool))
     finally:
         spool.close()
 
@@ -59,16 +71,19 @@ def _settings(context: NodeContext, mqtt: MqttConfig) -> MqttSettings:
         mqtt.host,
         mqtt.port,
         client_id=f"edge-service-{service.site}-{service.machine}",
-        presence=f"{_root(context, mqtt)}/online",
         user=mqtt.user,
         password=mqtt.password,
         ca_certificate=mqtt.ca_certificate,
+        client_certificate=mqtt.client_certificate,
+        client_key=mqtt.client_key,
     )
 
 
-def _root(context: NodeContext, mqtt: MqttConfig) -> str:
+def _form(context: NodeContext, mqtt: MqttConfig) -> PayloadForm:
     service = context.config.service
-    return f"{mqtt.prefix.strip('/')}/{service.site}/{service.machine}"
+    if mqtt.payload == "sparkplug":
+        return Sparkplug(service.site, service.machine)
+    return PlainJson(f"{mqtt.prefix.strip('/')}/{service.site}/{service.machine}")
 
 
 def _tell(reporter: Reporter, problem: str) -> None:
@@ -97,18 +112,47 @@ def _as_it_is(schema: str, model: type[Frozen]) -> Callable[[bytes], tuple[str, 
     return decode
 
 
+class Attendance:
+    """Which axes are heard, by their estimates."""
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        self._heard_s: dict[str, float] = {}
+
+    def hear(self, axis: str, now_s: float) -> None:
+        """An axis is there."""
+        self._heard_s[axis] = now_s
+
+    def missing(self, now_s: float) -> list[str]:
+        """Axes that have not been heard for too long; each is told once."""
+        gone = [axis for axis, at_s in self._heard_s.items() if now_s - at_s > self._patience_s]
+        for axis in gone:
+            del self._heard_s[axis]
+        return gone
+
+
 async def _follow(
-    context: NodeContext,
     mqtt: MqttConfig,
     spool: Spool,
     topic: Topic,
     subscriber: Subscriber[bytes],
+    attendance: Attendance,
 ) -> None:
     """Put what is heard into the spool; estimates not more often than asked for."""
     period_ns = round(1e9 * mqtt.period_s) if topic is PRELOAD else 0
     sent_ns: dict[str, int] = {}
     async for axis, header, payload in subscriber:
+        if topic is PRELOAD:
+            attendance.hear(axis, time.monotonic())
         if 0 <= header.source_time_ns - sent_ns.get(axis, -period_ns) < period_ns:
             continue
         sent_ns[axis] = header.source_time_ns
-        spool.put(f"{_root(context, mqtt)}/{axis}/{topic.name}", payload)
+        spool.put(f"{axis}/{topic.name}", payload)
+
+
+async def _note_absence(attendance: Attendance, spool: Spool) -> None:
+    """Put a note into the spool for an axis that has fallen silent."""
+    while True:
+        for axis in attendance.missing(time.monotonic()):
+            spool.put(f"{axis}/{GONE}", b"")
+        await asyncio.sleep(_ABSENCE_PERIOD_S)

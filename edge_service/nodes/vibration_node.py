@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,9 +21,11 @@ from ..messages.samples import SampleFrame
 from ..messages.topics import EVENT, RAW, VIB, WAVE
 from ..messages.vibration import VibrationFeatures
 from ..messages.waveform import Waveform
+from ..models.machine import Machine
 from ..trace.columns import TraceError
 from ..trace.writer import TraceWriter
 from .context import NodeContext, Reporter
+from .pipeline import load_machines
 
 log = logging.getLogger(__name__)
 
@@ -43,11 +46,14 @@ class _Sensor:
 class _Bench:
     """All sensors of all axes."""
 
-    def __init__(self, config: VibrationConfig) -> None:
+    def __init__(self, config: VibrationConfig, machines: Mapping[str, Machine]) -> None:
         self._config = config
-        self._settings = VibrationSettings(
-            config.interval_s, config.bands_hz, config.orders, config.slip
-        )
+        self._settings = {
+            axis: VibrationSettings(
+                config.interval_s, config.bands_hz, orders_of(config, machine), config.slip
+            )
+            for axis, machine in machines.items()
+        }
         self._sensors: dict[tuple[str, str], _Sensor] = {}
         self.counts = {"waveforms": 0, "features": 0, "kept": 0}
 
@@ -69,7 +75,7 @@ class _Bench:
         sensor = self._sensors.get((axis, wave.sensor))
         if sensor is None:
             keep_s = self._config.keep_before_s + self._config.keep_after_s + 1.0
-            sensor = _Sensor(VibrationReducer(self._settings), SignalRing(keep_s))
+            sensor = _Sensor(VibrationReducer(self._settings[axis]), SignalRing(keep_s))
             self._sensors[axis, wave.sensor] = sensor
         sensor.ring.push(wave)
         features = sensor.reducer.push(wave)
@@ -103,7 +109,7 @@ async def run(context: NodeContext) -> None:
     config, bus = context.config, context.bus
     if config.vibration is None:
         raise ConfigError("vibration: missing; the node needs a [vibration] table")
-    bench = _Bench(config.vibration)
+    bench = _Bench(config.vibration, load_machines(config))
     publishers = {
         axis.name: bus.publisher(config.keys.key(axis.name, VIB), VIB) for axis in config.axes
     }
@@ -134,6 +140,16 @@ async def run(context: NodeContext) -> None:
         reporter.to(ComponentStatus.OK)
         for follow in (follow_samples, follow_events, follow_waves):
             group.create_task(follow())
+
+
+def orders_of(config: VibrationConfig, machine: Machine) -> Mapping[str, float]:
+    """The orders to be looked at on an axis."""
+    if config.orders is not None:
+        return config.orders
+    balls = machine.ball_pass_orders
+    if balls is None:
+        return {"screw": 1.0}
+    return {"screw": 1.0, "ball_pass_nut": balls.on_nut, "ball_pass_screw": balls.on_screw}
 
 
 def _publish(publisher: Publisher, axis: str, features: VibrationFeatures, source_ns: int) -> None:

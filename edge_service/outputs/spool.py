@@ -11,6 +11,9 @@ CREATE TABLE IF NOT EXISTS messages (
     number INTEGER PRIMARY KEY AUTOINCREMENT, topic TEXT NOT NULL, payload BLOB NOT NULL
 )
 """
+_SESSIONS = 1 << 30
+"""Where the numbers of connections begin anew; the file has 31 bits for them."""
+_NEWEST = "SELECT MAX(number), topic, payload FROM messages GROUP BY topic"
 
 
 class SpoolError(Exception):
@@ -34,13 +37,16 @@ class Spool:
         most: messages that it holds.
 
     Raises:
-        SpoolError: the file cannot be opened, or is something else.
+        SpoolError: the file cannot be opened, or is something else; later, that it cannot be read
+            or written any more.
     """
 
     def __init__(self, path: Path, most: int) -> None:
         self._most = most
         self.dropped = 0
-        """Messages that had to go because the spool was full."""
+        """Messages that had to go because the spool or the disk was full."""
+        self.newest: dict[str, Message] = {}
+        """The newest message of each topic, taken or not, as far back as is known."""
         self._arrived = asyncio.Event()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,6 +55,8 @@ class Spool:
             self._file.execute("PRAGMA synchronous = NORMAL")
             self._file.execute(_SCHEMA)
             (self._waiting,) = self._file.execute("SELECT COUNT(*) FROM messages").fetchone()
+            for row in self._file.execute(_NEWEST):
+                self.newest[row[1]] = Message(*row)
         except (sqlite3.Error, OSError) as error:
             raise SpoolError(f"{path}: cannot hold messages ({error})") from None
 
@@ -56,8 +64,13 @@ class Spool:
         return int(self._waiting)
 
     def put(self, topic: str, payload: bytes) -> None:
-        """Append a message."""
-        self._file.execute("INSERT INTO messages (topic, payload) VALUES (?, ?)", (topic, payload))
+        """Append a message; it is dropped, and counted, where the disk takes nothing."""
+        try:
+            added = self._ask("INSERT INTO messages (topic, payload) VALUES (?, ?)", topic, payload)
+        except SpoolError:
+            self.dropped += 1
+            return
+        self.newest[topic] = Message(added.lastrowid or 0, topic, payload)
         self._waiting += 1
         if self._waiting > self._most:
             self._drop(self._waiting - self._most)
@@ -65,17 +78,26 @@ class Spool:
 
     def oldest(self, count: int) -> list[Message]:
         """The messages that are to go first."""
-        rows = self._file.execute(
-            "SELECT number, topic, payload FROM messages ORDER BY number LIMIT ?", (count,)
+        rows = self._ask(
+            "SELECT number, topic, payload FROM messages ORDER BY number LIMIT ?", count
         )
         return [Message(*row) for row in rows]
 
     def remove(self, messages: Sequence[Message]) -> None:
         """Forget messages that have been taken."""
-        done = self._file.executemany(
-            "DELETE FROM messages WHERE number = ?", [(each.number,) for each in messages]
-        )
-        self._waiting -= done.rowcount
+        for each in messages:
+            done = self._ask("DELETE FROM messages WHERE number = ?", each.number)
+            self._waiting -= done.rowcount
+
+    @property
+    def sessions(self) -> int:
+        """Connections that have been counted, also before a restart."""
+        (number,) = self._ask("PRAGMA user_version").fetchone()
+        return int(number)
+
+    def count_session(self) -> None:
+        """A connection has been made."""
+        self._ask(f"PRAGMA user_version = {(self.sessions + 1) % _SESSIONS}")
 
     async def wait(self) -> None:
         """Until there is a message."""
@@ -88,10 +110,16 @@ class Spool:
         self._file.close()
 
     def _drop(self, count: int) -> None:
-        done = self._file.execute(
+        done = self._ask(
             "DELETE FROM messages WHERE number IN "
             "(SELECT number FROM messages ORDER BY number LIMIT ?)",
-            (count,),
+            count,
         )
         self._waiting -= done.rowcount
         self.dropped += done.rowcount
+
+    def _ask(self, statement: str, *parameters: object) -> sqlite3.Cursor:
+        try:
+            return self._file.execute(statement, parameters)
+        except sqlite3.Error as error:
+            raise SpoolError(f"the buffer fails: {error}") from None

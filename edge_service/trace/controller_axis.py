@@ -4,15 +4,9 @@ import math
 from dataclasses import dataclass
 
 from ..messages.channels import CHANNELS
+from ..messages.units import SI
 
-_SI = {
-    "mm": (1e-3, "m"),
-    "mm/s": (1e-3, "m/s"),
-    "mm/min": (1e-3 / 60.0, "m/s"),
-    "rev/min": (2.0 * math.pi / 60.0, "rad/s"),
-    "A": (1.0, "A"),
-    "N m": (1.0, "N m"),
-}
+_SI = SI | {"A": (1.0, "A")}
 """Unit of a controller -> factor to SI, SI unit."""
 
 

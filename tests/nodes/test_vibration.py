@@ -1,13 +1,14 @@
 """From the simulated accelerometer to features, and to a file around an event."""
 
 import asyncio
+import math
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from edge_service.config import ConfigError, load_config
+from edge_service.config import DEFAULT_MACHINE, ConfigError, load_config, load_machine
 from edge_service.config_tables import VibrationConfig
 from edge_service.messages.codec import (
     CodecError,
@@ -21,6 +22,7 @@ from edge_service.messages.header import Header
 from edge_service.messages.topics import EVENT, VIB
 from edge_service.messages.vibration import VibrationFeatures
 from edge_service.messages.waveform import Waveform
+from edge_service.nodes.vibration_node import orders_of
 from edge_service.trace.reader import open_trace
 
 from .conftest import config_of, running
@@ -41,7 +43,12 @@ def test_a_waveform_goes_over_the_wire() -> None:
 
 @pytest.mark.slow
 async def test_a_damaged_raceway_is_heard_and_kept_around_an_event(tmp_path: Path) -> None:
-    vibration = VibrationConfig(keep_folder=tmp_path, keep_before_s=0.5, keep_after_s=0.5)
+    vibration = VibrationConfig(
+        orders={"screw": 1.0, "ball_pass": 9.56},
+        keep_folder=tmp_path,
+        keep_before_s=0.5,
+        keep_after_s=0.5,
+    )
     settings = {
         "scenario": "healthy",
         "speed": 4.0,
@@ -98,3 +105,17 @@ def test_a_mistake_names_its_key(name: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load_config(path)
     assert expected in str(caught.value)
+
+
+def test_orders_are_those_of_the_machine_files_balls_unless_stated() -> None:
+    machine = load_machine(DEFAULT_MACHINE)
+    assert machine.ball_pass_orders is None
+    assert orders_of(VibrationConfig(), machine) == {"screw": 1.0}
+    balls = {"ball_diameter_m": 3.175e-3, "ball_circle_m": 0.0206}
+    known = machine.model_copy(update={"axis": machine.axis.model_copy(update=balls)})
+    orders = orders_of(VibrationConfig(), known)
+    assert orders["screw"] == 1.0
+    # a ball passes the nut and the screw as often as there are balls per turn of one track
+    turn = math.hypot(math.pi * 0.0206, 0.02)
+    assert orders["ball_pass_nut"] + orders["ball_pass_screw"] == pytest.approx(turn / 3.175e-3)
+    assert orders_of(VibrationConfig(orders={"own": 3.0}), known) == {"own": 3.0}

@@ -49,6 +49,39 @@ async def test_what_was_not_taken_survives_the_process(path: Path) -> None:
     again.close()
 
 
+async def test_connections_are_counted_across_restarts(path: Path) -> None:
+    for number in range(3):
+        spool = Spool(path, 5)
+        assert spool.sessions == number
+        spool.count_session()
+        spool.close()
+
+
+async def test_the_newest_of_each_topic_is_known_again_after_a_restart(path: Path) -> None:
+    spool = Spool(path, 100)
+    for number in range(6):
+        spool.put(f"X/{number % 2}", b"%d" % number)
+    newest = dict(spool.newest)
+    assert {topic: each.payload for topic, each in newest.items()} == {"X/0": b"4", "X/1": b"5"}
+    spool.remove(spool.oldest(2))
+    assert spool.newest == newest
+    spool.close()
+    again = Spool(path, 100)
+    assert again.newest == newest
+    again.close()
+
+
+async def test_a_disk_that_is_full_costs_messages_and_nothing_else(path: Path) -> None:
+    spool = Spool(path, 100)
+    spool.put("t", b"0")
+    spool._file.execute("PRAGMA max_page_count = 1")  # SQLite then says that the disk is full
+    for _ in range(5):
+        spool.put("t", bytes(100_000))
+    assert spool.dropped == 5
+    assert payloads(spool) == [b"0"]
+    spool.close()
+
+
 async def test_a_full_spool_drops_the_oldest_and_counts(path: Path) -> None:
     spool = Spool(path, 5)
     for number in range(12):

@@ -205,3 +205,21 @@ async def test_a_sinumerik_trace_is_read_for_its_axis(watch: Watch) -> None:
     frames = await watch.read(watch.driver(pattern="*.xml"))
     position = np.concatenate([frame.channels[TABLE_POSITION] for frame in frames])
     np.testing.assert_allclose(position, 0.1 + 0.001 * np.arange(200))
+
+
+@pytest.mark.parametrize("restart", [False, True])
+async def test_a_trace_that_grows_after_it_was_read_is_read_on(restart: bool, watch: Watch) -> None:
+    path = watch.write("a.csv", 1.0, rows=300)
+    whole = watch.write("whole", 1.0, rows=800).read_bytes()
+    (watch.folder / "whole").unlink()
+    driver = watch.driver()
+    assert len(torques(await watch.read(driver))) == 300
+    assert whole.startswith(path.read_bytes())
+    path.write_bytes(whole)
+    frames = await watch.read(watch.driver() if restart else driver)
+    assert len(torques(frames)) == 500
+    assert np.concatenate([f.time_s for f in frames])[-1] - frames[0].time_s[0] == pytest.approx(
+        0.499
+    )
+    watch.write("a.csv", 2.0, rows=900)
+    assert torques(await watch.read(driver)) == [2.0] * 900, "another trace of the same name"

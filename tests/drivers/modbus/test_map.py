@@ -152,6 +152,10 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
         {"registers": [TORQUE | {"low": 2, "high": 1}]},
         "registers[0]: low 2 must lie below high 1",
     ),
+    "in part of the same registers": (
+        {"registers": [TORQUE, {"channel": "motor_angle_rad", "address": TORQUE["address"] + 1}]},
+        "registers[1].address:",
+    ),
     "a channel twice": ({"registers": [TORQUE, TORQUE]}, "torque_command_nm is there more than"),
     "nothing that makes rows": (
         {"registers": [{"channel": "temperature_c", "address": 0}]},

@@ -147,6 +147,7 @@ async def test_a_policy_that_the_server_does_not_offer(secured: OpcuaConfig) -> 
 
 
 async def test_an_open_session_is_refused_by_a_secured_server(secured: OpcuaConfig) -> None:
-    config = OpcuaConfig.model_validate(secured.model_dump() | {"security_policy": "None"})
+    files = dict.fromkeys(("certificate", "private_key", "server_certificate"))
+    config = OpcuaConfig.model_validate(secured.model_dump() | {"security_policy": "None"} | files)
     with pytest.raises((DriverMisconfiguredError, DriverUnavailableError)):
         await OpcuaDriver(config, CONTEXT).open()

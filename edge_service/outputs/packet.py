@@ -1,0 +1,45 @@
+"""What goes to a broker, and the forms that it may have."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from .spool import Message
+
+GONE = "gone"
+"""Topic of a message that says that nothing is heard from the axis any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One MQTT message; `qos` is its quality of service."""
+
+    topic: str
+    payload: bytes
+    qos: int
+    retain: bool = False
+
+
+class PayloadForm(Protocol):
+    """How the messages of a spool, with topics `{axis}/{topic}`, are told to a broker.
+
+    Attributes:
+        commands: topic on which the broker's clients may ask for something; None without.
+    """
+
+    commands: str | None
+
+    def will(self, session: int) -> Packet:
+        """What the broker says in our place should we be lost; begins connection `session`."""
+
+    def farewell(self) -> Packet:
+        """What we say before we leave."""
+
+    def greeting(self, newest: Mapping[str, Message]) -> list[Packet]:
+        """What is said first in a connection, or again when asked; `newest` by topic."""
+
+    def packets(self, message: Message, newest: Mapping[str, Message], late: bool) -> list[Packet]:
+        """A message on its way; `late` if it is from before the connection."""
+
+    def asks_for_greeting(self, command: bytes) -> bool:
+        """Whether a command wants the greeting again."""

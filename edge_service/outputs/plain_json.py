@@ -1,0 +1,39 @@
+"""Plain JSON: every payload as it is on the bus, on a topic of its own."""
+
+from collections.abc import Mapping
+
+from .packet import GONE, Packet
+from .spool import Message
+
+
+class PlainJson:
+    """Topics `{root}/{axis}/{topic}`, and whether we are there on `{root}/online`, retained."""
+
+    def __init__(self, root: str) -> None:
+        self._root = root
+        self.commands: str | None = None
+
+    def will(self, session: int) -> Packet:
+        """`false` to whoever asks."""
+        return self._online(b"false")
+
+    def farewell(self) -> Packet:
+        """The same."""
+        return self._online(b"false")
+
+    def greeting(self, newest: Mapping[str, Message]) -> list[Packet]:
+        """`true` to whoever asks."""
+        return [self._online(b"true")]
+
+    def packets(self, message: Message, newest: Mapping[str, Message], late: bool) -> list[Packet]:
+        """The payload; its own time tells how late it is."""
+        if message.topic.endswith(f"/{GONE}"):
+            return []  # the condition UNAVAILABLE says it
+        return [Packet(f"{self._root}/{message.topic}", message.payload, qos=1)]
+
+    def asks_for_greeting(self, command: bytes) -> bool:
+        """Nobody can ask."""
+        return False
+
+    def _online(self, payload: bytes) -> Packet:
+        return Packet(f"{self._root}/online", payload, qos=1, retain=True)
