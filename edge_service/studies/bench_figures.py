@@ -25,7 +25,7 @@ class Figure:
         The number, in `unit`.
     unit : str
         SI unit, `MB` (1e6 bytes), or empty.
-    at_most : float or None
+    at_most, at_least : float or None
         The aim; None if there is none.
     """
 
@@ -34,11 +34,15 @@ class Figure:
     value: float
     unit: str
     at_most: float | None = None
+    at_least: float | None = None
 
     @property
     def met(self) -> bool | None:
         """Whether the aim is met; None without an aim."""
-        return None if self.at_most is None else self.value <= self.at_most
+        if self.at_most is None and self.at_least is None:
+            return None
+        below = self.at_most is None or self.value <= self.at_most
+        return below and (self.at_least is None or self.value >= self.at_least)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +72,8 @@ class PipelineBench:
 
 
 def _row(figure: Figure) -> tuple[str, ...]:
-    aim = "" if figure.at_most is None else f"<= {number_text(figure.at_most)}"
+    limits = (("<=", figure.at_most), (">=", figure.at_least))
+    aim = ", ".join(f"{sign} {number_text(limit)}" for sign, limit in limits if limit is not None)
     met = {None: "", True: "yes", False: "NO"}[figure.met]
     return figure.name, number_text(figure.value), figure.unit, aim, met
 

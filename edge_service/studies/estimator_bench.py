@@ -4,12 +4,14 @@ Truth comes from the library's plant and from a second one written differently; 
 commissioned on a recording of its own before it is judged.
 """
 
+import json
 import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from .bench_figures import PipelineBench
 from .estimator_foreign import (
     CHECKOUT_TESTS,
     foreign,
@@ -30,9 +32,13 @@ from .estimator_own import (
 )
 from .estimator_rows import BenchTable, table_of
 from .estimator_seed import seed_runs
+from .false_alarms import count_false_alarms
+from .fused_speed import speed_bench
 
 Progress = Callable[[str], None]
 PROCESSES = 2
+QUICK_RUNS, FULL_RUNS = 20, 1200
+"""Of 1000 steps each, for false alarms."""
 _FOREIGN_ERRORS = (
     ("no", 0.0),
     *(("torque_gain", share) for share in (-0.02, 0.02)),
@@ -53,6 +59,23 @@ class Task:
     def __call__(self) -> list[Part]:
         """All its parts."""
         return list(self.run(*self.arguments))
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorBench:
+    """How right the estimator is, and how fast."""
+
+    table: BenchTable
+    speed: PipelineBench
+
+    def as_text(self) -> str:
+        """Both tables, for a terminal."""
+        return f"{self.table.as_text()}\n\n{self.speed.as_text()}"
+
+    def as_json(self) -> str:
+        """For a program; what is not a number is null."""
+        both = json.loads(self.table.as_json()) | {"speed": self.speed.as_dict()["figures"]}
+        return json.dumps(both, indent=2, allow_nan=False)
 
 
 def tasks_of(quick: bool, tests: Path) -> list[Task]:
@@ -89,8 +112,8 @@ def run_estimator_bench(
     progress: Progress | None = None,
     tests: Path = CHECKOUT_TESTS,
     processes: int = PROCESSES,
-) -> BenchTable:
-    """Run all cases; the same numbers in every run.
+) -> EstimatorBench:
+    """Run all cases, the same numbers in every run; then the speeds of this machine.
 
     Args:
         quick: fewer and shorter cases, for a look.
@@ -110,4 +133,8 @@ def run_estimator_bench(
             parts[number] = done.result()
             say(f"{len(parts)} of {len(tasks)}: {tasks[number].name}")
     ordered: Sequence[Part] = [part for number in sorted(parts) for part in parts[number]]
-    return table_of(ordered)
+    say("speed")
+    speed = speed_bench(quick)
+    say("false alarms")
+    figures = count_false_alarms(QUICK_RUNS if quick else FULL_RUNS).figures()
+    return EstimatorBench(table_of(ordered), replace(speed, figures=(*speed.figures, *figures)))

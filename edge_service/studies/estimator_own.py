@@ -114,15 +114,20 @@ def warm_case(axis: OwnAxis, percent: Floats, time_constant_s: float, seed: int 
     return recorded(frames, axis.nominal(), percent)
 
 
-def long_run(seed: int, quick: bool) -> Iterator[Part]:
-    """40 min: warm-up, slow loss of one point, a step of one point at 25 min."""
+def long_case(axis: OwnAxis, quick: bool) -> tuple[Recorded, tuple[float, float]]:
+    """40 min: warm-up, slow loss of one point, a step of one point at 25 min; and that loss."""
     duration_s = 240.0 if quick else 2400.0
-    axis = OwnAxis(seed)
     share = np.arange(round(duration_s * RATE_HZ)) / (duration_s * RATE_HZ)
     percent = axis.fresh_percent - share - (share >= 0.625)
     before = axis.fresh_percent - 0.625
     case = warm_case(axis, percent, 0.25 * duration_s, seed=51)
-    loss = (0.625 * duration_s, before - 0.5)
+    return case, (0.625 * duration_s, before - 0.5)
+
+
+def long_run(seed: int, quick: bool) -> Iterator[Part]:
+    """The long case."""
+    axis = OwnAxis(seed)
+    case, loss = long_case(axis, quick)
     row = "40 min: warm-up, slow loss, step"
     yield judged(row, axis.commissioned(), axis.nominal(), case, loss=loss, every=5)
 

@@ -77,11 +77,11 @@ def _feed(bank: FilterBank, start: BankStart, inputs: list[tuple[LinearStep, Flo
 
 
 def _median_duration_s(work: Callable[[], None], repeats: int) -> float:
-    """Median over the repeats, after one that compiles and warms up, s."""
+    """Median processor time over the repeats, after one that compiles and warms up, s."""
     work()
     durations = []
     for _ in range(repeats):
-        start = time.perf_counter()
+        start = time.process_time()
         work()
-        durations.append(time.perf_counter() - start)
+        durations.append(time.process_time() - start)
     return median(durations)
