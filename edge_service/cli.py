@@ -679,10 +679,17 @@ for _each in BENCHES:
 @bench.command("estimator", epilog="Example: edge-service bench estimator --quick")
 @click.option("--quick", is_flag=True, help="Fewer axes, shorter runs.")
 @click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
-def bench_estimator(quick: bool, as_json: bool) -> None:
+@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: draw the rows instead.")
+def bench_estimator(quick: bool, as_json: bool, pictures: Path | None) -> None:
     """Measure the preload estimate against two plants, beside the seed's and what was aimed at."""
     from .studies.estimator_bench import run_estimator_bench
+    from .studies.estimator_foreign import CHECKOUT_TESTS
+    from .studies.estimator_pictures import draw_estimator
 
+    if pictures is not None:
+        for file in draw_estimator(pictures, CHECKOUT_TESTS, quick, _progress):
+            click.echo(file)
+        return
     table = run_estimator_bench(quick, _progress)
     click.echo(table.as_json() if as_json else table.as_text())
 

@@ -10,11 +10,13 @@ from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ..messages.features import FeatureBlock, Phase
 from ..messages.samples import Floats
 from ..models.machine import Machine
+from ..models.stiffness import LEAST_NUT_LOAD_PERCENT
 from .fused_kernel import (
     CAPACITY,
     DRY,
     GUIDE,
     MASS,
+    NUT,
     PRELOAD,
     RATE,
     VISCOUS,
@@ -24,8 +26,9 @@ from .fused_kernel import (
     Reading,
     take,
 )
-from .fused_model import FusedSettings, Start, drift_of, fused_model, normal_cdf, start_of
+from .fused_model import FusedSettings, Start, drift_of, fused_model, start_of
 from .known_effects import KnownEffects
+from .mixture_interval import interval, mixture_cdf
 from .transition import LEVELS_PERCENT
 from .validity import Validity, ValiditySettings
 
@@ -137,7 +140,7 @@ class FusedPreloadEstimator:
             )
         weight, mean, sigma = self._marginal()
         percent = max(float(weight @ mean), 0.0)
-        low, high = _interval(weight, mean, sigma)
+        low, high = interval(weight, mean, sigma, LEAST_KNOWN_PERCENT)
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
         return PreloadEstimate(
@@ -149,6 +152,7 @@ class FusedPreloadEstimator:
             high=max(high, percent),
             preload_n=percent / 100.0 * rating,
             drag_torque_nm=self._drag(),
+            stiffness_n_per_m=self._stiffness(),
             mode_probability=_levels(weight, mean, sigma),
             data_used_s=self._validity.informative_s,
             nis=self._nis,
@@ -206,6 +210,30 @@ class FusedPreloadEstimator:
         within = np.einsum("i,kij,j->k", slope, self._mixture.covariance[alive], slope)
         sigma = float(np.sqrt(max(weight @ (within + (means - value) ** 2), 0.0)))
         return Interval(value=value, low=value - 1.96 * sigma, high=value + 1.96 * sigma)
+
+    def _stiffness(self) -> Interval | None:
+        """Series stiffness at `reference_m`, N/m (5.3.2, 5.3.11).
+
+        1/k = C + C_n ((F_0/F)^(1/3) - 1).
+        """
+        model, mass = self._model, self._machine.model.table_mass_kg
+        if model.compliance_m_per_n == 0.0 or mass is None:
+            return None
+        weight, percent, sigma = self._marginal()
+        alive = slice(0, int(self._mixture.alive[0]))
+        nut = self._mixture.mean[alive, NUT]
+        nut_variance = np.maximum(self._mixture.covariance[alive, NUT, NUT], 0.0)
+        load = np.maximum(percent, LEAST_NUT_LOAD_PERCENT)
+        root = np.cbrt(model.fresh_percent / load)
+        compliance = model.compliance_m_per_n + nut * (root - 1.0)
+        by_percent = np.where(percent > LEAST_NUT_LOAD_PERCENT, nut * root / (3.0 * load), 0.0)
+        variance = (by_percent * sigma) ** 2 + (root - 1.0) ** 2 * nut_variance
+        variance += (mass.tolerance * compliance) ** 2
+        value = float(weight @ compliance)
+        half = 1.96 * float(np.sqrt(weight @ (variance + (compliance - value) ** 2)))
+        return Interval(
+            value=1.0 / value, low=1.0 / (value + half), high=1.0 / max(value - half, 0.1 * value)
+        )
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as JSON-able values."""
@@ -284,42 +312,10 @@ def _begin(start: Start, model: FusedModel, settings: FusedSettings) -> Mixture:
     return mixture
 
 
-def _interval(weight: Floats, mean: Floats, sigma: Floats) -> tuple[float, float]:
-    """95 % interval of a mixture that cannot be negative: one-sided at 0."""
-    below_zero = _cdf(0.0, weight, mean, sigma)
-    rest = 1.0 - below_zero
-    if rest <= 1e-9:
-        return 0.0, float(1.96 * sigma.max())
-    if below_zero > 0.025:
-        return 0.0, _quantile(below_zero + 0.95 * rest, weight, mean, sigma)
-    if float(weight @ mean) < LEAST_KNOWN_PERCENT:
-        return 0.0, _quantile(below_zero + 0.95 * rest, weight, mean, sigma)
-    low = _quantile(below_zero + 0.025 * rest, weight, mean, sigma)
-    return max(low, 0.0), _quantile(below_zero + 0.975 * rest, weight, mean, sigma)
-
-
-def _cdf(x: float, weight: Floats, mean: Floats, sigma: Floats) -> float:
-    return sum(
-        float(w) * normal_cdf((x - float(m)) / float(s))
-        for w, m, s in zip(weight, mean, sigma, strict=True)
-    )
-
-
-def _quantile(probability: float, weight: Floats, mean: Floats, sigma: Floats) -> float:
-    low, high = float((mean - 8.0 * sigma).min()), float((mean + 8.0 * sigma).max())
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        if _cdf(middle, weight, mean, sigma) < probability:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
-
-
 def _levels(weight: Floats, mean: Floats, sigma: Floats) -> dict[str, float]:
     """Probability that each of the seed's levels is the nearest."""
     levels = sorted(LEVELS_PERCENT)
     edges = [0.5 * (a + b) for a, b in pairwise(levels)]
-    below = [0.0, *(_cdf(edge, weight, mean, sigma) for edge in edges), 1.0]
+    below = [0.0, *(mixture_cdf(edge, weight, mean, sigma) for edge in edges), 1.0]
     share = dict(zip(levels, np.diff(below).tolist(), strict=True))
     return {f"{level:g}": share[level] for level in LEVELS_PERCENT}

@@ -9,7 +9,7 @@ from numba.typed import List
 
 from ..messages.samples import Floats
 from ..models.compiled import compiled
-from .fused_kernel import Drift, FusedModel, GrownMap, Mixture, Reading, take
+from .fused_kernel import Drift, FusedModel, Mixture, Reading, take
 
 READING_SIZE = len(Reading._fields)
 
@@ -20,11 +20,11 @@ class FusedBatch:
     What is handed in is changed in place, so a batch goes on where its axes stand.
     """
 
-    def __init__(self, axes: Iterable[tuple[Mixture, GrownMap, FusedModel, Drift]]) -> None:
+    def __init__(self, axes: Iterable[tuple[Mixture, FusedModel, Drift]]) -> None:
         rows = list(axes)
         if not rows:
             raise ValueError("a batch needs an axis")
-        self._mixtures, self._grown, self._models, self._drifts = map(List, zip(*rows, strict=True))
+        self._mixtures, self._models, self._drifts = map(List, zip(*rows, strict=True))
         self._count = len(rows)
 
     def take(
@@ -53,14 +53,13 @@ class FusedBatch:
             raise ValueError(f"{rows} phases, but other shapes: {readings.shape}")
         if rows and not (axes.min() >= 0 and axes.max() < self._count):
             raise ValueError(f"axes are 0 to {self._count - 1}")
-        lists = (self._mixtures, self._grown, self._models, self._drifts)
+        lists = (self._mixtures, self._models, self._drifts)
         return take_many(*lists, axes, readings, elapsed_s, spawn)
 
 
 @compiled
 def take_many(
     mixtures: Any,
-    grown: Any,
     models: Any,
     drifts: Any,
     axes: npt.NDArray[np.int64],
@@ -73,7 +72,5 @@ def take_many(
     for row in range(len(axes)):
         i, r = axes[row], readings[row]
         reading = Reading(r[0], r[1], r[2], r[3], r[4], r[5], r[6])
-        nis[row] = take(
-            mixtures[i], grown[i], models[i], drifts[i], reading, elapsed_s[row], spawn[row]
-        )
+        nis[row] = take(mixtures[i], models[i], drifts[i], reading, elapsed_s[row], spawn[row])
     return nis

@@ -1,6 +1,5 @@
 """From a commissioned machine file to the numbers of the fused estimator."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -259,8 +258,3 @@ def _along(direction: dict[int, float]) -> Floats:
     for index, sigma in direction.items():
         vector[index] = sigma
     return np.outer(vector, vector)
-
-
-def normal_cdf(z: float) -> float:
-    """Probability of a standard normal number below z."""
-    return 0.5 * math.erfc(-z / math.sqrt(2.0))

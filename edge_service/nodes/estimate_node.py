@@ -26,7 +26,7 @@ async def run(context: NodeContext) -> None:
     reporter = Reporter(context, "estimate")
     reporter.counters = subscriber.counters.as_dict
     async with reporter.running():
-        await asyncio.to_thread(warm_up, config.downsample, config.estimator)
+        await asyncio.to_thread(warm_up, config.downsample, config.estimator, machines.values())
         reporter.to(ComponentStatus.OK)
         async for axis, header, block in subscriber:
             if axis in estimators:

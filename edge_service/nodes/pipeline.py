@@ -1,5 +1,7 @@
 """The pure stages of one axis as the configuration asks for them."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from ..config import (
@@ -58,11 +60,17 @@ def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimato
 def warm_up(
     downsample: DownsampleConfig = DownsampleConfig(),  # noqa: B008  frozen
     estimator: EstimatorConfig = EstimatorConfig(),  # noqa: B008
+    machines: Iterable[Machine] = (),
 ) -> None:
-    """Compile the kernels before the first sample: it takes seconds on a new installation."""
-    machine = load_machine(DEFAULT_MACHINE)
+    """Compile the kernels before the first sample: it takes seconds on a new installation.
+
+    Args:
+        machines: whose estimators run, beside the default one's.
+    """
     time_s = np.arange(400, dtype=np.float64) / 1e3
     steady = SampleFrame(time_s, {TORQUE: 0.1 + 0.01 * np.sin(time_s), ANGLE: 10.0 * time_s})
-    warm = make_estimator(estimator, machine)
-    for block in make_downsampler(downsample, machine).push(steady):
-        warm.update(block)
+    for machine in (load_machine(DEFAULT_MACHINE), *machines):
+        warm = make_estimator(estimator, machine)
+        for block in make_downsampler(downsample, machine).push(steady):
+            warm.update(block)
+            warm.estimate()

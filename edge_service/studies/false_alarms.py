@@ -46,7 +46,7 @@ def count_false_alarms(runs: int, first_seed: int = 1000) -> FalseAlarms:
         axes.append(phases_of(machine, thesis_blocks(run)))
     estimators = [FusedPreloadEstimator(machine, SETTINGS) for _ in axes]
     mixtures = [estimator._mixture for estimator in estimators]
-    batch = FusedBatch((e._mixture, e._grown, e._model, e._drift) for e in estimators)
+    batch = FusedBatch((e._mixture, e._model, e._drift) for e in estimators)
     count = min(len(phases.readings) for phases in axes)
     numbers, percent = np.arange(runs), np.empty((count, runs))
     for k in range(count):

@@ -182,7 +182,7 @@ def _batch_s(machine: Machine, phases: Phases, axes: int, repeats: int) -> float
     readings = np.repeat(phases.readings, axes, axis=0)
     elapsed_s, spawn = np.repeat(phases.elapsed_s, axes), np.repeat(phases.spawn, axes)
     estimators = [FusedPreloadEstimator(machine) for _ in range(axes)]
-    batch = FusedBatch((e._mixture, e._grown, e._model, e._drift) for e in estimators)
+    batch = FusedBatch((e._mixture, e._model, e._drift) for e in estimators)
     batch.take(numbers[:0], readings[:0], elapsed_s[:0], spawn[:0])  # compiles
     return _least_cpu_s(
         lambda: batch.take(numbers, readings, elapsed_s, spawn), repeats, compiles=False

@@ -16,11 +16,15 @@ from scipy.stats import chi2
 from edge_service.estimate.bank import LinearStep
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.estimate.fused_kernel import (
+    GAIN,
+    GAP,
+    GAP_RATE,
+    GROWTH,
+    GROWTH_RATE,
     PRELOAD,
     STATES,
     Drift,
     FusedModel,
-    GrownMap,
     Mixture,
     Reading,
     predict_stretch,
@@ -49,6 +53,8 @@ CALM = FusedSettings(
 PRELOAD_SIGMA_PERCENT = 0.1
 """So small that the cube root law is straight over it."""
 RUNS, PHASES = 80, 120
+WARMING_S = 300.0
+"""A rate of growth lasts about this long."""
 SETTLED = [
     True,
     pytest.param(
@@ -104,10 +110,11 @@ def random_reading(rng: np.random.Generator, model: FusedModel) -> Reading:
 
 def measured(rng: np.random.Generator, model: FusedModel, x: Floats, r: Reading) -> Reading:
     """Torque and stretch of a state, with the noise that the model states."""
-    slope, steady_s = np.zeros(STATES), r.steady_s
+    slope, steady_s = np.zeros_like(x), r.steady_s
     torque_var = model.torque_density / steady_s * slow(model.torque_slow_rad_s, r)
     torque_var += (0.3 * stribeck(model, r)) ** 2
     torque_nm = predict_torque(model, x, r, slope) + math.sqrt(torque_var) * rng.standard_normal()
+    torque_nm /= 1.0 + x[GAIN]
     if model.compliance_m_per_n == 0.0:
         return r._replace(torque_nm=torque_nm, table_m=math.nan, stretch_m=math.nan)
     stretch_var = model.stretch_density / steady_s * slow(model.stretch_slow_rad_s, r)
@@ -124,7 +131,18 @@ def drifted(
     rng: np.random.Generator, drift: Drift, x: Floats, elapsed_s: float, moved_s: float
 ) -> Floats:
     time_s = np.where(drift.moving, moved_s, elapsed_s)
-    return np.asarray(x + drift.walk * np.sqrt(time_s) * rng.standard_normal(STATES))
+    drifted = x.copy()
+    lasting = math.exp(-elapsed_s / WARMING_S)
+    for place, rate in ((GAP, GAP_RATE), (GROWTH, GROWTH_RATE)):
+        drifted[rate] += drift.walk[rate] * math.sqrt(elapsed_s) * rng.standard_normal()
+        drifted[place] += drifted[rate] * WARMING_S * (1.0 - lasting)
+        drifted[rate] *= lasting
+    rest = [i for i in range(STATES) if i not in (GAP_RATE, GROWTH_RATE)]
+    drifted[rest] += (drift.walk * np.sqrt(time_s))[rest] * rng.standard_normal(len(rest))
+    if len(x) > STATES:
+        root = np.linalg.cholesky(drift.uneven_m2_s * elapsed_s)
+        drifted[STATES:] += root @ rng.standard_normal(len(x) - STATES)
+    return drifted
 
 
 def one_hypothesis(mixture: Mixture) -> None:
@@ -143,17 +161,16 @@ def fused_errors(one_encoder: bool) -> Errors:
         rng = np.random.default_rng((seed, one_encoder))
         estimator = FusedPreloadEstimator(machine(one_encoder), CALM)
         model, drift, mixture = estimator._model, estimator._drift, estimator._mixture
-        flat = GrownMap(np.zeros(0), np.zeros(0), 0.0)
         one_hypothesis(mixture)
         sigma = np.sqrt(np.diag(mixture.covariance[0]))
         free = sigma > 0.0
-        x = mixture.mean[0] + sigma * rng.standard_normal(STATES)
+        x = mixture.mean[0] + sigma * rng.standard_normal(len(sigma))
         for _ in range(PHASES):
             r = random_reading(rng, model)
             elapsed_s = float(rng.uniform(0.1, 1.0))
             x = drifted(rng, drift, x, elapsed_s, r.steady_s)
             reading = measured(rng, model, x, r)
-            nis.append(take(mixture, flat, model, drift, reading, elapsed_s, False))
+            nis.append(take(mixture, model, drift, reading, elapsed_s, False))
         assert mixture.alive[0] == 1
         error, covariance = x - mixture.mean[0], mixture.covariance[0]
         scale = np.sqrt(np.diag(covariance)[free])

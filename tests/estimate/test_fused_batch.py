@@ -20,7 +20,7 @@ def estimators() -> list[FusedPreloadEstimator]:
 
 
 def batch_of(axes: list[FusedPreloadEstimator]) -> FusedBatch:
-    return FusedBatch((e._mixture, e._grown, e._model, e._drift) for e in axes)
+    return FusedBatch((e._mixture, e._model, e._drift) for e in axes)
 
 
 def phases(seed: int) -> Phases:
@@ -44,9 +44,7 @@ def test_a_batch_gives_the_bits_of_its_axes_one_by_one() -> None:
     for row, axis in enumerate(order):
         e = alone[axis]
         reading = Reading(*(float(value) for value in columns[0][row]))
-        expected = take(
-            e._mixture, e._grown, e._model, e._drift, reading, columns[1][row], columns[2][row]
-        )
+        expected = take(e._mixture, e._model, e._drift, reading, columns[1][row], columns[2][row])
         assert nis[row] == expected or np.isnan([nis[row], expected]).all()
     for mine, other in zip(together, alone, strict=True):
         for first, second in zip(mine._mixture, other._mixture, strict=True):
