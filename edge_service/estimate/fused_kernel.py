@@ -39,7 +39,8 @@ CAPACITY = 24
 QUIET, WEARING, SETTLING = 0, 1, 2
 """Modes: preload wanders slowly, or runs at a rate, or friction settles after a change."""
 
-_LEAST_LOG_WEIGHT = -25.0
+_LEAST_LOG_WEIGHT = -13.0
+_LEAST_BEGUN_LOG_WEIGHT = -25.0
 _SURPRISE = 9.0
 _OUTLIER = 20.0
 _LEAST_PERCENT = 0.02
@@ -463,7 +464,8 @@ def tidy(mixture: Mixture) -> None:
     kept = 0
     for k in range(count):
         mixture.log_weight[k] -= shift
-        if mixture.log_weight[k] < _LEAST_LOG_WEIGHT:
+        least = _LEAST_BEGUN_LOG_WEIGHT if mixture.kind[k] < 0 else _LEAST_LOG_WEIGHT
+        if mixture.log_weight[k] < least:
             continue
         _move(mixture, k, kept)
         kept += 1
