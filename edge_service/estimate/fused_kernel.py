@@ -4,11 +4,12 @@ The state of every hypothesis is Gaussian; its elements are the indices below. A
 motion (messages.features.Phase) measures two quantities, with s the direction, x the table
 position, a and v acceleration and speed of the motor::
 
-    torque    (1 + e) u = (J + R^2 dM) a + D v + A |v| + s (k m(x) p + R G + B + St(v)) + b
+    torque    (1 + e) u = (J + R^2 dM) a + D v + A |v|
+                          + s (k m(x) p + R G + R r(x) + B + St(v)) + b
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + h(x) + s odd(x) + T R v
                             + (c0 + c1 (x - x0) - cn) F + 3 F0 cn y(F, m(x) p)
-                            + s chi (c0 + c1 (x - x0)) k p / R
-              F = (M + dM) R a + s G + V R v
+                            + s chi (c0 + c1 (x - x0)) k p / R - l [F < 0]
+              F = (M + dM) R a + s (G + r(x)) + V R v
 
 The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
 (4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
@@ -27,10 +28,12 @@ from ..models.compiled import compiled
 
 PRELOAD, RATE, DRY, GUIDE, VISCOUS, ASYMMETRY, MASS = range(7)
 GAP, GROWTH, SKEW, NUT, OFFSET, SLIDE = range(7, 13)
-GAIN, GAP_RATE, GROWTH_RATE = range(13, 16)
+GAIN, GAP_RATE, GROWTH_RATE, PLAY = range(13, 17)
 """p %, dp/dt %/s, B N m, G N, D and A N m s/rad, dM kg; g0 m, g1, T s, cn m/N, b N m, V N s/m;
-e, dg0/dt m/s, dg1/dt 1/s. Behind them h at even nodes from 0 to the stroke, m."""
-STATES = 16
+e, dg0/dt m/s, dg1/dt 1/s, l m. Behind them h, m, and then r, N, at even nodes of the stroke."""
+STATES = 17
+RUB_NODES = 9
+"""Of r; h has the others."""
 WIND_UP_SHARE = 0.3
 """Of the screw's drag, acts behind the axis' spring: R^2 over torsional and whole compliance."""
 CAPACITY = 24
@@ -50,6 +53,7 @@ _WARMING_S = 300.0
 _SETTLING_HASTE = 8.0
 _SETTLED_S = 4.0
 _FORCE_ERROR = 0.05
+FLOATING_N = 15.0
 _DRIVEN_RAD_S2 = 100.0
 _AFTER_FORCE_S = 0.3
 _LARGE_FORCE_N = 100.0
@@ -88,7 +92,7 @@ class Drift(NamedTuple):
     """Random walks per square root of a second, and jumps per second of motion."""
 
     walk: Floats  # (n,), of QUIET
-    uneven_m2_s: Floats  # (n - STATES, n - STATES), of h
+    uneven: Floats  # (n - STATES, n - STATES) per s, of h and r
     moving: npt.NDArray[np.bool_]  # (n,), whether the walk needs motion
     rate_walk: float  # of the rate while WEARING, %/s per sqrt(s)
     jumps: Floats  # (j, n, n): covariance that each kind of jump adds
@@ -209,6 +213,10 @@ def predict_torque(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> f
     slope[MASS] = ratio * ratio * r.acceleration_rad_s2
     slope[OFFSET] = 1.0
     slope[GAIN] = -r.torque_nm
+    near = near_nodes(x, model, r)
+    if near.rub >= 0:
+        slope[near.rub] = r.direction * ratio * (1.0 - near.rub_share)
+        slope[near.rub + 1] = r.direction * ratio * near.rub_share
     known = model.inertia_kg_m2 * r.acceleration_rad_s2 + r.direction * stribeck(model, r)
     return known + float(np.dot(slope, x))
 
@@ -228,7 +236,7 @@ def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> 
     local = stroke_factor(model, r.table_m)
     gear = model.ratio_m_per_rad * r.acceleration_rad_s2
     speed = model.ratio_m_per_rad * r.speed_rad_s
-    load = (model.table_mass_kg + x[MASS]) * gear + r.direction * x[GUIDE] + x[SLIDE] * speed
+    load = table_load(model, x, r)
     wound_n = r.direction * WIND_UP_SHARE * model.drag_per_percent_nm / model.ratio_m_per_rad
     y, by_force, by_percent = nut_deflection(load, x[PRELOAD] * local, model)
     nut_m = 3.0 * model.fresh_preload_n
@@ -249,11 +257,56 @@ def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> 
     value += x[GAP] + x[GROWTH] * away + x[SKEW] * speed + rest * load + nut_m * x[NUT] * y
     value += mapped(model.lead_map_m, model.stroke_m, r.table_m)
     value += r.direction * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
-    left, share = _between(x.shape[0] - STATES, model.stroke_m, r.table_m)
-    if left >= 0:
-        slope[STATES + left], slope[STATES + left + 1] = 1.0 - share, share
-        value += (1.0 - share) * x[STATES + left] + share * x[STATES + left + 1]
+    slope[PLAY] = -carried_back(load)
+    value += slope[PLAY] * x[PLAY]
+    near = near_nodes(x, model, r)
+    if near.growth >= 0:
+        i, share = near.growth, near.growth_share
+        slope[i], slope[i + 1] = 1.0 - share, share
+        value += (1.0 - share) * x[i] + share * x[i + 1]
+        slope[near.rub] = slope[GUIDE] * (1.0 - near.rub_share)
+        slope[near.rub + 1] = slope[GUIDE] * near.rub_share
     return value, compliance
+
+
+@compiled
+def table_load(model: FusedModel, x: Floats, r: Reading) -> float:
+    """F, N."""
+    near = near_nodes(x, model, r)
+    rubbing = x[GUIDE]
+    if near.rub >= 0:
+        rubbing += (1.0 - near.rub_share) * x[near.rub] + near.rub_share * x[near.rub + 1]
+    gear = model.ratio_m_per_rad * r.acceleration_rad_s2
+    speed = model.ratio_m_per_rad * r.speed_rad_s
+    return float((model.table_mass_kg + x[MASS]) * gear + r.direction * rubbing + x[SLIDE] * speed)
+
+
+@compiled
+def carried_back(load_n: float) -> float:
+    """[F < 0]; a half where hardly any force says which flank carries."""
+    if abs(load_n) < FLOATING_N:
+        return 0.5
+    return 1.0 if load_n < 0.0 else 0.0
+
+
+class NearNodes(NamedTuple):
+    """Indices of the nodes before a place, -1 without any, and shares of those behind."""
+
+    growth: int
+    growth_share: float
+    rub: int
+    rub_share: float
+
+
+@compiled
+def near_nodes(x: Floats, model: FusedModel, r: Reading) -> NearNodes:
+    """Where in the state a phase's nodes are."""
+    count = x.shape[0] - STATES - RUB_NODES
+    left, share = _between(count, model.stroke_m, r.table_m)
+    if left < 0:
+        return NearNodes(-1, 0.0, -1, 0.0)
+    rub, rub_share = _between(RUB_NODES, model.stroke_m, r.table_m)
+    return NearNodes(STATES + left, share, STATES + count + rub, rub_share)
 
 
 @compiled
@@ -266,7 +319,7 @@ def predict_state(mixture: Mixture, k: int, drift: Drift, elapsed_s: float, move
     haste = 1.0
     if mixture.mode[k] == SETTLING:
         haste += _SETTLING_HASTE * math.exp(-mixture.age_s[k] / _SETTLED_S)
-    p[STATES:, STATES:] += elapsed_s * drift.uneven_m2_s
+    p[STATES:, STATES:] += elapsed_s * drift.uneven
     for i in range(STATES):
         time_s = moved_s if drift.moving[i] else elapsed_s
         walk = drift.walk[i]
@@ -307,41 +360,43 @@ def _innovate(
     """
     slopes, gains, e, s = told.slopes, told.gains, told.error, told.covariance
     e[0] = r.torque_nm - predict_torque(model, x, r, slopes[0])
-    compliance, left = 0.0, -1
+    compliance = 0.0
     e[1] = 0.0
     slopes[1, :] = 0.0
+    floating_m = 0.0
     if not math.isnan(r.stretch_m):
         predicted, compliance = predict_stretch(model, at, r, slopes[1])
-        left, _ = _between(x.shape[0] - STATES, model.stroke_m, r.table_m)
         e[1] = r.stretch_m - predicted
-    far = STATES + left if left >= 0 else 0
-    for m in range(STATES):
-        e[1] -= slopes[1, m] * (x[m] - at[m])
-    for m in range(far, far + 2 if far else 0):
-        e[1] -= slopes[1, m] * (x[m] - at[m])
-    for i in range(2):
-        gains[i, :] = 0.0
-        for m in range(STATES):
-            if slopes[i, m] != 0.0:
-                gains[i] += slopes[i, m] * p[m]
-        for m in range(far, far + 2 if far else 0):
-            if slopes[i, m] != 0.0:
-                gains[i] += slopes[i, m] * p[m]
+        if slopes[1, PLAY] == -0.5:
+            floating_m = 0.5 * at[PLAY]
+    near = near_nodes(x, model, r)
+    gains[:] = 0.0
+    _weigh(0, STATES, x, at, p, told)
+    if near.growth >= 0:
+        _weigh(near.growth, near.growth + 2, x, at, p, told)
+        _weigh(near.rub, near.rub + 2, x, at, p, told)
     for i in range(2):
         for j in range(2):
-            total = 0.0
-            for m in range(STATES):
-                total += slopes[i, m] * gains[j, m]
-            for m in range(far, far + 2 if far else 0):
-                total += slopes[i, m] * gains[j, m]
-            s[i, j] = total
+            s[i, j] = np.dot(slopes[i], gains[j])
     speed = max(abs(r.speed_rad_s), 1e-3)
     s[0, 0] += (
         model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
         + (0.3 * stribeck(model, r)) ** 2
     )
     s[1, 1] += model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
+    s[1, 1] += floating_m * floating_m
     return compliance
+
+
+@compiled
+def _weigh(first: int, end: int, x: Floats, at: Floats, p: Floats, told: Innovation) -> None:
+    """Add those states' part of P H' and of the way from where the stretch is linear."""
+    for m in range(first, end):
+        told.error[1] -= told.slopes[1, m] * (x[m] - at[m])
+        for i in range(2):
+            if told.slopes[i, m] != 0.0:
+                for j in range(x.shape[0]):
+                    told.gains[i, j] += told.slopes[i, m] * p[m, j]
 
 
 @compiled

@@ -18,9 +18,11 @@ from .fused_kernel import (
     MASS,
     NUT,
     OFFSET,
+    PLAY,
     PRELOAD,
     QUIET,
     RATE,
+    RUB_NODES,
     SETTLING,
     SKEW,
     SLIDE,
@@ -35,6 +37,10 @@ from .fused_kernel import (
 GROWTH_NODE_M = 0.04
 GROWTH_REACH_M = 0.1
 """Places nearer than this grow alike."""
+RUB_REACH_M = 0.1
+"""Places nearer than this rub alike."""
+PLAY_M = 5e-6
+"""Standard deviation of a play that comes up."""
 UNCHANGED_SHARE = 0.2
 """Of what friction may have changed by since commissioning, if it has hardly."""
 CLEARANCE_M = 1.5e-6
@@ -55,7 +61,9 @@ class FusedSettings:
         growth_rate_m_s: of the speed at which that difference grows, m/s per sqrt(s).
         gain_error, gain_walk: of the torque constant since commissioning, and per sqrt(s); shares.
         unchanged: probability that friction begins hardly different from commissioning.
-        loss_hazard, friction_hazard, payload_hazard, wear_hazard: per second of motion.
+        rub_share: error of the guides' friction along the stroke at the start, as a share.
+        loss_hazard, friction_hazard, payload_hazard, wear_hazard, backlash_hazard,
+            misalignment_hazard: per second of motion.
         force_hazard: share of phases in which a process force begins.
         force_stay: probability that it lasts for another phase.
         process_force_n: standard deviation of forces on the table.
@@ -69,6 +77,9 @@ class FusedSettings:
     gain_walk: float = 3e-4
     uneven_growth_m: float = 2e-8
     uneven_start_m: float = 2e-8
+    rub_share: float = 0.01
+    backlash_hazard: float = 2e-4
+    misalignment_hazard: float = 2e-4
     unchanged: float = 0.5
     loss_hazard: float = 2e-4
     friction_hazard: float = 5e-4
@@ -154,25 +165,38 @@ def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> St
         sigma[GAP_RATE], sigma[GROWTH_RATE] = 2e-8, 5e-8
     sigma[GAP], sigma[GROWTH] = 1e-4, 1e-4
     sigma[SKEW] = 2e-6
+    sigma[PLAY] = 1e-7 if t else 0.0
     sigma[SLIDE] = max(drifted * mean[SLIDE], 1.0) if t else 0.0
     sigma[NUT] = t.nut_share_sigma * model.compliance_m_per_n if t else 0.0
     sigma[OFFSET] = 0.1 * taught.coulomb_nm * bool(settings.friction_walk)
-    nodes_m = _growth_nodes(machine)
-    covariance = np.zeros((STATES + len(nodes_m),) * 2)
-    covariance[:STATES, :STATES] = np.diag(sigma**2)
-    covariance[STATES:, STATES:] = settings.uneven_start_m**2 * np.eye(len(nodes_m))
+    growth_m, rub_m = growth_nodes(machine), rub_nodes(machine)
+    rub_n = settings.rub_share * guide_n
+    along = np.array([settings.uneven_start_m] * len(growth_m) + [rub_n] * len(rub_m))
+    covariance = np.diag(np.concatenate([sigma, along]) ** 2)
     unchanged = covariance.copy()
     for index in (DRY, GUIDE, VISCOUS, OFFSET):
         unchanged[index, index] *= UNCHANGED_SHARE**2
-    return Start(np.concatenate([mean, np.zeros(len(nodes_m))]), covariance, unchanged)
+    return Start(np.concatenate([mean, np.zeros(len(along))]), covariance, unchanged)
 
 
-def _growth_nodes(machine: Machine) -> Floats:
+def growth_nodes(machine: Machine) -> Floats:
     """Places along the stroke where uneven growth is followed, m; none with one encoder."""
     stroke_m, taught = machine.axis.stroke_m, machine.commissioned
     if stroke_m is None or taught is None or taught.transmission is None:
         return np.zeros(0)
     return np.linspace(0.0, stroke_m, max(round(stroke_m / GROWTH_NODE_M), 1) + 1)
+
+
+def rub_nodes(machine: Machine) -> Floats:
+    """Places along the stroke where the friction of the guides is followed, m; as above."""
+    nodes_m = growth_nodes(machine)
+    return np.linspace(0.0, nodes_m[-1], RUB_NODES) if len(nodes_m) else nodes_m
+
+
+def _alike(nodes_m: Floats, reach_m: float) -> Floats:
+    """Correlation of what happens at nodes, (k, k)."""
+    apart = (nodes_m[:, None] - nodes_m[None, :]) / reach_m
+    return np.asarray(0.9 * np.exp(-0.5 * apart**2) + 0.1 * np.eye(len(nodes_m)))
 
 
 def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Drift:
@@ -196,15 +220,29 @@ def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Dr
     moving = np.zeros(STATES, dtype=np.bool_)
     moving[PRELOAD] = True
     jumps, hazards, modes = _jumps(machine, model, settings)
-    nodes_m = _growth_nodes(machine)
-    apart = (nodes_m[:, None] - nodes_m[None, :]) / GROWTH_REACH_M
-    alike = 0.9 * np.exp(-0.5 * apart**2) + 0.1 * np.eye(len(nodes_m))
+    growth_m, rub_m = growth_nodes(machine), rub_nodes(machine)
+    uneven = np.zeros((len(growth_m) + len(rub_m),) * 2)
+    alike = settings.uneven_growth_m**2 * _alike(growth_m, GROWTH_REACH_M)
+    uneven[: len(growth_m), : len(growth_m)] = alike
+    alike = (0.2 * share * guide_n) ** 2 * _alike(rub_m, RUB_REACH_M)
+    uneven[len(growth_m) :, len(growth_m) :] = alike
+    if len(rub_m):
+        jumps.append(np.zeros((STATES, STATES)))
+        hazards.append(settings.misalignment_hazard)
+        modes.append(QUIET)
+    every = np.zeros((len(jumps), STATES + len(uneven), STATES + len(uneven)))
+    every[:, :STATES, :STATES] = np.array(jumps)
+    if len(rub_m):
+        rubbing_n = 0.15 * taught.coulomb_nm / model.ratio_m_per_rad
+        every[-1, STATES + len(growth_m) :, STATES + len(growth_m) :] = rubbing_n**2 * _alike(
+            rub_m, RUB_REACH_M
+        )
     return Drift(
         walk=walk,
-        uneven_m2_s=settings.uneven_growth_m**2 * alike,
+        uneven=uneven,
         moving=moving,
         rate_walk=0.003,
-        jumps=np.pad(np.array(jumps), ((0, 0), (0, len(nodes_m)), (0, len(nodes_m)))),
+        jumps=every,
         hazards=np.array(hazards),
         modes=np.array(modes, dtype=np.int64),
         force_hazard=settings.force_hazard,
@@ -238,6 +276,7 @@ def _jumps(
         payload = _along({MASS: 0.4 * model.table_mass_kg, GUIDE: 0.1 * guide_n})
         payload = payload + _along({GUIDE: 0.1 * guide_n}) + _along({DRY: 0.03 * coulomb})
         kinds.append((payload, settings.payload_hazard, QUIET))
+        kinds.append((_along({PLAY: PLAY_M}), settings.backlash_hazard, QUIET))
     if settings.friction_walk:
         slick = _along({VISCOUS: 0.2 * viscous}) + _along({DRY: 0.06 * coulomb})
         if taught.transmission is None:
