@@ -96,6 +96,7 @@ class Drift(NamedTuple):
     moving: npt.NDArray[np.bool_]  # (n,), whether the walk needs motion
     rate_walk: float  # of the rate while WEARING, %/s per sqrt(s)
     jumps: Floats  # (j, n, n): covariance that each kind of jump adds
+    shifts: Floats  # (j, n): what it adds to the mean
     hazards: Floats  # (j,) 1/s
     modes: npt.NDArray[np.int64]  # (j,), mode after the jump
     force_hazard: float  # share of phases in which a process force begins
@@ -498,7 +499,9 @@ def _spawn(
         mixture.kind[k] = j
         mixture.age_s[k] = 0.0
         mixture.force[k] = 0.0
-        mixture.mean[k] = mixture.mean[parent]
+        mixture.mean[k] = mixture.mean[parent] + drift.shifts[j]
+        if drift.shifts[j, PRELOAD] < 0.0:
+            mixture.mean[k, PRELOAD] = max(mixture.mean[k, PRELOAD], _LEAST_PERCENT)
         mixture.covariance[k] = mixture.covariance[parent] + drift.jumps[j]
 
 

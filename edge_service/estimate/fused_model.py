@@ -1,6 +1,6 @@
 """From a commissioned machine file to the numbers of the fused estimator."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,6 +39,12 @@ GROWTH_REACH_M = 0.1
 """Places nearer than this grow alike."""
 RUB_REACH_M = 0.1
 """Places nearer than this rub alike."""
+RUB_SHARE = 0.15
+"""Standard deviation of a misalignment's friction, over the whole friction."""
+LOSSES = ((0.15, 0.1), (0.6, 0.25))
+"""Sudden losses, small and large: mean and standard deviation over the fresh preload."""
+WEAR_PERCENT_S = 0.05
+"""Mean and standard deviation of a rate of loss, % per second of motion."""
 PLAY_M = 5e-6
 """Standard deviation of a play that comes up."""
 UNCHANGED_SHARE = 0.2
@@ -219,30 +225,32 @@ def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Dr
     walk[GAIN] = settings.gain_walk if share else 0.0
     moving = np.zeros(STATES, dtype=np.bool_)
     moving[PRELOAD] = True
-    jumps, hazards, modes = _jumps(machine, model, settings)
+    jumps = _jumps(machine, model, settings)
     growth_m, rub_m = growth_nodes(machine), rub_nodes(machine)
     uneven = np.zeros((len(growth_m) + len(rub_m),) * 2)
     alike = settings.uneven_growth_m**2 * _alike(growth_m, GROWTH_REACH_M)
     uneven[: len(growth_m), : len(growth_m)] = alike
     alike = (0.2 * share * guide_n) ** 2 * _alike(rub_m, RUB_REACH_M)
     uneven[len(growth_m) :, len(growth_m) :] = alike
+    size = STATES + len(uneven)
+    every = np.zeros((len(jumps) + bool(len(rub_m)), size, size))
+    every[: len(jumps), :STATES, :STATES] = np.array([jump.covariance for jump in jumps])
+    shifts = np.zeros((len(every), size))
+    shifts[: len(jumps), :STATES] = np.array([jump.shift for jump in jumps])
+    hazards, modes = [jump.hazard for jump in jumps], [jump.mode for jump in jumps]
     if len(rub_m):
-        jumps.append(np.zeros((STATES, STATES)))
+        rubbing_n = RUB_SHARE * taught.coulomb_nm / model.ratio_m_per_rad
+        first = STATES + len(growth_m)
+        every[-1, first:, first:] = rubbing_n**2 * _alike(rub_m, RUB_REACH_M)
         hazards.append(settings.misalignment_hazard)
         modes.append(QUIET)
-    every = np.zeros((len(jumps), STATES + len(uneven), STATES + len(uneven)))
-    every[:, :STATES, :STATES] = np.array(jumps)
-    if len(rub_m):
-        rubbing_n = 0.15 * taught.coulomb_nm / model.ratio_m_per_rad
-        every[-1, STATES + len(growth_m) :, STATES + len(growth_m) :] = rubbing_n**2 * _alike(
-            rub_m, RUB_REACH_M
-        )
     return Drift(
         walk=walk,
         uneven=uneven,
         moving=moving,
         rate_walk=0.003,
         jumps=every,
+        shifts=shifts,
         hazards=np.array(hazards),
         modes=np.array(modes, dtype=np.int64),
         force_hazard=settings.force_hazard,
@@ -250,50 +258,65 @@ def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Dr
     )
 
 
-def _jumps(
-    machine: Machine, model: FusedModel, settings: FusedSettings
-) -> tuple[list[Floats], list[float], list[int]]:
-    """Covariances, hazards and modes of each kind of jump.
+@dataclass(frozen=True, slots=True)
+class _Jump:
+    """A kind of jump: covariance and mean that it adds, hazard per second, mode afterwards."""
 
-    How much of the screw's drag acts behind its spring is hardly known, so a loss may take a little
-    from the reversal force as well.
+    covariance: Floats
+    hazard: float
+    mode: int
+    shift: Floats = field(default_factory=lambda: np.zeros(STATES))
+
+
+def _jumps(machine: Machine, model: FusedModel, settings: FusedSettings) -> list[_Jump]:
+    """Every kind of jump, in the order of `KINDS` (as far as this axis can show it).
+
+    Preload is lost and never gained. How much of the screw's drag acts behind its spring is hardly
+    known, so a loss may take a little from the reversal force as well.
     """
     taught = machine.commissioned
     assert taught is not None
-    coulomb, per_percent = taught.coulomb_nm, model.drag_per_percent_nm
-    viscous = machine.model.viscous_nm_s_per_rad.value
-    lost = 0.6 * model.fresh_percent
-    wearing = _along({RATE: 0.1})
-    if taught.transmission is None:
-        kinds = [(_along({PRELOAD: lost}), settings.loss_hazard, QUIET)]
-        kinds.append((wearing, settings.wear_hazard, WEARING))
-    else:
-        guide_n = taught.transmission.reversal_force_n
-        slack = 0.5 * WIND_UP_SHARE * lost * per_percent
-        behind = _along({GUIDE: slack / model.ratio_m_per_rad, DRY: -slack})
-        kinds = [(_along({PRELOAD: lost}) + behind, settings.loss_hazard, QUIET)]
-        kinds.append((wearing, settings.wear_hazard, WEARING))
-        payload = _along({MASS: 0.4 * model.table_mass_kg, GUIDE: 0.1 * guide_n})
-        payload = payload + _along({GUIDE: 0.1 * guide_n}) + _along({DRY: 0.03 * coulomb})
-        kinds.append((payload, settings.payload_hazard, QUIET))
-        kinds.append((_along({PLAY: PLAY_M}), settings.backlash_hazard, QUIET))
-    if settings.friction_walk:
-        slick = _along({VISCOUS: 0.2 * viscous}) + _along({DRY: 0.06 * coulomb})
-        if taught.transmission is None:
-            slick = (
-                slick + _along({DRY: 0.25 * coulomb}) + _along({MASS: 0.4 * model.table_mass_kg})
-            )
-        else:
-            guide_n = taught.transmission.reversal_force_n
+    two, lubricated = taught.transmission is not None, settings.friction_walk > 0.0
+    coulomb, fresh = taught.coulomb_nm, model.fresh_percent
+    guide_n = taught.transmission.reversal_force_n if taught.transmission else 0.0
+    jumps = []
+    for typical, spread in LOSSES:
+        lost, sigma = typical * fresh, spread * fresh
+        covariance = _along({PRELOAD: sigma})
+        if two:
+            slack = 0.5 * WIND_UP_SHARE * (lost + sigma) * model.drag_per_percent_nm
+            covariance = covariance + _along({GUIDE: slack / model.ratio_m_per_rad, DRY: -slack})
+        hazard = settings.loss_hazard / len(LOSSES)
+        jumps.append(_Jump(covariance, hazard, QUIET, _direction({PRELOAD: -lost})))
+    slope = _direction({RATE: -WEAR_PERCENT_S})
+    jumps.append(_Jump(_along({RATE: WEAR_PERCENT_S}), settings.wear_hazard, WEARING, slope))
+    if lubricated:
+        slick = _along({VISCOUS: 0.2 * machine.model.viscous_nm_s_per_rad.value})
+        slick = slick + _along({DRY: 0.06 * coulomb})
+        if two:
             slick = slick + _along({DRY: 0.15 * coulomb, GUIDE: 0.3 * guide_n})
             slick = slick + _along({GUIDE: 0.1 * guide_n})
-        kinds.append((slick, settings.friction_hazard, SETTLING))
-    return [c for c, _, _ in kinds], [h for _, h, _ in kinds], [m for _, _, m in kinds]
+        else:
+            slick = slick + _along({DRY: 0.25 * coulomb})
+            slick = slick + _along({MASS: 0.4 * model.table_mass_kg})
+        jumps.append(_Jump(slick, settings.friction_hazard, SETTLING))
+    if two:
+        payload = _along({MASS: 0.4 * model.table_mass_kg, GUIDE: 0.1 * guide_n})
+        payload = payload + _along({GUIDE: 0.1 * guide_n}) + _along({DRY: 0.03 * coulomb})
+        jumps.append(_Jump(payload, settings.payload_hazard, QUIET))
+        jumps.append(_Jump(_along({PLAY: PLAY_M}), settings.backlash_hazard, QUIET))
+    return jumps
+
+
+def _direction(entries: dict[int, float]) -> Floats:
+    """A vector of the state."""
+    vector = np.zeros(STATES)
+    for index, value in entries.items():
+        vector[index] = value
+    return vector
 
 
 def _along(direction: dict[int, float]) -> Floats:
     """Covariance of a jump of that standard deviation along one direction of the state."""
-    vector = np.zeros(STATES)
-    for index, sigma in direction.items():
-        vector[index] = sigma
+    vector = _direction(direction)
     return np.outer(vector, vector)
