@@ -186,7 +186,7 @@ def _lasting(residual: Floats, phases: SteadyPhases, slow_rad_s: float) -> float
 
 @dataclass(frozen=True, slots=True)
 class TorqueTaught:
-    """Parameters of the torque balance; see fused_kernel for the equation."""
+    """Parameters of the torque balance; see fused_physics for the equation."""
 
     inertia_kg_m2: float
     inertia_sigma: float

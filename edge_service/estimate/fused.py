@@ -1,35 +1,29 @@
 """Preload from two witnesses, drag and stretch, over what may have happened to the axis."""
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.features import FeatureBlock, Phase
-from ..messages.samples import Floats
 from ..models.machine import Machine
-from ..models.stiffness import LEAST_NUT_LOAD_PERCENT
-from .fused_kernel import (
+from .fused_answers import Answers
+from .fused_kernel import take
+from .fused_model import FusedSettings, Start, drift_of, fused_model, start_of
+from .fused_state import (
     CAPACITY,
     DRY,
+    GAIN,
     GUIDE,
     MASS,
-    NUT,
     PRELOAD,
-    RATE,
     VISCOUS,
-    WEARING,
     FusedModel,
     Mixture,
     Reading,
-    take,
 )
-from .fused_model import FusedSettings, Start, drift_of, fused_model, start_of
 from .known_effects import KnownEffects
-from .mixture_interval import interval, mixture_cdf
-from .transition import LEVELS_PERCENT
 from .validity import Validity, ValiditySettings
 
 _SNAPSHOT_SCHEMA = "fused-preload/1"
@@ -41,13 +35,6 @@ START_SIGMA_SHARE = 0.5
 """Of the fresh preload, where torque alone has to find it."""
 WILDEST = (1e4, 1e6, 1e4, 1.0)
 """Torque N m, acceleration rad/s^2, speed rad/s, stretch m that no axis has."""
-MODEL_ERROR_SHARE = 0.02
-"""Error of the cube root law, as a share of the way from the fresh preload."""
-MODEL_ERROR_PERCENT = 0.12
-LAG_S = 1.5
-"""A preload that runs at a rate is followed with about this delay, s of motion."""
-LEAST_KNOWN_PERCENT = 1.0
-"""Below this nothing tells a preload from none: a clearance may be there."""
 
 
 class FusedPreloadEstimator:
@@ -138,9 +125,8 @@ class FusedPreloadEstimator:
                 reasons=reasons,
                 data_used_s=self._validity.informative_s,
             )
-        weight, mean, sigma = self._marginal()
-        percent = max(float(weight @ mean), 0.0)
-        low, high = interval(weight, mean, sigma, LEAST_KNOWN_PERCENT)
+        said = Answers(self._mixture, self._model, self._machine, self._start)
+        percent, low, high = said.preload()
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
         return PreloadEstimate(
@@ -148,12 +134,13 @@ class FusedPreloadEstimator:
             status=status,
             reasons=self._caveats(),
             preload_percent=percent,
-            low=min(low, percent),
-            high=max(high, percent),
+            low=low,
+            high=high,
             preload_n=percent / 100.0 * rating,
-            drag_torque_nm=self._drag(),
-            stiffness_n_per_m=self._stiffness(),
-            mode_probability=_levels(weight, mean, sigma),
+            drag_torque_nm=said.drag(),
+            stiffness_n_per_m=said.stiffness(),
+            mode_probability=said.levels(),
+            fault_probability=said.faults(),
             data_used_s=self._validity.informative_s,
             nis=self._nis,
         )
@@ -170,6 +157,7 @@ class FusedPreloadEstimator:
             ("friction beside the screw's", rest_nm, -0.1 * coulomb_nm, 3.0 * coulomb_nm),
             ("viscous friction", state[VISCOUS], 0.2 * start[VISCOUS], 4.0 * start[VISCOUS]),
             ("payload", state[MASS], -0.8 * model.table_mass_kg, 5.0 * model.table_mass_kg),
+            ("change of the torque constant", state[GAIN], -0.2, 0.2),
         ):
             if not low - 1e-9 <= value <= high + 1e-9:
                 return (
@@ -183,57 +171,6 @@ class FusedPreloadEstimator:
             return ()
         names = ", ".join(self._known.left)
         return (f"effects_left: {names} of the machine file: the estimate follows these by itself",)
-
-    def _marginal(self) -> tuple[Floats, Floats, Floats]:
-        """Weights, means and standard deviations of the preload, %, one per hypothesis."""
-        alive = slice(0, int(self._mixture.alive[0]))
-        weight = np.exp(self._mixture.log_weight[alive])
-        mean = self._mixture.mean[alive]
-        variance = np.maximum(self._mixture.covariance[alive, PRELOAD, PRELOAD], 0.0)
-        away = mean[:, PRELOAD] - self._model.fresh_percent
-        drag = self._machine.model.preload_drag_nm
-        scale = MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance)
-        lag = LAG_S * mean[:, RATE] * (self._mixture.mode[alive] == WEARING)
-        systematic = (scale * away) ** 2 + MODEL_ERROR_PERCENT**2 + lag**2
-        return weight / weight.sum(), mean[:, PRELOAD], np.sqrt(variance + systematic)
-
-    def _drag(self) -> Interval:
-        """Coulomb torque of the whole axis, N m."""
-        slope = np.zeros(self._mixture.mean.shape[1])
-        slope[PRELOAD], slope[DRY] = self._model.drag_per_percent_nm, 1.0
-        slope[GUIDE] = self._model.ratio_m_per_rad
-        alive = slice(0, int(self._mixture.alive[0]))
-        weight = np.exp(self._mixture.log_weight[alive])
-        weight = weight / weight.sum()
-        means = self._mixture.mean[alive] @ slope
-        value = float(weight @ means)
-        within = np.einsum("i,kij,j->k", slope, self._mixture.covariance[alive], slope)
-        sigma = float(np.sqrt(max(weight @ (within + (means - value) ** 2), 0.0)))
-        return Interval(value=value, low=value - 1.96 * sigma, high=value + 1.96 * sigma)
-
-    def _stiffness(self) -> Interval | None:
-        """Series stiffness at `reference_m`, N/m (5.3.2, 5.3.11).
-
-        1/k = C + C_n ((F_0/F)^(1/3) - 1).
-        """
-        model, mass = self._model, self._machine.model.table_mass_kg
-        if model.compliance_m_per_n == 0.0 or mass is None:
-            return None
-        weight, percent, sigma = self._marginal()
-        alive = slice(0, int(self._mixture.alive[0]))
-        nut = self._mixture.mean[alive, NUT]
-        nut_variance = np.maximum(self._mixture.covariance[alive, NUT, NUT], 0.0)
-        load = np.maximum(percent, LEAST_NUT_LOAD_PERCENT)
-        root = np.cbrt(model.fresh_percent / load)
-        compliance = model.compliance_m_per_n + nut * (root - 1.0)
-        by_percent = np.where(percent > LEAST_NUT_LOAD_PERCENT, nut * root / (3.0 * load), 0.0)
-        variance = (by_percent * sigma) ** 2 + (root - 1.0) ** 2 * nut_variance
-        variance += (mass.tolerance * compliance) ** 2
-        value = float(weight @ compliance)
-        half = 1.96 * float(np.sqrt(weight @ (variance + (compliance - value) ** 2)))
-        return Interval(
-            value=1.0 / value, low=1.0 / (value + half), high=1.0 / max(value - half, 0.1 * value)
-        )
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as JSON-able values."""
@@ -310,12 +247,3 @@ def _begin(start: Start, model: FusedModel, settings: FusedSettings) -> Mixture:
         mixture.covariance[k] = covariance
         mixture.covariance[k, PRELOAD, PRELOAD] = sigma**2
     return mixture
-
-
-def _levels(weight: Floats, mean: Floats, sigma: Floats) -> dict[str, float]:
-    """Probability that each of the seed's levels is the nearest."""
-    levels = sorted(LEVELS_PERCENT)
-    edges = [0.5 * (a + b) for a, b in pairwise(levels)]
-    below = [0.0, *(mixture_cdf(edge, weight, mean, sigma) for edge in edges), 1.0]
-    share = dict(zip(levels, np.diff(below).tolist(), strict=True))
-    return {f"{level:g}": share[level] for level in LEVELS_PERCENT}

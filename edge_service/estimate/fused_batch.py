@@ -9,7 +9,8 @@ from numba.typed import List
 
 from ..messages.samples import Floats
 from ..models.compiled import compiled
-from .fused_kernel import Drift, FusedModel, Mixture, Reading, take
+from .fused_kernel import take
+from .fused_state import Drift, FusedModel, Mixture, Reading
 
 READING_SIZE = len(Reading._fields)
 

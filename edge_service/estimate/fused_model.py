@@ -6,7 +6,7 @@ import numpy as np
 
 from ..messages.samples import Floats
 from ..models.machine import Machine
-from .fused_kernel import (
+from .fused_state import (
     ASYMMETRY,
     DRY,
     GAIN,

@@ -42,6 +42,11 @@ class PreloadEstimate(Frozen):
         stiffness_n_per_m: of all that lies in series between motor and table, N/m; None from an
             estimator that does not know it.
         mode_probability: probability of each preload level of the filter bank.
+        fault_probability: probability of each change since commissioning: `preload_loss` of 10 %,
+            `lubrication` (friction beside the screw's up by 20 % of the whole), `backlash` of
+            1.5 um, `misalignment` (a place along the stroke rubs more, by 10 % of the whole
+            friction), `payload` of 10 % of the table, `torque_constant` by 5 %, and that a
+            `process_force` acts; empty from an estimator that does not know them.
         data_used_s: time of informative motion behind the estimate, s.
         nis: normalised innovation squared of the last informative interval (mean 1 if the
             model holds).
@@ -58,5 +63,6 @@ class PreloadEstimate(Frozen):
     drag_torque_nm: Interval | None = None
     stiffness_n_per_m: Interval | None = None
     mode_probability: dict[str, float] = {}
+    fault_probability: dict[str, float] = {}
     data_used_s: float = 0.0
     nis: float | None = None

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..estimate.fused import FusedPreloadEstimator
 from ..estimate.fused_batch import FusedBatch
-from ..estimate.fused_kernel import PRELOAD, Mixture
+from ..estimate.fused_state import PRELOAD, Mixture
 from ..messages.samples import Floats
 from .bench_figures import Figure
 from .estimator_seed import FRESH_PERCENT, SETTINGS, thesis_blocks, thesis_machine

@@ -15,7 +15,10 @@ from scipy.stats import chi2
 
 from edge_service.estimate.bank import LinearStep
 from edge_service.estimate.fused import FusedPreloadEstimator
-from edge_service.estimate.fused_kernel import (
+from edge_service.estimate.fused_kernel import take
+from edge_service.estimate.fused_model import FusedSettings
+from edge_service.estimate.fused_physics import predict_stretch, predict_torque, stribeck
+from edge_service.estimate.fused_state import (
     GAIN,
     GAP,
     GAP_RATE,
@@ -27,12 +30,7 @@ from edge_service.estimate.fused_kernel import (
     FusedModel,
     Mixture,
     Reading,
-    predict_stretch,
-    predict_torque,
-    stribeck,
-    take,
 )
-from edge_service.estimate.fused_model import FusedSettings
 from edge_service.estimate.kalman import BankRun, BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
@@ -47,6 +45,8 @@ CALM = FusedSettings(
     friction_hazard=NONE,
     payload_hazard=NONE,
     wear_hazard=NONE,
+    backlash_hazard=NONE,
+    misalignment_hazard=NONE,
     force_hazard=NONE,
     process_force_n=1e9,
 )
@@ -140,7 +140,7 @@ def drifted(
     rest = [i for i in range(STATES) if i not in (GAP_RATE, GROWTH_RATE)]
     drifted[rest] += (drift.walk * np.sqrt(time_s))[rest] * rng.standard_normal(len(rest))
     if len(x) > STATES:
-        root = np.linalg.cholesky(drift.uneven_m2_s * elapsed_s)
+        root = np.linalg.cholesky(drift.uneven * elapsed_s)
         drifted[STATES:] += root @ rng.standard_normal(len(x) - STATES)
     return drifted
 

@@ -13,10 +13,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.estimate import fused, fused_kernel, fused_model
+from edge_service.estimate import (
+    fused,
+    fused_kernel,
+    fused_mixture,
+    fused_model,
+    fused_physics,
+    fused_state,
+)
 from edge_service.estimate.fused import FusedPreloadEstimator, vibrates
-from edge_service.estimate.fused_kernel import PRELOAD, STATES, Mixture
 from edge_service.estimate.fused_model import FusedSettings, drift_of, start_of
+from edge_service.estimate.fused_state import PRELOAD, STATES, Mixture
 from edge_service.messages.channels import (
     ANGLE,
     MOTOR_SPEED,
@@ -100,15 +107,18 @@ def test_plain_python_gives_the_same_numbers(monkeypatch: pytest.MonkeyPatch) ->
     begun = mixture_of(compiled).alive[0]
     run(blocks, compiled)
     assert (mixture_of(compiled).kind[: mixture_of(compiled).alive[0]] >= 0).any()
-    kernels = [
-        (name, value.py_func)
-        for name, value in inspect.getmembers(fused_kernel)
+    rooms = (fused_physics, fused_mixture, fused_kernel, fused)
+    kernels = {
+        name: value.py_func
+        for room in rooms
+        for name, value in inspect.getmembers(room)
         if hasattr(value, "py_func")
-    ]
-    assert len(kernels) > 15
-    for name, python in kernels:
-        monkeypatch.setattr(fused_kernel, name, python)
-    monkeypatch.setattr(fused, "take", fused_kernel.take)
+    }
+    assert len(kernels) > 20
+    for room in rooms:
+        for name, python in kernels.items():
+            if hasattr(room, name):
+                monkeypatch.setattr(room, name, python)
     assert inspect.isfunction(fused.take)
     plain = FusedPreloadEstimator(machine())
     run(blocks, plain)
@@ -145,7 +155,7 @@ def test_permuting_the_hypotheses_changes_nothing() -> None:
     assert count > 2
     order = np.random.default_rng(3).permutation(count)
     for array in mixture:
-        if len(array) == fused_kernel.CAPACITY:
+        if len(array) == fused_state.CAPACITY:
             array[:count] = array[order]
     first, second = run(blocks[250:], straight), run(blocks[250:], turned)
     assert [e.status for e in first] == [e.status for e in second]
@@ -202,12 +212,12 @@ def plain_kalman(
             s, v, a = block.steady_direction, phase.speed_rad_s, phase.acceleration_rad_s2
             slow = taught.stribeck_excess_nm * math.exp(-abs(v) / taught.stribeck_speed_rad_s)
             h = np.zeros(STATES)
-            h[fused_kernel.PRELOAD], h[fused_kernel.DRY] = s * per_percent, s
+            h[fused_state.PRELOAD], h[fused_state.DRY] = s * per_percent, s
             if not math.isnan(phase.table_m):
                 raise AssertionError("expected one encoder")
-            h[fused_kernel.GUIDE], h[fused_kernel.VISCOUS] = s * ratio, v
-            h[fused_kernel.ASYMMETRY], h[fused_kernel.MASS] = abs(v), ratio**2 * a
-            h[fused_kernel.OFFSET], h[fused_kernel.GAIN] = 1.0, -phase.torque_nm
+            h[fused_state.GUIDE], h[fused_state.VISCOUS] = s * ratio, v
+            h[fused_state.ASYMMETRY], h[fused_state.MASS] = abs(v), ratio**2 * a
+            h[fused_state.OFFSET], h[fused_state.GAIN] = 1.0, -phase.torque_nm
             noise = taught.noise_density_nm2_s * (1.0 + (taught.noise_slow_rad_s / v) ** 2)
             variance = noise / phase.steady_s + (0.3 * slow) ** 2
             known = axis_machine.model.inertia_kg_m2.value * a + s * slow

@@ -7,7 +7,8 @@ import pytest
 
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.estimate.fused_batch import READING_SIZE, FusedBatch
-from edge_service.estimate.fused_kernel import Reading, take
+from edge_service.estimate.fused_kernel import take
+from edge_service.estimate.fused_state import Reading
 from edge_service.studies.estimator_seed import SETTINGS, thesis_blocks, thesis_machine
 from edge_service.studies.fused_speed import Phases, phases_of
 from edge_service.studies.thesis_runs import ThesisCase, run_case
