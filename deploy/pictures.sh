@@ -1,6 +1,6 @@
 #!/bin/sh
-# Draws the pictures of the README's tour anew: the motions, the healthy axis, its warm-up, and the
-# rows of the estimator's bench.
+# Draws the pictures of the README's tour anew: the motions, the healthy axis, its warm-up, the
+# puzzle, and the rows of the estimator's bench.
 set -eu
 cd "$(dirname "$0")/.."
 sh deploy/setup.sh
@@ -25,10 +25,11 @@ edge-service simulate --machine m.toml --motion friction $again $again $again $a
     $thin $cold --format parquet --out runs
 edge-service fingerprint --machine m.toml runs/*.parquet --pictures runs --out runs
 edge-service bench estimator --pictures estimator
+edge-service reproduce puzzle --out puzzle
 
 cd "$OLDPWD"
 for name in friction stiffness frequency_response signature; do
     cp "$scratch/healthy/$name.png" "deploy/pictures/$name.png"
 done
-cp "$scratch/runs/friction_runs.png" "$scratch/motions.png" \
+cp "$scratch/runs/friction_runs.png" "$scratch/motions.png" "$scratch/puzzle/puzzle.png" \
     "$scratch/estimator/estimator.png" deploy/pictures/

@@ -11,6 +11,7 @@ from pydantic import Field
 from edge_service.messages.channels import ANGLE, CHANNELS
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.accelerometer import Accelerometer, AccelerometerSettings
+from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.encoders import Sensors
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
@@ -54,6 +55,7 @@ class SimulatedConfig(DriverConfig):
         guide_force_n: guide friction; the machine file's unless given.
         bearing_drag_nm: drag of the screw's bearings; the machine file's unless given.
         effects: what the axis has beyond the machine file, each as NAME[:key=value,...].
+        effects_from_s: axis time from which on it has them, s.
         accelerometer_rate_hz: of an accelerometer on the nut; 0 is none.
         ball_pass_order: balls that pass a point of the nut per revolution of the screw; the machine
             file's unless given, that of the bench where it does not know the balls.
@@ -76,6 +78,7 @@ class SimulatedConfig(DriverConfig):
     guide_force_n: float | None = Field(None, ge=0.0)
     bearing_drag_nm: float | None = Field(None, ge=0.0)
     effects: list[str] = []
+    effects_from_s: float = Field(0.0, ge=0.0)
     torque_noise_nm: float = Field(_SENSORS.torque_noise_nm, ge=0.0)
     angle_noise_rad: float = Field(_SENSORS.angle_noise_rad, ge=0.0)
     table_noise_m: float = Field(_SENSORS.table_noise_m, ge=0.0)
@@ -101,7 +104,10 @@ class _Bench:
         self._setpoints = Setpoints(segments, limits.low_m, config.rate_hz)
         self.preload_percent = self._wear.start_percent
         settings = _settings(config, context)
+        self._later = _later(config)
         try:
+            both = replace(settings, effects=(*settings.effects, *self._later))
+            FeedDrive(both, limits.low_m, self.preload_percent, config.seed)
             self._drive = FeedDrive(settings, limits.low_m, self.preload_percent, config.seed)
         except ValueError as error:
             raise DriverMisconfiguredError("effects", str(error)) from error
@@ -111,6 +117,9 @@ class _Bench:
     def advance(self, count: int) -> SampleFrame:
         """The next `count` samples."""
         time_s = np.arange(self._sample, self._sample + count) / self._config.rate_hz
+        if self._later and self._sample >= self._config.effects_from_s * self._config.rate_hz:
+            self._drive.take_on(self._later)
+            self._later = ()
         self._sample += count
         preload_percent = self._preload_percent(time_s)
         if count:
@@ -127,6 +136,18 @@ class _Bench:
         if config.repeat:
             time_s = np.fmod(time_s, config.hold_s + life_s / config.acceleration)
         return self._wear.preload_percent((time_s - config.hold_s) * config.acceleration, life_s)
+
+
+def _later(config: SimulatedConfig) -> tuple[ActiveEffect, ...]:
+    """Effects that the axis does not have from the beginning."""
+    return tuple(_effects(config)) if config.effects_from_s > 0.0 else ()
+
+
+def _effects(config: SimulatedConfig) -> list[ActiveEffect]:
+    try:
+        return [parse_effect(text) for text in config.effects]
+    except ValueError as error:
+        raise DriverMisconfiguredError("effects", str(error)) from error
 
 
 def _accelerometer(config: SimulatedConfig, machine: Machine) -> Accelerometer | None:
@@ -164,10 +185,7 @@ def _settings(config: SimulatedConfig, context: DriverContext) -> FeedDriveSetti
         raise DriverMisconfiguredError(
             "machine", f"{missing}: the machine file lacks it, simulated preload needs it"
         )
-    try:
-        effects = [parse_effect(text) for text in config.effects]
-    except ValueError as error:
-        raise DriverMisconfiguredError("effects", str(error)) from error
+    effects = [] if config.effects_from_s > 0.0 else _effects(config)
     try:
         settings = FeedDriveSettings.of_machine(context.machine, config.rate_hz, effects)
     except ValueError as error:

@@ -385,34 +385,36 @@ def simulate(
     click.echo(simulate_session(load_machine(machine), settings, motions, out, files, _progress))
 
 
-@cli.command(epilog="Example: edge-service motion friction --out setpoints.csv")
+@cli.command(epilog="Example: edge-service motion next out/diagnosis.json --out setpoints.csv")
 @click.argument("name", required=False)
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @_MACHINE
 @click.option("--list", "list_all", is_flag=True, help="Name every motion; --out .png draws them.")
 @click.option("--duration", "duration_s", type=float, help="Of the whole, s.")
 @click.option("--rate", "rate_hz", default=1000.0, show_default=True, help="Setpoints per second.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option("--clip", is_flag=True, help="Leave out what the axis does not allow, and name it.")
-@click.option("--diagnosis", type=click.Path(path_type=Path), help="With NAME next: what is tied.")
-@click.option("--effect", "effects", multiple=True, help="With NAME next: a tied effect; repeat.")
-@click.option("--isolability", is_flag=True, help="Say which effects the motion can tell apart.")
+@click.option("--effect", "effects", multiple=True, help="With `next`: a tied effect; repeatable.")
+@click.option("--motion", "rehearsed", help="With `isolability`: the motion to look at.")
 @click.option("--out", type=click.Path(path_type=Path), help=".csv setpoints or .mpf NC program")
 def motion(
     name: str | None,
+    files: tuple[Path, ...],
     machine: Path,
     list_all: bool,
     duration_s: float | None,
     rate_hz: float,
     seed: int,
     clip: bool,
-    diagnosis: Path | None,
     effects: tuple[str, ...],
-    isolability: bool,
+    rehearsed: str | None,
     out: Path | None,
 ) -> None:
     """Write a motion for a controller: setpoints as CSV, or an NC program.
 
-    NAME `next` takes the shortest motion that tells apart what a diagnosis left tied.
+    `motion next DIAGNOSIS.json` proposes the shortest motion that tells apart what a diagnosis left
+    tied, with the evidence to expect. `motion isolability TRACE`, or with --motion NAME, shows what
+    a motion can tell apart, before anything is measured.
 
     It keeps to stroke, speed, acceleration and torque of the machine file, or is refused.
     """
@@ -427,16 +429,20 @@ def motion(
         return
     settings = MotionFileSettings(duration_s, rate_hz, seed, clip)
     if name == "next":
-        from .studies.next_motion import next_motion, tied_effects
+        from .studies.next_motion import next_motion, tied_effects, typical
 
-        tied = tied_effects(diagnosis) if diagnosis else list(effects)
+        if len(files) + bool(effects) != 1:
+            raise InputError("motion next: expected one DIAGNOSIS.json, or --effect twice or more")
+        tied = tied_effects(files[0]) if files else typical(effects)
         click.echo(next_motion(load_machine(machine), tied, out, settings, _progress))
         return
-    if name is not None and isolability:
-        from .studies.next_motion import isolability as tell_apart
+    if name == "isolability":
+        from .studies.isolability import isolability
 
-        click.echo(tell_apart(load_machine(machine), name))
+        click.echo(isolability(load_machine(machine), rehearsed, files, _progress))
         return
+    if files:
+        raise InputError(f"motion: {files[0]}: {name} takes no file")
     if name is None or out is None:
         raise InputError("motion: expected a NAME and --out, or --list")
     click.echo(write_motion(name, load_machine(machine), out, settings, _progress))
@@ -492,11 +498,20 @@ def diagnose(traces: tuple[Path, ...], machine: Path, out: Path) -> None:
 
 
 @cli.command(epilog="Example: edge-service reproduce --out out/reproduce")
+@click.argument("study", type=click.Choice(["thesis", "puzzle"]), default="thesis")
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out/reproduce"), show_default=True
 )
-def reproduce(out: Path) -> None:
-    """Repeat the seed's simulations and its Table 4.2 beside the published figures."""
+def reproduce(study: str, out: Path) -> None:
+    """Repeat the seed's simulations and its Table 4.2 beside the published figures.
+
+    STUDY puzzle: why linear models would not fit its bench (Figure 5.13), told by the diagnosis.
+    """
+    if study == "puzzle":
+        from .studies.puzzle import reproduce_puzzle
+
+        click.echo(reproduce_puzzle(out, _progress))
+        return
     from .studies.reproduce import reproduce as run_study
 
     click.echo(run_study(out, progress=_progress).as_text())
@@ -717,6 +732,6 @@ def bench_drivers(quick: bool, as_json: bool) -> None:
 
 
 def _progress(line: str) -> None:
-    """Tell a person at a terminal what is being done; stay quiet in a pipe."""
-    if sys.stderr.isatty():
+    """Tell a person at a terminal, or a service that asks, what is being done; else stay quiet."""
+    if sys.stderr.isatty() or os.environ.get("EDGE_SERVICE_PROGRESS"):
         click.echo(line, err=True)

@@ -10,6 +10,7 @@ from ..messages.samples import Floats
 from .recorded import Run
 
 LEAST_MOTION_S = 2.0
+SHORT_MOTION_S = 10.0
 LEAST_TRAVEL_REV = 0.5
 LEAST_RATE_HZ = 50.0
 _LEAD_SHARE = 0.02
@@ -121,6 +122,9 @@ def _torque(runs: Sequence[Run]) -> list[str]:
 
 def _remarks(runs: Sequence[Run]) -> list[str]:
     found = []
+    moving_s = sum(float(run.moving.sum()) * _period(run) for run in runs)
+    if moving_s < SHORT_MOTION_S:
+        found.append(f"{moving_s:.0f} s of motion in all: what shows seldom or weakly is not seen")
     if not any(run.has_torque for run in runs):
         found.append("no torque_command_nm: friction, inertia and torque are not judged")
     if all(run.transmission_m is None for run in runs):

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,9 +13,9 @@ from ..models.effects.registry import get_effect
 from ..models.effects.signature import torque_signature, transmission_signature
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
-from ..models.motion import MOTIONS, MotionError, Setpoints, motion_limits
+from ..models.motion import MOTIONS, Setpoints, motion_limits
 from .dictionary import Dictionary
-from .evidence import Noise, fit
+from .evidence import Fit, Noise, fit
 from .pursuit import pursue
 from .recorded import runs_of
 from .session import TORQUE_GAP, Rows, Session
@@ -28,6 +28,7 @@ DECISIVE = 5.0
 _OBSERVATIONS = 400.0
 _FLOOR_OF_NOISE = 2.0
 _PRELOAD_PERCENT = 7.0
+_NOTHING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,35 +36,37 @@ class Separation:
     """What a motion says of two effects.
 
     Attributes:
+        rival: None stands for a healthy axis.
         evidence: expected logarithm of the evidence for `effect` against `rival`, if `effect` is
-            there as a typical fault.
+            there.
+        ratios: what the rival leaves of each channel, over what a healthy axis leaves.
+        strain: squared distance of the parameters from their values, in their tolerances, that
+            the rival needs.
     """
 
     effect: str
-    rival: str
+    rival: str | None
     evidence: float
+    ratios: tuple[float, ...]
+    strain: float
 
 
-@dataclass(frozen=True, slots=True)
-class Proposal:
-    """A motion and how well it separates what is tied."""
+def rehearsed(
+    machine: Machine, motion: str, duration_s: float | None = None, rate_hz: float = 1000.0
+) -> Session:
+    """A healthy axis on a named motion, simulated; unless asked, at most `LONGEST_S` of it.
 
-    motion: str
-    duration_s: float
-    evidence: float
-    separations: tuple[Separation, ...]
-
-
-def rehearsed(machine: Machine, motion: str, rate_hz: float = 1000.0) -> Session:
-    """A healthy axis on a named motion, simulated; at most `LONGEST_S` of it.
+    Args:
+        duration_s: of the rehearsal.
 
     Raises:
         MotionError: the axis does not allow the motion.
     """
     limits = motion_limits(machine)
     plan = MOTIONS[motion]
-    natural_s = plan.duration_s(limits)
-    count = round(min(natural_s or LONGEST_S, LONGEST_S) * rate_hz)
+    if duration_s is None:
+        duration_s = min(plan.duration_s(limits) or LONGEST_S, LONGEST_S)
+    count = round(duration_s * rate_hz)
     segments = iter(plan(limits, np.random.default_rng(1)))
     setpoints = Setpoints(segments, limits.low_m, rate_hz).take(count)
     settings = FeedDriveSettings.of_machine(machine, rate_hz)
@@ -75,8 +78,17 @@ def rehearsed(machine: Machine, motion: str, rate_hz: float = 1000.0) -> Session
     return Session.of_runs(list(runs_of([SampleFrame(frame.time_s, kept)], baseline)), baseline)
 
 
-def separations(session: Session, machine: Machine, names: Sequence[str]) -> list[Separation]:
-    """How well a motion tells each of some effects from each other one."""
+def separations(
+    session: Session,
+    machine: Machine,
+    names: Sequence[str],
+    values: Mapping[str, Mapping[str, float]] | None = None,
+) -> list[Separation]:
+    """How well a motion tells each of some effects from each other one.
+
+    Args:
+        values: of the effects; those of a typical fault unless given.
+    """
     period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
     prior = tolerated(machine, period_s, session.baseline.coulomb_nm)
     library = [get_effect(name) for name in names]
@@ -85,19 +97,47 @@ def separations(session: Session, machine: Machine, names: Sequence[str]) -> lis
     noise = Noise(floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
     found = []
     for name in names:
-        target = _aimed(dictionary, _typical(session, name))
-        for rival in names:
-            if rival != name:
-                allowed = [a for a in target.candidates if target.atoms[a].name == rival]
-                left = pursue(target, noise, allowed).rms if allowed else fit(target, (), noise).rms
-                found.append(Separation(name, rival, _evidence(left, floor)))
+        target = _aimed(dictionary, _faulty(session, name, (values or {}).get(name, {})))
+        alone = fit(target, (), noise)
+        fits = {None: alone} | {
+            rival: pursue(target, noise, allowed) if (allowed := _atoms(target, rival)) else alone
+            for rival in names
+            if rival != name
+        }
+        found += [_separation(name, rival, each, target, floor) for rival, each in fits.items()]
     return found
 
 
-def _typical(session: Session, name: str) -> dict[str, Rows]:
-    """What a typical fault adds to the gap of each channel."""
+def _atoms(dictionary: Dictionary, name: str) -> list[int]:
+    return [a for a in dictionary.candidates if dictionary.atoms[a].name == name]
+
+
+def _separation(
+    name: str, rival: str | None, found: Fit, dictionary: Dictionary, floor: Mapping[str, float]
+) -> Separation:
+    ratios = tuple(found.rms[channel] / floor[channel] for channel in floor)
+    count = int(dictionary.first[dictionary.tolerated])
+    strained = found.coefficients[:count] ** 2 @ dictionary.precision[:count]
+    return Separation(name, rival, _evidence(ratios, float(strained)), ratios, float(strained))
+
+
+def strength_told(separation: Separation) -> float:
+    """Share of the fault from which on it would be told from its rival; infinite if never."""
+    if max(*separation.ratios, separation.strain) < _NOTHING:
+        return math.inf
+    low, high = 1e-6, 1e6
+    for _ in range(60):
+        middle = math.sqrt(low * high)
+        ratios = tuple(middle * ratio for ratio in separation.ratios)
+        enough = _evidence(ratios, middle**2 * separation.strain) >= DECISIVE
+        low, high = (low, middle) if enough else (middle, high)
+    return high
+
+
+def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str, Rows]:
+    """What a fault adds to the gap of each channel."""
     effect = get_effect(name)
-    values = effect.complete({})
+    values = effect.complete(given)
     baseline = session.baseline
     added = {}
     for channel, rows in session.channels.items():
@@ -121,35 +161,5 @@ def _aimed(dictionary: Dictionary, channels: Mapping[str, Rows]) -> Dictionary:
     return replace(dictionary, sums=sums, mean=np.zeros_like(dictionary.mean))
 
 
-def _evidence(left: Mapping[str, float], floor: Mapping[str, float]) -> float:
-    return sum(0.5 * _OBSERVATIONS * math.log1p((left[name] / floor[name]) ** 2) for name in left)
-
-
-def propose(
-    machine: Machine, tied: Collection[str], motions: Sequence[str] | None = None
-) -> list[Proposal]:
-    """Motions that the axis allows, the best first: least evidence of any pair, per time.
-
-    A motion that decides all pairs comes before one that does not, and the shorter before the
-    longer.
-    """
-    names = sorted(set(tied))
-    found = []
-    for motion in motions or MOTIONS:
-        try:
-            session = rehearsed(machine, motion)
-        except MotionError:
-            continue
-        pairs = tuple(separations(session, machine, names))
-        least = min((pair.evidence for pair in pairs), default=0.0)
-        times = session.runs[-1].motion.time_s
-        found.append(
-            Proposal(motion, float(times[-1] - session.runs[0].motion.time_s[0]), least, pairs)
-        )
-    return sorted(
-        found,
-        key=lambda p: (
-            p.evidence < DECISIVE,
-            p.duration_s if p.evidence >= DECISIVE else -p.evidence,
-        ),
-    )
+def _evidence(ratios: Sequence[float], strain: float) -> float:
+    return 0.5 * strain + sum(0.5 * _OBSERVATIONS * math.log1p(ratio**2) for ratio in ratios)

@@ -7,9 +7,10 @@ from typing import Any
 from ..messages.alarm import Alarm, AlarmKind, Command
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import Event, Severity
-from ..messages.health import AxisCondition, AxisHealth
+from ..messages.health import AxisCondition, AxisHealth, ConsistencyState
 from ..messages.outlook import Trend
 from .alarm_latch import AlarmLatch, AlarmRule
+from .consistency import CHANNEL_WORDS
 from .input_watch import NS_PER_S
 
 _H_PER_RATE = 1000.0
@@ -196,6 +197,11 @@ class AlarmBench:
         if _data_lost(health)[0]:
             return None, ""
         limit = self._settings.model_nis
+        consistency = health.consistency
+        if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
+            channel = consistency.channel or ""
+            words = f"the model no longer fits: {CHANNEL_WORDS.get(channel, channel)} has changed"
+            return True, words
         if self._status is EstimateStatus.INVALID:
             reason = next(iter(health.reasons), "").partition(": ")[2]
             return True, "the model no longer fits what is measured: " + reason

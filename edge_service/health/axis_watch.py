@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -10,9 +11,10 @@ from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import Event, Severity
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
-from ..messages.health import AxisHealth, ComponentHealth
+from ..messages.health import AxisHealth, ComponentHealth, Consistency
 from ..messages.outlook import Trend
 from .alarm_bench import AlarmBench, AlarmSettings
+from .consistency import CHANNEL_WORDS, ConsistencyWatch, Disagreement
 from .friction_watch import FrictionWatch
 from .input_watch import NS_PER_S
 from .judge import HealthJudge
@@ -58,6 +60,10 @@ class AxisWatch:
         )
         self._use = UseMeter(facts.geometry, now_ns)
         self._friction = FrictionWatch()
+        self._consistency = ConsistencyWatch(facts.geometry.ratio_m_per_rad)
+        self._heard = (now_ns, 0.0)
+        self._since_ns: int | None = None
+        self._recording: str | None = None
         self._series = WearSeries()
         self._trend: Trend | None = None
         self._trend_ns = 0
@@ -83,7 +89,10 @@ class AxisWatch:
         """Take an interval in."""
         self._use.add(block)
         self._friction.add(block)
-        return self._judge.on_feature(header, block, now_ns)
+        self._heard = (header.source_time_ns, block.time_s)
+        change = self._consistency.add(block)
+        noted = () if change is None else self._note_change(change, now_ns)
+        return (*self._judge.on_feature(header, block, now_ns), *noted)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:
         """Take a component's report in."""
@@ -95,6 +104,9 @@ class AxisWatch:
             self._restart(now_ns)
         if command.action in ("part_replaced", "note"):
             return (_log_entry(self.axis, command, now_ns),)
+        if command.action == "recorded":
+            self._recording = command.note
+            return (_recorded_event(self.axis, command.note, now_ns),)
         return self._alarms.on_command(command, now_ns)
 
     def tick(self, now_ns: int) -> tuple[Event, ...]:
@@ -109,6 +121,7 @@ class AxisWatch:
                 "trend": self._trend,
                 "use": self._use.use(),
                 "friction": self._friction.curve(),
+                "consistency": self._consistent(),
             }
         )
 
@@ -136,6 +149,7 @@ class AxisWatch:
             "use": self._use.snapshot(),
             "friction": self._friction.snapshot(),
             "series": self._series.snapshot(),
+            "consistency": self._consistency.snapshot(),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -147,6 +161,8 @@ class AxisWatch:
             self._use.restore(snapshot["use"])
             self._friction.restore(snapshot["friction"])
             self._series.restore(snapshot["series"])
+            if "consistency" in snapshot:
+                self._consistency.restore(snapshot["consistency"])
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"a damaged {SNAPSHOT_SCHEMA}: {error}") from error
 
@@ -168,12 +184,32 @@ class AxisWatch:
         self._series.add(time_ns / NS_PER_S, percent, half_width, self._use.distance_m)
         return events
 
+    def _consistent(self) -> Consistency:
+        shown = self._consistency.shown()
+        if shown.channel is None:
+            return shown
+        return shown.model_copy(
+            update={"since_time_ns": self._since_ns, "recording": self._recording}
+        )
+
+    def _note_change(self, change: Disagreement, now_ns: int) -> tuple[Event, ...]:
+        if change.disagrees:
+            self._recording = None
+            heard_ns, heard_s = self._heard
+            self._since_ns = heard_ns - round(NS_PER_S * max(heard_s - change.since_s, 0.0))
+        return (
+            _change_event(self.axis, change, self._since_ns or now_ns, now_ns),
+            *self._look_at_alarms(now_ns),
+        )
+
     def _look_at_alarms(self, now_ns: int) -> tuple[Event, ...]:
-        return self._alarms.tick(self._judge.health(now_ns), self._trend, now_ns)
+        health = self._judge.health(now_ns).model_copy(update={"consistency": self._consistent()})
+        return self._alarms.tick(health, self._trend, now_ns)
 
     def _restart(self, now_ns: int) -> None:
         self._use.restart(now_ns)
         self._friction.restart()
+        self._consistency.restart()
         self._series.clear()
         self._trend = None
 
@@ -189,6 +225,50 @@ def _rise_event(axis: str, before: float, percent: float, now_ns: int) -> Event:
         ),
         time_ns=now_ns,
         data={"from_percent": before, "to_percent": percent},
+    )
+
+
+def recording_name(axis: str, since_ns: int) -> str:
+    """Name of the trace around a disagreement.
+
+    >>> recording_name("X", 1_795_000_000_000_000_000)
+    'disagreement_X_20261118T110640Z.parquet'
+    """
+    stamp = datetime.fromtimestamp(since_ns / NS_PER_S, UTC).strftime("%Y%m%dT%H%M%SZ")
+    return f"disagreement_{axis}_{stamp}.parquet"
+
+
+def _change_event(axis: str, change: Disagreement, since_ns: int, now_ns: int) -> Event:
+    name = recording_name(axis, since_ns)
+    words = (
+        f"the model no longer fits: {CHANNEL_WORDS[change.channel]} is off by "
+        f"{change.ratio**0.5:.1f} times as much as before; {name} is being recorded"
+        if change.disagrees
+        else f"the model fits again: {CHANNEL_WORDS[change.channel]} is as it was"
+    )
+    return Event(
+        axis=axis,
+        kind="model_disagrees" if change.disagrees else "model_agrees",
+        severity=Severity.WARNING if change.disagrees else Severity.INFO,
+        message=words,
+        time_ns=now_ns,
+        data={
+            "channel": change.channel,
+            "ratio": change.ratio,
+            "since_s": change.since_s,
+            "recording": name if change.disagrees else None,
+        },
+    )
+
+
+def _recorded_event(axis: str, name: str, now_ns: int) -> Event:
+    return Event(
+        axis=axis,
+        kind="disagreement_recorded",
+        severity=Severity.INFO,
+        message=f"{name} holds the disagreement, ready to diagnose",
+        time_ns=now_ns,
+        data={"recording": name},
     )
 
 

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
 from ..messages.event import Severity
-from ..messages.health import AxisCondition, ComponentStatus
+from ..messages.health import AxisCondition, ComponentStatus, ConsistencyState
 from ..messages.outlook import TrendStatus
 
 Timestamp = Annotated[
@@ -160,6 +160,29 @@ class TrendAnswer(Answer):
     crossings: list[CrossingAnswer] = Field(description="Empty unless the preload is falling.")
 
 
+_CONSISTENCY_EXAMPLE: dict[str, Any] = {
+    "state": "disagrees",
+    "ratio": {"torque_nm": 1.2, "transmission_m": 310.0},
+    "channel": "transmission_m",
+    "since": "2026-11-21T08:15:30.120Z",
+    "recording": "disagreement_X_20261121T081530Z.parquet",
+}
+
+
+class ConsistencyAnswer(Answer):
+    """Whether the axis still does what it did when it was learned."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_CONSISTENCY_EXAMPLE]})
+
+    state: ConsistencyState
+    ratio: dict[str, float] = Field(
+        description="Mean squared innovation by channel, over that of ordinary motion."
+    )
+    channel: str | None = Field(description="Where they disagree most.")
+    since: Timestamp | None
+    recording: str | None = Field(description="Trace of that moment, ready to diagnose.")
+
+
 class HealthAnswer(Answer):
     """Condition of one axis, and the state of the data behind it."""
 
@@ -173,6 +196,7 @@ class HealthAnswer(Answer):
     )
     alarms: list[AlarmAnswer] = Field(description="Those a person should see, gravest first.")
     trend: TrendAnswer | None
+    consistency: ConsistencyAnswer | None
 
 
 class ServiceAnswer(Answer):

@@ -12,6 +12,7 @@ from .. import __version__
 from ..health.board import Board
 from .axis_routes import SendCommand, work_router
 from .context import Clock
+from .diagnose_routes import diagnose_router
 from .download import download_router
 from .guard import LOOPBACK_HOSTS, Guard
 from .job_routes import job_router, on_refused
@@ -83,6 +84,7 @@ def create_app(
         work_router,
         download_router,
         job_router,
+        diagnose_router,
         schema_router,
         stream_router,
         metrics_router,

@@ -8,7 +8,7 @@ from ..health.history.rows import QUANTITIES
 from ..health.settings import AxisLimits
 from ..messages.alarm import Alarm
 from ..messages.event import Event
-from ..messages.health import AxisHealth, ComponentHealth
+from ..messages.health import AxisHealth, ComponentHealth, Consistency
 from ..messages.outlook import Trend
 from .answers import (
     AlarmAnswer,
@@ -16,6 +16,7 @@ from .answers import (
     AxisAnswer,
     BucketAnswer,
     ComponentAnswer,
+    ConsistencyAnswer,
     CrossingAnswer,
     EventAnswer,
     HealthAnswer,
@@ -135,6 +136,17 @@ def _health(health: AxisHealth) -> HealthAnswer:
         data_faults=health.data_faults,
         alarms=[_alarm(alarm) for alarm in health.alarms],
         trend=None if health.trend is None else _trend(health.trend),
+        consistency=None if health.consistency is None else _consistency(health.consistency),
+    )
+
+
+def _consistency(consistency: Consistency) -> ConsistencyAnswer:
+    return ConsistencyAnswer(
+        state=consistency.state,
+        ratio=consistency.ratio,
+        channel=consistency.channel,
+        since=_moment(consistency.since_time_ns),
+        recording=consistency.recording,
     )
 
 

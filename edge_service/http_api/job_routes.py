@@ -81,6 +81,15 @@ async def start(body: JobBody, board: BoardDep, desk: DeskDep) -> JobAnswer:
     return await desk.start(body)
 
 
+@job_router.get("/jobs/{number}", response_model=JobAnswer)
+async def job(number: int, desk: DeskDep) -> JobAnswer:
+    """One job: how far it is, what it said, what it made."""
+    found = next((each for each in desk.jobs() if each.id == number), None)
+    if found is None:
+        raise HTTPException(404, f"there is no job {number}")
+    return found
+
+
 @job_router.delete("/jobs/{number}", response_model=JobAnswer)
 async def cancel(number: int, desk: DeskDep) -> JobAnswer:
     """Cancel a job that runs."""

@@ -70,6 +70,18 @@ class JobAnswer(Answer):
     files: list[str] = Field(description="What it made, once it is done.")
 
 
+class DiagnoseBody(Answer):
+    """Recordings that are kept here, all of one axis and one session."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"recordings": ["disagreement_X_20261121T081530Z.parquet"]}]
+        }
+    )
+
+    recordings: list[str] = Field(min_length=1, max_length=50)
+
+
 class JobsAnswer(Answer):
     """All jobs, newest first."""
 
@@ -101,6 +113,14 @@ class JobDesk(Protocol):
 
     def jobs(self) -> list[JobAnswer]:
         """All jobs, newest first."""
+        ...
+
+    def newest(self, kind: JobKind, axis: str) -> JobAnswer | None:
+        """The newest job of a kind on an axis; None before the first."""
+        ...
+
+    def check_free(self) -> None:
+        """Refuse while a job runs."""
         ...
 
     async def start(self, body: JobBody) -> JobAnswer:

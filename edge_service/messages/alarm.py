@@ -45,15 +45,16 @@ class Command(Frozen):
     """What a person asks of the judgement of one axis.
 
     Attributes:
-        action: `acknowledge`, `shelve` or `unshelve` an alarm; write a `note`; or say that a part
-            was replaced or set anew (`part_replaced`), which begins its trend and use anew.
-        alarm: the alarm meant; None for the last two actions.
+        action: `acknowledge`, `shelve` or `unshelve` an alarm; write a `note`; say that a part
+            was replaced or set anew (`part_replaced`), which begins its trend and use anew; or that
+            the trace named by the note is kept (`recorded`, from the service itself).
+        alarm: the alarm meant; None for the other actions.
         user: who asks.
         note: their words.
         duration_s: how long to shelve, s.
     """
 
-    action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced"]
+    action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced", "recorded"]
     alarm: AlarmKind | None = None
     user: str = Field(min_length=1, max_length=100)
     note: str = Field("", max_length=1000)

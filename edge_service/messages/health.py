@@ -45,6 +45,31 @@ class ComponentHealth(Frozen):
     readings: dict[str, float] = {}
 
 
+class ConsistencyState(StrEnum):
+    """Whether an axis still does what it did when it was learned."""
+
+    LEARNING = "learning"
+    AGREES = "agrees"
+    DISAGREES = "disagrees"
+
+
+class Consistency(Frozen):
+    """Model against axis, over sustained motion.
+
+    Attributes:
+        ratio: mean squared innovation by channel, over that of an average stretch; 1 is expected.
+        channel: where they disagree most; None while they agree.
+        since_time_ns: UNIX time in ns at which that began.
+        recording: name of the trace around that moment, once it is kept.
+    """
+
+    state: ConsistencyState = ConsistencyState.LEARNING
+    ratio: dict[str, float] = {}
+    channel: str | None = None
+    since_time_ns: int | None = None
+    recording: str | None = None
+
+
 class AxisHealth(Frozen):
     """Condition of one axis, why, since when, and the state of the data behind it.
 
@@ -52,7 +77,7 @@ class AxisHealth(Frozen):
         since_time_ns: UNIX time in ns at which the condition was entered.
         data_faults: count of faulty intervals per kind since start.
         alarms: those that a person should see, the gravest first.
-        trend, use, friction: None where nobody keeps them.
+        trend, use, friction, consistency: None where nobody keeps them.
     """
 
     axis: str
@@ -65,3 +90,4 @@ class AxisHealth(Frozen):
     trend: Trend | None = None
     use: Use | None = None
     friction: FrictionCurve | None = None
+    consistency: Consistency | None = None

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -113,6 +113,7 @@ class FeedDrive:
         self, settings: FeedDriveSettings, home_m: float, preload_percent: float, seed: int
     ) -> None:
         self.settings = settings
+        self._home = home_m, preload_percent
         self._random = np.random.default_rng(seed)
         self._sample = 0
         screw_nm = settings.screw_drag_nm(preload_percent)
@@ -184,6 +185,21 @@ class FeedDrive:
         temperature = given["temperature_c"] + sensors.temperature_noise_c * noise[:, TEMPERATURE]
         force = given["external_force_n"] + sensors.force_noise_n * noise[:, FORCE]
         return _frame_of(time_s, out, setpoints, temperature, force)
+
+    def take_on(self, effects: Sequence[ActiveEffect]) -> None:
+        """From the next sample on the axis has these effects, too; its encoders stay as homed.
+
+        Raises:
+            ValueError: the effects do not go together.
+        """
+        before = self._loop
+        self.settings = replace(self.settings, effects=(*self.settings.effects, *effects))
+        home_m, preload_percent = self._home
+        screw_nm = self.settings.screw_drag_nm(preload_percent)
+        self._forward = put_into(self.settings.plant, self.settings.effects, screw_nm)
+        loop = _loop_of(self.settings, self._forward, home_m, preload_percent, 0.0)
+        homed = loop.plant._replace(stretch_zero_m=before.plant.stretch_zero_m)
+        self._loop = loop._replace(plant=homed, angle_bias_rad=before.angle_bias_rad)
 
     def _wind_up(self, screw_nm: float) -> float:
         """Force that the spring carries at home; what holds it there is put into the state."""

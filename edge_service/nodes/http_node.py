@@ -10,13 +10,14 @@ from ..health.settings import AxisLimits
 from ..http_api.app import create_app
 from ..http_api.serve import serve
 from ..messages.alarm import Command
-from ..messages.codec import decode_features, decode_json, encode_json
+from ..messages.codec import decode_features, decode_json, decode_samples, encode_json
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
 from ..models.stroke_profile import stroke_profile
 from .context import NodeContext, Reporter
+from .disagreement_recorder import DisagreementRecorder
 from .health_node import health_settings
 from .history_store import open_history
 from .job_desk import ProcessJobDesk
@@ -56,6 +57,7 @@ async def run(context: NodeContext) -> None:
     )
     features = bus.subscribe(config.keys.all_axes(FEAT), decode_features)
     events = bus.subscribe(config.keys.all_axes(EVENT), partial(decode_json, EVENT.payload, Event))
+    samples = bus.subscribe(config.keys.all_axes(RAW), decode_samples, depth=1024)
     reports = bus.subscribe(
         config.keys.all_components(STATUS), partial(decode_json, STATUS.payload, ComponentHealth)
     )
@@ -80,6 +82,11 @@ async def run(context: NodeContext) -> None:
         async for _, _, event in events:
             board.on_event(event, time.time_ns())
             webhook.put(event)
+            recorder.note(event)
+
+    async def follow_samples() -> None:
+        async for axis, _, frame in samples:
+            await recorder.follow(axis, frame)
 
     async def follow_reports() -> None:
         async for _, _, report in reports:
@@ -90,6 +97,11 @@ async def run(context: NodeContext) -> None:
     def send_command(axis: str, command: Command) -> None:
         encode = partial(encode_json, COMMAND.payload, axis, payload=command)
         publishers[axis].publish(encode, time.time_ns())
+
+    def on_kept(axis: str, name: str) -> None:
+        send_command(axis, Command(action="recorded", user="edge-service", note=name))
+
+    recorder = DisagreementRecorder(desk.folder, on_kept)
 
     def bound(host: str, port: int) -> None:
         reporter.to(ComponentStatus.OK)
@@ -104,6 +116,7 @@ async def run(context: NodeContext) -> None:
                 follow_healths,
                 follow_features,
                 follow_events,
+                follow_samples,
                 follow_reports,
                 store.run,
                 webhook.run,

@@ -103,6 +103,11 @@ class ProcessJobDesk:
         }
         self._followers: set[asyncio.Task[None]] = set()
 
+    @property
+    def folder(self) -> Path:
+        """Where recordings are kept."""
+        return self._recordings
+
     def recordings(self) -> list[RecordingAnswer]:
         """All recordings, newest first."""
         answers = [_recording(path) for path in self._recordings.glob("[!.]*")]
@@ -136,14 +141,22 @@ class ProcessJobDesk:
         """Forget a recording."""
         self._known(name).unlink(missing_ok=True)
 
+    def check_free(self) -> None:
+        """Refuse while a job runs."""
+        if any(job.state is JobState.RUNNING for job in self._jobs.values()):
+            raise RefusedError(409, "a job is running: wait for it, or cancel it")
+
+    def newest(self, kind: JobKind, axis: str) -> JobAnswer | None:
+        """The newest job of a kind on an axis."""
+        return next((j for j in self.jobs() if (j.kind, j.axis) == (kind, axis)), None)
+
     def jobs(self) -> list[JobAnswer]:
         """All jobs, newest first."""
         return [job.answer() for job in reversed(self._jobs.values())]
 
     async def start(self, body: JobBody) -> JobAnswer:
         """Start a job; refused while another one runs."""
-        if any(job.state is JobState.RUNNING for job in self._jobs.values()):
-            raise RefusedError(409, "a job is running: wait for it, or cancel it")
+        self.check_free()
         recordings = [self._known(name) for name in body.recordings]
         baseline = None if body.baseline is None else self._fingerprint(body.baseline)
         number = max(self._jobs, default=0) + 1
@@ -159,6 +172,7 @@ class ProcessJobDesk:
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
             start_new_session=True,
+            env=os.environ | {"EDGE_SERVICE_PROGRESS": "1"},
         )
         with contextlib.suppress(OSError):  # it ended already, or priorities are not ours to set
             os.setpriority(os.PRIO_PROCESS, job.process.pid, _NICE)

@@ -2,14 +2,16 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..atomic import replaced_file
 from ..config import ConfigError, load_machine
 from ..diagnose.data_check import check_data
-from ..diagnose.diagnosis import Diagnosis, diagnose_session
+from ..diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
 from ..diagnose.judged import not_judged
+from ..diagnose.proposal import propose
 from ..diagnose.session import Session
 from ..models.machine import Machine
 from .diagnosis_document import augmented_toml, bad_data_document, to_document
@@ -46,6 +48,7 @@ def diagnose(
     session = session_of(machine, runs)
     healthy = healthy_gap_of(machine, runs, HEALTHY_RUNS, progress)
     found = diagnose_session(session, machine, healthy, progress=progress)
+    found = _with_motion(found, machine)
     silent = not_judged(session)
     try:
         augmented = augmented_toml(text, found.effects if _accepted(found) else ())
@@ -54,6 +57,16 @@ def diagnose(
     document = to_document(found, check.remarks, silent)
     _write(out, document, augmented, render(machine, names, session, found, check, silent))
     return _summary(found, out)
+
+
+def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
+    """The diagnosis with the motion that would decide; None where no short one does."""
+    tied = {name for each in found.effects for name in each.tied if len(each.tied) > 1}
+    if found.verdict is not Verdict.AMBIGUOUS or len(tied) < 2:
+        return found
+    values = {each.name: each.entries[0] for each in found.effects if each.entries}
+    best = next((each for each in propose(machine, tied, values) if each.decides), None)
+    return found if best is None else replace(found, next_motion=best.candidate.motion)
 
 
 def _accepted(found: Diagnosis) -> bool:
@@ -93,5 +106,6 @@ def _summary(found: Diagnosis, out: Path) -> str:
         for each in found.effects
     ]
     if found.next_motion:
-        lines.append(f"to decide: edge-service motion {found.next_motion} --out setpoints.csv")
+        document = out / "diagnosis.json"
+        lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")
     return "\n".join([*lines, f"report: {out / 'report.html'}"])

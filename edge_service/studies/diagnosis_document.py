@@ -102,6 +102,10 @@ def _effect(each: NamedEffect) -> dict[str, Any]:
     }
 
 
+def _inline(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {float(value)!r}" for name, value in values.items())
+
+
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -113,9 +117,7 @@ def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
         ValueError: the file writes its effects as one value, to which nothing can be appended.
     """
     blocks = [
-        "\n[[effects]]\n"
-        f'name = "{each.name}"\n'
-        f"parameters = {{ {', '.join(f'{name} = {value!r}' for name, value in values.items())} }}\n"
+        f'\n[[effects]]\nname = "{each.name}"\nparameters = {{ {_inline(values)} }}\n'
         for each in effects
         for values in each.entries
     ]

@@ -61,7 +61,9 @@ def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) ->
 
 def _page(**content: object) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters.update(shown=shown, percent=percent, words=words)
+    environment.filters.update(
+        shown=shown, percent=percent, words=words, sure=sure, amount=amount, quantity=quantity
+    )
     source = files(__package__).joinpath("templates/diagnosis.html").read_text("utf-8")
     return environment.from_string(source).render(
         **content, channels=CHANNELS, labels=LABELS, describe=lambda n: get_effect(n).description
@@ -71,10 +73,41 @@ def _page(**content: object) -> str:
 def shown(value: Interval) -> str:
     """Value and interval in a handy unit."""
     unit, factor = _SHOWN_UNITS.get(value.unit, (value.unit, 1.0))
-    if value.unit in ("m", "s") and abs(value.value) >= 0.1:
+    if value.unit == "m" and abs(value.value) >= 1e-3:
+        unit, factor = "mm", 1e3
+    elif value.unit == "s" and abs(value.value) >= 0.1:
         unit, factor = value.unit, 1.0
     low, middle, high = (factor * each for each in (value.low, value.value, value.high))
     return f"{middle:.3g} {unit} ({low:.3g} to {high:.3g})".replace("  ", " ")
+
+
+def amount(value: float, unit: str) -> str:
+    """A value in a handy unit.
+
+    >>> amount(7.22e-7, "m")
+    '0.722 µm'
+    """
+    shown_unit, factor = _SHOWN_UNITS.get(unit, (unit, 1.0))
+    return f"{factor * value:.3g} {shown_unit}"
+
+
+def sure(probability: float) -> str:
+    """How sure, in words that never say certain.
+
+    >>> sure(0.9999), sure(0.75)
+    ('more than 99 % sure', '75 % sure')
+    """
+    return "more than 99 % sure" if probability > 0.99 else f"{percent(probability)} sure"
+
+
+def quantity(effect: str, parameter: str) -> str:
+    """What a parameter is, as its effect describes it.
+
+    >>> quantity("backlash", "width_m")
+    'Clearance'
+    """
+    described = next(p for p in get_effect(effect).parameters if p.name == parameter)
+    return described.description.rstrip(".")
 
 
 def percent(share: float) -> str:

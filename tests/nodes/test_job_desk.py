@@ -24,6 +24,7 @@ if sys.argv[2] == "long": time.sleep(60)
 if sys.argv[2] == "bad": sys.exit("trace.csv: no time_s")
 (out / "report.html").write_text("<p>fine</p>")
 (out / "fingerprint.json").write_text("{}")
+(out / "diagnosis.json").write_text('{"schema": "diagnosis/1"}')
 """
 
 
@@ -79,7 +80,7 @@ async def test_a_job_runs_and_its_files_can_be_read(bench):
     assert (await bench.start()).status_code == 202
     job = await bench.ended()
     assert (job["state"], job["lines"]) == ("done", ["working"])
-    assert job["files"] == ["fingerprint.json", "report.html"]
+    assert job["files"] == ["diagnosis.json", "fingerprint.json", "report.html"]
     report = await bench.client.get("jobs/1/files/report.html")
     assert report.text == "<p>fine</p>"
     assert report.headers["content-security-policy"].startswith("sandbox;")
@@ -157,3 +158,73 @@ def test_commands_are_those_of_the_command_line(tmp_path):
         *("--machine", "m.toml", "--out", str(tmp_path), "a.csv", "b.csv"),
         *("--baseline", str(tmp_path / "old" / "fingerprint.json")),
     ]
+
+
+async def test_a_diagnosis_is_asked_for_by_the_name_of_a_recording(bench):
+    answer = await bench.client.post("axes/X/diagnose", json={"recordings": ["trace.csv"]})
+    assert answer.status_code == 202
+    assert answer.headers["location"] == "/api/v1/jobs/1"
+    job = await bench.ended()
+    assert (job["kind"], job["recordings"], job["state"]) == ("diagnose", ["trace.csv"], "done")
+    assert (await bench.client.get("jobs/1")).json() == job
+    newest = await bench.client.get("axes/X/diagnosis")
+    assert newest.json() == {"schema": "diagnosis/1"}
+
+
+async def test_a_diagnosis_is_asked_for_with_the_trace_itself(bench):
+    kinds = {"text/csv": ".csv", "application/vnd.apache.parquet": ".parquet"}
+    for kind, suffix in kinds.items():
+        headers = {"content-type": kind}
+        answer = await bench.client.post("axes/X/diagnose", content=b"0\n", headers=headers)
+        assert answer.status_code == 202
+        (name,) = (await bench.ended())["recordings"]
+        assert name.startswith("upload_X_")
+        assert name.endswith(suffix)
+        listed = (await bench.client.get("recordings")).json()["recordings"]
+        assert name in [each["name"] for each in listed]
+
+
+async def test_a_second_diagnosis_waits_for_the_first_or_its_end(bench):
+    bench.let("long")
+    body = {"recordings": ["trace.csv"]}
+    assert (await bench.client.post("axes/X/diagnose", json=body)).status_code == 202
+    refused = await bench.client.post("axes/X/diagnose", json=body)
+    assert refused.status_code == 409
+    assert refused.headers["content-type"] == "application/problem+json"
+    assert (await bench.client.get("axes/X/diagnosis")).status_code == 409
+    assert (await bench.client.delete("jobs/1")).json()["state"] == "cancelled"
+    bench.let("short")
+    assert (await bench.client.post("axes/X/diagnose", json=body)).status_code == 202
+    await bench.ended()
+
+
+@pytest.mark.parametrize(
+    ("content", "kind", "status"),
+    [
+        (b"", "application/json", 422),
+        (b"{}", "application/json", 422),
+        (b'{"recordings": []}', "application/json", 422),
+        (b"[" * 5000, "application/json", 422),
+        (b'{"recordings": ["none.csv"]}', "application/json", 404),
+        (b'{"recordings": ["../edge.toml"]}', "application/json", 422),
+        (b"", "text/csv", 422),
+        (b"x" * 100, "text/csv", 413),
+        (b"x", "image/png", 415),
+    ],
+)
+async def test_what_is_no_request_for_a_diagnosis_is_refused(
+    bench, monkeypatch, content, kind, status
+):
+    monkeypatch.setattr("edge_service.http_api.diagnose_routes.MOST_UPLOADED_BYTES", 50)
+    headers = {"content-type": kind}
+    answer = await bench.client.post("axes/X/diagnose", content=content, headers=headers)
+    assert answer.status_code == status
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert [each.name for each in bench.desk.recordings()] == ["trace.csv"]
+    assert bench.desk.jobs() == []
+
+
+async def test_axes_without_a_diagnosis_say_so(bench):
+    assert (await bench.client.get("axes/X/diagnosis")).status_code == 404
+    assert (await bench.client.get("axes/Q/diagnosis")).status_code == 404
+    assert (await bench.client.get("jobs/3")).status_code == 404

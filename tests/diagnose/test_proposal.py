@@ -1,0 +1,133 @@
+"""Which motion decides, how sure that would be, and what a motion can show at all."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from edge_service.cli import main
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.diagnose.isolability import DECISIVE, Separation, strength_told
+from edge_service.diagnose.proposal import candidates, propose
+from edge_service.models.machine import Machine
+from edge_service.models.motion import MOTIONS, motion_limits
+
+
+@pytest.fixture(scope="module")
+def bench() -> Machine:
+    return load_machine(DEFAULT_MACHINE)
+
+
+def test_candidates_are_what_the_axis_allows_the_shortest_first(bench: Machine) -> None:
+    found = candidates(bench)
+    lengths = [each.duration_s for each in found]
+    assert lengths == sorted(lengths)
+    assert max(lengths) <= 60.0
+    for each in found:
+        own_s = MOTIONS[each.motion].duration_s(motion_limits(bench))
+        assert each.duration_s == (each.given_s if own_s is None else own_s)
+
+
+def test_a_short_stroke_leaves_out_what_does_not_fit(bench: Machine) -> None:
+    short = bench.model_copy(update={"axis": bench.axis.model_copy(update={"stroke_m": 0.05})})
+    assert {each.motion for each in candidates(short)} < {e.motion for e in candidates(bench)}
+
+
+def test_a_tie_is_decided_by_the_first_motion_that_can(bench: Machine) -> None:
+    proposals = propose(bench, ["load_offset", "external_force"])
+    best = proposals[0]
+    assert best.decides
+    assert {(p.effect, p.rival) for p in best.separations} == {
+        ("load_offset", "external_force"),
+        ("external_force", "load_offset"),
+    }
+    shorter = [each for each in proposals[1:] if each.decides]
+    assert shorter == []
+
+
+def test_the_weaker_the_fault_the_less_evidence(bench: Machine) -> None:
+    tied = ["load_offset", "stribeck"]
+    strong, weak = (
+        propose(bench, tied, {"load_offset": {"constant_nm": nm}, "stribeck": {"excess_nm": nm}})
+        for nm in (0.5, 1e-5)
+    )
+    assert strong[0].decides
+    assert not weak[0].decides
+
+
+@pytest.mark.parametrize("ratio", [0.01, 1.0, 30.0])
+def test_the_strength_that_shows_follows_from_the_evidence(ratio: float) -> None:
+    """One channel, 400 observations: 200 ln(1 + (k r)^2) = DECISIVE."""
+    told = strength_told(Separation("a", None, 0.0, (ratio,), 0.0))
+    assert told == pytest.approx(math.sqrt(math.expm1(DECISIVE / 200.0)) / ratio, rel=1e-6)
+    strained = strength_told(Separation("a", None, 0.0, (0.0,), ratio))
+    assert strained == pytest.approx(math.sqrt(2.0 * DECISIVE / ratio), rel=1e-6)
+    assert strength_told(Separation("a", None, 0.0, (0.0,), 0.0)) == math.inf
+
+
+def _diagnosis(path: Path, **members: object) -> str:
+    one = {"name": "load_offset", "probability": 0.5, "class": ["load_offset", "external_force"]}
+    effects = [{**one, "entries": [{"constant_nm": 0.1}], **members}]
+    path.write_text(json.dumps({"effects": effects}))
+    return str(path)
+
+
+def test_next_takes_a_diagnosis_and_writes_the_motion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "setpoints.csv"
+    given = ["motion", "next", _diagnosis(tmp_path / "diagnosis.json"), "--out", str(out)]
+    assert main(given) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("the shortest that decides: edge-service motion ")
+    assert "expected evidence" in said
+    times = [float(line.split(",")[0]) for line in out.read_text().splitlines()[-2:]]
+    assert 5.0 < times[-1] <= 60.0
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "no diagnosis.json"),
+        ("[]", "no diagnosis.json"),
+        ('{"effects": 3}', "no diagnosis.json"),
+        ('{"effects": []}', "no effects that are tied"),
+        ('{"effects": [{"name": "a", "probability": 0.5, "class": ["a", "b"]}]}', "'a'"),
+    ],
+)
+def test_what_is_no_tie_is_one_line(tmp_path, capsys, text, says):
+    path = tmp_path / "diagnosis.json"
+    path.write_text(text)
+    assert main(["motion", "next", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert says in said
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["next"],
+        ["next", "a.json", "--effect", "stribeck"],
+        ["next", "--effect", "stribeck"],
+        ["next", "missing.json"],
+        ["isolability"],
+        ["isolability", "--motion", "dance"],
+        ["isolability", "missing.csv"],
+        ["friction", "a.csv", "--out", "b.csv"],
+    ],
+)
+def test_bad_questions_are_one_line(capsys, given):
+    assert main(["motion", *given]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_isolability_tells_what_shows_in_a_motion(capsys):
+    assert main(["motion", "isolability", "--motion", "standstill"]) == 0
+    rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[2:]}
+    assert "nothing else" in rows["load_offset"]
+    assert main(["motion", "isolability", "--motion", "friction"]) == 0
+    said = capsys.readouterr().out
+    assert "quadratic_friction" in said

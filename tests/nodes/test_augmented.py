@@ -1,0 +1,74 @@
+"""A machine file that a diagnosis augmented goes wherever a machine file goes."""
+
+import asyncio
+import json
+import tomllib
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from edge_service.cli import main
+from edge_service.config import DEFAULT_MACHINE, AxisConfig, load_machine
+from edge_service.diagnose.diagnosis import NamedEffect
+from edge_service.diagnose.shrink import Shrink
+from edge_service.models.effects.registry import effect_names, get_effect
+from edge_service.studies.diagnosis_document import augmented_toml
+
+from .conftest import config_of, running, until
+
+
+def named(name: str) -> NamedEffect:
+    """A typical fault, with numbers as a fit has them."""
+    values = {key: np.float64(each) for key, each in get_effect(name).complete({}).items()}
+    return NamedEffect(name, "torque_nm", 1.0, (name,), Shrink(0.5, 0.4, 0.6), {}, (values,))
+
+
+@pytest.fixture
+def augmented(tmp_path: Path) -> Path:
+    path = tmp_path / "augmented.toml"
+    effects = [named(name) for name in ("stribeck", "inertia_error", "position_friction")]
+    path.write_text(augmented_toml(DEFAULT_MACHINE.read_text(), effects))
+    return path
+
+
+@pytest.mark.parametrize("name", effect_names())
+def test_every_effect_can_be_written_and_read_again(tmp_path: Path, name: str) -> None:
+    text = augmented_toml(DEFAULT_MACHINE.read_text(), [named(name)])
+    (written,) = tomllib.loads(text)["effects"]
+    assert written == {"name": name, "parameters": get_effect(name).complete({})}
+    path = tmp_path / "m.toml"
+    path.write_text(text)
+    assert [each.name for each in load_machine(path).effects] == [name]
+
+
+def test_simulate_gap_estimate_and_motion_take_it(
+    augmented: Path, trace_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine = ["--machine", str(augmented)]
+    simulated = tmp_path / "s.csv"
+    assert main(["simulate", *machine, "--duration", "20", "--out", str(simulated)]) == 0
+    capsys.readouterr()
+    assert main(["gap", *machine, str(simulated), "--json"]) == 0
+    own = json.loads(capsys.readouterr().out)["torque_nm"]
+    assert main(["gap", str(simulated), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["torque_nm"] > 2.0 * own
+    out = tmp_path / "estimates.csv"
+    assert main(["estimate", *machine, str(trace_path), "--out", str(out)]) == 0
+    assert len(out.read_text().splitlines()) == 200
+    assert main(["motion", "friction", *machine, "--out", str(tmp_path / "m.csv")]) == 0
+
+
+async def test_the_service_runs_with_it(augmented: Path) -> None:
+    config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
+    axis = AxisConfig(name="X", machine=augmented, driver="simulated", settings={"speed": 20.0})
+    async with running(config.model_copy(update={"axes": (axis,)})) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+
+            async def told() -> object:
+                answer = (await client.get("api/v1/axes/X/preload")).json()
+                return answer["status"] != "unestimated" and answer["measured_at"]
+
+            assert await until(told)

@@ -1,0 +1,63 @@
+"""The loop closed: an axis changes in mid-run; the service sees it, keeps it, and says why."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from edge_service.config_tables import HistoryConfig
+
+from .conftest import config_of, running
+
+CHANGES_S = 250.0
+PATIENCE_S = 300.0
+
+
+async def once(client: httpx.AsyncClient, path: str, probe: Any) -> Any:
+    """The first answer that `probe` accepts."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            response = await client.get(path)
+            if response.status_code == 200 and (found := probe(response.json())):
+                return found
+            await asyncio.sleep(0.2)
+
+
+@pytest.mark.slow
+async def test_what_begins_in_mid_run_is_seen_kept_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    settings = {
+        "scenario": "healthy",
+        "speed": 20.0,
+        "effects": ["position_friction:excess_nm=0.15"],
+        "effects_from_s": CHANGES_S,
+    }
+    config = config_of("simulated", settings, history=HistoryConfig(folder=tmp_path / "history"))
+    async with running(config) as service:
+        address = await asyncio.wait_for(service.address, 60.0)
+        async with httpx.AsyncClient(base_url=f"{address}api/v1/", timeout=60.0) as client:
+            name = await once(client, "axes/X/health", lambda h: h["consistency"]["recording"])
+            health = (await client.get("axes/X/health")).json()
+            assert health["consistency"]["state"] == "disagrees"
+            assert "model" in [each["alarm"] for each in health["alarms"]]
+            log = (await client.get("axes/X/log")).json()["events"]
+            told = {each["kind"]: each for each in log}
+            assert told["model_disagrees"]["data"]["recording"] == name
+            assert told["model_disagrees"]["data"]["since_s"] == pytest.approx(CHANGES_S, abs=15.0)
+            assert told["disagreement_recorded"]["data"]["recording"] == name
+            kept = (await client.get("recordings")).json()["recordings"]
+            assert [each["name"] for each in kept] == [name]
+            asked = await client.post("axes/X/diagnose", json={"recordings": [name]})
+            assert asked.status_code == 202
+            path = asked.headers["location"].removeprefix("/api/v1/")
+            job = await once(client, path, lambda j: j["state"] != "running" and j)
+            assert job["state"] == "done", job["lines"]
+            document = (await client.get("axes/X/diagnosis")).json()
+            named = {each["name"]: each["probability"] for each in document["effects"]}
+            assert named["position_friction"] > 0.9
+            report = await client.get(f"{path}/files/report.html")
+            assert "Position friction" in report.text

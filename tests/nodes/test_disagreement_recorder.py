@@ -1,0 +1,104 @@
+"""The trace around a disagreement: the right seconds, whole, and never too many of them."""
+
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.samples import SampleFrame
+from edge_service.nodes.disagreement_recorder import (
+    AFTER_S,
+    BEFORE_S,
+    KEEP_S,
+    MOST_KEPT,
+    DisagreementRecorder,
+)
+from edge_service.trace.reader import read_trace
+
+RATE_HZ = 100.0
+
+
+def event(since_s: float, name: str = "disagreement_X_1.parquet") -> Event:
+    return Event(
+        axis="X",
+        kind="model_disagrees",
+        severity=Severity.WARNING,
+        message="",
+        time_ns=0,
+        data={"recording": name, "since_s": since_s},
+    )
+
+
+class Scene:
+    """A recorder, and the clock of axis X."""
+
+    def __init__(self, folder: Path) -> None:
+        self.kept: list[tuple[str, str]] = []
+        self.recorder = DisagreementRecorder(folder, lambda *each: self.kept.append(each))
+        self.now_s = 0.0
+
+    async def run(self, seconds: float) -> None:
+        """Let samples come, a second at a time."""
+        for _ in range(round(seconds)):
+            time_s = self.now_s + np.arange(RATE_HZ) / RATE_HZ
+            await self.recorder.follow("X", SampleFrame(time_s, {"torque_command_nm": time_s}))
+            self.now_s += 1.0
+
+
+async def test_the_seconds_around_it_are_kept(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    await scene.run(100)
+    scene.recorder.note(event(since_s=80.0))
+    await scene.run(AFTER_S - 1.0)
+    assert scene.kept == []
+    await scene.run(2)
+    assert scene.kept == [("X", "disagreement_X_1.parquet")]
+    trace = read_trace(tmp_path / "disagreement_X_1.parquet")
+    assert trace.time_s[0] == pytest.approx(80.0 - BEFORE_S)
+    assert trace.time_s[-1] == pytest.approx(100.0 + AFTER_S, abs=0.1)
+    np.testing.assert_allclose(np.diff(trace.time_s), 1.0 / RATE_HZ, rtol=1e-6)
+    np.testing.assert_array_equal(trace.channels["torque_command_nm"], trace.time_s)
+
+
+async def test_memory_holds_no_more_than_it_should(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    await scene.run(1000)
+    scene.recorder.note(event(since_s=10.0))
+    await scene.run(AFTER_S + 2.0)
+    trace = read_trace(tmp_path / "disagreement_X_1.parquet")
+    assert trace.time_s[0] == pytest.approx(1000.0 - KEEP_S, abs=1.0)
+
+
+async def test_only_the_newest_stay(tmp_path: Path) -> None:
+    (tmp_path / "other.csv").write_text("mine")
+    scene = Scene(tmp_path)
+    await scene.run(50)
+    for number in range(MOST_KEPT + 3):
+        name = f"disagreement_X_{number}.parquet"
+        scene.recorder.note(event(since_s=scene.now_s - 5.0, name=name))
+        await scene.run(AFTER_S + 2.0)
+    left = sorted(path.name for path in tmp_path.iterdir())
+    newest = range(3, MOST_KEPT + 3)
+    assert left == [*(f"disagreement_X_{number}.parquet" for number in newest), "other.csv"]
+
+
+async def test_a_clock_that_begins_anew_ends_the_recording(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    await scene.run(60)
+    scene.recorder.note(event(since_s=50.0))
+    scene.now_s = 0.0
+    await scene.run(AFTER_S + 70.0)
+    assert scene.kept == []
+    assert list(tmp_path.iterdir()) == []
+
+
+async def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    scene = Scene(blocked)
+    await scene.run(50)
+    scene.recorder.note(event(since_s=45.0))
+    await asyncio.wait_for(scene.run(AFTER_S + 5.0), 30.0)
+    assert scene.kept == []
