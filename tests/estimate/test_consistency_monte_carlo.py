@@ -24,6 +24,7 @@ from edge_service.estimate.fused_state import (
     GAP_RATE,
     GROWTH,
     GROWTH_RATE,
+    PLAY,
     PRELOAD,
     STATES,
     Drift,
@@ -119,6 +120,8 @@ def measured(rng: np.random.Generator, model: FusedModel, x: Floats, r: Reading)
         return r._replace(torque_nm=torque_nm, table_m=math.nan, stretch_m=math.nan)
     stretch_var = model.stretch_density / steady_s * slow(model.stretch_slow_rad_s, r)
     stretch_m, _ = predict_stretch(model, x, r, slope)
+    if slope[PLAY] == -0.5:  # the table floats within its play
+        stretch_var += (0.5 * x[PLAY]) ** 2
     stretch_m += math.sqrt(stretch_var) * rng.standard_normal()
     return r._replace(torque_nm=torque_nm, stretch_m=stretch_m)
 
