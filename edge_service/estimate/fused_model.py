@@ -45,6 +45,8 @@ LOSSES = ((0.15, 0.1), (0.6, 0.25))
 """Sudden losses, small and large: mean and standard deviation over the fresh preload."""
 WEAR_PERCENT_S = 0.05
 """Mean and standard deviation of a rate of loss, % per second of motion."""
+GAIN_JUMP = 0.06
+"""Standard deviation of a sudden change of the torque constant, as a share."""
 PLAY_M = 5e-6
 """Standard deviation of a play that comes up."""
 UNCHANGED_SHARE = 0.2
@@ -69,7 +71,7 @@ class FusedSettings:
         unchanged: probability that friction begins hardly different from commissioning.
         rub_share: error of the guides' friction along the stroke at the start, as a share.
         loss_hazard, friction_hazard, payload_hazard, wear_hazard, backlash_hazard,
-            misalignment_hazard: per second of motion.
+            misalignment_hazard, gain_hazard: per second of motion.
         force_hazard: share of phases in which a process force begins.
         force_stay: probability that it lasts for another phase.
         process_force_n: standard deviation of forces on the table.
@@ -86,6 +88,7 @@ class FusedSettings:
     rub_share: float = 0.01
     backlash_hazard: float = 2e-4
     misalignment_hazard: float = 2e-4
+    gain_hazard: float = 1e-4
     unchanged: float = 0.5
     loss_hazard: float = 2e-4
     friction_hazard: float = 5e-4
@@ -300,6 +303,7 @@ def _jumps(machine: Machine, model: FusedModel, settings: FusedSettings) -> list
             slick = slick + _along({DRY: 0.25 * coulomb})
             slick = slick + _along({MASS: 0.4 * model.table_mass_kg})
         jumps.append(_Jump(slick, settings.friction_hazard, SETTLING))
+        jumps.append(_Jump(_along({GAIN: GAIN_JUMP}), settings.gain_hazard, QUIET))
     if two:
         payload = _along({MASS: 0.4 * model.table_mass_kg, GUIDE: 0.1 * guide_n})
         payload = payload + _along({GUIDE: 0.1 * guide_n}) + _along({DRY: 0.03 * coulomb})

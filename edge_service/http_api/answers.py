@@ -31,6 +31,7 @@ _PRELOAD_EXAMPLE: dict[str, Any] = {
     "condition": "NORMAL",
     "reasons": [],
     "mode_probability": {"10": 0.0, "7.5": 0.9, "5": 0.1},
+    "fault_probability": {"preload_loss": 0.01, "lubrication": 0.02, "backlash": 0.0},
     "measured_at": "2026-01-31T12:00:00.000Z",
     "age_s": 0.12,
 }
@@ -66,6 +67,9 @@ class PreloadAnswer(Answer):
     reasons: list[str] = Field(description="Why, as `code: sentence`; empty if all is well.")
     mode_probability: dict[str, float] = Field(
         description="Probability of each preload level (percent) of the filter bank."
+    )
+    fault_probability: dict[str, float] = Field(
+        description="Probability of each change since commissioning; empty without commissioning."
     )
     measured_at: Timestamp | None = Field(
         description="Time of the newest sample behind the last estimate; null if there is none."

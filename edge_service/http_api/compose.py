@@ -48,6 +48,7 @@ def preload_answer(board: Board, axis: str, now_ns: int) -> PreloadAnswer:
         condition=health.condition,
         reasons=list(dict.fromkeys((*health.reasons, *estimate.reasons))),
         mode_probability=estimate.mode_probability,
+        fault_probability=estimate.fault_probability,
         measured_at=None if reading.measured_ns is None else rfc3339(reading.measured_ns),
         age_s=reading.age_s,
     )

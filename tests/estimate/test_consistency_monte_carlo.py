@@ -48,6 +48,7 @@ CALM = FusedSettings(
     wear_hazard=NONE,
     backlash_hazard=NONE,
     misalignment_hazard=NONE,
+    gain_hazard=NONE,
     force_hazard=NONE,
     process_force_n=1e9,
 )

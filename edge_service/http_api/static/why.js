@@ -5,14 +5,25 @@ import { Chart, axis, colour, lately, range, spoken, timeAxis } from "./charts.j
 
 const SYMBOLS = { ok: "✓ ok", faulty: "△ faulty at times", missing: "✕ missing" };
 const HISTORY_S = 3600;
+const CHANGES = {
+  preload_loss: "Preload lost, more than 10 %",
+  lubrication: "Guides or bearings rub more (lubrication)",
+  backlash: "Play in the drive train",
+  misalignment: "A place along the stroke rubs more (alignment, dirt)",
+  payload: "Another load on the table",
+  torque_constant: "Torque constant off by 5 %",
+  process_force: "A process pushes the table now",
+};
 const parts = {};
 
 function build() {
   parts.modes = element("ul", { class: "modes" });
+  parts.changes = element("div", {});
   byId("belief").replaceChildren(
     element("h2", { id: "belief-title" }, "What the estimator believes"),
     element("p", { class: "quiet" }, "Probability of each level of preload, percent of the load rating."),
     parts.modes,
+    parts.changes,
   );
   parts.frictionText = element("p", { class: "quiet" });
   const friction = element("div", { class: "chart" });
@@ -84,8 +95,25 @@ export function renderWhy(state) {
           return element("li", { class: "mode" }, element("span", {}, `${level} %`), bar, element("span", {}, share.toFixed(2)));
         }),
   );
+  renderChanges((state.connected && state.preload?.fault_probability) || {});
   const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${kind.replaceAll("_", " ")}: ${n}`);
   write(parts.faults, faults.length ? faults.join(", ") : "none");
+}
+
+function renderChanges(probabilities) {
+  const known = Object.keys(CHANGES).filter((name) => name in probabilities);
+  refill(parts.changes, JSON.stringify(known.map((name) => [name, probabilities[name].toFixed(2)])), () =>
+    known.length === 0
+      ? []
+      : [
+          element("h3", {}, "What has changed since commissioning, and how probable that is"),
+          element("ul", { class: "modes" }, ...known.map((name) => {
+            const share = probabilities[name];
+            const bar = element("progress", { max: 1, value: share, "aria-label": CHANGES[name] });
+            return element("li", { class: "mode change" }, element("span", {}, CHANGES[name]), bar, element("span", {}, share.toFixed(2)));
+          })),
+        ],
+  );
 }
 
 // Slower things, asked for every few seconds.
