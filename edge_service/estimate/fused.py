@@ -78,6 +78,12 @@ class FusedPreloadEstimator:
         calm = [surprise for surprise in surprises if not math.isnan(surprise)]
         self._validity.update(block, bool(calm), max(calm, default=None))
 
+    def _follows(self, block: FeatureBlock) -> bool:
+        """Whether an interval begins where the last that was taken has ended."""
+        if self._last_s is None:
+            return False
+        return abs(block.time_s - block.duration_s - self._last_s) < 0.1 * block.duration_s
+
     def _take(self, block: FeatureBlock, phase: Phase) -> float:
         if self._known is not None:
             phase = self._known.freed(phase, block.steady_direction, block.time_s)
@@ -111,6 +117,7 @@ class FusedPreloadEstimator:
             phase.speed_rad_s,
             phase.table_m,
             stretch,
+            self._follows(block),
         )
 
     def estimate(self) -> PreloadEstimate:

@@ -72,6 +72,6 @@ def take_many(
     nis = np.empty(len(axes))
     for row in range(len(axes)):
         i, r = axes[row], readings[row]
-        reading = Reading(r[0], r[1], r[2], r[3], r[4], r[5], r[6])
+        reading = Reading(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7] > 0.0)
         nis[row] = take(mixtures[i], models[i], drifts[i], reading, elapsed_s[row], spawn[row])
     return nis

@@ -22,7 +22,9 @@ from .fused_physics import (
     stribeck,
 )
 from .fused_state import (
+    BEGUN,
     DRY,
+    ENDED,
     GAP,
     GAP_RATE,
     GROWTH,
@@ -60,8 +62,11 @@ _RELINEARISATIONS = 2
 
 
 @compiled
-def predict_state(mixture: Mixture, k: int, drift: Drift, elapsed_s: float, moved_s: float) -> None:
-    """Let a hypothesis drift over `elapsed_s`, of which the axis moved for `moved_s`."""
+def predict_state(
+    mixture: Mixture, k: int, model: FusedModel, drift: Drift, elapsed_s: float, r: Reading
+) -> None:
+    """Let a hypothesis drift over `elapsed_s`, in which the axis moved as in `r`."""
+    moved_s = r.steady_s
     x, p = mixture.mean[k], mixture.covariance[k]
     mixture.age_s[k] += moved_s
     if mixture.mode[k] == SETTLING and mixture.age_s[k] > _SETTLING_S:
@@ -79,9 +84,30 @@ def predict_state(mixture: Mixture, k: int, drift: Drift, elapsed_s: float, move
     lasting = math.exp(-elapsed_s / _WARMING_S)
     _run(x, p, GAP, GAP_RATE, _WARMING_S * (1.0 - lasting), lasting)
     _run(x, p, GROWTH, GROWTH_RATE, _WARMING_S * (1.0 - lasting), lasting)
+    if model.edge_rad2_s2 > 0.0:
+        _pass_on(x, p, model.edge_rad2_s2, r.follows)
     if mixture.mode[k] == WEARING:
         _run(x, p, PRELOAD, RATE, moved_s, 1.0)
         p[RATE, RATE] += drift.rate_walk**2 * moved_s
+
+
+@compiled
+def _pass_on(x: Floats, p: Floats, edge_rad2_s2: float, follows: bool) -> None:
+    """Begin a phase with the speed's error at the end of the one before, or with a new one."""
+    if follows:
+        x[BEGUN] = x[ENDED]
+        p[BEGUN, :] = p[ENDED, :]
+        p[:, BEGUN] = p[:, ENDED]
+        p[BEGUN, BEGUN] = p[ENDED, ENDED]
+    else:
+        x[BEGUN] = 0.0
+        p[BEGUN, :] = 0.0
+        p[:, BEGUN] = 0.0
+        p[BEGUN, BEGUN] = edge_rad2_s2
+    x[ENDED] = 0.0
+    p[ENDED, :] = 0.0
+    p[:, ENDED] = 0.0
+    p[ENDED, ENDED] = edge_rad2_s2
 
 
 @compiled
@@ -253,7 +279,7 @@ def take(
     e, s = np.empty(2), np.empty((2, 2))
     told = Innovation(np.empty((2, size)), np.empty((2, size)), e, s)
     for k in range(mixture.alive[0]):
-        predict_state(mixture, k, drift, elapsed_s, r.steady_s)
+        predict_state(mixture, k, model, drift, elapsed_s, r)
     leader = leader_of(mixture)
     c = _innovate_well(model, mixture.mean[leader], mixture.covariance[leader], r, told)
     calm, surprise = _likelihood(e, s, two)

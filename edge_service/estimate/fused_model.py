@@ -130,6 +130,7 @@ def fused_model(machine: Machine, settings: FusedSettings) -> FusedModel:
         lead_map_m=np.array(t.lead_map_m if t else (), dtype=np.float64),
         wind_up_map_m=np.array(t.wind_up_map_m if t else (), dtype=np.float64),
         torque_density=taught.noise_density_nm2_s,
+        edge_rad2_s2=taught.edge_noise_rad2_s2,
         torque_slow_rad_s=taught.noise_slow_rad_s,
         stretch_density=t.noise_density_m2_s if t else 1.0,
         stretch_slow_rad_s=t.noise_slow_rad_s if t else 0.0,

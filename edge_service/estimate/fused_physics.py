@@ -4,12 +4,13 @@ A phase of steady motion (messages.features.Phase) measures two quantities, with
 the table position, a and v acceleration and speed of the motor::
 
     torque    (1 + e) u = (J + R^2 dM) a + D v + A |v|
-                          + s (k m(x) p + R G + R r(x) + B + St(v)) + b
+                          + s (k m(x) p + R G + R r(x) + B + St(v)) + b + J (w1 - w0) / T
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + h(x) + s odd(x) + T R v
                             + (c0 + c1 (x - x0) - cn) F + 3 F0 cn y(F, m(x) p)
                             + s chi (c0 + c1 (x - x0)) k p / R - l [F < 0]
               F = (M + dM) R a + s (G + r(x)) + V R v
 
+w0 and w1 are errors of the speed at both ends of the phase's T; the next phase begins with w1.
 The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
 (4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
 share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). The functions run compiled;
@@ -25,7 +26,9 @@ from ..messages.samples import Floats
 from ..models.compiled import compiled
 from .fused_state import (
     ASYMMETRY,
+    BEGUN,
     DRY,
+    ENDED,
     GAIN,
     GAP,
     GROWTH,
@@ -126,6 +129,9 @@ def predict_torque(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> f
     slope[MASS] = ratio * ratio * r.acceleration_rad_s2
     slope[OFFSET] = 1.0
     slope[GAIN] = -r.torque_nm
+    if model.edge_rad2_s2 > 0.0:
+        slope[ENDED] = model.inertia_kg_m2 / r.steady_s
+        slope[BEGUN] = -slope[ENDED]
     near = near_nodes(x, model, r)
     if near.rub >= 0:
         slope[near.rub] = r.direction * ratio * (1.0 - near.rub_share)

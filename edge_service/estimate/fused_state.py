@@ -13,9 +13,11 @@ from ..messages.samples import Floats
 PRELOAD, RATE, DRY, GUIDE, VISCOUS, ASYMMETRY, MASS = range(7)
 GAP, GROWTH, SKEW, NUT, OFFSET, SLIDE = range(7, 13)
 GAIN, GAP_RATE, GROWTH_RATE, PLAY = range(13, 17)
+BEGUN, ENDED = range(17, 19)
 """p %, dp/dt %/s, B N m, G N, D and A N m s/rad, dM kg; g0 m, g1, T s, cn m/N, b N m, V N s/m;
-e, dg0/dt m/s, dg1/dt 1/s, l m. Behind them h, m, and then r, N, at even nodes of the stroke."""
-STATES = 17
+e, dg0/dt m/s, dg1/dt 1/s, l m; w0, w1 rad/s.
+Behind them h, m, and then r, N, at even nodes of the stroke."""
+STATES = 19
 RUB_NODES = 9
 """Of r; h has the others."""
 WIND_UP_SHARE = 0.3
@@ -47,6 +49,7 @@ class FusedModel(NamedTuple):
     lead_map_m: Floats  # at even nodes from 0 to the stroke
     wind_up_map_m: Floats  # the same, times the direction
     torque_density: float  # (N m)^2 s: variance of a mean over 1 s of fast motion
+    edge_rad2_s2: float  # variance of w
     torque_slow_rad_s: float  # motion as slow as this has twice that variance
     stretch_density: float  # m^2 s
     stretch_slow_rad_s: float
@@ -78,6 +81,7 @@ class Reading(NamedTuple):
     speed_rad_s: float
     table_m: float
     stretch_m: float
+    follows: bool = False  # whether it begins where the phase before has ended
 
 
 class Mixture(NamedTuple):

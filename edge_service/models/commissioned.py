@@ -53,6 +53,7 @@ class CommissionedConfig(_Table):
         stroke_map: cosine and sine of the k-th harmonic of preload over its mean along the stroke.
         noise_density_nm2_s: variance of a mean over one second of fast motion.
         noise_slow_rad_s: motion as slow as this has twice that variance.
+        edge_noise_rad2_s2: variance of the speed at the border of two phases, where it matters.
         motion_s: steady motion behind all this.
     """
 
@@ -64,5 +65,6 @@ class CommissionedConfig(_Table):
     coulomb_nm: float = Field(gt=0.0)
     noise_density_nm2_s: float = Field(gt=0.0)
     noise_slow_rad_s: float = Field(0.0, ge=0.0)
+    edge_noise_rad2_s2: float = Field(0.0, ge=0.0)
     motion_s: float = Field(gt=0.0)
     transmission: TransmissionConfig | None = None

@@ -55,21 +55,25 @@ def thesis_machine() -> Machine:
         commissioned=CommissionedConfig(
             coulomb_nm=fresh_nm,
             noise_density_nm2_s=torque_noise_var(plant) * PRINTED_STEP_S,
+            edge_noise_rad2_s2=edge_noise_var(plant),
             motion_s=DURATION_S,
         ),
     )
 
 
 def torque_noise_var(plant: ThesisPlant) -> float:
-    """Variance of J times the second difference of the angle over T^2, (N m)^2.
+    """Variance of J times the speed's own noise over T, (N m)^2 (4.6.1)."""
+    return (plant.inertia_kg_m2 / PRINTED_STEP_S) ** 2 * plant.speed_noise_var_rad2_s2
 
-    By (4.6.1) it errs by two process noises of the angle, one of the speed over T, and six parts
-    of the encoder.
+
+def edge_noise_var(plant: ThesisPlant) -> float:
+    """Variance of a first difference of the angle over T, rad^2/s^2 (4.6.1).
+
+    The angle's own noise, and the encoder's at both ends. Two neighbours share a reading of the
+    encoder; taking them as independent is on the safe side.
     """
-    step_s = PRINTED_STEP_S
-    bend = 2.0 * plant.angle_noise_var_rad2 + step_s**2 * plant.speed_noise_var_rad2_s2
-    bend += 6.0 * plant.rotary_noise_var_rad2
-    return (plant.inertia_kg_m2 / step_s**2) ** 2 * bend
+    bend = plant.angle_noise_var_rad2 + 2.0 * plant.rotary_noise_var_rad2
+    return bend / PRINTED_STEP_S**2
 
 
 def thesis_blocks(run: ThesisRun) -> list[FeatureBlock]:
