@@ -15,6 +15,18 @@ LEAST_RISE_OF_FLOOR = {TORQUE_GAP: 0.5, TRANSMISSION_GAP: 1.0}
 """An effect that adds less than this many healthy gaps to a channel is immaterial."""
 LEAST_RISE_OF_GAP = 0.1
 """So is one that is less than this part of the whole gap: the others are no better known."""
+LEAST_RISE_BESIDE_ALIKE = 0.22
+"""Beside a greater effect whose entry may lack what this one adds."""
+LEAST_RISE_OF_COMPLIANCE = 0.15
+"""The same for compliance, which is small beside any play."""
+BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
+"""What gives between motor and table shows between their encoders, whatever else it does."""
+ALIKE = (
+    frozenset({"backlash", "compliance", "presliding"}),
+    frozenset({"stribeck", "presliding", "quadratic_friction"}),
+    frozenset({"lead_error", "thermal_growth"}),
+)
+"""Effects that resemble what a few numbers leave of one another."""
 TIED = 5.0
 """Scores closer than this leave a doubt worth naming."""
 _LEADERS = 5
@@ -118,22 +130,42 @@ def _is_material(
     noise: Noise,
     limits: Mapping[str, tuple[float, float]],
 ) -> bool:
-    """Whether it adds to a gap what nothing else that is named can replace.
+    """Whether it adds to a gap what nothing else that is named can replace."""
+    if name in limits and _excess(dictionary, whole, name, *limits[name]) <= MATERIAL_TOLERANCES:
+        return False
+    rises = _rises(dictionary, whole, name, noise)
+    alike = [
+        _rises(dictionary, whole, other, noise)
+        for group in ALIKE
+        if name in group
+        for other in (group - {name}) & whole.names(dictionary)
+    ]
+    for channel, sums in dictionary.sums.items():
+        elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in dictionary.sums
+        if name in BETWEEN_ENCODERS and elsewhere:
+            continue
+        before = math.sqrt(sums.square / sums.rows)
+        overshadowed = any(other[channel] > rises[channel] for other in alike)
+        beside = LEAST_RISE_OF_COMPLIANCE if name == "compliance" else LEAST_RISE_BESIDE_ALIKE
+        part = beside if overshadowed else LEAST_RISE_OF_GAP
+        least = LEAST_RISE_OF_FLOOR[channel] * noise.floor[channel]
+        if rises[channel] >= max(least, part * before):
+            return True
+    return False
+
+
+def _rises(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> dict[str, float]:
+    """What an effect adds to each channel's gap, as a root mean square.
 
     What is tolerated stays as it is meanwhile: it must not stretch to hide a cause.
     """
-    if name in limits and _excess(dictionary, whole, name, *limits[name]) <= MATERIAL_TOLERANCES:
-        return False
     kept = [a for a in whole.atoms[dictionary.tolerated :] if dictionary.atoms[a].name != name]
     count = int(dictionary.first[dictionary.tolerated])
     lesser = fit(dictionary, kept, noise, whole.coefficients[:count])
-    for channel, sums in dictionary.sums.items():
-        before = math.sqrt(sums.square / sums.rows)
-        rise = math.sqrt(max(lesser.rms[channel] ** 2 - whole.rms[channel] ** 2, 0.0))
-        least = LEAST_RISE_OF_FLOOR[channel] * noise.floor[channel]
-        if rise >= max(least, LEAST_RISE_OF_GAP * before):
-            return True
-    return False
+    return {
+        channel: math.sqrt(max(lesser.rms[channel] ** 2 - whole.rms[channel] ** 2, 0.0))
+        for channel in dictionary.sums
+    }
 
 
 def _excess(dictionary: Dictionary, whole: Fit, name: str, healthy: float, sigma: float) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
 from ..fingerprint.regression import Booleans
 from ..messages.samples import Floats
@@ -22,6 +23,10 @@ _STRICT = ("saturation",)
 _STRICT_SIGMA = 0.05
 
 
+Columns = npt.NDArray[np.float32]
+"""Half the memory; their sums of products are those of double precision."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
     """Sums over the rows of one channel: gram (p, p), cross (p,), square of the gap, rows."""
@@ -32,13 +37,15 @@ class Sums:
     rows: int
 
     @classmethod
-    def of(cls, columns: Floats, gap: Floats) -> Self:
+    def of(cls, columns: Floats | Columns, gap: Floats) -> Self:
         """Of columns (n, p) and the gap (n,); most columns show in one channel only."""
         shown = np.flatnonzero(np.any(columns != 0.0, axis=0))
-        active = columns[:, shown]
+        active = columns[:, shown].astype(np.float64)
         gram = np.zeros((columns.shape[1], columns.shape[1]))
         gram[np.ix_(shown, shown)] = active.T @ active
-        return cls(gram, columns.T @ gap, float(gap @ gap), len(gap))
+        cross = np.zeros(columns.shape[1])
+        cross[shown] = active.T @ gap
+        return cls(gram, cross, float(gap @ gap), len(gap))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +65,7 @@ class Dictionary:
     mean: Floats
     precision: Floats
     first: Integers
-    columns: Mapping[str, Floats]
+    columns: Mapping[str, Columns]
     sums: Mapping[str, Sums]
     alternatives: tuple[int, ...]
 
@@ -72,16 +79,21 @@ class Dictionary:
         if names:
             candidates += [form for form in free_forms(session) if form.name in names]
         atoms = [*(each.atom for each in tolerated), *candidates]
-        columns = {name: _columns(atoms, session, name) for name in session.channels}
-        return cls._of(session, tolerated, atoms, columns)
+        columns: dict[str, Columns] = {}
+        sums = {}
+        for name, rows in session.channels.items():
+            exact = _columns(atoms, session, name)
+            sums[name] = Sums.of(exact, rows.gap)
+            columns[name] = exact.astype(np.float32)
+        return cls._of(tolerated, atoms, columns, sums)
 
     @classmethod
     def _of(
         cls,
-        session: Session,
         tolerated: Sequence[Tolerated],
         atoms: Sequence[Atom],
-        columns: Mapping[str, Floats],
+        columns: Mapping[str, Columns],
+        sums: Mapping[str, Sums],
     ) -> Self:
         first = np.concatenate(([0], np.cumsum([atom.size for atom in atoms]))).astype(np.int64)
         mean, precision = np.zeros(int(first[-1])), np.zeros(int(first[-1]))
@@ -98,7 +110,7 @@ class Dictionary:
             precision,
             first,
             columns,
-            {name: Sums.of(columns[name], rows.gap) for name, rows in session.channels.items()},
+            sums,
             tuple(max(counts[atom.name, atom.form], 1) for atom in atoms),
         )
 
@@ -126,7 +138,10 @@ class Dictionary:
             mean=np.concatenate((self.mean, zeros)),
             precision=np.concatenate((self.precision, zeros)),
             first=np.concatenate((self.first, self.first[-1] + sizes)),
-            columns={n: np.column_stack((self.columns[n], added[n])) for n in self.columns},
+            columns={
+                n: np.column_stack((self.columns[n], added[n].astype(np.float32)))
+                for n in self.columns
+            },
             sums=sums,
             alternatives=(*self.alternatives, *(len(atoms) for _ in atoms)),
         )
@@ -163,7 +178,7 @@ class Dictionary:
 
     def modelled(self, channel: str, atoms: Sequence[int], coefficients: Floats) -> Floats:
         """What atoms say of the gap in a channel, (n,)."""
-        return self.columns[channel][:, self.indices(atoms)] @ coefficients
+        return self.columns[channel][:, self.indices(atoms)].astype(np.float64) @ coefficients
 
 
 def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Floats:
@@ -174,12 +189,13 @@ def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Floats:
     shows = {
         family: bool(np.any(atom.columns(session, channel))) for family, atom in families.items()
     }
-    rows = len(session.channels[channel].gap)
+    first = np.cumsum([0, *(atom.size for atom in atoms)])
+    found = np.zeros((len(session.channels[channel].gap), int(first[-1])))
 
-    def column(atom: Atom) -> Floats:
-        if not shows[atom.name, atom.form]:
-            return np.zeros((rows, atom.size))
-        return atom.columns(session, channel)
+    def fill(k: int) -> None:
+        if shows[atoms[k].name, atoms[k].form]:
+            found[:, first[k] : first[k + 1]] = atoms[k].columns(session, channel)
 
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.column_stack(list(pool.map(column, atoms)))
+        list(pool.map(fill, range(len(atoms))))
+    return found

@@ -23,6 +23,10 @@ _PROFILE_ORDERS = (2, 3, 4, 5, 6)
 _HEAT_CELLS = 40
 _DISTURBED_S = 0.2
 _TABLE_SHARES = (0.4, 0.8)
+_RUBBED = (0.0, 1.0, 2.0, 2.8, 3.6, 4.8, 6.5)
+"""Share of the dry friction behind a spring over the share of the inertia behind it."""
+_STIRRED = (0.5, 1.0)
+"""Share of the viscous friction behind a spring over that of the dry friction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,43 +79,52 @@ class PairedForm:
 def free_forms(session: Session) -> Iterator[FreeForm | PairedForm]:
     """Every free form that the recorded channels could show."""
     ranges = Ranges.of_session(session)
-    times = ranges.duration_s * np.array([0.1, 0.3, 1.0])
     if TORQUE_GAP in session.channels:
-        for tau in times:
-            yield FreeForm("warmup", "heat", TORQUE_GAP, (_eased_dry(float(tau)),))
-            yield FreeForm("warmup", "heat_viscous", TORQUE_GAP, (_eased_viscous(float(tau)),))
+        yield from _torque_forms(ranges)
     if TRANSMISSION_GAP in session.channels:
-        for tau in times:
-            yield FreeForm("thermal_growth", "heat", TRANSMISSION_GAP, (_grown(float(tau)),))
-            yield FreeForm("thermal_growth", "end", TRANSMISSION_GAP, (_pushed(float(tau)),))
-            yield FreeForm("thermal_growth", "local", TRANSMISSION_GAP, (_local(float(tau)),))
-        yield FreeForm(
-            "lead_error",
-            "profile",
-            TRANSMISSION_GAP,
-            tuple(_profile(ranges.low_m, ranges.span_m, order) for order in _PROFILE_ORDERS),
-        )
-        level = tuple(_wound(part) for part in _LOADS)
-        slope = tuple(_wound(part, along=True) for part in _LOADS)
-        yield FreeForm("compliance", "loads", TRANSMISSION_GAP, level)
-        yield FreeForm("compliance", "loads_along", TRANSMISSION_GAP, slope)
-        for width in np.geomspace(1e-6, 2e-4, 12):
-            yield FreeForm("backlash", "flank", TRANSMISSION_GAP, (_flank(float(width)),))
-
-    if TORQUE_GAP in session.channels:
-        for power in (1.4, 1.6, 1.8, 2.4, 3.0):
-            yield FreeForm("quadratic_friction", "power", TORQUE_GAP, (_churned(power),))
-        for speed in np.geomspace(0.3, 30.0, 8):
-            yield FreeForm("stribeck", "late", TORQUE_GAP, (_late_excess(float(speed)),))
+        yield from _transmission_forms(ranges)
     if len(session.channels) > 1:
-        for share in _TABLE_SHARES:
-            for width in np.geomspace(2e-6, 6e-5, 9):
-                late = _late_friction(float(width), share)
-                yield PairedForm("backlash", "late", late, _flank(float(width)))
-            for compliance in np.geomspace(3e-9, 3e-7, 9):
-                reach = 2.0 * float(compliance) * share * session.baseline.coulomb_nm
-                late = _late_friction(reach / session.baseline.ratio_m_per_rad, share)
-                yield PairedForm("compliance", "late", late, _yielding(float(compliance), share))
+        yield from _paired_forms(session.baseline)
+
+
+def _times(ranges: Ranges) -> Sequence[float]:
+    return [share * ranges.duration_s for share in (0.1, 0.3, 1.0)]
+
+
+def _torque_forms(ranges: Ranges) -> Iterator[FreeForm]:
+    for tau in _times(ranges):
+        yield FreeForm("warmup", "heat", TORQUE_GAP, (_eased_dry(tau),))
+        yield FreeForm("warmup", "heat_viscous", TORQUE_GAP, (_eased_viscous(tau),))
+    for power in (1.4, 1.6, 1.8, 2.4, 3.0):
+        yield FreeForm("quadratic_friction", "power", TORQUE_GAP, (_churned(power),))
+    for speed in np.geomspace(0.3, 30.0, 8):
+        yield FreeForm("stribeck", "late", TORQUE_GAP, (_late_excess(float(speed)),))
+
+
+def _transmission_forms(ranges: Ranges) -> Iterator[FreeForm]:
+    for tau in _times(ranges):
+        yield FreeForm("thermal_growth", "heat", TRANSMISSION_GAP, (_grown(tau),))
+        yield FreeForm("thermal_growth", "end", TRANSMISSION_GAP, (_pushed(tau),))
+        yield FreeForm("thermal_growth", "local", TRANSMISSION_GAP, (_local(tau),))
+    profile = [_profile(ranges.low_m, ranges.span_m, order) for order in _PROFILE_ORDERS]
+    yield FreeForm("lead_error", "profile", TRANSMISSION_GAP, tuple(profile))
+    for dry in _RUBBED:
+        for viscous in _STIRRED if dry else _STIRRED[:1]:
+            wound = _wound(dry, viscous * dry)
+            yield FreeForm("compliance", "loads", TRANSMISSION_GAP, wound)
+    for width in np.geomspace(1e-6, 2e-4, 12):
+        yield FreeForm("backlash", "flank", TRANSMISSION_GAP, (_flank(float(width)),))
+
+
+def _paired_forms(baseline: Baseline) -> Iterator[PairedForm]:
+    for share in _TABLE_SHARES:
+        for width in np.geomspace(2e-6, 6e-5, 9):
+            late = _late_friction(float(width), share)
+            yield PairedForm("backlash", "late", late, _flank(float(width)))
+        for compliance in np.geomspace(3e-9, 3e-7, 9):
+            reach = 2.0 * float(compliance) * share * baseline.coulomb_nm
+            late = _late_friction(reach / baseline.ratio_m_per_rad, share)
+            yield PairedForm("compliance", "late", late, _yielding(float(compliance), share))
 
 
 def _churned(power: float) -> Curve:
@@ -142,7 +155,9 @@ def _late_friction(reach_m: float, share: float) -> Curve:
 def _yielding(compliance_m_per_n: float, share: float) -> Curve:
     def curve(motion: Motion, baseline: Baseline) -> Floats:
         load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
-        load = load + share * baseline.coulomb_nm * motion.approach
+        rubbed = baseline.coulomb_nm * motion.approach
+        rubbed = rubbed + baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+        load = load + share * rubbed
         return -compliance_m_per_n * load / baseline.ratio_m_per_rad
 
     return curve
@@ -174,24 +189,19 @@ def _pushed(tau_s: float) -> Curve:
     return lambda motion, _: heat(motion, tau_s)
 
 
-def _passed(motion: Motion, _baseline: Baseline) -> Floats:
-    return np.nan_to_num(motion.torque_nm)
+def _wound(dry: float, viscous: float) -> tuple[Curve, Curve]:
+    """Wind-up by a compliance that is even, and by one that grows with the position.
 
+    The spring carries a share of the inertia and so many times as great a share of the frictions:
+    no load is friction alone.
+    """
 
-_LOADS: tuple[Curve, ...] = (
-    _passed,
-    lambda motion, _: motion.acceleration_rad_s2,
-    lambda motion, _: motion.approach,
-    lambda motion, _: motion.speed_rad_s,
-)
-"""A load behind any part of the inertia and of the friction is a sum of these."""
+    def load(motion: Motion, baseline: Baseline) -> Floats:
+        rubbed = dry * baseline.coulomb_nm * motion.approach
+        rubbed = rubbed + viscous * baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+        return -baseline.inertia_kg_m2 * motion.acceleration_rad_s2 - rubbed
 
-
-def _wound(load: Curve, *, along: bool = False) -> Curve:
-    """Wind-up under a load, by a compliance that is even or grows with the position."""
-    if along:
-        return lambda motion, baseline: -motion.position_m * load(motion, baseline)
-    return lambda motion, baseline: -load(motion, baseline)
+    return load, lambda motion, baseline: motion.position_m * load(motion, baseline)
 
 
 def _local(tau_s: float) -> Curve:

@@ -1,15 +1,17 @@
 """Sets of effects by forward selection and backward pruning."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..messages.samples import Floats
+from .atoms import Atom
 from .dictionary import Dictionary
 from .evidence import Fit, Noise, fit, reductions
 
 ATOMS_PER_EFFECT = 4
 _MOST_LEADERS = 12
-_MOST_PUSHES = 10
+MOST_OF = {"external_force": 10, "compliance": 2, "backlash": 3, "stribeck": 2, "presliding": 1}
+"""Of effects that are there more often, or less: sums of many shapes of one could be anything."""
 _LEAST_GAIN = 3.0
 _MOST_ATOMS = 14
 
@@ -19,6 +21,7 @@ def pursue(
     noise: Noise,
     candidates: Sequence[int],
     pinned: Floats | None = None,
+    most_of: Mapping[str, int] = MOST_OF,
 ) -> Fit:
     """The set that grows by the best atom, and loses what has become idle, until none is worth it.
 
@@ -27,7 +30,7 @@ def pursue(
     """
     best = fit(dictionary, (), noise, pinned)
     while len(best.atoms) - dictionary.tolerated < _MOST_ATOMS:
-        open_ = _open(dictionary, best, candidates)
+        open_ = _open(dictionary, best, candidates, most_of)
         if not open_:
             return best
         leaders = _leaders(dictionary, open_, reductions(dictionary, best, noise, open_))
@@ -54,14 +57,25 @@ def _leaders(dictionary: Dictionary, open_: Sequence[int], falls: Floats) -> lis
     return [atom for _, atom in sorted(best.values(), reverse=True)[:_MOST_LEADERS]]
 
 
-def _open(dictionary: Dictionary, base: Fit, candidates: Sequence[int]) -> list[int]:
-    used = Counter(dictionary.atoms[a].name for a in base.atoms[dictionary.tolerated :])
+def _open(
+    dictionary: Dictionary, base: Fit, candidates: Sequence[int], most_of: Mapping[str, int]
+) -> list[int]:
+    chosen = [dictionary.atoms[a] for a in base.atoms[dictionary.tolerated :]]
+    used = Counter(atom.name for atom in chosen)
+    loaded = most_of is MOST_OF and any(_is_load(atom) for atom in chosen)
     taken = set(base.atoms)
     return [
         a
         for a in candidates
-        if a not in taken and used[dictionary.atoms[a].name] < _limit(dictionary.atoms[a].name)
+        if a not in taken
+        and used[dictionary.atoms[a].name] < most_of.get(dictionary.atoms[a].name, ATOMS_PER_EFFECT)
+        and not (loaded and _is_load(dictionary.atoms[a]))
     ]
+
+
+def _is_load(atom: Atom) -> bool:
+    """Whether it says what loads a spring: the difference of two loads could be any."""
+    return atom.name == "compliance" and atom.form != "late"
 
 
 def _pruned(dictionary: Dictionary, grown: Fit, noise: Noise, pinned: Floats | None) -> Fit:
@@ -77,7 +91,3 @@ def _pruned(dictionary: Dictionary, grown: Fit, noise: Noise, pinned: Floats | N
         if fewer.score <= best.score:
             return best
         best = fewer
-
-
-def _limit(name: str) -> int:
-    return _MOST_PUSHES if name == "external_force" else ATOMS_PER_EFFECT

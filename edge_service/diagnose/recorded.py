@@ -1,12 +1,12 @@
-"""Recordings as native-rate motion, and the low-pass that everything compared must pass."""
+"""Recordings as runs of native-rate motion on one clock."""
 
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from ..fingerprint.preparation import central_difference, low_pass, white_noise_rms
 from ..fingerprint.regression import Booleans
@@ -21,105 +21,34 @@ from ..messages.channels import (
 )
 from ..messages.samples import Floats, SampleFrame
 from ..models.effects.baseline import Baseline, Motion
+from .run import FILTER_ORDER, Filter, Run
+from .session_clock import on_one_clock
 
-CUTOFF_HZ = 40.0
-"""Low-pass of both sides of the comparison: above the position loop, below torsional modes."""
+__all__ = ["Filter", "Run", "runs_of"]
+
 MOTION_CUTOFF_HZ = 100.0
 """Low-pass of the measured angle before it is differentiated."""
-FILTER_ORDER = 4
 STILL_RAD_S = 0.1
 """Up to this motor speed the axis is at rest, unless the encoder's noise asks for more."""
 EDGE_S = 0.1
 LEAST_RUN_S = 1.0
-_ROWS_PER_CUTOFF = 3.0
 _OPTIONAL = (SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Filter:
-    """A zero-phase low-pass that keeps every `step`-th sample.
-
-    Attributes:
-        taps: symmetric impulse response of a Butterworth filter run both ways, (2 m + 1,).
-    """
-
-    taps: Floats
-    step: int
-    period_s: float
-
-    @classmethod
-    def of_period(cls, period_s: float) -> "Filter":
-        """The comparison's filter for a sampling period."""
-        cutoff_hz = min(CUTOFF_HZ, 0.2 / period_s)
-        step = max(math.floor(1.0 / (period_s * cutoff_hz * _ROWS_PER_CUTOFF)), 1)
-        reach = math.ceil(3.0 / (cutoff_hz * period_s))
-        impulse = np.zeros(4 * reach + 1)
-        impulse[2 * reach] = 1.0
-        taps = low_pass(impulse, cutoff_hz, FILTER_ORDER, period_s)[reach:-reach]
-        return cls(taps / taps.sum(), step, period_s)
-
-    def __call__(self, values: Floats) -> Floats:
-        """Filtered rows, (n,) -> (ceil(n / step),)."""
-        half = len(self.taps) // 2
-        padded = np.pad(values, half, mode="edge")
-        rows: Floats = signal.upfirdn(self.taps, padded, 1, self.step)
-        first = (len(self.taps) - 1) // self.step
-        offset = (len(self.taps) - 1) % self.step
-        if offset:  # align the first full overlap with a kept sample
-            rows = signal.upfirdn(self.taps, np.pad(padded, (self.step - offset, 0)), 1, self.step)
-            first += 1
-        return rows[first : first + -(-len(values) // self.step)]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Run:
-    """One unbroken run at its native rate, edges cut off; all arrays (n,).
-
-    Attributes:
-        motion: of the motor, from the filtered angle, with what the baseline says of it.
-        moving: samples that are not at rest.
-        transmission_m: table position minus that of the angle; None without a linear encoder.
-        temperature_c, setpoint_m: None where not recorded.
-        recording: number of the file that it comes from.
-        noise: white noise of the raw channels, by channel.
-    """
-
-    motion: Motion
-    moving: Booleans
-    transmission_m: Floats | None
-    temperature_c: Floats | None
-    setpoint_m: Floats | None
-    recording: int
-    low_pass: Filter
-    noise: dict[str, float]
-
-    @property
-    def has_torque(self) -> bool:
-        """Whether the torque was recorded."""
-        return bool(np.isfinite(self.motion.torque_nm).all())
-
-    def resting_zero(self, values: Floats) -> Floats:
-        """Filtered rows of `values`, which count as zero at rest."""
-        return self.low_pass(np.where(self.moving, values, 0.0))
-
-    def at_rows(self, values: Floats) -> Floats:
-        """Unfiltered `values` at the rows."""
-        return values[:: self.low_pass.step]
-
-    @property
-    def moving_rows(self) -> Booleans:
-        """Rows that are not at rest."""
-        return self.moving[:: self.low_pass.step]
 
 
 def runs_of(
     recordings: Iterable[Iterable[SampleFrame] | SampleFrame], baseline: Baseline
-) -> Iterator[Run]:
-    """Every unbroken run of recordings of one axis, filtered.
+) -> list[Run]:
+    """Unbroken runs of recordings of one axis, filtered, in bounded memory.
 
     Raises:
         ValueError: one line; no position, or no clock.
     """
+    return on_one_clock(_unbroken(recordings, baseline))
+
+
+def _unbroken(
+    recordings: Iterable[Iterable[SampleFrame] | SampleFrame], baseline: Baseline
+) -> Iterator[Run]:
     for number, recording in enumerate(recordings):
         frames = iter([recording] if isinstance(recording, SampleFrame) else recording)
         first = next(frames, None)

@@ -25,6 +25,7 @@ class Problem:
     Attributes:
         gaps, weights: by channel; a weight is one over the noise.
         fixed: columns of what is tolerated, by channel, (n, q), with their prior.
+        observations: independent ones among the rows of all channels.
     """
 
     session: Session
@@ -32,6 +33,7 @@ class Problem:
     fixed: Mapping[str, Floats]
     mean: Floats
     precision: Floats
+    observations: float
 
     def columns(self, atom: EntryAtom) -> dict[str, Floats]:
         """Of one atom, by channel."""

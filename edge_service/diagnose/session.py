@@ -17,6 +17,8 @@ from .recorded import Run
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
 Integers = npt.NDArray[np.int64]
+MOST_ROWS = 60_000
+"""Of a channel; of a longer session every second row is kept, or every third, and so on."""
 BLOCK_S = 5.0
 """Rows are held out, and resampled, in blocks of about this length."""
 
@@ -40,6 +42,13 @@ class Rows:
         """Root mean square of the gap."""
         return float(np.sqrt(np.mean(self.gap**2)))
 
+    def thinned(self, every: int) -> "Rows":
+        """Each `every`-th row."""
+        if every == 1:
+            return self
+        variables = {name: values[::every] for name, values in self.variables.items()}
+        return Rows(self.gap[::every], variables, self.block[::every])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
@@ -48,24 +57,28 @@ class Session:
     Attributes:
         baseline: rigid; `modelled` effects belong to the model as well.
         channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
+        every: of the rows that the runs have, each so-many-th is one of the session's.
     """
 
     runs: tuple[Run, ...]
     baseline: Baseline
     modelled: tuple[ActiveEffect, ...]
     channels: Mapping[str, Rows]
+    every: int
 
     @classmethod
     def of_runs(
         cls, runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect] = ()
     ) -> Self:
         """The session; a channel counts as recorded where any run has it."""
+        count = sum(len(run.motion) // run.low_pass.step + 1 for run in runs)
+        every = max(-(-count // MOST_ROWS), 1)
         channels = {}
         if any(run.has_torque for run in runs):
-            channels[TORQUE_GAP] = _torque_rows(runs, baseline, modelled)
+            channels[TORQUE_GAP] = _torque_rows(runs, baseline, modelled).thinned(every)
         if any(run.transmission_m is not None for run in runs):
-            channels[TRANSMISSION_GAP] = _transmission_rows(runs, baseline, modelled)
-        return cls(tuple(runs), baseline, tuple(modelled), channels)
+            channels[TRANSMISSION_GAP] = _transmission_rows(runs, baseline, modelled).thinned(every)
+        return cls(tuple(runs), baseline, tuple(modelled), channels, every)
 
     def torque_column(self, curve: Callable[[Motion], Floats]) -> Floats:
         """Any function of the motion as a column of the torque channel, (n,)."""
@@ -75,13 +88,13 @@ class Session:
                 for run in self.runs
                 if run.has_torque
             ]
-        )
+        )[:: self.every]
 
     def transmission_column(self, curve: Callable[[Motion], Floats]) -> Floats:
         """Any function of the motion as a column of the transmission channel, its mean removed."""
         column: Floats = np.concatenate(
             [run.low_pass(curve(run.motion)) for run in self.runs if run.transmission_m is not None]
-        )
+        )[:: self.every]
         column -= column.mean()
         return column
 

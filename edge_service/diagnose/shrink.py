@@ -1,5 +1,6 @@
 """How far the gap shrinks on motion that was not used for fitting."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ from .session import Rows
 
 FOLDS = 4
 LEVEL = 0.9
+MOTION_LOG_ODDS = 0.65
+"""Half of the 90 % interval that lies between one motion and another (`bench diagnose`)."""
 _RESAMPLES = 400
 
 
@@ -66,4 +69,23 @@ def shrink_of(rows: Rows, predicted: Floats) -> Shrink:
     ratios = 1.0 - np.sqrt(after[drawn].sum(axis=1) / np.maximum(before[drawn].sum(axis=1), 1e-300))
     low, high = np.quantile(ratios, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
     estimate = 1.0 - float(np.sqrt(after.sum() / before.sum()))
-    return Shrink(estimate, float(min(low, estimate)), float(max(high, estimate)))
+    return _on_other_motion(estimate, float(min(low, estimate)), float(max(high, estimate)))
+
+
+def _on_other_motion(estimate: float, low: float, high: float) -> Shrink:
+    """The shrink with what it differs by from one motion to the next, in log odds."""
+    if not 0.0 < estimate < 1.0:
+        return Shrink(estimate, low, high)
+    centre = _log_odds(estimate)
+    below = math.hypot(MOTION_LOG_ODDS, centre - _log_odds(low)) if low > 0.0 else math.inf
+    above = math.hypot(MOTION_LOG_ODDS, _log_odds(min(high, 1.0 - 1e-9)) - centre)
+    least = low if math.isinf(below) else _share(centre - below)
+    return Shrink(estimate, min(least, _share(centre - MOTION_LOG_ODDS)), _share(centre + above))
+
+
+def _log_odds(share: float) -> float:
+    return math.log(share / (1.0 - share))
+
+
+def _share(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-log_odds))

@@ -1,6 +1,6 @@
 """Healthy runs of the same motion on the simulated axis: what a gap is when nothing is wrong."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,8 +41,8 @@ class HealthyGap:
     left: dict[str, tuple[float, ...]]
 
 
-def healthy_gap(sessions: Sequence[Session], machine: Machine) -> HealthyGap:
-    """Gaps of healthy sessions."""
+def healthy_gap(sessions: Iterable[Session], machine: Machine) -> HealthyGap:
+    """Gaps of healthy sessions, one after another."""
     before: dict[str, list[float]] = {}
     left: dict[str, list[float]] = {}
     for session in sessions:

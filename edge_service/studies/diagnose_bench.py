@@ -2,7 +2,9 @@
 
 The truth generator lives beside the tests, in `foreign_plant`; a case is a set of causes, their
 strength, a motion and a seed. What is withheld is either in the library and unknown to the baseline
-(it must be named), or taken out of the library too (it must be unknown).
+(it must be named), or taken out of the library too (it must be unknown). What is diagnosed is the
+recording alone: the causes are written beside the answer after it is given. A second recording of
+the same axis shows how far the gap really shrinks.
 """
 
 import concurrent.futures
@@ -12,7 +14,7 @@ import multiprocessing
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,12 +22,12 @@ from typing import Any
 import numpy as np
 
 from ..config import load_machine
-from ..diagnose.diagnosis import diagnose_session
+from ..diagnose.diagnosis import Diagnosis, diagnose_session
 from ..diagnose.recorded import runs_of
 from ..diagnose.session import Session
 from ..diagnose.twin import healthy_gap, healthy_session, rigid_baseline
 from ..messages.samples import SampleFrame
-from ..models.effects.registry import effects
+from ..models.effects.registry import active_effect, effects
 from ..models.machine import Machine
 
 HEALTHY_RUNS = 4
@@ -50,7 +52,15 @@ class BenchCase:
 
 @dataclass(frozen=True, slots=True)
 class BenchRow:
-    """What came of a case."""
+    """What came of a case.
+
+    Attributes:
+        named: effect -> probability.
+        shrink: effect -> estimate, low, high.
+        realised: effect -> how far it shrinks the gap of another recording of the same axis.
+        gap: channel -> before, after, of a healthy axis.
+        where: channel and variable, the best first.
+    """
 
     case: BenchCase
     verdict: str
@@ -58,7 +68,8 @@ class BenchRow:
     classes: dict[str, list[str]]
     ratio: float
     unexplained: float
-    shrink: dict[str, float]
+    shrink: dict[str, tuple[float, float, float]]
+    realised: dict[str, float]
     gap: dict[str, tuple[float, float, float]]
     where: list[str]
     seconds: float
@@ -80,63 +91,94 @@ def foreign_plant(root: Path | None = None) -> Any:
 
 def run_case(case: BenchCase) -> BenchRow:
     """Simulate and diagnose one case."""
-    plant = foreign_plant()
-    recording = plant.simulate(
-        plant.case(
-            tuple((name, case.strength) for name in case.causes), case.motion, seed=case.seed
-        )
-    )
     with tempfile.TemporaryDirectory() as folder:
+        plant = foreign_plant()
         path = Path(folder) / "machine.toml"
         path.write_text(plant.nominal_machine_toml(plant.DIAGNOSIS), "utf-8")
         machine = load_machine(path)
-    columns = dict(recording.columns)
-    frame = SampleFrame(columns.pop("time_s"), columns)
+    session = _session(machine, _recorded(case, case.motion, case.seed))
     start = time.process_time()
-    row = _diagnosed(case, machine, frame)
-    return BenchRow(**{**row, "seconds": time.process_time() - start})
+    found = _diagnosed(machine, session, case.withheld)
+    seconds = time.process_time() - start
+    again = _session(machine, _recorded(case, "production", case.seed + 500_000))
+    return _row(case, found, _realised(found, again), seconds)
 
 
-def _diagnosed(case: BenchCase, machine: Machine, frame: SampleFrame) -> dict[str, Any]:
+def _recorded(case: BenchCase, motion: str, seed: int) -> SampleFrame:
+    """A recording of the axis of a case."""
+    plant = foreign_plant()
+    effects_there = tuple((name, case.strength) for name in case.causes)
+    recording = plant.simulate(plant.case(effects_there, motion, seed=seed, axis_seed=case.seed))
+    columns = dict(recording.columns)
+    return SampleFrame(columns.pop("time_s"), columns)
+
+
+def _session(machine: Machine, frame: SampleFrame) -> Session:
     baseline = rigid_baseline(machine)
-    runs = list(runs_of([frame], baseline))
-    session = Session.of_runs(runs, baseline)
-    healthy = healthy_gap(
-        [healthy_session(machine, runs, number) for number in range(HEALTHY_RUNS)], machine
+    return Session.of_runs(runs_of([frame], baseline), baseline)
+
+
+def _diagnosed(machine: Machine, session: Session, withheld: Sequence[str]) -> Diagnosis:
+    """The answer to a recording; what is there, and how strong, is not told."""
+    twins = [healthy_session(machine, session.runs, number) for number in range(HEALTHY_RUNS)]
+    library = [each for each in effects().values() if each.name not in withheld]
+    return diagnose_session(session, machine, healthy_gap(twins, machine), library)
+
+
+def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
+    """Shrink of another recording's gap by each named effect alone, in its channel."""
+    shrinks = {}
+    for each in found.effects:
+        active = [active_effect(each.name, values) for values in each.entries]
+        after = Session.of_runs(again.runs, again.baseline, active).channels[each.channel].rms
+        shrinks[each.name] = 1.0 - after / again.channels[each.channel].rms
+    return shrinks
+
+
+def _row(case: BenchCase, found: Diagnosis, realised: dict[str, float], seconds: float) -> BenchRow:
+    return BenchRow(
+        case=case,
+        verdict=found.verdict.value,
+        named={each.name: each.probability for each in found.effects},
+        classes={each.name: list(each.tied) for each in found.effects},
+        ratio=max(each.before / each.noise_floor for each in found.gap.values()),
+        unexplained=found.unexplained,
+        shrink={e.name: (e.shrink.estimate, e.shrink.low, e.shrink.high) for e in found.effects},
+        realised=realised,
+        gap={name: (g.before, g.after, g.noise_floor) for name, g in found.gap.items()},
+        where=[f"{place.channel}:{place.variable}" for place in found.where],
+        seconds=seconds,
     )
-    library = [each for each in effects().values() if each.name not in case.withheld]
-    found = diagnose_session(session, machine, healthy, library)
-    return {
-        "case": case,
-        "verdict": found.verdict.value,
-        "named": {each.name: each.probability for each in found.effects},
-        "classes": {each.name: list(each.tied) for each in found.effects},
-        "ratio": max(each.before / each.noise_floor for each in found.gap.values()),
-        "unexplained": found.unexplained,
-        "shrink": {each.name: each.shrink.estimate for each in found.effects},
-        "gap": {n: (g.before, g.after, g.noise_floor) for n, g in found.gap.items()},
-        "where": [f"{place.channel}:{place.variable}" for place in found.where[:3]],
-    }
 
 
 def run_cases(
     cases: Sequence[BenchCase], workers: int = 2, progress: Callable[[str], None] = lambda _l: None
-) -> list[BenchRow]:
-    """All cases over some processes, in their order."""
-    rows = []
+) -> Iterator[BenchRow]:
+    """All cases over some processes, as they are done."""
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
-        for number, row in enumerate(pool.map(run_case, cases), start=1):
+        started = [pool.submit(run_case, case) for case in cases]
+        for number, done in enumerate(concurrent.futures.as_completed(started), start=1):
+            row = done.result()
             progress(f"{number} of {len(cases)}: {row.case.label}: {row.verdict} {row.named}")
-            rows.append(row)
+            yield row
+
+
+def read_rows(path: Path) -> list[BenchRow]:
+    """Rows of an earlier run; none where there is no file. A line cut short ends them."""
+    rows: list[BenchRow] = []
+    for line in path.read_text("utf-8").splitlines() if path.exists() else ():
+        try:
+            known = json.loads(line)
+        except ValueError:
+            break
+        case = known.pop("case")
+        for key in ("causes", "withheld"):
+            case[key] = tuple(case[key])
+        known["shrink"] = {name: tuple(values) for name, values in known["shrink"].items()}
+        known["gap"] = {name: tuple(values) for name, values in known["gap"].items()}
+        rows.append(BenchRow(case=BenchCase(**case), **known))
     return rows
-
-
-def write_rows(rows: Iterable[BenchRow], out: Path) -> None:
-    """One JSON object per line."""
-    with out.open("w", encoding="utf-8") as file:
-        for row in rows:
-            file.write(json.dumps(asdict(row)) + "\n")
 
 
 def plan_cases(count: int, seed: int = 0) -> list[BenchCase]:
@@ -172,14 +214,29 @@ def run_diagnose_bench(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> str:
-    """Run a mixture of `count` cases and return the table; rows go to `out`, a JSON line each.
+    """Run a mixture of `count` cases and return the table.
+
+    Rows go to `out`, a JSON line each, as they are done; cases that it holds already are not run
+    again.
 
     Raises:
         BenchError: no truth generator is at hand.
     """
     from .diagnose_table import as_text
 
-    rows = run_cases(plan_cases(count, seed), workers, progress)
-    if out is not None:
-        write_rows(rows, out)
-    return as_text(rows)
+    planned = plan_cases(count, seed)
+    known = {row.case: row for row in (read_rows(out) if out else ())}
+    if out is not None and known:
+        write_rows(known.values(), out, "w")
+    for row in run_cases([case for case in planned if case not in known], workers, progress):
+        known[row.case] = row
+        if out is not None:
+            write_rows([row], out, "a")
+    return as_text([known[case] for case in planned])
+
+
+def write_rows(rows: Iterable[BenchRow], out: Path, mode: str) -> None:
+    """One JSON object per line."""
+    with out.open(mode, encoding="utf-8") as file:
+        for row in rows:
+            file.write(json.dumps(asdict(row)) + "\n")

@@ -19,10 +19,12 @@ class BenchFigure:
     aim: str
     reached: float
     count: int
+    unit: str = "%"
 
     def as_text(self) -> str:
         """The line."""
-        reached = f"{100.0 * self.reached:5.1f} %" if self.count else "   -   "
+        value = f"{100.0 * self.reached:5.1f} %" if self.unit == "%" else f"{self.reached:5.3f}  "
+        reached = value if self.count else "   -   "
         return f"{self.name:<58} {self.aim:>9} {reached} of {self.count}"
 
 
@@ -49,7 +51,98 @@ def figures_of(rows: Sequence[BenchRow]) -> list[BenchFigure]:
         _share("never in the library: named with confidence", "<= 5 %", odd, is_sure),
         _share("left out of the library: named with confidence", "<= 8 %", out, is_sure),
         _share("confident and wrong", "<= 1 %", rows, is_confident_and_wrong),
+        _auroc(singles, odd),
+        _calibration(rows),
+        _share("where: right variable, clear gap", "98 %", _clear(singles), is_place_right),
+        *_shrinks(rows),
     ]
+
+
+def _auroc(known: Iterable[BenchRow], odd: Iterable[BenchRow]) -> BenchFigure:
+    """Chance that a cause of the library is named with more probability than one that is not."""
+    named = [_most(row) for row in known if row.ratio >= WEAK]
+    other = [_most(row) for row in odd if row.ratio >= WEAK]
+    pairs = [(a > b) + 0.5 * (a == b) for a in named for b in other]
+    name = "never in the library, told by the probability: AUROC"
+    return BenchFigure(name, ".99", sum(pairs) / max(len(pairs), 1), len(pairs), "1")
+
+
+def _most(row: BenchRow) -> float:
+    return max(row.named.values(), default=0.0)
+
+
+def _calibration(rows: Iterable[BenchRow]) -> BenchFigure:
+    """Mean distance of probability and frequency over ten bins of probability."""
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    for row in rows:
+        there = set(row.case.causes) - set(row.case.withheld)
+        for name, p in row.named.items():
+            bins.setdefault(min(int(10.0 * p), 9), []).append((p, name in there))
+    count = sum(len(each) for each in bins.values())
+    off = sum(abs(sum(p for p, _ in each) - sum(y for _, y in each)) for each in bins.values())
+    return BenchFigure(
+        "calibration error of the probabilities", "<= .03", off / max(count, 1), count, "1"
+    )
+
+
+def _shrinks(rows: Iterable[BenchRow]) -> list[BenchFigure]:
+    """Predicted against realised shrink of what is rightly named with confidence."""
+    pairs = [
+        (row.shrink[name], row.realised[name])
+        for row in rows
+        for name, p in row.named.items()
+        if p > SURE and name in row.case.causes and name != "external_force"
+    ]
+    off = sorted(abs(shrink[0] - realised) for shrink, realised in pairs)
+    inside = [shrink[1] <= realised <= shrink[2] for shrink, realised in pairs]
+    count = len(off)
+    return [
+        BenchFigure("shrink, predicted less realised: median", "2 %", _quantile(off, 0.5), count),
+        BenchFigure(
+            "shrink, predicted less realised: 95th of 100", "6 %", _quantile(off, 0.95), count
+        ),
+        BenchFigure(
+            "shrink: 90 % interval holds what is realised",
+            "85-95 %",
+            sum(inside) / max(count, 1),
+            count,
+        ),
+        BenchFigure(
+            "shrink realised: median", "97 %", _quantile(sorted(r for _, r in pairs), 0.5), count
+        ),
+    ]
+
+
+def _quantile(ordered: Sequence[float], level: float) -> float:
+    return ordered[min(int(level * len(ordered)), len(ordered) - 1)] if ordered else 0.0
+
+
+RIGHT_VARIABLES = {
+    "inertia_error": {"motor_acceleration_rad_s2"},
+    "viscous_error": {"motor_speed_rad_s"},
+    "quadratic_friction": {"motor_speed_rad_s"},
+    "stribeck": {"motor_speed_rad_s"},
+    "drag_error": {"direction", "motor_speed_rad_s"},
+    "load_friction": {"direction", "motor_acceleration_rad_s2"},
+    "position_friction": {"table_position_m"},
+    "backlash": {"direction"},
+    "compliance": {"motor_acceleration_rad_s2", "direction", "motor_speed_rad_s"},
+    "lead_error": {"table_position_m", "motor_angle_rad"},
+    "thermal_growth": {"time_s", "temperature_c", "table_position_m"},
+    "warmup": {"time_s", "temperature_c"},
+    "external_force": {"time_s"},
+    "torque_ripple": {"motor_angle_rad"},
+    "once_per_rev_friction": {"motor_angle_rad"},
+    "encoder_eccentricity": {"motor_angle_rad"},
+    "timestamp_skew": {"motor_speed_rad_s"},
+}
+"""Over what the gap of a cause is a function; the others leave several answers open."""
+
+
+def is_place_right(row: BenchRow) -> bool:
+    """Whether the gap is said to live over the variable that its cause is a function of."""
+    right = RIGHT_VARIABLES.get(row.case.causes[0])
+    return right is None or bool({place.split(":")[1] for place in row.where[:1]} & right)
 
 
 def _share(
@@ -80,7 +173,7 @@ def is_first(row: BenchRow) -> bool:
         return False
     leaders = [n for n, p in row.named.items() if p >= row.named[first] - 1e-3]
     if first not in row.case.causes and set(leaders) & set(row.case.causes):
-        first = max(leaders, key=lambda n: row.shrink.get(n, 0.0))
+        first = max(leaders, key=lambda n: row.shrink[n][0])
     return bool({first, *row.classes[first]} & set(row.case.causes))
 
 
@@ -125,4 +218,23 @@ def confusion(rows: Sequence[BenchRow]) -> list[str]:
 
 def as_text(rows: Sequence[BenchRow]) -> str:
     """Table and confusion."""
-    return "\n".join([*(figure.as_text() for figure in figures_of(rows)), "", *confusion(rows)])
+    figures = [figure.as_text() for figure in figures_of(rows)]
+    return "\n".join([*figures, "", *by_strength(rows), "", *confusion(rows)])
+
+
+def by_strength(rows: Sequence[BenchRow]) -> list[str]:
+    """Single causes -> top-1 by strength, one line each."""
+    singles = [r for r in rows if len(r.case.causes) == 1 and _is_known(r) and not r.case.withheld]
+    lines = []
+    for cause in sorted({row.case.causes[0] for row in singles}):
+        parts = []
+        for strength in sorted({row.case.strength for row in singles}):
+            mine = [
+                is_first(row)
+                for row in singles
+                if row.case.causes[0] == cause and row.case.strength == strength
+            ]
+            if mine:
+                parts.append(f"x{strength:g} {sum(mine)} of {len(mine)}")
+        lines.append(f"{cause:<26} {', '.join(parts)}")
+    return lines

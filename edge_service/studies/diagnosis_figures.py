@@ -17,6 +17,7 @@ LABELS = {
     "motor_speed_rad_s": "motor speed, rad/s",
     "motor_acceleration_rad_s2": "motor acceleration, rad/s²",
     "table_position_m": "table position, m",
+    "direction": "direction of motion",
     "motor_angle_rad": "angle within a turn, rad",
     "time_s": "time, s",
     "temperature_c": "temperature, °C",
@@ -56,7 +57,7 @@ def draw_gaps(session: Session, found: Diagnosis) -> dict[str, str]:
 def _gap(channel: str, session: Session, found: Diagnosis) -> str:
     rows, left = session.channels[channel], found.left[channel]
     best = next((p.variable for p in found.where if p.channel == channel), "motor_speed_rad_s")
-    best = "motor_speed_rad_s" if best == "time_s" else best
+    best = "motor_speed_rad_s" if best in ("time_s", "direction") else best
     label, factor = SHOWN[channel]
     pick = np.unique(np.linspace(0, len(left) - 1, _POINTS).astype(int))
     figure = Figure(figsize=(7.6, 2.9), layout="constrained")

@@ -6,8 +6,9 @@ from importlib.resources import files
 from jinja2 import Environment, StrictUndefined
 
 from ..diagnose.data_check import DataCheck
-from ..diagnose.diagnosis import Diagnosis, Interval
+from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.session import Session
+from ..diagnose.values import Interval
 from ..models.effects.registry import get_effect
 from ..models.machine import Machine
 from .diagnosis_figures import LABELS, draw_gaps, draw_waterfalls

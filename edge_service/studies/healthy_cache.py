@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from .. import __version__
 from ..atomic import replaced_file
 from ..diagnose.recorded import Run
+from ..diagnose.session import Session
 from ..diagnose.twin import HealthyGap, healthy_gap, healthy_session, setpoints_of
 from ..models.machine import Machine
 
@@ -28,13 +29,17 @@ def healthy_gap_of(
     known = _read(path)
     if known is not None:
         return known
-    sessions = []
-    for number in range(count):
-        progress(f"healthy twin {number + 1} of {count}")
-        sessions.append(healthy_session(machine, runs, number))
-    found = healthy_gap(sessions, machine)
+    found = healthy_gap(_twins(machine, runs, count, progress), machine)
     _write(path, found)
     return found
+
+
+def _twins(
+    machine: Machine, runs: Sequence[Run], count: int, progress: Callable[[str], None]
+) -> Iterator[Session]:
+    for number in range(count):
+        progress(f"healthy twin {number + 1} of {count}")
+        yield healthy_session(machine, runs, number)
 
 
 def _folder() -> Path:

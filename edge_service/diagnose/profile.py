@@ -1,0 +1,88 @@
+"""Intervals of shapes from the profile likelihood: all other values follow as a shape is moved."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from ..messages.samples import Floats
+from ..models.effects.effect import Parameter
+from .atoms import EntryAtom, entry_atom
+from .refine import Problem
+
+RISE_90 = 2.706
+"""Rise of twice the negative log-likelihood at the ends of a 90 % interval (Wilks, 1938)."""
+LEANING = 4.0
+"""What an approximate entry leaves is no noise: it leans one way, and pulls its values along."""
+_FIRST_STEP = 0.01
+_DOUBLINGS = 11
+_HALVINGS = 5
+
+
+def profile_interval(
+    problem: Problem,
+    atoms: Sequence[EntryAtom],
+    columns: Sequence[Mapping[str, Floats]],
+    k: int,
+    parameter: Parameter,
+) -> tuple[float, float]:
+    """90 % interval of one shape of atom `k`, within the bounds of the library."""
+    value = dict(atoms[k].shape)[parameter.name]
+
+    def square(wanted: float) -> float:
+        shape = dict(atoms[k].shape) | {parameter.name: wanted}
+        atom = entry_atom(atoms[k].effect, atoms[k].amount, shape, atoms[k].load_share)
+        changed = [*columns[:k], problem.columns(atom), *columns[k + 1 :]]
+        return problem.solve([*atoms[:k], atom, *atoms[k + 1 :]], changed)[2]
+
+    least = square(value)
+    scale = misfit(problem, least)
+    if parameter.whole:
+        return _whole_interval(lambda wanted: (square(wanted) - least) / scale, value, parameter)
+    unit = abs(value) if value != 0.0 else 0.1 * abs(parameter.faulty)
+
+    def rise(wanted: float) -> float:
+        return (square(wanted) - least) / scale
+
+    return _end(rise, value, -unit, parameter), _end(rise, value, unit, parameter)
+
+
+def misfit(problem: Problem, square: float) -> float:
+    """Variance of a fit over that of its weights, 1 or more, with what it leans by."""
+    return LEANING * max(square / problem.observations, 1.0)
+
+
+def _whole_interval(
+    rise: Callable[[float], float], value: float, parameter: Parameter
+) -> tuple[float, float]:
+    ends = []
+    for way in (-1.0, 1.0):
+        end = value
+        while parameter.low <= end + way <= parameter.high and rise(end + way) <= RISE_90:
+            end += way
+        ends.append(end)
+    return ends[0], ends[1]
+
+
+def _end(rise: Callable[[float], float], value: float, unit: float, parameter: Parameter) -> float:
+    """Where the rise reaches `RISE_90` on one side: steps that double, then halve."""
+    inside, step = 0.0, _FIRST_STEP
+    for _ in range(_DOUBLINGS):
+        if _at(value, step, unit, parameter) == _at(value, inside, unit, parameter):
+            return _at(value, inside, unit, parameter)
+        if rise(_at(value, step, unit, parameter)) > RISE_90:
+            break
+        inside, step = step, 2.0 * step
+    else:
+        return _at(value, math.inf, unit, parameter)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + step)
+        if rise(_at(value, middle, unit, parameter)) > RISE_90:
+            step = middle
+        else:
+            inside = middle
+    return _at(value, step, unit, parameter)
+
+
+def _at(value: float, steps: float, unit: float, parameter: Parameter) -> float:
+    return float(np.clip(value + steps * unit, parameter.low, parameter.high))

@@ -1,0 +1,94 @@
+"""One unbroken run of an axis, and the low-pass that everything compared must pass."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from ..fingerprint.preparation import low_pass
+from ..fingerprint.regression import Booleans
+from ..messages.samples import Floats
+from ..models.effects.baseline import Motion
+
+CUTOFF_HZ = 40.0
+"""Low-pass of both sides of the comparison: above the position loop, below torsional modes."""
+FILTER_ORDER = 4
+_ROWS_PER_CUTOFF = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filter:
+    """A zero-phase low-pass that keeps every `step`-th sample.
+
+    Attributes:
+        taps: symmetric impulse response of a Butterworth filter run both ways, (2 m + 1,).
+    """
+
+    taps: Floats
+    step: int
+    period_s: float
+
+    @classmethod
+    def of_period(cls, period_s: float) -> "Filter":
+        """The comparison's filter for a sampling period."""
+        cutoff_hz = min(CUTOFF_HZ, 0.2 / period_s)
+        step = max(math.floor(1.0 / (period_s * cutoff_hz * _ROWS_PER_CUTOFF)), 1)
+        reach = math.ceil(3.0 / (cutoff_hz * period_s))
+        impulse = np.zeros(4 * reach + 1)
+        impulse[2 * reach] = 1.0
+        taps = low_pass(impulse, cutoff_hz, FILTER_ORDER, period_s)[reach:-reach]
+        return cls(taps / taps.sum(), step, period_s)
+
+    def __call__(self, values: Floats) -> Floats:
+        """Filtered rows, (n,) -> (ceil(n / step),)."""
+        half = len(self.taps) // 2
+        padded = np.pad(values, half, mode="edge")
+        rows: Floats = signal.upfirdn(self.taps, padded, 1, self.step)
+        first = (len(self.taps) - 1) // self.step
+        offset = (len(self.taps) - 1) % self.step
+        if offset:  # align the first full overlap with a kept sample
+            rows = signal.upfirdn(self.taps, np.pad(padded, (self.step - offset, 0)), 1, self.step)
+            first += 1
+        return rows[first : first + -(-len(values) // self.step)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """One unbroken run at its native rate, edges cut off; all arrays (n,).
+
+    Attributes:
+        motion: of the motor, from the filtered angle, with what the baseline says of it.
+        moving: samples that are not at rest.
+        transmission_m: table position minus that of the angle; None without a linear encoder.
+        temperature_c, setpoint_m: None where not recorded.
+        recording: number of the file that it comes from.
+        noise: white noise of the raw channels, by channel.
+    """
+
+    motion: Motion
+    moving: Booleans
+    transmission_m: Floats | None
+    temperature_c: Floats | None
+    setpoint_m: Floats | None
+    recording: int
+    low_pass: Filter
+    noise: dict[str, float]
+
+    @property
+    def has_torque(self) -> bool:
+        """Whether the torque was recorded."""
+        return bool(np.isfinite(self.motion.torque_nm).all())
+
+    def resting_zero(self, values: Floats) -> Floats:
+        """Filtered rows of `values`, which count as zero at rest."""
+        return self.low_pass(np.where(self.moving, values, 0.0))
+
+    def at_rows(self, values: Floats) -> Floats:
+        """Unfiltered `values` at the rows."""
+        return values[:: self.low_pass.step]
+
+    @property
+    def moving_rows(self) -> Booleans:
+        """Rows that are not at rest."""
+        return self.moving[:: self.low_pass.step]

@@ -1,0 +1,90 @@
+"""When the best explanation is none: how much it leaves, and what it had to bend for it."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .dictionary import Dictionary
+from .evidence import Fit
+from .session import Session
+from .twin import HealthyGap
+
+UNKNOWN_SHARE = 0.15
+"""Share of the gap's energy above the floor; with more left over, the named effects are doubted."""
+UNKNOWN_ENTRY_SHARE = 0.6
+"""The same of what the entries alone leave, without the forms that an effect takes beside them."""
+HALF_DOUBT_SHARE = 0.08
+"""With this share left over, half of the doubt that can be is there."""
+ENTRY_WEIGHT = 0.2
+"""Of what entries leave beside what the best fit leaves: an entry is an approximation."""
+LEFT_OVER_FLOOR = 1.5
+"""What is left counts from this many healthy floors on."""
+MOST_CAUSES = 3
+"""It takes more than this many causes at once only where none of them is the true one."""
+MOST_STRETCH = 6.0
+"""Tolerances by which a parameter that is not named may be off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What is doubted of the causes in one channel: `confidence` scales their probabilities."""
+
+    is_unknown: bool
+    confidence: float
+
+
+def left_shares(
+    session: Session,
+    left_rms: Mapping[str, float],
+    healthy: HealthyGap,
+    floors: Mapping[str, Sequence[float]],
+) -> dict[str, float]:
+    """Share of each channel's energy above the floor that is left, `left_rms` by channel.
+
+    Args:
+        floors: what healthy axes leave under the same treatment.
+    """
+    found = {}
+    for name, rows in session.channels.items():
+        floor = float(np.median(floors[name]))
+        above = rows.rms**2 - float(np.median(healthy.before[name])) ** 2
+        over = left_rms[name] > LEFT_OVER_FLOOR * floor and rows.rms > LEFT_OVER_FLOOR * floor
+        left = left_rms[name] ** 2 - floor**2
+        found[name] = min(max(left / above, 0.0), 1.0) if over and above > 0.0 else 0.0
+    return found
+
+
+def doubts_of(
+    session: Session, left: Mapping[str, float], left_by_entries: Mapping[str, float], causes: int
+) -> dict[str, Doubt]:
+    """The doubt in each channel.
+
+    Args:
+        left: share that the best fit with free forms leaves.
+        left_by_entries: share that the entries of the library leave alone, where they claim any.
+        causes: how many are named.
+    """
+    doubts = {}
+    for name in session.channels:
+        is_unknown = left[name] > UNKNOWN_SHARE or causes > MOST_CAUSES
+        is_unknown |= left_by_entries.get(name, 0.0) > UNKNOWN_ENTRY_SHARE
+        share = max(left[name], ENTRY_WEIGHT * left_by_entries.get(name, 0.0))
+        doubted = 1.0 / (1.0 + (share / HALF_DOUBT_SHARE) ** 2)
+        confidence = 0.5 * (1.0 - left[name]) if is_unknown else 0.5 + 0.5 * doubted
+        doubts[name] = Doubt(is_unknown, confidence)
+    return doubts
+
+
+def is_stretched(
+    dictionary: Dictionary, best: Fit, parameters: Collection[str], named: Collection[str]
+) -> bool:
+    """Whether a parameter that is not named has to leave its tolerance for the fit."""
+    for k in range(dictionary.tolerated):
+        name = dictionary.atoms[k].name
+        if name in parameters and name not in named:
+            place = int(dictionary.first[k])
+            off = best.coefficients[place] - dictionary.mean[place]
+            if abs(float(off)) * float(np.sqrt(dictionary.precision[place])) > MOST_STRETCH:
+                return True
+    return False
