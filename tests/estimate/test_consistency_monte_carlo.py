@@ -17,7 +17,13 @@ from edge_service.estimate.bank import LinearStep
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.estimate.fused_kernel import take
 from edge_service.estimate.fused_model import FusedSettings
-from edge_service.estimate.fused_physics import predict_stretch, predict_torque, stribeck
+from edge_service.estimate.fused_physics import (
+    FLOATING_N,
+    predict_stretch,
+    predict_torque,
+    stribeck,
+    table_load,
+)
 from edge_service.estimate.fused_state import (
     GAIN,
     GAP,
