@@ -32,7 +32,7 @@ MODEL_ERROR_SHARE = 0.02
 MODEL_ERROR_PERCENT = 0.12
 LAG_S = 1.5
 """A preload that runs at a rate is followed with about this delay, s of motion."""
-LEAST_KNOWN_PERCENT = 1.0
+LEAST_KNOWN_PERCENT = 1.5
 """Below this nothing tells a preload from none: a clearance may be there."""
 LOST_SHARE, SLICK_SHARE, RUB_SHARE, PAYLOAD_SHARE, GAIN_SHARE = 0.1, 0.2, 0.1, 0.1, 0.05
 PLAY_M = 1.5e-6
