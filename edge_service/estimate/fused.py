@@ -19,6 +19,7 @@ from .fused_state import (
     MASS,
     PRELOAD,
     VISCOUS,
+    WEARING,
     FusedModel,
     Mixture,
     Reading,
@@ -30,6 +31,10 @@ _SNAPSHOT_SCHEMA = "fused-preload/1"
 _ARRAYS = Mixture._fields
 _START_PERCENTS = (0.2, 0.6, 1.1, 1.7, 2.4, 3.2, 4.1, 5.1, 6.2, 7.4, 8.7, 10.1)
 SPAWN_S = 2.0
+NEW_S = 2.0
+"""A hypothesis younger than this, s of motion, is new."""
+UNREST_S, UNREST_HIGH, UNREST_LOW = 8.0, 0.7, 0.35
+"""Over how much motion, and from which share of it led by new hypotheses the model is doubted."""
 VIBRATING_SHARE = 0.25
 START_SIGMA_SHARE = 0.5
 """Of the fresh preload, where torque alone has to find it."""
@@ -65,6 +70,7 @@ class FusedPreloadEstimator:
         self._mixture = _begin(self._start, self._model, self._settings)
         self._last_s: float | None = None
         self._since_spawn_s = 0.0
+        self._unrest, self._restless = 0.0, False
         self._nis = float("nan")
 
     def interrupt(self) -> None:
@@ -98,8 +104,20 @@ class FusedPreloadEstimator:
         if spawn:
             self._since_spawn_s = 0.0
         nis = take(self._mixture, self._model, self._drift, reading, elapsed_s, spawn)
-        self._nis = self._nis if math.isnan(nis) else nis
+        if not math.isnan(nis):
+            self._nis = nis
+            self._follow_unrest(phase.steady_s)
         return nis
+
+    def _follow_unrest(self, steady_s: float) -> None:
+        """Follow how often something new has to be believed of the axis."""
+        leader = int(np.argmax(self._mixture.log_weight))
+        new = self._mixture.age_s[leader] < NEW_S and self._mixture.mode[leader] != WEARING
+        self._unrest += min(steady_s / UNREST_S, 1.0) * (float(new) - self._unrest)
+        if self._unrest > UNREST_HIGH:
+            self._restless = True
+        elif self._unrest < UNREST_LOW:
+            self._restless = False
 
     def _reading(self, block: FeatureBlock, phase: Phase) -> Reading:
         ratio = self._model.ratio_m_per_rad
@@ -154,6 +172,11 @@ class FusedPreloadEstimator:
 
     def _implausible(self) -> str | None:
         """Why no axis can be as the leading hypothesis says; None if one can."""
+        if self._restless:
+            return (
+                "model_mismatch: something new has to be believed of the axis every other second: "
+                "it has an effect that the model lacks, which `edge-service diagnose` looks for"
+            )
         state = self._mixture.mean[int(np.argmax(self._mixture.log_weight))]
         model, start = self._model, self._start.mean
         rest_nm = state[DRY] + model.ratio_m_per_rad * state[GUIDE]
@@ -190,6 +213,7 @@ class FusedPreloadEstimator:
             },
             "last_s": self._last_s,
             "since_spawn_s": self._since_spawn_s,
+            "unrest": [self._unrest, self._restless],
             "nis": None if math.isnan(self._nis) else self._nis,
         }
 
@@ -202,6 +226,7 @@ class FusedPreloadEstimator:
             array[...] = np.array(snapshot["mixture"][name], dtype=array.dtype)
         self._last_s = snapshot["last_s"]
         self._since_spawn_s = float(snapshot["since_spawn_s"])
+        self._unrest, self._restless = snapshot["unrest"]
         self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
 
 
