@@ -22,12 +22,13 @@ _MERGE_DISTANCE = 0.25
 
 
 @compiled
-def spawn_jumps(
-    mixture: Mixture, parent: int, drift: Drift, motion_s: float, payload_only: bool
-) -> None:
-    """Children of a hypothesis, one for each kind of jump; the least likely make room."""
+def spawn_jumps(mixture: Mixture, parent: int, drift: Drift, motion_s: float, driven: bool) -> None:
+    """Children of a hypothesis, one for each kind of jump; the least likely make room.
+
+    Where a force seems to drive the axis (`driven`), only loads and losses are looked for.
+    """
     for j in range(drift.hazards.shape[0]):
-        if payload_only and drift.jumps[j, MASS, MASS] == 0.0:
+        if driven and drift.jumps[j, MASS, MASS] == 0.0 and drift.shifts[j, PRELOAD] == 0.0:
             continue
         log_weight = mixture.log_weight[parent] + math.log(max(drift.hazards[j] * motion_s, 1e-300))
         k = mixture.alive[0]

@@ -41,8 +41,8 @@ RUB_REACH_M = 0.1
 """Places nearer than this rub alike."""
 RUB_SHARE = 0.15
 """Standard deviation of a misalignment's friction, over the whole friction."""
-LOSSES = ((0.15, 0.1), (0.6, 0.25))
-"""Sudden losses, small and large: mean and standard deviation over the fresh preload."""
+LOSSES = ((0.15, 0.1), (0.6, 0.25), (0.97, 0.05))
+"""Sudden losses, small, large and total: mean and standard deviation over the fresh preload."""
 WEAR_PERCENT_S = 0.05
 """Mean and standard deviation of a rate of loss, % per second of motion."""
 GAIN_JUMP = 0.06

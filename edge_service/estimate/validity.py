@@ -18,6 +18,7 @@ class ValiditySettings:
         fault_s: without usable data for this long the estimate is invalid, s.
         surprise_memory: informative intervals over which the surprise is averaged.
         surprise_high: averaged surprise above which model and data disagree.
+        surprise_most: that one interval counts with; one alone says nothing.
         surprise_low: averaged surprise below which they agree again.
     """
 
@@ -25,6 +26,7 @@ class ValiditySettings:
     fault_s: float = 2.0
     surprise_memory: float = 10.0
     surprise_high: float = 9.0
+    surprise_most: float = 40.0
     surprise_low: float = 4.0
 
 
@@ -80,7 +82,7 @@ class Validity:
 
     def _follow_surprise(self, surprise: float) -> None:
         share = 1.0 / self._settings.surprise_memory
-        self._surprise += share * (min(surprise, 1e3) - self._surprise)
+        self._surprise += share * (min(surprise, self._settings.surprise_most) - self._surprise)
         if self._surprise > self._settings.surprise_high:
             self._disagreeing = True
         elif self._surprise < self._settings.surprise_low:

@@ -47,7 +47,7 @@ def draw_puzzle(
                 axes.text(level, place, f" {level:.3g}", va="center", fontsize=8)
             axes.margins(x=0.12)
             axes.axvline(factor * floor[channel], color=TRUTH, linestyle=":")
-            axes.set_xlabel(f"{_LABELS[channel]}, {unit} rms   (dotted: a healthy axis)")
+            axes.set_xlabel(f"{_LABELS[channel]}, {unit} rms")
         panels[0].set_yticks(range(len(names)), names)
         panels[0].invert_yaxis()
     return figure
