@@ -27,6 +27,7 @@ async def test_preload_is_the_answer_of_the_contract(scene, client):
         "condition": "NORMAL",
         "reasons": ["warm: the axis is warming up"],
         "mode_probability": {"10": 0.0, "7.5": 0.9, "5": 0.1},
+        "fault_probability": {},
         "measured_at": "2026-01-31T12:00:00.000Z",
         "age_s": 0.12,
     }
