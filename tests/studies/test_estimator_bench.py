@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,12 @@ from edge_service.studies.estimator_foreign import (
 from edge_service.studies.estimator_own import Part
 from edge_service.studies.estimator_rows import AIMS, Aim, table_of
 from edge_service.studies.estimator_scores import Score, Track, detection, pooled, score
-from edge_service.studies.estimator_seed import seed_runs, thesis_machine, torque_noise_var
+from edge_service.studies.estimator_seed import (
+    edge_noise_var,
+    seed_runs,
+    thesis_machine,
+    torque_noise_var,
+)
 
 
 def track(percent: Floats, truth: Floats, half_width: float = 0.5) -> Track:
@@ -111,13 +117,25 @@ def test_the_seeds_rows_are_among_the_aims_and_beat_its_own_filter() -> None:
 
 
 def test_the_noise_of_the_seeds_plant_is_that_of_its_angle() -> None:
-    """Euler: the second difference errs by two of the angle, T of the speed, (1, -2, 1) read."""
+    """Euler: the second difference errs by two of the angle, T of the speed, (1, -2, 1) read.
+
+    Neighbouring steps share what the angle errs by: 30 of them err by no more than the ends.
+    """
     plant, rng = ThesisPlant(), np.random.default_rng(1)
     count, step_s = 200_000, 0.1
-    walk = np.sqrt(plant.angle_noise_var_rad2) * rng.standard_normal(count + 1)
+    torque_nm_s = plant.inertia_kg_m2 / step_s
+    walk = np.sqrt(plant.angle_noise_var_rad2) * rng.standard_normal(count + 1) / step_s
     kick = np.sqrt(plant.speed_noise_var_rad2_s2) * rng.standard_normal(count)
-    reading = np.sqrt(plant.rotary_noise_var_rad2) * rng.standard_normal(count + 2)
-    bend = np.diff(walk) + step_s * kick + np.diff(reading, 2)
-    simulated = float(np.var(plant.inertia_kg_m2 * bend / step_s**2))
-    assert torque_noise_var(plant) == pytest.approx(simulated, rel=0.02)
+    reading = np.sqrt(plant.rotary_noise_var_rad2) * rng.standard_normal(count + 2) / step_s
+
+    silent = replace(plant, rotary_noise_var_rad2=0.0)
+    ends = 2.0 * torque_nm_s**2 * edge_noise_var(silent)
+    simulated = float(np.var(torque_nm_s * (np.diff(walk) + kick)))
+    assert torque_noise_var(silent) + ends == pytest.approx(simulated, rel=0.02)
+
+    ends = 2.0 * torque_nm_s**2 * edge_noise_var(plant)
+    both = torque_nm_s * (np.diff(walk) + kick + np.diff(reading, 2))
+    steps = 30
+    sums = both[: count - count % steps].reshape(-1, steps).sum(axis=1)
+    assert steps * torque_noise_var(plant) + ends == pytest.approx(float(np.var(sums)), rel=0.05)
     assert FusedPreloadEstimator(thesis_machine()).estimate().preload_percent is None
