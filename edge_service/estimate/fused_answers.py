@@ -79,7 +79,7 @@ class Answers:
     def _along(self, slope: Floats) -> tuple[Floats, Floats]:
         """Mean and standard deviation of slope @ state, one per hypothesis."""
         covariance = self.mixture.covariance[self._alive]
-        within = np.einsum("i,kij,j->k", slope, covariance, slope)
+        within = (covariance @ slope) @ slope
         return self.mixture.mean[self._alive] @ slope, np.sqrt(np.maximum(within, 1e-30))
 
     def _slope(self, entries: dict[int, float]) -> Floats:
@@ -122,7 +122,8 @@ class Answers:
         """Probability that each of the seed's levels is the nearest."""
         levels = sorted(LEVELS_PERCENT)
         edges = [0.5 * (a + b) for a, b in pairwise(levels)]
-        below = [0.0, *(mixture_cdf(edge, *self._marginal()) for edge in edges), 1.0]
+        marginal = self._marginal()
+        below = [0.0, *(mixture_cdf(edge, *marginal) for edge in edges), 1.0]
         share = dict(zip(levels, np.diff(below).tolist(), strict=True))
         return {f"{level:g}": share[level] for level in LEVELS_PERCENT}
 
