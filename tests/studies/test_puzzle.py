@@ -68,7 +68,6 @@ def test_the_picture_has_a_bar_for_each_step() -> None:
 
 @pytest.mark.slow
 def test_the_diagnosis_says_that_it_is_dry_friction(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(puzzle, "ROUNDS", 1)
     monkeypatch.setattr(puzzle, "HEALTHY_RUNS", 2)
     found = puzzle.solve()
     assert {"stribeck", "drag_error"} & set(found.steps[0].effect.split(" and "))
