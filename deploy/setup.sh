@@ -36,6 +36,9 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv/bin/ed
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r deploy/requirements.lock
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
   echo "setup: compiling the numeric kernels" >&2
-  .venv/bin/python -c 'from edge_service.nodes.pipeline import warm_up; warm_up()'
+  .venv/bin/python -c 'from pathlib import Path
+from edge_service.config import load_machine
+from edge_service.nodes.pipeline import warm_up
+warm_up(machines=[load_machine(Path("deploy/commissioned.toml"))])'
   echo "$wanted" >"$stamp"
 fi
