@@ -27,7 +27,7 @@ from .fused_state import (
 from .known_effects import KnownEffects
 from .validity import Validity, ValiditySettings
 
-_SNAPSHOT_SCHEMA = "fused-preload/1"
+_SNAPSHOT_SCHEMA = "fused-preload/2"
 _ARRAYS = Mixture._fields
 _START_PERCENTS = (0.2, 0.6, 1.1, 1.7, 2.4, 3.2, 4.1, 5.1, 6.2, 7.4, 8.7, 10.1)
 SPAWN_S = 2.0
@@ -218,12 +218,19 @@ class FusedPreloadEstimator:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError if it is none of this estimator's."""
+        """Go on from a snapshot; ValueError if it is none of this axis', and nothing is changed."""
         if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
+        kept = [
+            np.array(snapshot["mixture"][name], dtype=array.dtype)
+            for name, array in zip(_ARRAYS, self._mixture, strict=True)
+        ]
+        for name, array, mine in zip(_ARRAYS, kept, self._mixture, strict=True):
+            if array.shape != mine.shape:
+                raise ValueError(f"a snapshot of another axis: {name} is {array.shape}")
         self._validity.restore(snapshot["validity"])
-        for name, array in zip(_ARRAYS, self._mixture, strict=True):
-            array[...] = np.array(snapshot["mixture"][name], dtype=array.dtype)
+        for array, mine in zip(kept, self._mixture, strict=True):
+            mine[...] = array
         self._last_s = snapshot["last_s"]
         self._since_spawn_s = float(snapshot["since_spawn_s"])
         self._unrest, self._restless = snapshot["unrest"]

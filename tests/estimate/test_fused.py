@@ -251,6 +251,16 @@ def test_a_foreign_snapshot_is_refused() -> None:
         FusedPreloadEstimator(machine()).restore({"schema": "imm-preload/1"})
 
 
+def test_a_snapshot_of_another_axis_is_refused_and_changes_nothing() -> None:
+    two, one = FusedPreloadEstimator(machine()), FusedPreloadEstimator(machine(one_encoder=True))
+    run(production("healthy")[:100], two)
+    run(production("healthy", one_encoder=True)[:100], one)
+    before = one.snapshot()
+    with pytest.raises(ValueError, match="another axis"):
+        one.restore(two.snapshot())
+    assert one.snapshot() == before
+
+
 def test_reset_forgets_everything() -> None:
     blocks = production("healthy")[:200]
     used = FusedPreloadEstimator(machine())
