@@ -56,7 +56,7 @@ class Board:
         What outlives the process.
     strokes : Mapping[str, StrokeModel or None]
         What is known of each axis along its stroke.
-    place : MachineKeys
+    place : MachineKeys or None
         Site and machine that the axes belong to.
     """
 
@@ -67,11 +67,11 @@ class Board:
         settings: BoardSettings | None = None,
         keeping: Keeping | None = None,
         strokes: Mapping[str, StrokeModel | None] | None = None,
-        place: MachineKeys = MachineKeys("", ""),  # noqa: B008  frozen
+        place: MachineKeys | None = None,
     ) -> None:
         settings, keeping = settings or BoardSettings(), keeping or Keeping()
         self._started_ns = now_ns
-        self.place = place
+        self.place = place or MachineKeys("", "")
         self.keeping = keeping
         self._axes = {
             axis: AxisBoard(axis, limits, settings, keeping) for axis, limits in axes.items()

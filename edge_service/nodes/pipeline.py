@@ -58,8 +58,8 @@ def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimato
 
 
 def warm_up(
-    downsample: DownsampleConfig = DownsampleConfig(),  # noqa: B008  frozen
-    estimator: EstimatorConfig = EstimatorConfig(),  # noqa: B008
+    downsample: DownsampleConfig | None = None,
+    estimator: EstimatorConfig | None = None,
     machines: Iterable[Machine] = (),
 ) -> None:
     """Compile the kernels before the first sample: it takes seconds on a new installation.
@@ -67,6 +67,7 @@ def warm_up(
     Args:
         machines: whose estimators run, beside the default one's.
     """
+    downsample, estimator = downsample or DownsampleConfig(), estimator or EstimatorConfig()
     time_s = np.arange(400, dtype=np.float64) / 1e3
     steady = SampleFrame(time_s, {TORQUE: 0.1 + 0.01 * np.sin(time_s), ANGLE: 10.0 * time_s})
     for machine in (load_machine(DEFAULT_MACHINE), *machines):
