@@ -17,10 +17,11 @@ from .dictionary import Dictionary
 from .entries import entries_of, problem_of
 from .evidence import Fit, Noise, fit
 from .free_forms import lone_forms
+from .held_out import by_blocks
 from .next_motion import deciding_motion
-from .refine import strict_columns
+from .replay import Replay, replay
 from .session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from .shrink import Shrink, held_out, shrink_of
+from .shrink import Shrink, shrink_of
 from .tolerance import Tolerated, limits_of, parameter_tolerances, tolerated
 from .twin import HealthyGap
 from .unknown import LEFT_OVER_FLOOR, Doubt, doubts_of, is_stretched, left_shares
@@ -88,6 +89,7 @@ class Diagnosis:
     waterfall: Mapping[str, Sequence[tuple[str, float]]]
     impostor: str | None
     causes: Causes
+    replay: Replay
 
 
 def diagnose_session(
@@ -177,8 +179,7 @@ def _concluded(
         square,
     )
     groups = grouped(atoms, columns)
-    sizes = [sum(atom.size for atom in atoms if atom.name == name) for name in groups]
-    predicted = held_out(problem, sizes, list(groups.values()), strict_columns(atoms))
+    blocks = by_blocks(values)
     modelled = {
         name: sum(
             (columns[k][name] @ values.coefficients(k) for k in range(len(atoms))),
@@ -197,9 +198,8 @@ def _concluded(
         doubts[TORQUE_GAP] = Doubt(is_unknown=True, confidence=0.5)
     is_unknown = any(doubt.is_unknown for doubt in doubts.values())
     found = []
-    for k, name in enumerate(groups):
-        channel = places[k]
-        shrink = shrink_of(session.channels[channel], predicted[channel][:, k])
+    for name, channel in zip(groups, places, strict=True):
+        shrink = shrink_of(session.channels[channel], name, channel, values, blocks)
         found.append(
             NamedEffect(
                 name,
@@ -223,6 +223,7 @@ def _concluded(
     }
     verdict = _verdict(found, is_unknown=is_unknown)
     floors = {name: each.noise_floor for name, each in gap.items()}
+    replayed = replay(machine, blocks, dict(zip(groups, places, strict=True)), floors)
     tied = {n for each in found for n in each.tied}
     return Diagnosis(
         verdict,
@@ -236,6 +237,7 @@ def _concluded(
         waterfall(session, groups, atoms, columns, values),
         found[0].name if is_unknown and found else None,
         causes,
+        replayed,
     )
 
 

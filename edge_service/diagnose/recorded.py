@@ -3,7 +3,6 @@
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
@@ -101,7 +100,7 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         torque_nm=smooth[TORQUE][inside] if TORQUE in raw else None,
         external_force_n=smooth[EXTERNAL_FORCE][inside] if EXTERNAL_FORCE in raw else None,
     )
-    motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
+    motion = motion.resting(baseline, moving)
     stretch = None
     if TABLE_POSITION in raw:
         stretch = raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE]

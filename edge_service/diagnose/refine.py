@@ -13,7 +13,8 @@ from .atoms import EntryAtom, entry_atom
 from .evidence import inverted
 from .session import Session
 
-_SWEEPS = 2
+_MOST_SWEEPS = 4
+_SETTLED = 1e-2  # fall of the square, as a part of it, that is worth no further sweep
 _EVALUATIONS = 10
 _REACH = 2.0  # of a shape's search around its point of the grid, as a factor
 
@@ -51,9 +52,8 @@ class Problem:
         ones: Booleans,
         rows: Mapping[str, Booleans],
     ) -> Floats:
-        """Coefficients of the free columns from some rows of each channel."""
-        found: Floats = self._solved(columns, ones, rows)[0][len(self.mean) :]
-        return found
+        """Coefficients of fixed and free columns from some rows of each channel."""
+        return self._solved(columns, ones, rows)[0]
 
     def _solved(
         self,
@@ -88,10 +88,14 @@ def refine(problem: Problem, atoms: Sequence[EntryAtom]) -> list[EntryAtom]:
     """Move the shapes of entries to where they fit best, one after another."""
     atoms = [_started(problem, atom, atoms) for atom in atoms]
     columns: list[Mapping[str, Floats]] = [problem.columns(atom) for atom in atoms]
-    for _ in range(_SWEEPS):
+    left = problem.solve(atoms, columns)[2]
+    for _ in range(_MOST_SWEEPS):
+        before = left
         for k, atom in enumerate(atoms):
             for parameter in _shapes(atom):
-                atoms[k], columns[k] = _moved(problem, atoms, columns, k, parameter)
+                atoms[k], columns[k], left = _moved(problem, atoms, columns, k, parameter)
+        if left > (1.0 - _SETTLED) * before:
+            break
     return list(atoms)
 
 
@@ -123,7 +127,8 @@ def _moved(
     columns: Sequence[Mapping[str, Floats]],
     k: int,
     parameter: Parameter,
-) -> tuple[EntryAtom, Mapping[str, Floats]]:
+) -> tuple[EntryAtom, Mapping[str, Floats], float]:
+    """The atom with one shape moved, its columns, and the weighted square left."""
     value = dict(atoms[k].shape)[parameter.name]
     is_scale = parameter.low >= 0.0 and value > 0.0
 
@@ -143,7 +148,7 @@ def _moved(
         options={"maxiter": _EVALUATIONS, "xatol": 0.01 * reach},
     )
     here, there = trial(0.0), trial(float(found.x))
-    return there[:2] if there[2] < here[2] else here[:2]
+    return there if there[2] < here[2] else here
 
 
 def _span(atom: EntryAtom, parameter: Parameter) -> float:

@@ -1,21 +1,23 @@
 """How far the gap shrinks on motion that was not used for fitting."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..fingerprint.regression import Booleans
 from ..messages.samples import Floats
-from .refine import Problem
-from .session import Rows
+from .held_out import Part, at_pace, predicted
+from .session import Integers, Rows
+from .values import Values
 
-FOLDS = 4
 LEVEL = 0.9
-MOTION_LOG_ODDS = 0.65
-"""Half of the 90 % interval that lies between one motion and another (`bench diagnose`)."""
-_RESAMPLES = 400
+PACES = (0.5, 2.0)
+"""How fast another session may warm the axis: heat comes from motion (assumption)."""
+_SPEED_CLASSES = 4
+_REGIMES = 4 * _SPEED_CLASSES
+_SHAPE = 0.5
+"""Of a Dirichlet distribution that knows nothing (Jeffreys)."""
+_RESAMPLES = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,66 +28,91 @@ class Shrink:
     low: float
     high: float
 
+    @classmethod
+    def of_draws(cls, estimate: float, draws: Floats) -> "Shrink":
+        """The estimate within the quantiles of draws (k,)."""
+        low, high = np.quantile(draws, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
+        return cls(estimate, float(min(low, estimate)), float(max(high, estimate)))
 
-def held_out(
-    problem: Problem,
-    sizes: Sequence[int],
-    columns: Sequence[Mapping[str, Floats]],
-    strict: Booleans,
-) -> dict[str, Floats]:
-    """What columns predict of each block of time from all other folds, by channel, (n, groups).
+
+def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
+    """Shrink from one series (n,) to another on the same motion, resampled by blocks of time."""
+    count = int(block.max()) + 1
+    first = np.bincount(block, before**2, minlength=count)
+    last = np.bincount(block, after**2, minlength=count)
+    used = first > 0.0
+    weights = _block_weights(int(used.sum()))
+    estimate = _shrink(first.sum(), last.sum())
+    return Shrink.of_draws(float(estimate), _shrink(weights @ first[used], weights @ last[used]))
+
+
+def shrink_of(rows: Rows, name: str, channel: str, values: Values, parts: Sequence[Part]) -> Shrink:
+    """Shrink of a channel by one effect, expected on other motion.
+
+    The estimate is that of held-out blocks. An effect that follows time does so at another pace in
+    two thirds of the draws of the interval.
 
     Args:
-        sizes: columns of each group.
-        columns: of each group, by channel.
-        strict: (p,), True where a column's coefficient is 1.
+        values: fitted on all blocks.
+        parts: from `by_blocks`.
     """
-    channels = problem.session.channels
-    blocks = {name: rows.block % FOLDS for name, rows in channels.items()}
-    edges = np.cumsum([0, *sizes])
-    found = {name: np.zeros((len(rows.gap), len(sizes))) for name, rows in channels.items()}
-    for fold in range(FOLDS):
-        kept = {name: blocks[name] != fold for name in channels}
-        if not all((~each).any() and each.any() for each in kept.values()):
-            continue
-        beta = problem.solve_rows(columns, strict, kept)
-        for name in channels:
-            test = ~kept[name]
-            for k, each in enumerate(columns):
-                part = beta[edges[k] : edges[k + 1]]
-                found[name][test, k] = each[name][test] @ part
-    return found
+    left = [rows.gap - predicted(parts, name, channel)]
+    for made in (at_pace(values, name, channel, pace) for pace in PACES):
+        if made is not None:
+            left.append(rows.gap - made)
+    return on_other_motion(rows, left)
 
 
-def shrink_of(rows: Rows, predicted: Floats) -> Shrink:
-    """Shrink of one channel by a prediction (n,), resampled by blocks of time."""
+def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
+    """Shrink from a gap to what is left of it, (n,), with an interval for motion of other kinds.
+
+    Another motion visits the regimes of this one in other proportions, of which nothing is known:
+    each draw weighs them by a Dirichlet distribution (after Rubin, 1981, The Bayesian Bootstrap),
+    and the blocks by resampling.
+
+    Args:
+        left: the first gives the estimate; each is as likely on other motion.
+    """
+    random = np.random.default_rng(11)
+    proportions = random.standard_gamma(_SHAPE, (_RESAMPLES, _REGIMES))
+    regime = regime_of(rows)
+    before = _drawn(rows, regime, rows.gap, proportions)
+    after = [_drawn(rows, regime, each, proportions) for each in left]
+    chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
+    estimate = _shrink(np.sum(rows.gap**2), np.sum(left[0] ** 2))
+    return Shrink.of_draws(float(estimate), _shrink(before, chosen))
+
+
+def regime_of(rows: Rows) -> Integers:
+    """Number of each row's regime, (n,): speed in four classes, accelerating or not, which side."""
+    known = rows.variables
+    speed = np.abs(known["motor_speed_rad_s"])
+    acceleration = np.abs(known["motor_acceleration_rad_s2"])
+    place = known["table_position_m"]
+    edges = np.quantile(speed, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES)
+    found = 4 * np.digitize(speed, edges) + 2 * (acceleration > np.median(acceleration))
+    regime: Integers = (found + (place > np.median(place))).astype(np.int64)
+    return regime
+
+
+def _drawn(rows: Rows, regime: Integers, series: Floats, proportions: Floats) -> Floats:
+    """Energy of a series (n,) on other motions, (k,): proportions (k, regimes) and blocks drawn."""
     count = int(rows.block.max()) + 1
-    before = np.bincount(rows.block, rows.gap**2, minlength=count)
-    after = np.bincount(rows.block, (rows.gap - predicted) ** 2, minlength=count)
-    used = before > 0.0
-    before, after = before[used], after[used]
+    cells = np.bincount(regime * count + rows.block, series**2, minlength=_REGIMES * count)
+    weights = _block_weights(count)
+    drawn: Floats = np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1)
+    return drawn
+
+
+def _block_weights(count: int) -> Floats:
+    """How often each block is drawn, (k, count); the same draws in every call."""
     random = np.random.default_rng(7)
-    drawn = random.integers(0, len(before), (_RESAMPLES, len(before)))
-    ratios = 1.0 - np.sqrt(after[drawn].sum(axis=1) / np.maximum(before[drawn].sum(axis=1), 1e-300))
-    low, high = np.quantile(ratios, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
-    estimate = 1.0 - float(np.sqrt(after.sum() / before.sum()))
-    return _on_other_motion(estimate, float(min(low, estimate)), float(max(high, estimate)))
+    weights: Floats = random.multinomial(count, np.full(count, 1.0 / count), _RESAMPLES).astype(
+        np.float64
+    )
+    return weights
 
 
-def _on_other_motion(estimate: float, low: float, high: float) -> Shrink:
-    """The shrink with what it differs by from one motion to the next, in log odds."""
-    if not 0.0 < estimate < 1.0:
-        return Shrink(estimate, low, high)
-    centre = _log_odds(estimate)
-    below = math.hypot(MOTION_LOG_ODDS, centre - _log_odds(low)) if low > 0.0 else math.inf
-    above = math.hypot(MOTION_LOG_ODDS, _log_odds(min(high, 1.0 - 1e-9)) - centre)
-    least = low if math.isinf(below) else _share(centre - below)
-    return Shrink(estimate, min(least, _share(centre - MOTION_LOG_ODDS)), _share(centre + above))
-
-
-def _log_odds(share: float) -> float:
-    return math.log(share / (1.0 - share))
-
-
-def _share(log_odds: float) -> float:
-    return 1.0 / (1.0 + math.exp(-log_odds))
+def _shrink(before: Floats | float, after: Floats | float) -> Floats:
+    ratio: Floats = np.sqrt(np.asarray(after) / np.maximum(before, 1e-300))
+    return 1.0 - ratio

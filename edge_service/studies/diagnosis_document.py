@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
+from ..diagnose.replay import Replay
+from ..diagnose.shrink import Shrink
 from ..diagnose.where import Place
 
 SCHEMA = "diagnosis/1"
@@ -24,11 +26,12 @@ def to_document(
                 "after": each.after,
                 "noise_floor": each.noise_floor,
                 "unit": each.unit,
+                "replayed": _replayed(found.replay, name),
             }
             for name, each in found.gap.items()
         },
         "where": [_place(place) for place in found.where],
-        "effects": [_effect(each) for each in found.effects],
+        "effects": [_effect(each, found.replay) for each in found.effects],
         "unexplained": {"share": found.unexplained, "nearest": found.impostor},
         "next_motion": found.next_motion,
         "where_after": [_place(place) for place in found.where_after],
@@ -39,6 +42,7 @@ def to_document(
         "not_judged": list(not_judged),
         "reasons": [],
         "remarks": list(remarks),
+        "replay": {"possible": not found.replay.problem, "reason": found.replay.problem or None},
     }
 
 
@@ -63,6 +67,7 @@ def bad_data_document(
         "not_judged": [],
         "reasons": list(reasons),
         "remarks": list(remarks),
+        "replay": {"possible": False, "reason": "bad data"},
     }
 
 
@@ -78,17 +83,32 @@ def _place(place: Place) -> dict[str, Any]:
     }
 
 
-def _effect(each: NamedEffect) -> dict[str, Any]:
+def _replayed(replay: Replay, channel: str) -> dict[str, Any] | None:
+    """Measured less simulated in a channel, held-out blocks; null where nothing was replayed."""
+    each = replay.gap.get(channel)
+    if each is None:
+        return None
+    return {
+        "before": each.before_rms,
+        "after": each.after_rms,
+        "unexplained": each.unexplained_rms,
+        "shrink": _shrink(each.shrink),
+    }
+
+
+def _shrink(each: Shrink) -> dict[str, float]:
+    return {"estimate": each.estimate, "low": each.low, "high": each.high}
+
+
+def _effect(each: NamedEffect, replay: Replay) -> dict[str, Any]:
+    replayed = replay.effects.get(each.name)
     return {
         "name": each.name,
         "channel": each.channel,
         "probability": each.probability,
         "class": list(each.tied),
-        "shrink": {
-            "estimate": each.shrink.estimate,
-            "low": each.shrink.low,
-            "high": each.shrink.high,
-        },
+        "shrink": _shrink(each.shrink),
+        "replay": None if replayed is None else _shrink(replayed),
         "parameters": {
             name: {
                 "value": value.value,

@@ -6,12 +6,14 @@ from importlib.resources import files
 from jinja2 import Environment, StrictUndefined
 
 from ..diagnose.data_check import DataCheck
-from ..diagnose.diagnosis import Diagnosis
+from ..diagnose.diagnosis import Diagnosis, NamedEffect, Verdict
 from ..diagnose.session import Session
+from ..diagnose.shrink import Shrink
 from ..diagnose.values import Interval
+from ..diagnose.where import Place
 from ..models.effects.registry import get_effect
 from ..models.machine import Machine
-from .diagnosis_figures import LABELS, draw_gaps, draw_waterfalls
+from .diagnosis_figures import LABELS, draw_gaps, draw_replays, draw_waterfalls
 
 VERDICTS = {
     "no_gap": "Machine and model agree. Nothing was found that matters.",
@@ -20,6 +22,8 @@ VERDICTS = {
     "unknown": "There is a difference that none of the known effects explains.",
 }
 CHANNELS = {"torque_nm": "torque", "transmission_m": "position between motor and table"}
+TOLD_FROM_HEALTHY = 1.5
+"""Gap over that of a healthy axis from which on a channel is worth a picture."""
 _SHOWN_UNITS = {"m": ("µm", 1e6), "s": ("ms", 1e3), "1": ("", 1.0)}
 
 
@@ -32,6 +36,9 @@ def render(
     not_judged: Sequence[str],
 ) -> str:
     """The page as HTML; nothing in it is loaded from elsewhere."""
+    telling = _telling(found)
+    claimed = sorted({each.channel for each in found.effects} & found.replay.gap.keys())
+    accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
     return _page(
         machine=machine,
         names=names,
@@ -40,9 +47,29 @@ def render(
         faults=(),
         remarks=check.remarks,
         not_judged=not_judged,
-        waterfalls=draw_waterfalls(found),
-        gaps=draw_gaps(session, found),
+        quiet=[CHANNELS[name] for name in found.gap if name not in telling],
+        named=_by_weight(found.effects) if accepted else found.effects[:1],
+        shown=claimed,
+        accepted=accepted,
+        waterfalls=draw_waterfalls(found, telling if accepted else ()),
+        replays=draw_replays(found, claimed if accepted else ()),
+        gaps=draw_gaps(session, found, telling),
     )
+
+
+def _by_weight(named: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """The surest first; of those that are as sure, the one that makes most of the difference."""
+    return sorted(named, key=lambda each: (-round(each.probability, 1), -each.shrink.estimate))
+
+
+def _telling(found: Diagnosis) -> list[str]:
+    """Channels that differ from those of a healthy axis, or that an effect is named in."""
+    claimed = {each.channel for each in found.effects}
+    return [
+        name
+        for name, gap in found.gap.items()
+        if name in claimed or gap.before > TOLD_FROM_HEALTHY * gap.noise_floor
+    ]
 
 
 def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) -> str:
@@ -55,7 +82,12 @@ def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) ->
         faults=check.faults,
         remarks=check.remarks,
         not_judged=(),
+        quiet=(),
+        named=(),
+        shown=(),
+        accepted=False,
         waterfalls={},
+        replays={},
         gaps={},
     )
 
@@ -63,7 +95,14 @@ def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) ->
 def _page(**content: object) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(
-        shown=shown, percent=percent, words=words, sure=sure, amount=amount, quantity=quantity
+        shown=shown,
+        percent=percent,
+        points=points,
+        words=words,
+        sure=sure,
+        amount=amount,
+        quantity=quantity,
+        places=places,
     )
     source = files(__package__).joinpath("templates/diagnosis.html").read_text("utf-8")
     return environment.from_string(source).render(
@@ -114,6 +153,47 @@ def quantity(effect: str, parameter: str) -> str:
 def percent(share: float) -> str:
     """A share in whole percent."""
     return f"{100.0 * share:.0f} %"
+
+
+def points(value: Shrink) -> str:
+    """A shrink with its interval.
+
+    >>> points(Shrink(0.802, 0.67, 0.904))
+    '80 % (67 to 90)'
+    """
+    low, high = round(100.0 * value.low), round(100.0 * value.high)
+    return f"{percent(value.estimate)} ({low} to {high})"
+
+
+def places(found: Sequence[Place]) -> list[str]:
+    """Where a gap lives, a sentence for each variable.
+
+    >>> spans = (Place("torque_nm", "motor_speed_rad_s", *ends, "rad/s", 0.71, 0.8, 0.01)
+    ...          for ends in ((-5.02, 1.5), (800.0, 1260.4)))
+    >>> places(list(spans))
+    ['Torque: 71 % of the difference follows the motor speed, -5.02 to 1.5, 800 to 1260 rad/s.']
+    """
+    spans: dict[tuple[str, str], list[Place]] = {}
+    for each in found:
+        spans.setdefault((each.channel, each.variable), []).append(each)
+    return [
+        f"{CHANNELS[channel].capitalize()}: {percent(mine[0].share)} of the difference "
+        f"follows the {_over(variable, mine)}."
+        for (channel, variable), mine in spans.items()
+    ]
+
+
+def _over(variable: str, mine: Sequence[Place]) -> str:
+    name, _, unit = LABELS[variable].partition(", ")
+    if variable == "direction":
+        ways = {(0.0, 1.0): ", most of it forwards", (-1.0, 0.0): ", most of it backwards"}
+        return name + ways.get((mine[0].low, mine[0].high), "")
+    ranges = ", ".join(f"{_plain(each.low)} to {_plain(each.high)}" for each in mine)
+    return f"{name}, {ranges} {unit}"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def words(name: str) -> str:

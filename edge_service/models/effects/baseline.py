@@ -1,9 +1,10 @@
 """Measured motion, and the baseline model that says what torque it needs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
 from ...messages.samples import Floats
 from ..ball_screw import table_inertia
@@ -12,6 +13,7 @@ from ..machine import Machine
 from ..plant import axial_compliance
 
 _COMPLIANCE_POINTS = 129
+Booleans = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,6 +135,15 @@ class Motion:
 
     def __len__(self) -> int:
         return int(self.time_s.shape[0])
+
+    def resting(self, baseline: Baseline, moving: Booleans) -> Self:
+        """The motion with rests where it is not `moving`, (n,).
+
+        There the guides' friction loads the spring as it did when the axis came to rest.
+        """
+        rested = replace(self, direction=np.where(moving, self.direction, 0.0))
+        held = baseline.table_coulomb_nm * (rested.approach - self.direction)
+        return replace(rested, load_torque_nm=self.load_torque_nm + held)
 
     @property
     def approach(self) -> Floats:

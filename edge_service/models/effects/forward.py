@@ -112,8 +112,10 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
     coulomb_nm = screw_drag_nm + plant.bearing_drag_nm + guide_nm
     share = guide_nm / coulomb_nm if coulomb_nm > 0.0 else 0.0
     limits = _changes(parts, Quantity.TORQUE_LIMIT)
+    tables = _tables(plant, parts, share)
+    changed = _shared(_changed(plant, parts)._replace(tables=tables), screw_drag_nm)
     return Forward(
-        plant=_changed(plant, parts)._replace(tables=_tables(plant, parts, share)),
+        plant=changed,
         contributions=parts,
         drag_table_share=share,
         command_per_torque=1.0 + sum(_changes(parts, Quantity.COMMAND_SHARE)),
@@ -145,6 +147,28 @@ def _changed(plant: Plant, parts: Iterable[Contribution]) -> Plant:
         bristle_reach_m=plant.bristle_reach_m + total[Quantity.PRESLIDING_REACH],
         load_friction=plant.load_friction + total[Quantity.LOAD_FRICTION],
     )
+
+
+def _shared(plant: Plant, screw_drag_nm: float) -> Plant:
+    """The plant with so much of the guides' friction on the motor as effects take away there.
+
+    How dry friction is shared is an assumption where a machine file states one level for all of it:
+    where one side has less than an effect takes, the whole would lose less than it should.
+    """
+    lacking_nm = -(_least(plant.tables) + screw_drag_nm + plant.bearing_drag_nm)
+    moved_nm = min(max(lacking_nm, 0.0), plant.guide_force_n * plant.ratio_m_per_rad)
+    return plant._replace(
+        bearing_drag_nm=plant.bearing_drag_nm + moved_nm,
+        guide_force_n=plant.guide_force_n - moved_nm / plant.ratio_m_per_rad,
+    )
+
+
+def _least(tables: Tables) -> float:
+    """The least that the tables add to the motor's dry friction, N m: 0 where they only add."""
+    sizes = tables.position_points, tables.angle_points, 2 * tables.speed_points
+    ends = np.cumsum(sizes)
+    parts = np.split(tables.rows[:, DRY_MOTOR], ends)[: len(sizes)]
+    return sum(min(float(part.min(initial=0.0)), 0.0) for part in parts)
 
 
 def _tables(plant: Plant, parts: Sequence[Contribution], drag_share: float) -> Tables:
