@@ -259,11 +259,19 @@ def commission(traces: tuple[Path, ...], machine: Path, out: Path, config: Path 
 @_MACHINE
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="CSV, a row per block.")
 @click.option("--config", type=click.Path(path_type=Path), help="Choices of the estimator.")
-def estimate(trace: Path, machine: Path, out: Path, config: Path | None) -> None:
+@click.option(
+    "--state",
+    type=click.Path(path_type=Path),
+    help="Go on from this file if it is there; leave it.",
+)
+def estimate(
+    trace: Path, machine: Path, out: Path, config: Path | None, state: Path | None
+) -> None:
     """Run the live estimator over a recording as fast as it can."""
     from .nodes.offline import estimate_to_csv
 
-    click.echo(estimate_to_csv(trace, machine, out, load_config(config or DEFAULT_CONFIG)))
+    service = load_config(config or DEFAULT_CONFIG)
+    click.echo(estimate_to_csv(trace, machine, out, service, state))
 
 
 @cli.command(epilog="Example: edge-service convert trace.xml --axis-number 7 --out trace.parquet")

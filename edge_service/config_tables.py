@@ -88,7 +88,7 @@ class VibrationConfig(Table):
 
 
 class HistoryConfig(Table):
-    """`[history]`: where history, events and the state of alarms and trends are kept."""
+    """`[history]`: where history, events and the state of alarms, trends and estimates are kept."""
 
     folder: Path | None = None
     budget_mb: float = Field(2000.0, ge=10.0)

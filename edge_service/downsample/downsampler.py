@@ -2,10 +2,12 @@
 
 import sys
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..messages.array_text import decoded, encoded
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.quality import is_uncertain
@@ -13,6 +15,7 @@ from ..messages.samples import Floats, SampleFrame
 from .rows import RowCounters, RowScreen, Screened, T, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
+_SNAPSHOT_SCHEMA = "downsampler/1"
 _LEARN_ROWS = 16  # rows from which the native period is learned
 _DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}
 _LEAST_SAMPLES = 5  # in an interval, for the torque held between them to be a fair picture
@@ -99,6 +102,50 @@ class Downsampler:
     def row_counters(self) -> RowCounters:
         """Counts of rows that were set aside so far."""
         return self._screen.counters if self._screen else RowCounters()
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as JSON-able values; `restore` of it goes on bit-equal."""
+        segment = self._segment
+        return {
+            "schema": _SNAPSHOT_SCHEMA,
+            "screen": None if self._screen is None else self._screen.snapshot(),
+            "rows": encoded(segment.rows),
+            "fault": encoded(segment.fault),
+            "first": segment.first,
+            "seen": segment.seen,
+            "direction": segment.history.direction,
+            "moving_since_s": encoded(np.array([segment.history.moving_since_s])),
+            "period_s": self._period_s,
+            "reach": self._reach,
+            "absent": [[interval, int(fault)] for interval, fault in self._absent.items()],
+            "doubted": sorted(self._doubted),
+            "untold": int(self._untold),
+            "last_kept": self._last_kept,
+            "expected_faults": int(self._expected_faults),
+            "faults": self.faults,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none."""
+        if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
+            raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
+        told = snapshot["screen"]
+        self._screen = None if told is None else RowScreen.restored(told)
+        since_s = float(decoded(snapshot["moving_since_s"], np.float64)[0])
+        self._segment = _Segment(
+            decoded(snapshot["rows"], np.float64).reshape(-1, 8),
+            decoded(snapshot["fault"], np.int64),
+            int(snapshot["first"]),
+            int(snapshot["seen"]),
+            MotionHistory(float(snapshot["direction"]), since_s),
+        )
+        self._period_s, self._reach = snapshot["period_s"], int(snapshot["reach"])
+        self._absent = {int(interval): Fault(fault) for interval, fault in snapshot["absent"]}
+        self._doubted = set(snapshot["doubted"])
+        self._untold = Fault(snapshot["untold"])
+        self._last_kept = int(snapshot["last_kept"])
+        self._expected_faults = Fault(snapshot["expected_faults"])
+        self.faults = dict(snapshot["faults"])
 
     def push(self, frame: SampleFrame) -> list[FeatureBlock]:
         """Take the next samples; return the intervals that they complete."""

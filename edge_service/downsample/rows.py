@@ -1,6 +1,7 @@
 """Sample frames as rows of one table, and the faults of time that part them."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +79,25 @@ class RowScreen:
         self._required = [THETA, U] if has_torque else [THETA]
         self._newest_s = -np.inf
         self._pending = 0
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values."""
+        return {
+            "has_torque": U in self._required,
+            "newest_s": None if self._newest_s == -np.inf else self._newest_s,
+            "pending": self._pending,
+            "counters": asdict(self.counters),
+        }
+
+    @classmethod
+    def restored(cls, snapshot: dict[str, Any]) -> "RowScreen":
+        """A screen that goes on from a snapshot."""
+        screen = cls(bool(snapshot["has_torque"]))
+        newest_s = snapshot["newest_s"]
+        screen._newest_s = -np.inf if newest_s is None else float(newest_s)
+        screen._pending = int(snapshot["pending"])
+        screen.counters = RowCounters(**snapshot["counters"])
+        return screen
 
     def split(self, rows: Floats) -> list[Screened]:
         """Screen rows in the order of arrival; a new clock starts a new element."""

@@ -5,14 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ..messages.features import FeatureBlock, Phase
 from ..models.machine import Machine
-from .fused_answers import Answers
+from .fused_answers import answers, limits_of
+from .fused_begin import begun, doubt
 from .fused_kernel import take
-from .fused_model import FusedSettings, Start, drift_of, fused_model, start_of
+from .fused_model import FusedSettings, drift_of, fused_model, start_of
+from .fused_snapshot import mixture_snapshot, restored_mixture
 from .fused_state import (
-    CAPACITY,
     DRY,
     GAIN,
     GUIDE,
@@ -20,24 +21,22 @@ from .fused_state import (
     PRELOAD,
     VISCOUS,
     WEARING,
-    FusedModel,
-    Mixture,
     Reading,
 )
 from .known_effects import KnownEffects
 from .validity import Validity, ValiditySettings
 
-_SNAPSHOT_SCHEMA = "fused-preload/2"
-_ARRAYS = Mixture._fields
-_START_PERCENTS = (0.2, 0.6, 1.1, 1.7, 2.4, 3.2, 4.1, 5.1, 6.2, 7.4, 8.7, 10.1)
+_SNAPSHOT_SCHEMA = "fused-preload/3"
 SPAWN_S = 2.0
 NEW_S = 2.0
 """A hypothesis younger than this, s of motion, is new."""
 UNREST_S, UNREST_HIGH, UNREST_LOW = 8.0, 0.7, 0.35
 """Over how much motion, and from which share of it led by new hypotheses the model is doubted."""
 VIBRATING_SHARE = 0.25
-START_SIGMA_SHARE = 0.5
-"""Of the fresh preload, where torque alone has to find it."""
+LONGEST_STOP_S = 3600.0
+"""An axis that has stood for an hour is as cold and as stiff as after a night."""
+CHANGED_SHARE = 0.01
+"""Probability that what a stop hid has made another axis of it: a new screw, a new reference."""
 WILDEST = (1e4, 1e6, 1e4, 1.0)
 """Torque N m, acceleration rad/s^2, speed rad/s, stretch m that no axis has."""
 
@@ -61,14 +60,16 @@ class FusedPreloadEstimator:
         self._model = fused_model(machine, self._settings)
         self._drift = drift_of(machine, self._model, self._settings)
         self._start = start_of(machine, self._model, self._settings)
+        self._limits = limits_of(machine, self._model, self._start)
         self._known = KnownEffects.of_machine(machine)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
-        self._mixture = _begin(self._start, self._model, self._settings)
+        self._mixture = begun(self._start, self._model, self._settings)
         self._last_s: float | None = None
+        self._stopped_s = 0.0
         self._since_spawn_s = 0.0
         self._unrest, self._restless = 0.0, False
         self._nis = float("nan")
@@ -76,6 +77,19 @@ class FusedPreloadEstimator:
     def interrupt(self) -> None:
         """Nothing was heard for longer than a number may stand: none stands until motion comes."""
         self._validity.interrupt()
+
+    def resume(self, stopped_s: float) -> None:
+        """Go on after a stop that nobody saw, on a clock of its own.
+
+        What drifts has drifted for as long; the preload as if the axis had worked all the while.
+        """
+        self._validity.interrupt()
+        self._last_s, self._stopped_s = None, min(max(stopped_s, 0.0), LONGEST_STOP_S)
+        rows = slice(0, int(self._mixture.alive[0]))
+        worn = self._drift.walk[PRELOAD] ** 2 * self._stopped_s
+        self._mixture.covariance[rows, PRELOAD, PRELOAD] += worn
+        doubt(self._mixture, CHANGED_SHARE, self._start, self._model, self._settings)
+        self._since_spawn_s = SPAWN_S
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
@@ -97,8 +111,8 @@ class FusedPreloadEstimator:
         if not plausible(reading):
             return math.nan
         elapsed_s = block.duration_s if self._last_s is None else block.time_s - self._last_s
-        elapsed_s = min(max(elapsed_s, 0.0), 1e5)
-        self._last_s = block.time_s
+        elapsed_s = min(max(elapsed_s + self._stopped_s, 0.0), 1e5)
+        self._last_s, self._stopped_s = block.time_s, 0.0
         self._since_spawn_s += phase.steady_s
         spawn = self._since_spawn_s >= SPAWN_S
         if spawn:
@@ -150,10 +164,11 @@ class FusedPreloadEstimator:
                 reasons=reasons,
                 data_used_s=self._validity.informative_s,
             )
-        said = Answers(self._mixture, self._model, self._machine, self._start)
-        percent, low, high = said.preload()
-        rating = self._machine.axis.dynamic_load_rating_n
-        assert rating is not None
+        taught, rating = self._machine.commissioned, self._machine.axis.dynamic_load_rating_n
+        assert taught is not None and rating is not None
+        two_encoders = taught.transmission is not None
+        said = answers(self._mixture, self._model, self._limits, two_encoders)
+        percent, low, high = said.preload
         return PreloadEstimate(
             time_s=self._validity.time_s,
             status=status,
@@ -162,10 +177,10 @@ class FusedPreloadEstimator:
             low=low,
             high=high,
             preload_n=percent / 100.0 * rating,
-            drag_torque_nm=said.drag(),
-            stiffness_n_per_m=said.stiffness(),
-            mode_probability=said.levels(),
-            fault_probability=said.faults(),
+            drag_torque_nm=_interval(said.drag),
+            stiffness_n_per_m=None if said.stiffness is None else _interval(said.stiffness),
+            mode_probability=said.levels,
+            fault_probability=said.faults,
             data_used_s=self._validity.informative_s,
             nis=self._nis,
         )
@@ -207,11 +222,9 @@ class FusedPreloadEstimator:
         return {
             "schema": _SNAPSHOT_SCHEMA,
             "validity": self._validity.snapshot(),
-            "mixture": {
-                name: np.where(np.isfinite(array), array, -1e300).tolist()
-                for name, array in zip(_ARRAYS, self._mixture, strict=True)
-            },
+            "mixture": mixture_snapshot(self._mixture),
             "last_s": self._last_s,
+            "stopped_s": self._stopped_s,
             "since_spawn_s": self._since_spawn_s,
             "unrest": [self._unrest, self._restless],
             "nis": None if math.isnan(self._nis) else self._nis,
@@ -221,20 +234,19 @@ class FusedPreloadEstimator:
         """Go on from a snapshot; ValueError if it is none of this axis', and nothing is changed."""
         if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
-        kept = [
-            np.array(snapshot["mixture"][name], dtype=array.dtype)
-            for name, array in zip(_ARRAYS, self._mixture, strict=True)
-        ]
-        for name, array, mine in zip(_ARRAYS, kept, self._mixture, strict=True):
-            if array.shape != mine.shape:
-                raise ValueError(f"a snapshot of another axis: {name} is {array.shape}")
+        mixture = restored_mixture(snapshot["mixture"], self._mixture)
         self._validity.restore(snapshot["validity"])
-        for array, mine in zip(kept, self._mixture, strict=True):
-            mine[...] = array
+        self._mixture = mixture
         self._last_s = snapshot["last_s"]
+        self._stopped_s = float(snapshot["stopped_s"])
         self._since_spawn_s = float(snapshot["since_spawn_s"])
         self._unrest, self._restless = snapshot["unrest"]
         self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
+
+
+def _interval(told: tuple[float, float, float]) -> Interval:
+    value, low, high = told
+    return Interval(value=value, low=low, high=high)
 
 
 def vibrates(block: FeatureBlock) -> bool:
@@ -249,40 +261,3 @@ def plausible(reading: Reading) -> bool:
     stretch_m = 0.0 if math.isnan(reading.stretch_m) else reading.stretch_m
     told = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s, stretch_m)
     return all(abs(value) <= most for value, most in zip(told, WILDEST, strict=True))
-
-
-def _begin(start: Start, model: FusedModel, settings: FusedSettings) -> Mixture:
-    """Hypotheses of the preload that the axis may have at the start.
-
-    Torque is linear in the preload: one Gaussian holds all that it can tell, and jumps from there
-    are weighed against one another over the whole of it. The stretch is not: a hypothesis each.
-    """
-    mixture = Mixture(
-        np.zeros(1, dtype=np.int64),
-        np.full(CAPACITY, -np.inf),
-        np.zeros(CAPACITY, dtype=np.int64),
-        np.full(CAPACITY, -1, dtype=np.int64),
-        np.full(CAPACITY, np.inf),
-        np.zeros(CAPACITY),
-        np.full(1, 1e3),
-        np.zeros((CAPACITY, len(start.mean))),
-        np.zeros((CAPACITY, len(start.mean), len(start.mean))),
-    )
-    levels = [(percent, 0.15 + 0.06 * percent) for percent in _START_PERCENTS]
-    if model.compliance_m_per_n == 0.0:
-        levels = [(model.fresh_percent, START_SIGMA_SHARE * model.fresh_percent)]
-    spreads = ((1.0 - settings.unchanged, start.covariance), (settings.unchanged, start.unchanged))
-    begun = [
-        (share / len(levels), *level, spread)
-        for share, spread in spreads
-        if share > 0.0
-        for level in levels
-    ]
-    mixture.alive[0] = len(begun)
-    for k, (weight, percent, sigma, covariance) in enumerate(begun):
-        mixture.log_weight[k] = math.log(weight)
-        mixture.mean[k] = start.mean
-        mixture.mean[k, PRELOAD] = percent
-        mixture.covariance[k] = covariance
-        mixture.covariance[k, PRELOAD, PRELOAD] = sigma**2
-    return mixture

@@ -1,12 +1,13 @@
 """What a mixture of hypotheses says about the axis: values with intervals, and probabilities."""
 
-from dataclasses import dataclass
+import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from ..messages.estimate import Interval
 from ..messages.samples import Floats
+from ..models.compiled import compiled
 from ..models.machine import Machine
 from ..models.stiffness import LEAST_NUT_LOAD_PERCENT
 from .fused_model import Start
@@ -20,6 +21,7 @@ from .fused_state import (
     PRELOAD,
     RATE,
     RUB_NODES,
+    STATES,
     WEARING,
     FusedModel,
     Mixture,
@@ -38,129 +40,217 @@ LOST_SHARE, SLICK_SHARE, RUB_SHARE, PAYLOAD_SHARE, GAIN_SHARE = 0.1, 0.2, 0.1, 0
 PLAY_M = 1.5e-6
 """Changes since commissioning that count as faults: of preload, whole friction, whole friction,
 table mass, torque constant; and of the play."""
+LEVELS = tuple(f"{level:g}" for level in LEVELS_PERCENT)
+_EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
+FAULTS = ("preload_loss", "lubrication", "torque_constant", "process_force")
+TABLE_FAULTS = ("payload", "backlash", "misalignment")
+"""Those that only the second encoder shows."""
+_STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVELS)
+_SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
 
 
-@dataclass(frozen=True, slots=True)
-class Answers:
-    """The mixture of one axis, read; see PreloadEstimate for what each answer means."""
+class Limits(NamedTuple):
+    """What the mixture of one axis is held against; SI units, preload in percent."""
 
-    mixture: Mixture
-    model: FusedModel
-    machine: Machine
-    start: Start
+    error_share: float  # of the way from the fresh preload
+    mass_tolerance: float  # NaN where the stiffness cannot be told
+    lost_percent: float
+    slick_nm: float
+    payload_kg: float
+    rub_n: float
 
-    @property
-    def _alive(self) -> slice:
-        return slice(0, int(self.mixture.alive[0]))
 
-    @property
-    def _weight(self) -> Floats:
-        weight = np.exp(self.mixture.log_weight[self._alive])
-        return np.asarray(weight / weight.sum())
+class Answers(NamedTuple):
+    """What is known of one axis: values with 95 % intervals, and probabilities.
 
-    def preload(self) -> tuple[float, float, float]:
-        """Mean and 95 % interval, %."""
-        weight, mean, sigma = self._marginal()
-        percent = max(float(weight @ mean), 0.0)
-        low, high = interval(weight, mean, sigma, LEAST_KNOWN_PERCENT)
-        return percent, min(low, percent), max(high, percent)
+    Attributes:
+        preload: percent.
+        drag: Coulomb torque of the whole axis, N m.
+        stiffness: series stiffness at `reference_m`, N/m; None with one encoder.
+        levels: probability that each of the seed's levels is the nearest.
+        faults: probability of each change since commissioning that this axis can show.
+    """
 
-    def _marginal(self) -> tuple[Floats, Floats, Floats]:
-        """Weights, means and standard deviations of the preload, %, one per hypothesis."""
-        mean = self.mixture.mean[self._alive]
-        variance = np.maximum(self.mixture.covariance[self._alive, PRELOAD, PRELOAD], 0.0)
-        away = mean[:, PRELOAD] - self.model.fresh_percent
-        drag = self.machine.model.preload_drag_nm
-        scale = MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance)
-        lag = LAG_S * mean[:, RATE] * (self.mixture.mode[self._alive] == WEARING)
-        systematic = (scale * away) ** 2 + MODEL_ERROR_PERCENT**2 + lag**2
-        return self._weight, mean[:, PRELOAD], np.sqrt(variance + systematic)
+    preload: tuple[float, float, float]
+    drag: tuple[float, float, float]
+    stiffness: tuple[float, float, float] | None
+    levels: dict[str, float]
+    faults: dict[str, float]
 
-    def _along(self, slope: Floats) -> tuple[Floats, Floats]:
-        """Mean and standard deviation of slope @ state, one per hypothesis."""
-        covariance = self.mixture.covariance[self._alive]
-        within = (covariance @ slope) @ slope
-        return self.mixture.mean[self._alive] @ slope, np.sqrt(np.maximum(within, 1e-30))
 
-    def _slope(self, entries: dict[int, float]) -> Floats:
-        slope = np.zeros(self.mixture.mean.shape[1])
-        for index, value in entries.items():
-            slope[index] = value
-        return slope
+def limits_of(machine: Machine, model: FusedModel, start: Start) -> Limits:
+    """Limits of a commissioned axis."""
+    taught, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
+    assert taught is not None
+    table = mass.table_mass_kg if model.compliance_m_per_n > 0.0 else None
+    ratio = model.ratio_m_per_rad
+    return Limits(
+        MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance),
+        math.nan if table is None else table.tolerance,
+        (1.0 - LOST_SHARE) * model.fresh_percent,
+        float(start.mean[DRY] + ratio * start.mean[GUIDE]) + SLICK_SHARE * taught.coulomb_nm,
+        PAYLOAD_SHARE * model.table_mass_kg,
+        RUB_SHARE * taught.coulomb_nm / ratio,
+    )
 
-    def drag(self) -> Interval:
-        """Coulomb torque of the whole axis, N m."""
-        per_percent, ratio = self.model.drag_per_percent_nm, self.model.ratio_m_per_rad
-        mean, sigma = self._along(self._slope({PRELOAD: per_percent, DRY: 1.0, GUIDE: ratio}))
-        value = float(self._weight @ mean)
-        half = 1.96 * float(np.sqrt(self._weight @ (sigma**2 + (mean - value) ** 2)))
-        return Interval(value=value, low=value - half, high=value + half)
 
-    def stiffness(self) -> Interval | None:
-        """Series stiffness at `reference_m`, N/m (5.3.2, 5.3.11); None with one encoder.
+def answers(mixture: Mixture, model: FusedModel, limits: Limits, two_encoders: bool) -> Answers:
+    """Read a mixture."""
+    told = read(mixture, model, limits).tolist()
+    names = (*FAULTS, *TABLE_FAULTS) if two_encoders else FAULTS
+    return Answers(
+        tuple(told[:3]),
+        tuple(told[3:6]),
+        None if math.isnan(told[_STIFFNESS]) else tuple(told[_STIFFNESS:_LEVEL]),
+        dict(zip(LEVELS, told[_LEVEL:_FAULT], strict=True)),
+        dict(zip(names, told[_FAULT:], strict=False)),
+    )
 
-        1/k = C + C_n ((F_0/F)^(1/3) - 1).
-        """
-        model, mass = self.model, self.machine.model.table_mass_kg
-        if model.compliance_m_per_n == 0.0 or mass is None:
-            return None
-        weight, percent, sigma = self._marginal()
-        nut = self.mixture.mean[self._alive, NUT]
-        nut_variance = np.maximum(self.mixture.covariance[self._alive, NUT, NUT], 0.0)
-        load = np.maximum(percent, LEAST_NUT_LOAD_PERCENT)
-        root = np.cbrt(model.fresh_percent / load)
+
+@compiled
+def read(mixture: Mixture, model: FusedModel, limits: Limits) -> Floats:
+    """Preload, drag and stiffness with their intervals, levels, faults; (_SIZE,)."""
+    said = np.empty(_SIZE)
+    weight = _weights(mixture)
+    mean, sigma = _preloads(mixture, model, limits)
+    percent = max(float(np.dot(weight, mean)), 0.0)
+    low, high = interval(weight, mean, sigma, LEAST_KNOWN_PERCENT)
+    said[0], said[1], said[2] = percent, min(low, percent), max(high, percent)
+    said[3], said[4], said[5] = _drag(mixture, model, weight)
+    said[6], said[7], said[8] = _stiffness(mixture, model, limits, weight, mean, sigma)
+    above = 1.0
+    for i in range(len(_EDGES)):
+        below = mixture_cdf(_EDGES[i], weight, mean, sigma)
+        said[_LEVEL + i] = above - below
+        above = below
+    said[_LEVEL + len(_EDGES)] = above
+    said[_FAULT] = mixture_cdf(limits.lost_percent, weight, mean, sigma)
+    said[_FAULT + 1] = _rest_above(mixture, model, weight, limits.slick_nm)
+    said[_FAULT + 2] = _beyond(mixture, weight, GAIN, GAIN_SHARE)
+    said[_FAULT + 3] = np.dot(weight, mixture.force[: len(weight)])
+    said[_FAULT + 4] = _beyond(mixture, weight, MASS, limits.payload_kg)
+    said[_FAULT + 5] = _above(mixture, weight, PLAY, PLAY_M)
+    said[_FAULT + 6] = _rubbing(mixture, weight, limits.rub_n)
+    for i in range(_FAULT, _SIZE):
+        said[i] = min(max(said[i], 0.0), 1.0)
+    return said
+
+
+@compiled
+def _weights(mixture: Mixture) -> Floats:
+    weight = np.exp(mixture.log_weight[: mixture.alive[0]])
+    weight /= weight.sum()
+    return weight
+
+
+@compiled
+def _preloads(mixture: Mixture, model: FusedModel, limits: Limits) -> tuple[Floats, Floats]:
+    """Means and standard deviations of the preload, %, one per hypothesis."""
+    count = mixture.alive[0]
+    mean, sigma = np.empty(count), np.empty(count)
+    for k in range(count):
+        mean[k] = mixture.mean[k, PRELOAD]
+        scale = limits.error_share * (mean[k] - model.fresh_percent)
+        lag = LAG_S * mixture.mean[k, RATE] if mixture.mode[k] == WEARING else 0.0
+        systematic = scale * scale + MODEL_ERROR_PERCENT**2 + lag * lag
+        sigma[k] = math.sqrt(max(mixture.covariance[k, PRELOAD, PRELOAD], 0.0) + systematic)
+    return mean, sigma
+
+
+@compiled
+def _drag(mixture: Mixture, model: FusedModel, weight: Floats) -> tuple[float, float, float]:
+    """Coulomb torque k p + B + R G of the whole axis, N m."""
+    k_nm, ratio = model.drag_per_percent_nm, model.ratio_m_per_rad
+    value, square = 0.0, 0.0
+    for k in range(len(weight)):
+        x, p = mixture.mean[k], mixture.covariance[k]
+        mean = k_nm * x[PRELOAD] + x[DRY] + ratio * x[GUIDE]
+        variance = k_nm * k_nm * p[PRELOAD, PRELOAD] + _rest_variance(p, ratio)
+        variance += 2.0 * k_nm * (p[PRELOAD, DRY] + ratio * p[PRELOAD, GUIDE])
+        value += weight[k] * mean
+        square += weight[k] * (max(variance, 1e-30) + mean * mean)
+    half = 1.96 * math.sqrt(max(square - value * value, 0.0))
+    return value, value - half, value + half
+
+
+@compiled
+def _rest_variance(p: Floats, ratio: float) -> float:
+    """Of B + R G, the friction beside the screw's, (N m)^2."""
+    return float(p[DRY, DRY] + ratio * (2.0 * p[DRY, GUIDE] + ratio * p[GUIDE, GUIDE]))
+
+
+@compiled
+def _stiffness(
+    mixture: Mixture,
+    model: FusedModel,
+    limits: Limits,
+    weight: Floats,
+    percent: Floats,
+    sigma: Floats,
+) -> tuple[float, float, float]:
+    """Series stiffness at `reference_m`, N/m (5.3.2, 5.3.11): 1/k = C + C_n ((F_0/F)^(1/3) - 1)."""
+    if math.isnan(limits.mass_tolerance):
+        return math.nan, math.nan, math.nan
+    value, square = 0.0, 0.0
+    for k in range(len(weight)):
+        nut = mixture.mean[k, NUT]
+        load = max(percent[k], LEAST_NUT_LOAD_PERCENT)
+        root = (model.fresh_percent / load) ** (1.0 / 3.0)
         compliance = model.compliance_m_per_n + nut * (root - 1.0)
-        by_percent = np.where(percent > LEAST_NUT_LOAD_PERCENT, nut * root / (3.0 * load), 0.0)
-        variance = (by_percent * sigma) ** 2 + (root - 1.0) ** 2 * nut_variance
-        variance += (mass.tolerance * compliance) ** 2
-        value = float(weight @ compliance)
-        half = 1.96 * float(np.sqrt(weight @ (variance + (compliance - value) ** 2)))
-        least = max(value - half, 0.1 * value)
-        return Interval(value=1.0 / value, low=1.0 / (value + half), high=1.0 / least)
+        slope = nut * root / (3.0 * load) if percent[k] > LEAST_NUT_LOAD_PERCENT else 0.0
+        variance = (slope * sigma[k]) ** 2 + (limits.mass_tolerance * compliance) ** 2
+        variance += (root - 1.0) ** 2 * max(mixture.covariance[k, NUT, NUT], 0.0)
+        value += weight[k] * compliance
+        square += weight[k] * (variance + compliance * compliance)
+    half = 1.96 * math.sqrt(max(square - value * value, 0.0))
+    return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
 
-    def levels(self) -> dict[str, float]:
-        """Probability that each of the seed's levels is the nearest."""
-        levels = sorted(LEVELS_PERCENT)
-        edges = [0.5 * (a + b) for a, b in pairwise(levels)]
-        marginal = self._marginal()
-        below = [0.0, *(mixture_cdf(edge, *marginal) for edge in edges), 1.0]
-        share = dict(zip(levels, np.diff(below).tolist(), strict=True))
-        return {f"{level:g}": share[level] for level in LEVELS_PERCENT}
 
-    def faults(self) -> dict[str, float]:
-        """Probability of each change since commissioning that this axis can show."""
-        model = self.model
-        taught = self.machine.commissioned
-        assert taught is not None
-        fresh, ratio = model.fresh_percent, model.ratio_m_per_rad
-        rest = self._slope({DRY: 1.0, GUIDE: ratio})
-        begun_nm = float(self.start.mean @ rest)
-        found = {
-            "preload_loss": mixture_cdf((1.0 - LOST_SHARE) * fresh, *self._marginal()),
-            "lubrication": self._above(rest, begun_nm + SLICK_SHARE * taught.coulomb_nm),
-            "torque_constant": self._beyond({GAIN: 1.0}, GAIN_SHARE),
-            "process_force": float(self._weight @ self.mixture.force[self._alive]),
-        }
-        if taught.transmission is not None:
-            found["payload"] = self._beyond({MASS: 1.0}, PAYLOAD_SHARE * model.table_mass_kg)
-            found["backlash"] = self._above(self._slope({PLAY: 1.0}), PLAY_M)
-            found["misalignment"] = self._rubbing(RUB_SHARE * taught.coulomb_nm / ratio)
-        return {name: min(max(value, 0.0), 1.0) for name, value in found.items()}
+@compiled
+def _tail(limit: float, mean: float, variance: float) -> float:
+    """Probability above a limit."""
+    return 0.5 * math.erfc((limit - mean) / math.sqrt(2.0 * max(variance, 1e-30)))
 
-    def _above(self, slope: Floats, limit: float) -> float:
-        return 1.0 - mixture_cdf(limit, self._weight, *self._along(slope))
 
-    def _beyond(self, entries: dict[int, float], limit: float) -> float:
-        slope = self._slope(entries)
-        return self._above(slope, limit) + self._above(-slope, limit)
+@compiled
+def _rest_above(mixture: Mixture, model: FusedModel, weight: Floats, limit_nm: float) -> float:
+    total, ratio = 0.0, model.ratio_m_per_rad
+    for k in range(len(weight)):
+        mean = mixture.mean[k, DRY] + ratio * mixture.mean[k, GUIDE]
+        total += weight[k] * _tail(limit_nm, mean, _rest_variance(mixture.covariance[k], ratio))
+    return total
 
-    def _rubbing(self, limit_n: float) -> float:
-        """Probability that the worst place rubs more than the mean of all by a limit."""
-        size = self.mixture.mean.shape[1]
-        if size < RUB_NODES:
-            return 0.0
-        mean = dict.fromkeys(range(size - RUB_NODES, size), -1.0 / RUB_NODES)
-        places = range(size - RUB_NODES, size)
-        return max(
-            self._above(self._slope(mean | {i: 1.0 - 1.0 / RUB_NODES}), limit_n) for i in places
-        )
+
+@compiled
+def _above(mixture: Mixture, weight: Floats, i: int, limit: float) -> float:
+    total = 0.0
+    for k in range(len(weight)):
+        total += weight[k] * _tail(limit, mixture.mean[k, i], mixture.covariance[k, i, i])
+    return total
+
+
+@compiled
+def _beyond(mixture: Mixture, weight: Floats, i: int, limit: float) -> float:
+    total = _above(mixture, weight, i, limit)
+    for k in range(len(weight)):
+        total += weight[k] * _tail(limit, -mixture.mean[k, i], mixture.covariance[k, i, i])
+    return total
+
+
+@compiled
+def _rubbing(mixture: Mixture, weight: Floats, limit_n: float) -> float:
+    """Probability that the worst place rubs more than the mean of all by a limit."""
+    first = mixture.mean.shape[1] - RUB_NODES
+    if first < STATES:
+        return 0.0
+    tails = np.zeros(RUB_NODES)
+    sums = np.empty(RUB_NODES)
+    for k in range(len(weight)):
+        x, p = mixture.mean[k, first:], mixture.covariance[k, first:, first:]
+        for i in range(RUB_NODES):
+            sums[i] = p[i].sum()
+        mean, every = x.sum() / RUB_NODES, sums.sum() / RUB_NODES**2
+        for i in range(RUB_NODES):
+            variance = p[i, i] - 2.0 * sums[i] / RUB_NODES + every
+            tails[i] += weight[k] * _tail(limit_n, x[i] - mean, variance)
+    return float(tails.max())

@@ -5,8 +5,10 @@ compiled; their plain Python (`.py_func`) gives the same numbers.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ..messages.samples import Floats
 from ..models.compiled import compiled
@@ -16,29 +18,17 @@ from .fused_mixture import (
     tidy,
 )
 from .fused_physics import (
+    NearNodes,
     near_nodes,
     predict_stretch,
     predict_torque,
     stribeck,
 )
+from .fused_predict import predict_state
 from .fused_state import (
-    BEGUN,
-    DRY,
-    ENDED,
-    GAP,
-    GAP_RATE,
-    GROWTH,
-    GROWTH_RATE,
-    GUIDE,
     PLAY,
     PRELOAD,
-    QUIET,
-    RATE,
-    SETTLING,
-    SLIDE,
     STATES,
-    VISCOUS,
-    WEARING,
     Drift,
     FusedModel,
     Innovation,
@@ -49,10 +39,6 @@ from .fused_state import (
 _SURPRISE = 9.0
 _OUTLIER = 20.0
 _LEAST_PERCENT = 0.02
-_SETTLING_S = 15.0
-_WARMING_S = 300.0
-_SETTLING_HASTE = 8.0
-_SETTLED_S = 4.0
 _FORCE_ERROR = 0.05
 _DRIVEN_RAD_S2 = 100.0
 _AFTER_FORCE_S = 0.3
@@ -61,125 +47,34 @@ _STRAIGHT = 0.05
 _RELINEARISATIONS = 2
 
 
-@compiled
-def predict_state(
-    mixture: Mixture, k: int, model: FusedModel, drift: Drift, elapsed_s: float, r: Reading
-) -> None:
-    """Let a hypothesis drift over `elapsed_s`, in which the axis moved as in `r`."""
-    moved_s = r.steady_s
-    x, p = mixture.mean[k], mixture.covariance[k]
-    mixture.age_s[k] += moved_s
-    if mixture.mode[k] == SETTLING and mixture.age_s[k] > _SETTLING_S:
-        mixture.mode[k] = QUIET
-    haste = 1.0
-    if mixture.mode[k] == SETTLING:
-        haste += _SETTLING_HASTE * math.exp(-mixture.age_s[k] / _SETTLED_S)
-    p[STATES:, STATES:] += elapsed_s * drift.uneven
-    for i in range(STATES):
-        time_s = moved_s if drift.moving[i] else elapsed_s
-        walk = drift.walk[i]
-        if i in (DRY, GUIDE, VISCOUS, SLIDE):
-            walk *= haste
-        p[i, i] += walk * walk * time_s
-    lasting = math.exp(-elapsed_s / _WARMING_S)
-    _run(x, p, GAP, GAP_RATE, _WARMING_S * (1.0 - lasting), lasting)
-    _run(x, p, GROWTH, GROWTH_RATE, _WARMING_S * (1.0 - lasting), lasting)
-    if model.edge_rad2_s2 > 0.0:
-        _pass_on(x, p, model.edge_rad2_s2, r.follows)
-    if mixture.mode[k] == WEARING:
-        _run(x, p, PRELOAD, RATE, moved_s, 1.0)
-        p[RATE, RATE] += drift.rate_walk**2 * moved_s
+class _Room(NamedTuple):
+    """Room for what `_innovate` works with."""
 
-
-@compiled
-def _pass_on(x: Floats, p: Floats, edge_rad2_s2: float, follows: bool) -> None:
-    """Begin a phase with the speed's error at the end of the one before, or with a new one."""
-    if follows:
-        x[BEGUN] = x[ENDED]
-        p[BEGUN, :] = p[ENDED, :]
-        p[:, BEGUN] = p[:, ENDED]
-        p[BEGUN, BEGUN] = p[ENDED, ENDED]
-    else:
-        x[BEGUN] = 0.0
-        p[BEGUN, :] = 0.0
-        p[:, BEGUN] = 0.0
-        p[BEGUN, BEGUN] = edge_rad2_s2
-    x[ENDED] = 0.0
-    p[ENDED, :] = 0.0
-    p[:, ENDED] = 0.0
-    p[ENDED, ENDED] = edge_rad2_s2
-
-
-@compiled
-def _run(x: Floats, p: Floats, i: int, rate: int, time_s: float, lasting: float) -> None:
-    """Let x[i] run at x[rate] for a time, after which a share of the rate is left."""
-    x[i] += x[rate] * time_s
-    for j in range(x.shape[0]):
-        p[i, j] += time_s * p[rate, j]
-    for j in range(x.shape[0]):
-        p[j, i] += time_s * p[j, rate]
-    if lasting != 1.0:
-        x[rate] *= lasting
-        for j in range(x.shape[0]):
-            p[rate, j] *= lasting
-        for j in range(x.shape[0]):
-            p[j, rate] *= lasting
+    at: Floats  # (n,), state around which the stretch is linear
+    rows: npt.NDArray[np.int64]  # (n,), states on which a quantity depends
 
 
 @compiled
 def _innovate(
-    model: FusedModel, x: Floats, at: Floats, p: Floats, r: Reading, told: Innovation
+    model: FusedModel, x: Floats, p: Floats, r: Reading, told: Innovation, room: _Room
 ) -> float:
-    """Fill `told`; `at` is the state around which the stretch is linear.
+    """Fill `told`. The stretch is linear around where the correction leads, if the preload is too
+    uncertain for one step.
 
-    Returns the compliance, m/N.
+    Returns the compliance there, m/N.
     """
-    slopes, gains, e, s = told.slopes, told.gains, told.error, told.covariance
-    e[0] = r.torque_nm - predict_torque(model, x, r, slopes[0])
-    compliance = 0.0
-    e[1] = 0.0
-    slopes[1, :] = 0.0
-    floating_m = 0.0
-    if not math.isnan(r.stretch_m):
-        predicted, compliance = predict_stretch(model, at, r, slopes[1])
-        e[1] = r.stretch_m - predicted
-        if slopes[1, PLAY] == -0.5:
-            floating_m = 0.5 * at[PLAY]
     near = near_nodes(x, model, r)
-    gains[:] = 0.0
-    _weigh(0, STATES, x, at, p, told)
-    if near.growth >= 0:
-        _weigh(near.growth, near.growth + 2, x, at, p, told)
-        _weigh(near.rub, near.rub + 2, x, at, p, told)
-    for i in range(2):
-        for j in range(2):
-            s[i, j] = np.dot(slopes[i], gains[j])
+    told.error[0] = r.torque_nm - predict_torque(model, x, r, told.slopes[0])
+    rows = _project(told.slopes[0], p, near, room.rows, told.gains[0])
     speed = max(abs(r.speed_rad_s), 1e-3)
-    s[0, 0] += (
-        model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
+    told.covariance[0, 0] = (
+        _along(rows, told.slopes[0], told.gains[0])
+        + model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
         + (0.3 * stribeck(model, r)) ** 2
     )
-    s[1, 1] += model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
-    s[1, 1] += floating_m * floating_m
-    return compliance
-
-
-@compiled
-def _weigh(first: int, end: int, x: Floats, at: Floats, p: Floats, told: Innovation) -> None:
-    """Add those states' part of P H' and of the way from where the stretch is linear."""
-    for m in range(first, end):
-        told.error[1] -= told.slopes[1, m] * (x[m] - at[m])
-        for i in range(2):
-            if told.slopes[i, m] != 0.0:
-                for j in range(x.shape[0]):
-                    told.gains[i, j] += told.slopes[i, m] * p[m, j]
-
-
-@compiled
-def _innovate_well(model: FusedModel, x: Floats, p: Floats, r: Reading, told: Innovation) -> float:
-    """The same around where the correction leads, if the preload is too uncertain for one step."""
-    at = x.copy()
-    c = _innovate(model, x, at, p, r, told)
+    at = room.at
+    at[:] = x
+    c = _stretch(model, x, p, r, told, room, near)
     if math.isnan(r.stretch_m) or p[PRELOAD, PRELOAD] < (_STRAIGHT * max(x[PRELOAD], 1.0)) ** 2:
         return c
     e, s = told.error, told.covariance
@@ -190,8 +85,88 @@ def _innovate_well(model: FusedModel, x: Floats, p: Floats, r: Reading, told: In
         for i in range(x.shape[0]):
             at[i] = x[i] + told.gains[0, i] * a + told.gains[1, i] * b
         at[PRELOAD] = max(at[PRELOAD], _LEAST_PERCENT)
-        c = _innovate(model, x, at, p, r, told)
+        c = _stretch(model, x, p, r, told, room, near)
     return c
+
+
+@compiled
+def _stretch(
+    model: FusedModel,
+    x: Floats,
+    p: Floats,
+    r: Reading,
+    told: Innovation,
+    room: _Room,
+    near: NearNodes,
+) -> float:
+    """Fill the stretch's part of `told`, linear around `room.at`; the compliance, m/N."""
+    slope, gains, at, s = told.slopes[1], told.gains[1], room.at, told.covariance
+    error_m, compliance, floating_m = 0.0, 0.0, 0.0
+    if math.isnan(r.stretch_m):
+        slope[:] = 0.0
+    else:
+        predicted, compliance = predict_stretch(model, at, r, slope)
+        error_m = r.stretch_m - predicted
+        if slope[PLAY] == -0.5:
+            floating_m = 0.5 * at[PLAY]
+    rows = _project(slope, p, near, room.rows, gains)
+    for m in rows:
+        error_m -= slope[m] * (x[m] - at[m])
+    told.error[1] = error_m
+    speed = max(abs(r.speed_rad_s), 1e-3)
+    s[0, 1] = _along(rows, slope, told.gains[0])
+    s[1, 0] = s[0, 1]
+    s[1, 1] = _along(rows, slope, gains) + floating_m * floating_m
+    s[1, 1] += model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
+    return compliance
+
+
+@compiled
+def _along(rows: npt.NDArray[np.int64], slope: Floats, gains: Floats) -> float:
+    """H (P H'), of one quantity or of two."""
+    total = 0.0
+    for m in rows:
+        total += slope[m] * gains[m]
+    return total
+
+
+@compiled
+def _project(
+    slope: Floats, p: Floats, near: NearNodes, rows: npt.NDArray[np.int64], gains: Floats
+) -> npt.NDArray[np.int64]:
+    """P H' of one quantity into `gains`; the states on which it depends, in `rows`.
+
+    No slope but the nearest nodes' is other than 0 along the stroke.
+    """
+    count = 0
+    for m in range(STATES):
+        if slope[m] != 0.0:
+            rows[count] = m
+            count += 1
+    if near.growth >= 0:
+        rows[count], rows[count + 1] = near.growth, near.growth + 1
+        rows[count + 2], rows[count + 3] = near.rub, near.rub + 1
+        count += 4
+    _weigh(slope, p, rows[:count], gains)
+    return rows[:count]
+
+
+@compiled
+def _weigh(slope: Floats, p: Floats, rows: npt.NDArray[np.int64], gains: Floats) -> None:
+    """The weighed sum of some rows, four at a time: each pass over `gains` costs as much."""
+    gains[:] = 0.0
+    count = len(rows)
+    whole = count - count % 4
+    for m in range(0, whole, 4):
+        a, b, c, d = rows[m], rows[m + 1], rows[m + 2], rows[m + 3]
+        wa, wb, wc, wd = slope[a], slope[b], slope[c], slope[d]
+        for j in range(gains.shape[0]):
+            gains[j] += wa * p[a, j] + wb * p[b, j] + wc * p[c, j] + wd * p[d, j]
+    for m in range(whole, count):
+        a = rows[m]
+        wa = slope[a]
+        for j in range(gains.shape[0]):
+            gains[j] += wa * p[a, j]
 
 
 @compiled
@@ -237,20 +212,36 @@ def _under_force(
 
 @compiled
 def _correct(mixture: Mixture, k: int, told: Innovation, scale: float, two: bool) -> None:
-    """Kalman correction of hypothesis k; `scale` widens the innovation of an outlier."""
+    """Kalman correction of hypothesis k; `scale` widens the innovation of an outlier.
+
+    With S = L L', P H' S^-1 H P = A A' for A = P H' L'^-1, which stays symmetric to the last bit.
+    `told.gains` becomes A'.
+    """
     x, p = mixture.mean[k], mixture.covariance[k]
-    gains, e, s = told.gains, told.error, told.covariance
-    s00, s11, s01 = s[0, 0] * scale, s[1, 1] * scale, s[0, 1] * scale
-    det = max(s00 * s11 - s01 * s01, 1e-300)
-    i00, i11, i01 = s11 / det, s00 / det, -s01 / det
-    if not two:
-        i00, i11, i01 = 1.0 / s00, 0.0, 0.0
+    s = told.covariance
+    first, second = told.gains[0], told.gains[1]
+    left = math.sqrt(s[0, 0] * scale)
+    step = told.error[0] / left
     for i in range(x.shape[0]):
-        k0 = gains[0, i] * i00 + gains[1, i] * i01
-        k1 = gains[0, i] * i01 + gains[1, i] * i11
-        x[i] += k0 * e[0] + k1 * e[1]
+        first[i] /= left
+        x[i] += first[i] * step
+    if not two:
+        for i in range(x.shape[0]):
+            a = first[i]
+            for j in range(x.shape[0]):
+                p[i, j] -= a * first[j]
+        return
+    below = s[0, 1] * scale / left
+    det = max(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1], 1e-300)
+    right = math.sqrt(det / s[0, 0] * scale)
+    step = (told.error[1] - below * step) / right
+    for i in range(x.shape[0]):
+        second[i] = (second[i] - below * first[i]) / right
+        x[i] += second[i] * step
+    for i in range(x.shape[0]):
+        a, b = first[i], second[i]
         for j in range(x.shape[0]):
-            p[i, j] -= k0 * gains[0, j] + k1 * gains[1, j]
+            p[i, j] -= a * first[j] + b * second[j]
 
 
 @compiled
@@ -278,10 +269,11 @@ def take(
     size = mixture.mean.shape[1]
     e, s = np.empty(2), np.empty((2, 2))
     told = Innovation(np.empty((2, size)), np.empty((2, size)), e, s)
+    room = _Room(np.empty(size), np.empty(size, dtype=np.int64))
     for k in range(mixture.alive[0]):
         predict_state(mixture, k, model, drift, elapsed_s, r)
     leader = leader_of(mixture)
-    c = _innovate_well(model, mixture.mean[leader], mixture.covariance[leader], r, told)
+    c = _innovate(model, mixture.mean[leader], mixture.covariance[leader], r, told, room)
     calm, surprise = _likelihood(e, s, two)
     leading, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
     large = leading > calm and abs(seen_n) > _LARGE_FORCE_N
@@ -295,7 +287,7 @@ def take(
     dimension = 2.0 if two else 1.0
     best_nis, best_weight = math.nan, -math.inf
     for k in range(mixture.alive[0]):
-        _innovate_well(model, mixture.mean[k], mixture.covariance[k], r, told)
+        _innovate(model, mixture.mean[k], mixture.covariance[k], r, told, room)
         calm, nis = _likelihood(e, s, two)
         scale = max(1.0, nis / _OUTLIER)
         if scale > 1.0:

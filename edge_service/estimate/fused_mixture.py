@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ..messages.samples import Floats
 from ..models.compiled import compiled
 from .fused_state import (
     CAPACITY,
@@ -46,7 +47,14 @@ def spawn_jumps(mixture: Mixture, parent: int, drift: Drift, motion_s: float, dr
         mixture.mean[k] = mixture.mean[parent] + drift.shifts[j]
         if drift.shifts[j, PRELOAD] < 0.0:
             mixture.mean[k, PRELOAD] = max(mixture.mean[k, PRELOAD], _LEAST_PERCENT)
-        mixture.covariance[k] = mixture.covariance[parent] + drift.jumps[j]
+        _add(mixture.covariance[parent], drift.jumps[j], mixture.covariance[k])
+
+
+@compiled
+def _add(first: Floats, second: Floats, total: Floats) -> None:
+    for i in range(first.shape[0]):
+        for j in range(first.shape[0]):
+            total[i, j] = first[i, j] + second[i, j]
 
 
 @compiled
@@ -114,9 +122,12 @@ def _merge(mixture: Mixture, k: int, j: int) -> None:
     share = wj / (wk + wj)
     away = mixture.mean[j] - mixture.mean[k]
     mixture.mean[k] += share * away
-    mixture.covariance[k] *= 1.0 - share
-    mixture.covariance[k] += share * mixture.covariance[j]
-    mixture.covariance[k] += share * (1.0 - share) * np.outer(away, away)
+    one, other = mixture.covariance[k], mixture.covariance[j]
+    for m in range(away.shape[0]):
+        far = away[m]
+        for n in range(away.shape[0]):
+            apart = (1.0 - share) * (far * away[n])
+            one[m, n] += share * (other[m, n] - one[m, n] + apart)
     mixture.log_weight[k] = math.log(wk + wj)
     last = mixture.alive[0] - 1
     _move(mixture, last, j)

@@ -21,6 +21,12 @@ class PreloadEstimator(Protocol):
     def interrupt(self) -> None:
         """Nothing was heard for longer than a number may stand: none stands until motion comes."""
 
+    def resume(self, stopped_s: float) -> None:
+        """Go on after a stop that nobody saw, on a clock of its own.
+
+        The axis has cooled and may have worked or worn meanwhile; it may even be another.
+        """
+
     def reset(self) -> None:
         """Forget everything."""
 

@@ -29,7 +29,7 @@ from .validity import Validity, ValiditySettings
 TWO_SIDED_95 = 1.959963984540054
 BEYOND_LEVELS_PERCENT = 0.6
 """Scale on which drag beyond the highest or lowest level counts as a misfit, points."""
-_SNAPSHOT_SCHEMA = "imm-preload/1"
+_SNAPSHOT_SCHEMA = "imm-preload/2"
 
 
 @lru_cache(maxsize=256)
@@ -92,21 +92,27 @@ class ImmPreloadEstimator:
         self._probability = np.full(len(self._levels), 1.0 / len(self._levels))
         self._recent: deque[tuple[float, Floats]] = deque()
         self._last_end_s: float | None = None
+        self._stopped_s = 0.0
         self._nis = float("nan")
 
     def interrupt(self) -> None:
         """Nothing was heard for longer than a number may stand: none stands until motion comes."""
         self._validity.interrupt()
 
+    def resume(self, stopped_s: float) -> None:
+        """Go on after a stop that nobody saw, on a clock of its own: the drag has wandered."""
+        self._validity.interrupt()
+        self._recent.clear()
+        self._last_end_s, self._stopped_s = None, max(stopped_s, 0.0)
+
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
         used = informative(block, self._settings.excitation)
         if used:
-            gap_s = block.duration_s if self._last_end_s is None else self._since_last(block)
-            self._drag.update(block, gap_s)
+            self._drag.update(block, self._since_last(block))
             if self._per_percent is not None:
                 self._step_bank(block)
-            self._last_end_s = block.time_s
+            self._last_end_s, self._stopped_s = block.time_s, 0.0
         self._validity.update(block, used, self._surprise() if used else None)
 
     def _surprise(self) -> float:
@@ -123,7 +129,8 @@ class ImmPreloadEstimator:
         return (self._drag.drag_nm - self._machine.other_drag_nm.value) / per_percent
 
     def _since_last(self, block: FeatureBlock) -> float:
-        assert self._last_end_s is not None
+        if self._last_end_s is None:
+            return block.duration_s + self._stopped_s
         return max(block.duration_s, block.time_s - self._last_end_s)
 
     def _step_bank(self, block: FeatureBlock) -> None:
@@ -233,6 +240,7 @@ class ImmPreloadEstimator:
             "probability": self._probability.tolist(),
             "recent": [(duration, p.tolist()) for duration, p in self._recent],
             "last_end_s": self._last_end_s,
+            "stopped_s": self._stopped_s,
             "nis": None if np.isnan(self._nis) else self._nis,
             "bank": None if self._per_percent is None else self._bank.snapshot(),
         }
@@ -248,6 +256,7 @@ class ImmPreloadEstimator:
             (float(d), np.array(p, dtype=np.float64)) for d, p in snapshot["recent"]
         )
         self._last_end_s = snapshot["last_end_s"]
+        self._stopped_s = float(snapshot["stopped_s"])
         self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
         if self._per_percent is not None:
             self._bank.restore(snapshot["bank"])

@@ -1,7 +1,6 @@
 """How preload levels follow one another, and how that scales with the length of a step."""
 
 import numpy as np
-from scipy.linalg import expm, logm
 
 from ..messages.samples import Floats
 from .bank import check_mode_transition
@@ -42,6 +41,8 @@ def scaled_transition(
     Returns:
         p_ij for a step of `step_s`, (r, r).
     """
+    from scipy.linalg import expm  # 12 MB that a service without a filter bank does without
+
     if not (np.isfinite(step_s) and step_s > 0.0 and reference_s > 0.0):
         raise ValueError(f"step_s: {step_s:g}, expected a finite length above 0")
     scaled = np.maximum(expm(transition_rates(matrix, reference_s) * step_s), 0.0)
@@ -53,6 +54,8 @@ def transition_rates(matrix: Floats, reference_s: float = REFERENCE_STEP_S) -> F
 
     Raises ValueError where the matrix has no real logarithm.
     """
+    from scipy.linalg import logm
+
     check_mode_transition(matrix)
     if np.linalg.matrix_rank(matrix) < len(matrix):
         raise ValueError("mode_transition: singular, so it cannot be scaled to another step")

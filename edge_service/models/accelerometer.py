@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from ..messages.samples import Floats
 from ..messages.waveform import Waveform
@@ -77,6 +76,8 @@ class Accelerometer:
         return Waveform(SENSOR, UNIT, start_s, 1.0 / rate, values)
 
     def _values(self, sample_s: Floats, knots_s: Floats, knots_rad: Floats) -> Floats:
+        from scipy.signal import lfilter  # 45 MB that an axis without this sensor does without
+
         settings = self._settings
         if len(sample_s) == 0:
             return np.empty(0)
@@ -89,7 +90,7 @@ class Accelerometer:
         balls = self._balls(angle)
         struck = np.diff(np.concatenate([[self._passed], balls])) != 0.0
         self._passed = float(balls[-1])
-        ringing, self._state = signal.lfilter(
+        ringing, self._state = lfilter(
             *self._filter, settings.damage * share * struck, zi=self._state
         )
         noise = settings.noise * self._random.standard_normal(len(sample_s))

@@ -23,11 +23,13 @@ class NodeContext:
 
     Attributes:
         on_http_ready: called with the page's address once it is served.
+        keeps_estimates: whether the estimators go on where the last process was.
     """
 
     config: EdgeConfig
     bus: Bus
     on_http_ready: Callable[[str], None] = field(default=lambda _url: None)
+    keeps_estimates: bool = True
 
 
 class Reporter:

@@ -1,42 +1,116 @@
 """Feature blocks in, preload estimates out: all axes."""
 
 import asyncio
+import logging
 from functools import partial
 
-from ..messages.codec import decode_features, encode_json
+from ..messages.alarm import Command
+from ..messages.codec import decode_features, decode_json, encode_json
 from ..messages.health import ComponentStatus
-from ..messages.topics import FEAT, PRELOAD
+from ..messages.topics import COMMAND, FEAT, PRELOAD
 from .context import NodeContext, Reporter
+from .estimate_store import EstimateStore, Kept, identity_of
+from .estimated_axis import EstimatedAxis
 from .pipeline import load_machines, make_estimator, warm_up
 
-SILENCE_NS = 10 * 10**9
-"""Without features for this long, what was known before is of unknown age."""
+log = logging.getLogger(__name__)
+SAVE_PERIOD_S = 60.0
+"""What a crash may cost; a state is some 300 kB, and disks wear."""
+
+
+class _Axes:
+    """The estimators of all axes, and where their state is kept."""
+
+    def __init__(self, context: NodeContext) -> None:
+        config = context.config
+        self.machines = load_machines(config)
+        self.axes = {
+            axis: EstimatedAxis(axis, make_estimator(config.estimator, machine))
+            for axis, machine in self.machines.items()
+        }
+        identities = {
+            axis: identity_of(machine, config.estimator) for axis, machine in self.machines.items()
+        }
+        folder = config.history.folder if context.keeps_estimates else None
+        self._store = None if folder is None else EstimateStore(folder, identities)
+        self._failing = False
+
+    def load(self) -> None:
+        """Go on where the last process was."""
+        if self._store is not None:
+            for axis in self.axes.values():
+                axis.restore(self._store)
+
+    def to_keep(self) -> dict[str, Kept]:
+        """State of every axis that has gone on; only in the thread of the event loop."""
+        if self._store is None:
+            return {}
+        kept = {name: axis.to_keep() for name, axis in self.axes.items()}
+        return {name: each for name, each in kept.items() if each is not None}
+
+    def write(self, kept: dict[str, Kept]) -> None:
+        """Write states, from any thread; a full disk is told, and tried again."""
+        if self._store is None:
+            return
+        try:
+            self._store.save(kept)
+        except OSError as error:
+            if not self._failing:
+                log.warning("the state of the estimates cannot be kept (%s)", error)
+            self._failing = True
+        else:
+            self._failing = False
+
+    def forget(self, axis: str) -> None:
+        """The part is another: begin anew."""
+        self.axes[axis].forget()
+        try:
+            if self._store is not None:
+                self._store.forget(axis)
+        except OSError as error:
+            log.warning("the state of axis %s cannot be removed (%s)", axis, error)
 
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
     config, bus = context.config, context.bus
-    machines = load_machines(config)
-    estimators = {
-        axis: make_estimator(config.estimator, machine) for axis, machine in machines.items()
-    }
-    publishers = {axis: bus.publisher(config.keys.key(axis, PRELOAD), PRELOAD) for axis in machines}
-    subscriber = bus.subscribe(config.keys.all_axes(FEAT), decode_features, depth=1024)
-    heard_ns: dict[str, int] = {}
+    estimated = _Axes(context)
+    axes = estimated.axes
+    publishers = {axis: bus.publisher(config.keys.key(axis, PRELOAD), PRELOAD) for axis in axes}
+    features = bus.subscribe(config.keys.all_axes(FEAT), decode_features, depth=1024)
+    commands = bus.subscribe(
+        config.keys.all_axes(COMMAND), partial(decode_json, COMMAND.payload, Command)
+    )
     reporter = Reporter(context, "estimate")
-    reporter.counters = subscriber.counters.as_dict
-    async with reporter.running():
-        await asyncio.to_thread(warm_up, config.downsample, config.estimator, machines.values())
-        reporter.to(ComponentStatus.OK)
-        async for axis, header, block in subscriber:
-            if axis in estimators:
-                if header.source_time_ns - heard_ns.get(axis, header.source_time_ns) > SILENCE_NS:
-                    estimators[axis].interrupt()
-                heard_ns[axis] = header.source_time_ns
-                estimators[axis].update(block)
+    reporter.counters = features.counters.as_dict
+
+    async def follow_features() -> None:
+        async for axis, header, block in features:
+            if axis in axes:
+                payload = axes[axis].take(header, block)
                 publishers[axis].publish(
-                    partial(
-                        encode_json, PRELOAD.payload, axis, payload=estimators[axis].estimate()
-                    ),
+                    partial(encode_json, PRELOAD.payload, axis, payload=payload),
                     header.source_time_ns,
                 )
+
+    async def follow_commands() -> None:
+        async for axis, _, command in commands:
+            if axis in axes and command.action == "part_replaced":
+                estimated.forget(axis)
+
+    async def keep() -> None:
+        while True:
+            await asyncio.sleep(SAVE_PERIOD_S)
+            await asyncio.to_thread(estimated.write, estimated.to_keep())
+
+    async with reporter.running(), asyncio.TaskGroup() as group:
+        machines = estimated.machines.values()
+        await asyncio.to_thread(warm_up, config.downsample, config.estimator, machines)
+        estimated.load()
+        reporter.to(ComponentStatus.OK)
+        try:
+            for repeat in (follow_features, follow_commands, keep):
+                group.create_task(repeat())
+            await asyncio.Event().wait()
+        finally:
+            estimated.write(estimated.to_keep())

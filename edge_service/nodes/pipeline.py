@@ -65,12 +65,12 @@ def warm_up(
     """Compile the kernels before the first sample: it takes seconds on a new installation.
 
     Args:
-        machines: whose estimators run, beside the default one's.
+        machines: whose estimators run; the default one's unless given.
     """
     downsample, estimator = downsample or DownsampleConfig(), estimator or EstimatorConfig()
     time_s = np.arange(400, dtype=np.float64) / 1e3
     steady = SampleFrame(time_s, {TORQUE: 0.1 + 0.01 * np.sin(time_s), ANGLE: 10.0 * time_s})
-    for machine in (load_machine(DEFAULT_MACHINE), *machines):
+    for machine in tuple(machines) or (load_machine(DEFAULT_MACHINE),):
         warm = make_estimator(estimator, machine)
         for block in make_downsampler(downsample, machine).push(steady):
             warm.update(block)

@@ -48,7 +48,10 @@ async def replay_trace(
         )
         following = asyncio.create_task(_follow(answers))
         await run_nodes(
-            NodeContext(config, bus, announce), PIPELINE, install_stop(), until_sources_end=not hold
+            NodeContext(config, bus, announce, keeps_estimates=False),
+            PIPELINE,
+            install_stop(),
+            until_sources_end=not hold,
         )
         answers.close()
         count, last = await following

@@ -12,7 +12,7 @@ from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
 from ..bus.session import Bus, BusSettings, BusUnavailableError
 from ..config import ConfigError, EdgeConfig
-from . import acquire_node, downsample_node, estimate_node, health_node, http_node, vibration_node
+from . import acquire_node, downsample_node, estimate_node, health_node, http_node
 from .context import NodeContext
 
 log = logging.getLogger(__name__)
@@ -142,6 +142,8 @@ def _coroutines(context: NodeContext, name: NodeName) -> list[Coroutine[Any, Any
             return []
         case "mqtt":
             return [_mqtt(context)]
+        case "vibration":
+            return [_vibration(context)]
     return [_RUNS[name](context)]
 
 
@@ -150,7 +152,6 @@ _RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
     "estimate": estimate_node.run,
     "health": health_node.run,
     "http": http_node.run,
-    "vibration": vibration_node.run,
 }
 
 
@@ -160,6 +161,12 @@ async def _mqtt(context: NodeContext) -> None:
     except ImportError as error:
         raise ConfigError(f"mqtt: needs `pip install edge-service[mqtt]` ({error})") from None
     await mqtt_node.run(context)
+
+
+async def _vibration(context: NodeContext) -> None:
+    from . import vibration_node  # its signal processing takes 45 MB
+
+    await vibration_node.run(context)
 
 
 async def check_service(config: EdgeConfig) -> tuple[str, ...]:

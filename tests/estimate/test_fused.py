@@ -15,10 +15,13 @@ from hypothesis import strategies as st
 
 from edge_service.estimate import (
     fused,
+    fused_answers,
+    fused_begin,
     fused_kernel,
     fused_mixture,
     fused_model,
     fused_physics,
+    fused_predict,
     fused_state,
 )
 from edge_service.estimate.fused import FusedPreloadEstimator, vibrates
@@ -107,7 +110,7 @@ def test_plain_python_gives_the_same_numbers(monkeypatch: pytest.MonkeyPatch) ->
     begun = mixture_of(compiled).alive[0]
     run(blocks, compiled)
     assert (mixture_of(compiled).kind[: mixture_of(compiled).alive[0]] >= 0).any()
-    rooms = (fused_physics, fused_mixture, fused_kernel, fused)
+    rooms = (fused_physics, fused_predict, fused_mixture, fused_kernel, fused_answers, fused)
     kernels = {
         name: value.py_func
         for room in rooms
@@ -201,7 +204,7 @@ def plain_kalman(
     start, drift = start_of(axis_machine, model, chosen), drift_of(axis_machine, model, chosen)
     mean, covariance = start.mean.copy(), start.covariance.copy()
     mean[PRELOAD] = FRESH
-    covariance[PRELOAD, PRELOAD] = (fused.START_SIGMA_SHARE * FRESH) ** 2
+    covariance[PRELOAD, PRELOAD] = (fused_begin.SIGMA_SHARE * FRESH) ** 2
     last_s: float | None = None
     most = 0.0
     for block in blocks:

@@ -1,0 +1,94 @@
+"""One axis of the estimate node: its estimator, fed live, kept, and gone on with."""
+
+import logging
+import time
+
+from ..estimate.interface import PreloadEstimator
+from ..messages.estimate import PreloadEstimate
+from ..messages.features import FeatureBlock
+from ..messages.header import Header
+from .estimate_store import DAMAGED, EstimateStore, Kept, StateError
+
+log = logging.getLogger(__name__)
+SILENCE_S = 10.0
+"""Without features for this long, what was known before is of unknown age."""
+SAME_CLOCK_S = 60.0
+"""By so much the axis' clock may have lost of a stop and still be the one that ran before it."""
+STOP_S = 600.0
+"""In a longer stop that nobody saw, an axis may have become another."""
+
+
+class EstimatedAxis:
+    """Feeds an estimator; goes on from what was kept of it."""
+
+    def __init__(self, axis: str, estimator: PreloadEstimator) -> None:
+        self._axis = axis
+        self._estimator = estimator
+        self._heard: tuple[float, int] | None = None
+        self._restored = False
+        self._changed = False
+
+    def take(self, header: Header, block: FeatureBlock) -> PreloadEstimate:
+        """Take the next interval; what is known after it."""
+        if self._heard is not None:
+            self._bridge(*self._heard, header, block)
+        self._heard = block.time_s, header.source_time_ns
+        self._restored, self._changed = False, True
+        self._estimator.update(block)
+        return self._estimator.estimate()
+
+    def _bridge(self, time_s: float, heard_ns: int, header: Header, block: FeatureBlock) -> None:
+        silent_s = (header.source_time_ns - heard_ns) / 1e9
+        if self._restored and not _goes_on(time_s, silent_s, block):
+            log.info("axis %s: its estimate goes on after a stop of %.0f s", self._axis, silent_s)
+            self._estimator.resume(silent_s)
+        elif silent_s > SILENCE_S:
+            self._estimator.interrupt()
+
+    def forget(self) -> None:
+        """The part is another."""
+        self._estimator.reset()
+        self._heard, self._changed = None, False
+
+    def restore(self, store: EstimateStore) -> None:
+        """Go on from what was kept, if it is this axis'; else begin anew, and say why."""
+        try:
+            kept = store.load(self._axis, time.time_ns())
+            if kept is None:
+                return
+            self._restore(kept)
+        except (StateError, OSError) as error:
+            aside = ""
+            if isinstance(error, StateError) and error.damaged:
+                aside = _set_aside(store, self._axis)
+            path = store.path(self._axis)
+            log.warning("%s: %s%s; the estimate of this axis begins anew", path, error, aside)
+
+    def _restore(self, kept: Kept) -> None:
+        try:
+            self._estimator.restore(kept.snapshot)
+        except DAMAGED as error:
+            self._estimator.reset()
+            raise StateError(f"it is no state of this estimator ({error})", damaged=True) from None
+        self._heard, self._restored = (kept.time_s, kept.source_time_ns), True
+
+    def to_keep(self) -> Kept | None:
+        """The state, if something was taken in since it was last asked for."""
+        if not self._changed or self._heard is None:
+            return None
+        self._changed = False
+        return Kept(*self._heard, self._estimator.snapshot())
+
+
+def _goes_on(time_s: float, silent_s: float, block: FeatureBlock) -> bool:
+    """Whether an interval lies on the clock that ran before a stop, and soon enough after it."""
+    passed_s = block.time_s - block.duration_s - time_s
+    begins_behind = passed_s > -0.5 * block.duration_s
+    return begins_behind and silent_s - passed_s < SAME_CLOCK_S and silent_s < STOP_S
+
+
+def _set_aside(store: EstimateStore, axis: str) -> str:
+    try:
+        return f", kept as {store.set_aside(axis).name}"
+    except OSError as error:
+        return f", and cannot be set aside ({error.strerror})"

@@ -1,0 +1,16 @@
+"""What a service loads that nobody asked for more: memory on a small computer."""
+
+import subprocess
+import sys
+
+HEAVY = ("scipy.signal", "scipy.linalg", "scipy.stats", "pyarrow", "matplotlib", "filterpy")
+
+
+def test_the_nodes_load_no_library_before_it_is_needed() -> None:
+    code = (
+        "import sys; import edge_service.cli, edge_service.nodes.service;"
+        "from drivers.registry import load_driver; load_driver('simulated');"
+        f"print([name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"
