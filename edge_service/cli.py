@@ -75,7 +75,7 @@ def _is_bad_input(error: Exception) -> bool:
     from .fingerprint.fingerprint_document import FingerprintError
     from .http_api.serve import AddressError
     from .models.motion import MotionError
-    from .studies.diagnose_bench import BenchError
+    from .studies.diagnose_cases import BenchError
     from .studies.machine_gap import DiagnosisError
     from .studies.simulate import SimulationError
     from .trace.columns import TraceError
@@ -486,7 +486,7 @@ def gap(traces: tuple[Path, ...], machine: Path, as_json: bool) -> None:
     """How far model and machine are apart: torque in motion, and table against motor."""
     from .studies.machine_gap import gap as measure_gap
 
-    found = measure_gap(machine, traces)
+    found = measure_gap(machine, traces, _progress)
     if as_json:
         click.echo(json.dumps(found))
     else:
@@ -721,11 +721,20 @@ def bench_estimator(quick: bool, as_json: bool, pictures: Path | None) -> None:
 @click.option("--cases", type=click.IntRange(1), default=500, show_default=True, help="Cases.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the mixture of cases.")
 @click.option("--out", type=click.Path(path_type=Path), help="Each case as a line of JSON.")
-def bench_diagnose(cases: int, seed: int, out: Path | None) -> None:
+@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: reliability, confusion.")
+@click.option("--ties", type=click.IntRange(1), help="Instead: do proposed motions settle ties?")
+def bench_diagnose(
+    cases: int, seed: int, out: Path | None, pictures: Path | None, ties: int | None
+) -> None:
     """Score the diagnosis on a plant that shares no code with the library (checkout only)."""
+    if ties is not None:
+        from .studies.diagnose_ties import run_ties
+
+        click.echo(run_ties(ties, out, seed, _progress))
+        return
     from .studies.diagnose_bench import run_diagnose_bench
 
-    click.echo(run_diagnose_bench(cases, out, seed=seed, progress=_progress))
+    click.echo(run_diagnose_bench(cases, out, seed=seed, pictures=pictures, progress=_progress))
 
 
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")

@@ -6,18 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fingerprint.regression import Booleans
+from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION
 from ..messages.samples import Floats
+from .one_axis import FileFit, fits_of, strangers
 from .recorded import Run
 
 LEAST_MOTION_S = 2.0
 SHORT_MOTION_S = 10.0
 LEAST_TRAVEL_REV = 0.5
 LEAST_RATE_HZ = 50.0
-_LEAD_SHARE = 0.02
 _GAIN_RANGE = (0.2, 5.0)
-_LEAST_CORRELATION = 0.3
 _STUCK_SHARE = 0.3
-_BETWEEN_FILES = 3.0
 _NO_RUN = "no unbroken run of a second or more: rows or channels are missing, or a channel is stuck"
 
 
@@ -29,13 +28,21 @@ class DataCheck:
     remarks: tuple[str, ...]
 
 
-def check_data(runs: Sequence[Run], ratio_m_per_rad: float) -> DataCheck:
-    """Judge the runs of one axis."""
+def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str] = ()) -> DataCheck:
+    """Judge the runs of one axis.
+
+    Args:
+        names: of the recordings, by their number.
+    """
     if not runs:
         return DataCheck((_NO_RUN,), ())
     faults = [*_cover(runs)]
     if not faults:
-        faults += [*_units(runs, ratio_m_per_rad), *_stuck(runs), *_torque(runs)]
+        fits = fits_of(runs, ratio_m_per_rad)
+        lead_m = 2.0 * np.pi * ratio_m_per_rad
+        called = dict(enumerate(names))
+        mixed = strangers(fits, lead_m, lambda k: called.get(k, f"recording {k + 1}"))
+        faults += [mixed] if mixed else [*_units(fits), *_stuck(runs), *_torque(runs)]
     return DataCheck(tuple(faults), tuple(_remarks(runs)))
 
 
@@ -59,23 +66,16 @@ def _period(run: Run) -> float:
     return float(run.motion.time_s[1] - run.motion.time_s[0])
 
 
-def _units(runs: Sequence[Run], ratio_m_per_rad: float) -> list[str]:
-    """Table against motor: the lead says how far one turn goes."""
-    found = []
-    for run in runs:
-        if run.transmission_m is None:
-            continue
-        angle, table = run.motion.angle_rad * ratio_m_per_rad, run.motion.position_m
-        spread = float(np.var(angle))
-        if spread <= 0.0:
-            continue
-        slope = float(np.cov(angle, table)[0, 1]) / float(np.var(angle, ddof=1))
-        if abs(slope - 1.0) > _LEAD_SHARE:
-            what = "its sign is turned" if slope < 0.0 else "a unit or the lead is wrong"
-            found.append(
-                f"table_position_m moves {slope:.3g} times as far as motor_angle_rad says: {what}"
-            )
-    return found[:1]
+def _units(fits: Sequence[FileFit]) -> list[str]:
+    """Table and setpoint against motor: the lead says how far one turn goes."""
+    for fit in fits:
+        travel = fit.travel
+        leads = {TABLE_POSITION: travel.lead, SETPOINT: travel.setpoint_lead}
+        for channel, lead in leads.items():
+            if abs(lead - 1.0) > travel.lead_reach:
+                what = "its sign is turned" if lead < 0.0 else "a unit or the lead is wrong"
+                return [f"{channel} moves {lead:.3g} times as far as {ANGLE} says: {what}"]
+    return []
 
 
 def _stuck(runs: Sequence[Run]) -> list[str]:
@@ -97,7 +97,6 @@ def _repeats(values: Floats) -> Booleans:
 
 def _torque(runs: Sequence[Run]) -> list[str]:
     """Torque against the model: sign and scale must be of the same kind."""
-    found: list[str] = []
     gains: dict[int, float] = {}
     for run in runs:
         if not run.has_torque or run.moving.sum() < 100:
@@ -105,7 +104,7 @@ def _torque(runs: Sequence[Run]) -> list[str]:
         model, torque = run.motion.model_torque_nm[run.moving], run.motion.torque_nm[run.moving]
         gains[run.recording] = float(model @ torque) / max(float(model @ model), 1e-300)
     if not gains:
-        return found
+        return []
     middle = float(np.median(list(gains.values())))
     if middle < -0.2:
         return ["torque_command_nm has the wrong sign: it drives against the motion"]
@@ -114,10 +113,7 @@ def _torque(runs: Sequence[Run]) -> list[str]:
             f"torque_command_nm is {middle:.3g} times what the machine file needs: "
             "expected N m at the motor shaft; a unit, the inertia or the machine file is wrong"
         ]
-    spread = max(gains.values()) / max(min(gains.values()), 1e-9)
-    if len(gains) > 1 and spread > _BETWEEN_FILES:
-        found.append("the recordings differ too much to be of one axis")
-    return found
+    return []
 
 
 def _remarks(runs: Sequence[Run]) -> list[str]:
@@ -129,9 +125,32 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
         found.append("no torque_command_nm: friction, inertia and torque are not judged")
     if all(run.transmission_m is None for run in runs):
         found.append("one encoder only: nothing between motor and table is judged")
-    if len(runs) > len({run.recording for run in runs}):
-        found.append(f"gaps in the recording: {len(runs)} unbroken runs")
+    found += _gaps(runs)
     speeds = np.concatenate([np.abs(run.motion.speed_rad_s[run.moving]) for run in runs])
     if speeds.size and float(np.quantile(speeds, 0.95)) < 3.0 * float(np.quantile(speeds, 0.05)):
         found.append("nearly one speed only: the shapes of friction cannot be told apart")
     return found
+
+
+def _gaps(runs: Sequence[Run]) -> list[str]:
+    """How much of the time between first and last rows is there, where it is not all of it."""
+    files: dict[int, list[Run]] = {}
+    for run in runs:
+        files.setdefault(run.recording, []).append(run)
+    if len(files) == len(runs):
+        return []
+    held_s = sum(_duration(run) for run in runs)
+    spans = [
+        max(run.motion.time_s[-1] for run in file) - min(run.motion.time_s[0] for run in file)
+        for file in files.values()
+    ]
+    if held_s > 0.8 * sum(spans):
+        return [f"gaps in the recording: {len(runs)} unbroken runs"]
+    return [
+        f"{held_s / 60.0:.0f} of {sum(spans) / 60.0:.0f} min are looked at, in {len(runs)} runs "
+        "spread over them"
+    ]
+
+
+def _duration(run: Run) -> float:
+    return float(run.motion.time_s[-1] - run.motion.time_s[0])

@@ -87,7 +87,8 @@ def separations(
     """How well a motion tells each of some effects from each other one.
 
     Args:
-        values: of the effects; those of a typical fault unless given.
+        values: of the effects; those of a typical fault unless given, or where given values make
+            no gap.
     """
     period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
     prior = tolerated(machine, period_s, session.baseline.coulomb_nm)
@@ -97,7 +98,10 @@ def separations(
     noise = Noise(floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
     found = []
     for name in names:
-        target = _aimed(dictionary, _faulty(session, name, (values or {}).get(name, {})))
+        added = _faulty(session, name, (values or {}).get(name, {}))
+        if not any(np.any(rows.gap) for rows in added.values()):
+            added = _faulty(session, name, {})
+        target = _aimed(dictionary, added, floor)
         alone = fit(target, (), noise)
         fits = {None: alone} | {
             rival: pursue(target, noise, allowed) if (allowed := _atoms(target, rival)) else alone
@@ -148,13 +152,18 @@ def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str
     return added
 
 
-def _aimed(dictionary: Dictionary, channels: Mapping[str, Rows]) -> Dictionary:
-    """The dictionary with other gaps."""
+def _aimed(
+    dictionary: Dictionary, channels: Mapping[str, Rows], floor: Mapping[str, float]
+) -> Dictionary:
+    """The dictionary with other gaps; where an effect shows nothing its gap is hardly one."""
     sums = {
         name: replace(
             each,
             cross=dictionary.columns[name].T @ channels[name].gap,
-            square=float(channels[name].gap @ channels[name].gap),
+            square=max(
+                float(channels[name].gap @ channels[name].gap),
+                each.rows * (_NOTHING * floor[name]) ** 2,
+            ),
         )
         for name, each in dictionary.sums.items()
     }

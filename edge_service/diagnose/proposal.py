@@ -89,4 +89,13 @@ def propose(
         found.append(Proposal(candidate, least, tuple(pairs)))
         if found[-1].decides:
             break
-    return sorted(found, key=lambda each: (not each.decides, -each.evidence))
+    return sorted(found, key=_rank)
+
+
+def _rank(proposal: Proposal) -> tuple[bool, float, float]:
+    """The best first: by the pair that is told apart least, then by all of them."""
+    return (
+        not proposal.decides,
+        -round(proposal.evidence),
+        -sum(pair.evidence for pair in proposal.separations),
+    )

@@ -23,7 +23,7 @@ from ..models.effects.baseline import Baseline, Motion
 from .run import FILTER_ORDER, Filter, Run
 from .session_clock import on_one_clock
 
-__all__ = ["Filter", "Run", "runs_of"]
+__all__ = ["Filter", "Run", "runs_of", "unbroken_runs"]
 
 MOTION_CUTOFF_HZ = 100.0
 """Low-pass of the measured angle before it is differentiated."""
@@ -35,19 +35,31 @@ _OPTIONAL = (SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
 
 
 def runs_of(
-    recordings: Iterable[Iterable[SampleFrame] | SampleFrame], baseline: Baseline
+    recordings: Iterable[Iterable[SampleFrame] | SampleFrame],
+    baseline: Baseline,
+    least_s: float = LEAST_RUN_S,
 ) -> list[Run]:
     """Unbroken runs of recordings of one axis, filtered, in bounded memory.
+
+    Args:
+        least_s: shorter runs are left out.
 
     Raises:
         ValueError: one line; no position, or no clock.
     """
-    return on_one_clock(_unbroken(recordings, baseline))
+    return on_one_clock(unbroken_runs(recordings, baseline, least_s))
 
 
-def _unbroken(
-    recordings: Iterable[Iterable[SampleFrame] | SampleFrame], baseline: Baseline
+def unbroken_runs(
+    recordings: Iterable[Iterable[SampleFrame] | SampleFrame],
+    baseline: Baseline,
+    least_s: float = LEAST_RUN_S,
 ) -> Iterator[Run]:
+    """All runs, one after another, each recording on its own clock.
+
+    Raises:
+        ValueError: one line; no position, or no clock.
+    """
     for number, recording in enumerate(recordings):
         frames = iter([recording] if isinstance(recording, SampleFrame) else recording)
         first = next(frames, None)
@@ -58,7 +70,7 @@ def _unbroken(
             needed = (ANGLE, *(name for name in needed if name != TABLE_POSITION))
         angled = _with_angle(itertools.chain([first], frames), baseline.ratio_m_per_rad)
         for uniform in uniform_runs(angled, needed, optional=_OPTIONAL):
-            if len(uniform) * uniform.period_s >= LEAST_RUN_S:
+            if len(uniform) * uniform.period_s >= least_s:
                 yield _run_of(uniform, baseline, number)
 
 

@@ -43,13 +43,10 @@ class Filter:
     def __call__(self, values: Floats) -> Floats:
         """Filtered rows, (n,) -> (ceil(n / step),)."""
         half = len(self.taps) // 2
-        padded = np.pad(values, half, mode="edge")
+        late = -2 * half % self.step  # so that the first full overlap is a kept sample
+        padded = np.pad(values, (half + late, half), mode="edge")
         rows: Floats = signal.upfirdn(self.taps, padded, 1, self.step)
-        first = (len(self.taps) - 1) // self.step
-        offset = (len(self.taps) - 1) % self.step
-        if offset:  # align the first full overlap with a kept sample
-            rows = signal.upfirdn(self.taps, np.pad(padded, (self.step - offset, 0)), 1, self.step)
-            first += 1
+        first = (2 * half + late) // self.step
         return rows[first : first + -(-len(values) // self.step)]
 
 

@@ -99,17 +99,27 @@ class Session:
         return column
 
 
+def torque_gap(run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Floats:
+    """Measured less modelled torque of a run at the rows that move, N m, (n,)."""
+    model = run.motion.model_torque_nm.copy()
+    for each in modelled:
+        model += torque_signature(each.effect, each.values, run.motion, baseline)
+    return run.resting_zero(run.motion.torque_nm - model)[run.moving_rows]
+
+
+def transmission_gap(
+    run: Run, transmission_m: Floats, baseline: Baseline, modelled: Sequence[ActiveEffect]
+) -> Floats:
+    """Measured less modelled x - R theta of a run at all rows, m, (n,)."""
+    gap = transmission_m.copy()
+    for each in modelled:
+        gap -= transmission_signature(each.effect, each.values, run.motion, baseline)
+    return run.low_pass(gap)
+
+
 def _torque_rows(runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Rows:
-    gaps, kept = [], []
-    for run in (run for run in runs if run.has_torque):
-        motion = run.motion
-        model = motion.model_torque_nm.copy()
-        for each in modelled:
-            model += torque_signature(each.effect, each.values, motion, baseline)
-        rows = run.moving_rows
-        gaps.append(run.resting_zero(motion.torque_nm - model)[rows])
-        kept.append((run, rows))
-    return _rows(np.concatenate(gaps), kept)
+    kept = [(run, run.moving_rows) for run in runs if run.has_torque]
+    return _rows(np.concatenate([torque_gap(run, baseline, modelled) for run, _ in kept]), kept)
 
 
 def _transmission_rows(
@@ -117,13 +127,9 @@ def _transmission_rows(
 ) -> Rows:
     gaps, kept = [], []
     for run in runs:
-        if run.transmission_m is None:
-            continue
-        gap = run.transmission_m.copy()
-        for each in modelled:
-            gap -= transmission_signature(each.effect, each.values, run.motion, baseline)
-        gaps.append(run.low_pass(gap))
-        kept.append((run, np.ones(len(gaps[-1]), dtype=bool)))
+        if run.transmission_m is not None:
+            gaps.append(transmission_gap(run, run.transmission_m, baseline, modelled))
+            kept.append((run, np.ones(len(gaps[-1]), dtype=bool)))
     gap = np.concatenate(gaps)
     return _rows(gap - gap.mean(), kept)
 

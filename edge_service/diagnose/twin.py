@@ -104,7 +104,7 @@ def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session
     made: list[Run] = []
     for number, run in enumerate(runs):
         frame = simulated(drawn, run, effects, seed * 1000 + number)
-        made += runs_of([frame], baseline)
+        made += runs_of([frame], baseline, 3.0 * EDGE_S)
     return Session.of_runs(made, baseline, machine_effects(machine))
 
 

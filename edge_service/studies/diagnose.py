@@ -14,6 +14,7 @@ from ..diagnose.judged import not_judged
 from ..diagnose.proposal import propose
 from ..diagnose.session import Session
 from ..models.machine import Machine
+from ..models.motion import MotionError
 from .diagnosis_document import augmented_toml, bad_data_document, to_document
 from .diagnosis_report import render, render_bad_data
 from .healthy_cache import healthy_gap_of
@@ -36,9 +37,9 @@ def diagnose(
         DiagnosisError: no recording, or one that this cannot be done with.
     """
     machine, text = load_machine(machine_file), machine_file.read_text("utf-8")
-    runs = read_runs(machine, traces)
-    check = check_data(runs, machine.transmission_ratio_m_per_rad)
+    runs = read_runs(machine, traces, progress)
     names = [path.name for path in traces]
+    check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
     if check.faults:
         gap = _gap_if_any(machine, runs)
         document = bad_data_document(check.faults, gap, check.remarks)
@@ -60,13 +61,16 @@ def diagnose(
 
 
 def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
-    """The diagnosis with the motion that would decide; None where no short one does."""
+    """The diagnosis with the motion that tells its tied effects apart best."""
     tied = {name for each in found.effects for name in each.tied if len(each.tied) > 1}
     if found.verdict is not Verdict.AMBIGUOUS or len(tied) < 2:
         return found
     values = {each.name: each.entries[0] for each in found.effects if each.entries}
-    best = next((each for each in propose(machine, tied, values) if each.decides), None)
-    return found if best is None else replace(found, next_motion=best.candidate.motion)
+    try:
+        best = propose(machine, tied, values)[:1]
+    except MotionError:
+        return found
+    return replace(found, next_motion=best[0].candidate.motion) if best else found
 
 
 def _accepted(found: Diagnosis) -> bool:

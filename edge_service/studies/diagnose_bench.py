@@ -8,46 +8,47 @@ the same axis shows how far the gap really shrinks.
 """
 
 import concurrent.futures
-import importlib
 import json
 import multiprocessing
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..config import load_machine
-from ..diagnose.diagnosis import Diagnosis, diagnose_session
-from ..diagnose.recorded import runs_of
+from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.session import Session
-from ..diagnose.twin import healthy_gap, healthy_session, rigid_baseline
-from ..messages.samples import SampleFrame
-from ..models.effects.registry import active_effect, effects
+from ..models.effects.registry import active_effect
 from ..models.machine import Machine
+from .diagnose_cases import (
+    BenchCase,
+    BenchError,
+    baseline_machine,
+    diagnosed,
+    foreign_plant,
+    recorded,
+    session_of_frames,
+)
+from .diagnose_overlap import overlap
 
-HEALTHY_RUNS = 4
-"""Fewer than a diagnosis takes: only their median is used."""
+__all__ = ["BenchCase", "BenchError", "BenchRow", "plan_cases", "run_diagnose_bench"]
 
-
-@dataclass(frozen=True, slots=True)
-class BenchCase:
-    """One sealed recording to diagnose."""
-
-    causes: tuple[str, ...]
-    strength: float
-    motion: str
-    seed: int
-    withheld: tuple[str, ...] = ()
-
-    @property
-    def label(self) -> str:
-        """Short name of the case."""
-        return f"{'+'.join(self.causes) or 'healthy'} x{self.strength:g} {self.motion} {self.seed}"
+LARGE = 10.0
+"""Gap over that of a healthy axis from which on intervals are held against the truth."""
+INTERVALS: dict[str, frozenset[str]] = {
+    "position_friction": frozenset({"table_position_m"}),
+    "external_force": frozenset({"time_s"}),
+    "stribeck": frozenset({"motor_speed_rad_s"}),
+    "viscous_error": frozenset({"motor_speed_rad_s"}),
+    "quadratic_friction": frozenset({"motor_speed_rad_s"}),
+    "timestamp_skew": frozenset({"motor_speed_rad_s"}),
+    "warmup": frozenset({"time_s", "temperature_c"}),
+    "thermal_growth": frozenset({"time_s", "temperature_c", "table_position_m"}),
+    "inertia_error": frozenset({"motor_acceleration_rad_s2"}),
+}
+"""Causes whose gap is a function of something that has intervals, and of what."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,7 @@ class BenchRow:
         realised: effect -> how far it shrinks the gap of another recording of the same axis.
         gap: channel -> before, after, of a healthy axis.
         where: channel and variable, the best first.
+        covered: overlap of named and true intervals; None where there is nothing to compare.
     """
 
     case: BenchCase
@@ -73,56 +75,31 @@ class BenchRow:
     gap: dict[str, tuple[float, float, float]]
     where: list[str]
     seconds: float
-
-
-class BenchError(Exception):
-    """The bench cannot be run; the text is one line."""
-
-
-def foreign_plant(root: Path | None = None) -> Any:
-    """The truth generator beside the tests of a checkout."""
-    tests = (root or Path(__file__).parents[2]) / "tests"
-    if not (tests / "foreign_plant").is_dir():
-        raise BenchError(f"no foreign_plant in {tests}: the bench runs from a checkout")
-    if str(tests) not in sys.path:
-        sys.path.insert(0, str(tests))
-    return importlib.import_module("foreign_plant")
+    covered: float | None = None
 
 
 def run_case(case: BenchCase) -> BenchRow:
     """Simulate and diagnose one case."""
-    with tempfile.TemporaryDirectory() as folder:
-        plant = foreign_plant()
-        path = Path(folder) / "machine.toml"
-        path.write_text(plant.nominal_machine_toml(plant.DIAGNOSIS), "utf-8")
-        machine = load_machine(path)
-    session = _session(machine, _recorded(case, case.motion, case.seed))
+    machine = baseline_machine()
+    session = session_of_frames(machine, [recorded(case, case.motion, case.seed)])
     start = time.process_time()
-    found = _diagnosed(machine, session, case.withheld)
+    found = diagnosed(machine, session, case.withheld)
     seconds = time.process_time() - start
-    again = _session(machine, _recorded(case, "production", case.seed + 500_000))
-    return _row(case, found, _realised(found, again), seconds)
+    again = session_of_frames(machine, [recorded(case, "production", case.seed + 500_000)])
+    row = _row(case, found, _realised(found, again), seconds)
+    covered = _covered(row, found, machine, session)
+    return row if covered is None else replace(row, covered=covered)
 
 
-def _recorded(case: BenchCase, motion: str, seed: int) -> SampleFrame:
-    """A recording of the axis of a case."""
-    plant = foreign_plant()
-    effects_there = tuple((name, case.strength) for name in case.causes)
-    recording = plant.simulate(plant.case(effects_there, motion, seed=seed, axis_seed=case.seed))
-    columns = dict(recording.columns)
-    return SampleFrame(columns.pop("time_s"), columns)
-
-
-def _session(machine: Machine, frame: SampleFrame) -> Session:
-    baseline = rigid_baseline(machine)
-    return Session.of_runs(runs_of([frame], baseline), baseline)
-
-
-def _diagnosed(machine: Machine, session: Session, withheld: Sequence[str]) -> Diagnosis:
-    """The answer to a recording; what is there, and how strong, is not told."""
-    twins = [healthy_session(machine, session.runs, number) for number in range(HEALTHY_RUNS)]
-    library = [each for each in effects().values() if each.name not in withheld]
-    return diagnose_session(session, machine, healthy_gap(twins, machine), library)
+def _covered(row: BenchRow, found: Diagnosis, machine: Machine, session: Session) -> float | None:
+    """Overlap of named and true intervals, where there is one cause with a large gap."""
+    case = row.case
+    right = INTERVALS.get(case.causes[0], frozenset()) if len(case.causes) == 1 else frozenset()
+    if not right or row.ratio < LARGE:
+        return None
+    healthy = replace(case, causes=())
+    without = session_of_frames(machine, [recorded(healthy, case.motion, case.seed)])
+    return overlap(found.where, session, without, right)
 
 
 def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
@@ -165,20 +142,32 @@ def run_cases(
 
 
 def read_rows(path: Path) -> list[BenchRow]:
-    """Rows of an earlier run; none where there is no file. A line cut short ends them."""
+    """Rows of an earlier run; none where there is no file. A line cut short ends them.
+
+    Raises:
+        BenchError: a line holds something else.
+    """
     rows: list[BenchRow] = []
-    for line in path.read_text("utf-8").splitlines() if path.exists() else ():
+    lines = path.read_text("utf-8").splitlines() if path.exists() else []
+    for number, line in enumerate(lines, start=1):
         try:
             known = json.loads(line)
         except ValueError:
             break
-        case = known.pop("case")
-        for key in ("causes", "withheld"):
-            case[key] = tuple(case[key])
-        known["shrink"] = {name: tuple(values) for name, values in known["shrink"].items()}
-        known["gap"] = {name: tuple(values) for name, values in known["gap"].items()}
-        rows.append(BenchRow(case=BenchCase(**case), **known))
+        try:
+            rows.append(_read(known))
+        except (KeyError, TypeError, AttributeError):
+            raise BenchError(f"{path}: line {number} is no case of bench diagnose") from None
     return rows
+
+
+def _read(known: dict[str, Any]) -> BenchRow:
+    case = known.pop("case")
+    for key in ("causes", "withheld"):
+        case[key] = tuple(case[key])
+    known["shrink"] = {name: tuple(values) for name, values in known["shrink"].items()}
+    known["gap"] = {name: tuple(values) for name, values in known["gap"].items()}
+    return BenchRow(case=BenchCase(**case), **known)
 
 
 def plan_cases(count: int, seed: int = 0) -> list[BenchCase]:
@@ -212,6 +201,7 @@ def run_diagnose_bench(
     out: Path | None = None,
     workers: int = 2,
     seed: int = 0,
+    pictures: Path | None = None,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> str:
     """Run a mixture of `count` cases and return the table.
@@ -219,9 +209,13 @@ def run_diagnose_bench(
     Rows go to `out`, a JSON line each, as they are done; cases that it holds already are not run
     again.
 
+    Args:
+        pictures: folder for the reliability diagram and the confusion matrix.
+
     Raises:
         BenchError: no truth generator is at hand.
     """
+    from .diagnose_pictures import draw_bench
     from .diagnose_table import as_text
 
     planned = plan_cases(count, seed)
@@ -232,7 +226,9 @@ def run_diagnose_bench(
         known[row.case] = row
         if out is not None:
             write_rows([row], out, "a")
-    return as_text([known[case] for case in planned])
+    rows = [known[case] for case in planned]
+    files = draw_bench(rows, pictures) if pictures is not None else []
+    return "\n".join([as_text(rows), *map(str, files)])
 
 
 def write_rows(rows: Iterable[BenchRow], out: Path, mode: str) -> None:

@@ -1,10 +1,9 @@
 """What a bench of the diagnosis reached: figures, confusion, and what each effect gave."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from .diagnose_bench import BenchRow
+from .diagnose_bench import LARGE, BenchRow
 
 SURE = 0.9
 CLEAR, WEAK = 3.0, 1.5
@@ -30,13 +29,13 @@ class BenchFigure:
 
 def figures_of(rows: Sequence[BenchRow]) -> list[BenchFigure]:
     """The figures of the issue's table that the rows can fill."""
-    singles = [r for r in rows if len(r.case.causes) == 1 and _is_known(r) and not r.case.withheld]
+    singles = [r for r in rows if len(r.case.causes) == 1 and is_known(r) and not r.case.withheld]
     full = [r for r in singles if r.case.motion == "full"]
     work = [r for r in singles if r.case.motion == "production"]
     pairs = [r for r in rows if len(r.case.causes) == 2]
     triples = [r for r in rows if len(r.case.causes) == 3]
     healthy = [r for r in rows if not r.case.causes]
-    odd = [r for r in rows if r.case.causes and not _is_known(r)]
+    odd = [r for r in rows if r.case.causes and not is_known(r)]
     out = [r for r in rows if r.case.withheld]
     return [
         _share("top-1, full protocol, clear gap", "99 %", _clear(full), is_first),
@@ -54,6 +53,7 @@ def figures_of(rows: Sequence[BenchRow]) -> list[BenchFigure]:
         _auroc(singles, odd),
         _calibration(rows),
         _share("where: right variable, clear gap", "98 %", _clear(singles), is_place_right),
+        _overlap(rows),
         *_shrinks(rows),
     ]
 
@@ -71,18 +71,32 @@ def _most(row: BenchRow) -> float:
     return max(row.named.values(), default=0.0)
 
 
-def _calibration(rows: Iterable[BenchRow]) -> BenchFigure:
-    """Mean distance of probability and frequency over ten bins of probability."""
+def reliability(rows: Iterable[BenchRow]) -> list[tuple[float, float, int]]:
+    """Mean probability, frequency of being right, and count of the names in each tenth."""
     bins: dict[int, list[tuple[float, bool]]] = {}
     for row in rows:
         there = set(row.case.causes) - set(row.case.withheld)
         for name, p in row.named.items():
             bins.setdefault(min(int(10.0 * p), 9), []).append((p, name in there))
-    count = sum(len(each) for each in bins.values())
-    off = sum(abs(sum(p for p, _ in each) - sum(y for _, y in each)) for each in bins.values())
-    return BenchFigure(
-        "calibration error of the probabilities", "<= .03", off / max(count, 1), count, "1"
-    )
+    return [
+        (sum(p for p, _ in each) / len(each), sum(y for _, y in each) / len(each), len(each))
+        for _, each in sorted(bins.items())
+    ]
+
+
+def _calibration(rows: Iterable[BenchRow]) -> BenchFigure:
+    """Mean distance of probability and frequency over ten bins of probability."""
+    bins = reliability(rows)
+    count = sum(n for _, _, n in bins)
+    off = sum(n * abs(p - y) for p, y, n in bins) / max(count, 1)
+    return BenchFigure("calibration error of the probabilities", "<= .03", off, count, "1")
+
+
+def _overlap(rows: Iterable[BenchRow]) -> BenchFigure:
+    covered = [row.covered for row in rows if row.covered is not None]
+    mean = sum(covered) / max(len(covered), 1)
+    name = f"where: overlap of the intervals, gap of {LARGE:g} floors"
+    return BenchFigure(name, ".88", mean, len(covered), "1")
 
 
 def _shrinks(rows: Iterable[BenchRow]) -> list[BenchFigure]:
@@ -152,7 +166,7 @@ def _share(
     return BenchFigure(name, aim, sum(found) / max(len(found), 1), len(found))
 
 
-def _is_known(row: BenchRow) -> bool:
+def is_known(row: BenchRow) -> bool:
     from ..models.effects.registry import effect_names
 
     return all(cause in effect_names() for cause in row.case.causes)
@@ -203,38 +217,14 @@ def is_confident_and_wrong(row: BenchRow) -> bool:
     return any(p > SURE and name not in there for name, p in row.named.items())
 
 
-def confusion(rows: Sequence[BenchRow]) -> list[str]:
-    """Single causes -> what came of them, one line each."""
-    lines = []
-    kinds = {(row.case.causes, row.case.withheld) for row in rows if len(row.case.causes) < 2}
-    for causes, withheld in sorted(kinds):
-        mine = [r for r in rows if (r.case.causes, r.case.withheld) == (causes, withheld)]
-        told = Counter(f"{row.verdict}:{'+'.join(sorted(row.named)) or 'nothing'}" for row in mine)
-        label = ("no " if withheld else "") + (causes[0] if causes else "healthy")
-        parts = ", ".join(f"{what} {count}" for what, count in told.most_common())
-        lines.append(f"{label:<26} {parts}")
-    return lines
-
-
 def as_text(rows: Sequence[BenchRow]) -> str:
-    """Table and confusion."""
-    figures = [figure.as_text() for figure in figures_of(rows)]
-    return "\n".join([*figures, "", *by_strength(rows), "", *confusion(rows)])
+    """Figures, top-1 by strength, the confusion matrix, and what was said in each case."""
+    from .diagnose_confusion import by_strength, confusion_matrix, told_of_each
 
-
-def by_strength(rows: Sequence[BenchRow]) -> list[str]:
-    """Single causes -> top-1 by strength, one line each."""
-    singles = [r for r in rows if len(r.case.causes) == 1 and _is_known(r) and not r.case.withheld]
-    lines = []
-    for cause in sorted({row.case.causes[0] for row in singles}):
-        parts = []
-        for strength in sorted({row.case.strength for row in singles}):
-            mine = [
-                is_first(row)
-                for row in singles
-                if row.case.causes[0] == cause and row.case.strength == strength
-            ]
-            if mine:
-                parts.append(f"x{strength:g} {sum(mine)} of {len(mine)}")
-        lines.append(f"{cause:<26} {', '.join(parts)}")
-    return lines
+    parts = [
+        [figure.as_text() for figure in figures_of(rows)],
+        ["top-1 of single causes by strength", *by_strength(rows)],
+        ["what is there (rows) against what leads the answer (columns)", *confusion_matrix(rows)],
+        ["verdict and names, by cause", *told_of_each(rows)],
+    ]
+    return "\n\n".join("\n".join(part) for part in parts)

@@ -4,9 +4,14 @@ import json
 import resource
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
 import pytest
 
 from edge_service.cli import main
@@ -144,19 +149,74 @@ def test_an_effect_that_the_machine_file_has_explains_the_gap_at_once(machine_fi
 
 
 @pytest.mark.slow
-def test_two_hours_in_bounded_memory(machine_file, tmp_path):
-    columns = sound()
-    rows = len(columns["time_s"])
-    repeats = 7200 * 1000 // rows
-    path = tmp_path / "long.csv"
-    text = np.column_stack([each for name, each in columns.items() if name != "time_s"])
-    with path.open("w") as file:
-        file.write("time_s," + ",".join(name for name in columns if name != "time_s") + "\n")
-        lines = [",".join(f"{value:.8g}" for value in row) for row in text]
-        for repeat in range(repeats):
-            start_s = repeat * (rows * 1e-3 + 1.0)
-            file.writelines(f"{start_s + k * 1e-3:.4f},{line}\n" for k, line in enumerate(lines))
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_two_hours_in_bounded_memory(machine_file, tmp_path, capsys, form):
+    """The same forty seconds again and again have the gap of the forty seconds."""
+    columns = {name: sound()[name] for name in ("torque_command_nm", "motor_angle_rad")}
+    rows = len(columns["torque_command_nm"])
+    path = tmp_path / f"long.{form}"
+    with tiled(path, columns) as write:
+        for repeat in range(7200 * 1000 // rows):
+            write(repeat * (rows * 1e-3 + 1.0) + 1e-3 * np.arange(rows))
+    script = (
+        "import resource, sys; from edge_service.cli import main; code = main(sys.argv[1:]);"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr); sys.exit(code)"
+    )
     command = ["gap", "--machine", str(machine_file), str(path), "--json"]
-    subprocess.run([sys.executable, "-m", "edge_service", *command], check=True, timeout=500)
-    assert max(before, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) < 1_500_000
+    done = subprocess.run(
+        [sys.executable, "-c", script, *command],
+        check=True,
+        timeout=500,
+        capture_output=True,
+        text=True,
+    )
+    once = written(tmp_path / "once.csv", {"time_s": sound()["time_s"], **columns})
+    assert main(["gap", "--machine", str(machine_file), once, "--json"]) == 0
+    expected = json.loads(capsys.readouterr().out)
+    assert json.loads(done.stdout) == pytest.approx(expected, rel=5e-3)
+    assert int(done.stderr.splitlines()[-1]) < 1_000_000
+
+
+@contextmanager
+def tiled(path: Path, columns: dict[str, np.ndarray]) -> Iterator[Callable[[np.ndarray], None]]:
+    """Writes the same columns again and again, each time at times that are given."""
+    schema = pa.schema([(name, pa.float64()) for name in ("time_s", *columns)])
+    kind = pyarrow.csv.CSVWriter if path.suffix == ".csv" else pyarrow.parquet.ParquetWriter
+    with kind(path, schema) as writer:
+        yield lambda time_s: writer.write_table(
+            pa.table([time_s, *columns.values()], schema=schema)
+        )
+
+
+def test_many_short_files_are_one_session(machine_file, tmp_path):
+    """More files than a process may hold open, each of a second and a half."""
+    columns = sound()
+    names = ("time_s", "torque_command_nm", "motor_angle_rad", "table_position_m")
+    starts = np.arange(0, len(columns["time_s"]) - 1500, 1500)
+    files = [
+        written(tmp_path / f"{k}.csv", {name: columns[name][k : k + 1500] for name in names})
+        for k in starts
+    ]
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    few = len(list(Path("/proc/self/fd").iterdir())) + 15
+    resource.setrlimit(resource.RLIMIT_NOFILE, (few, hard))
+    try:
+        document = diagnosed(machine_file, tmp_path, *files)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert document["verdict"] == "no_gap"
+    assert document["effects"] == []
+
+
+def test_columns_that_changed_places_are_bad_data(machine_file, tmp_path):
+    columns = sound()
+    changed = sound(
+        torque_command_nm=columns["motor_angle_rad"], motor_angle_rad=columns["torque_command_nm"]
+    )
+    document = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", changed))
+    assert document["verdict"] == "bad_data"
+
+
+def test_one_row_is_bad_data_or_one_line(machine_file, tmp_path, capsys):
+    trace = written(tmp_path / "a.csv", {name: each[:1] for name, each in sound().items()})
+    assert "time_s" in refused(machine_file, tmp_path, capsys, trace)

@@ -46,6 +46,60 @@ def test_a_tie_is_decided_by_the_first_motion_that_can(bench: Machine) -> None:
     assert shorter == []
 
 
+TIES = [
+    ("load_offset", "external_force"),
+    *(("torque_gain_error", rival) for rival in ("inertia_error", "viscous_error", "drag_error")),
+    ("lead_error", "encoder_eccentricity"),
+    ("lead_error", "thermal_growth"),
+    *(("timestamp_skew", rival) for rival in ("viscous_error", "compliance")),
+    *(("delay", rival) for rival in ("inertia_error", "presliding", "compliance")),
+    ("viscous_error", "quadratic_friction"),
+    *(
+        (rival, "stribeck")
+        for rival in (
+            "drag_error",
+            "viscous_error",
+            "quadratic_friction",
+            "load_friction",
+            "presliding",
+            "position_friction",
+        )
+    ),
+    ("drag_error", "compliance"),
+    *(("backlash", rival) for rival in ("drag_error", "presliding", "compliance")),
+    *(("load_friction", rival) for rival in ("drag_error", "inertia_error", "torque_gain_error")),
+    ("torque_ripple", "once_per_rev_friction"),
+    ("warmup", "external_force"),
+    ("thermal_growth", "external_force"),
+]
+"""What one motion or another leaves tied: constant load and force, gain and a common scale of the
+parameters, wobble and eccentricity, pitch and growth, skew and wind-up, the shapes of friction."""
+
+
+@pytest.mark.parametrize("tied", TIES, ids="-".join)
+def test_a_minute_at_most_decides_between_typical_faults(
+    bench: Machine, tied: tuple[str, str]
+) -> None:
+    best = propose(bench, tied)[0]
+    assert best.decides
+    assert best.candidate.duration_s <= 60.0
+    assert all(math.isfinite(pair.evidence) for pair in best.separations)
+    assert {(pair.effect, pair.rival) for pair in best.separations} == {tied, tied[::-1]}
+
+
+def test_no_minute_decides_between_drag_and_slow_warming_up(bench: Machine) -> None:
+    best = propose(bench, ("warmup", "drag_error"))[0]
+    assert not best.decides
+    assert 0.0 < best.evidence < DECISIVE
+
+
+def test_a_value_of_nothing_counts_as_a_typical_fault(bench: Machine) -> None:
+    tied = ("load_friction", "torque_gain_error")
+    unknown = propose(bench, tied)[0]
+    nothing = propose(bench, tied, {"load_friction": {"coefficient": 0.0}})[0]
+    assert nothing == unknown
+
+
 def test_the_weaker_the_fault_the_less_evidence(bench: Machine) -> None:
     tied = ["load_offset", "stribeck"]
     strong, weak = (

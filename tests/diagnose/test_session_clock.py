@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from edge_service.diagnose.data_check import check_data
 from edge_service.diagnose.recorded import runs_of
 from edge_service.diagnose.session import TORQUE_GAP, Session
 from edge_service.diagnose.session_clock import LONGEST_S, PAUSE_S
@@ -11,6 +12,7 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
 PERIOD_S = 4e-3
+RATIO = 0.02 / (2.0 * np.pi)
 
 
 def frame(start_s: float, duration_s: float, temperature_c: float) -> SampleFrame:
@@ -23,7 +25,7 @@ def frame(start_s: float, duration_s: float, temperature_c: float) -> SampleFram
             "motor_angle_rad": angle,
             "torque_command_nm": 0.3 * np.sign(np.gradient(angle))
             + 0.01 * random.standard_normal(len(time_s)),
-            "table_position_m": angle * 0.02 / (2.0 * np.pi),
+            "table_position_m": angle * RATIO,
             "temperature_c": np.full(len(time_s), temperature_c),
         },
     )
@@ -66,3 +68,6 @@ def test_a_long_session_is_thinned_evenly(machine: Machine) -> None:
     assert spans[-1][1] > 0.8 * whole_s
     gaps = np.diff([low for low, _ in spans])
     assert gaps.max() < 2.1 * gaps.min()
+    held_s = sum(high - low for low, high in spans)
+    (said,) = (each for each in check_data(runs, RATIO).remarks if "looked at" in each)
+    assert said.startswith(f"{held_s / 60.0:.0f} of ")

@@ -139,9 +139,9 @@ def simulated_truth(machine: Machine) -> dict[str, float]:
 
 
 def identify_simulated(
-    machine: Machine, drive: Callable[[Floats, int], SampleFrame], seed: int
+    machine: Machine, drive: Callable[[Floats, int], SampleFrame], seed: int, rows: int = 60_000
 ) -> dict[str, Identified]:
-    frame = drive(production_setpoints(machine, 60_000, seed), seed)
+    frame = drive(production_setpoints(machine, rows, seed), seed)
     settings = PreparationSettings(RATIO, torque_delay_s=0.5e-3)
     return dict(identify_inverse_dynamics([frame], settings).parameters)
 
@@ -162,7 +162,7 @@ def test_coverage_on_the_simulated_drive(
     truth, runs = simulated_truth(bench), 30
     hits = dict.fromkeys(truth, 0)
     for seed in range(runs):
-        parameters = identify_simulated(bench, drive, seed)
+        parameters = identify_simulated(bench, drive, seed, rows=30_000)
         for name in truth:
             hits[name] += parameters[name].holds(truth[name])
     assert min(hits.values()) >= stats.binom.ppf(0.001, runs, 0.95), hits

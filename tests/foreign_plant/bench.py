@@ -16,6 +16,8 @@ MOTIONS: dict[str, Callable[[np.random.Generator, float], Array]] = {
     "production": lambda rng, stroke: motions.production(rng, 90.0, stroke),
     "staircase": protocol.stepped,
     "full": protocol.full,
+    "one_speed": protocol.one_speed,
+    "one_place": protocol.one_place,
     "cold_and_warm": protocol.cold_and_warm,
     "commissioning": lambda rng, stroke: motions.commissioning(stroke),
 }

@@ -119,3 +119,21 @@ def cold_and_warm(rng: np.random.Generator, stroke_m: float, warming_s: float = 
 def stepped(rng: np.random.Generator, stroke_m: float) -> Array:
     del rng
     return staircase(Route(0.3 * stroke_m).add(rest(0.5)), stroke_m).positions()
+
+
+def one_speed(rng: np.random.Generator, stroke_m: float) -> Array:
+    """To and fro at one feed for half a minute: no friction law shows its shape."""
+    del rng
+    route = Route(0.3 * stroke_m).add(rest(0.5))
+    while route.duration_s < 30.0:
+        route.to(0.5 * stroke_m, 0.05, 1.0, 0.1).to(0.3 * stroke_m, 0.05, 1.0, 0.1)
+    return route.positions()
+
+
+def one_place(rng: np.random.Generator, stroke_m: float) -> Array:
+    """Short quick moves about one place for half a minute: nothing shows its length."""
+    del rng
+    route = Route(0.4 * stroke_m).add(rest(0.5))
+    while route.duration_s < 30.0:
+        route.to(0.4 * stroke_m + 0.03, 0.2, 3.0, 0.1).to(0.4 * stroke_m, 0.2, 3.0, 0.1)
+    return route.positions()
