@@ -37,6 +37,8 @@ LONGEST_STOP_S = 3600.0
 """An axis that has stood for an hour is as cold and as stiff as after a night."""
 CHANGED_SHARE = 0.01
 """Probability that what a stop hid has made another axis of it: a new screw, a new reference."""
+WORST = 1000.0
+"""What an interval counts with while model and data disagree, as normalised innovation squared."""
 WILDEST = (1e4, 1e6, 1e4, 1.0)
 """Torque N m, acceleration rad/s^2, speed rad/s, stretch m that no axis has."""
 
@@ -54,7 +56,7 @@ class FusedPreloadEstimator:
         if machine.commissioned is None:
             raise ValueError("the fused estimator needs a commissioned machine file")
         self._settings = settings or FusedSettings()
-        self._validity_settings = validity or ValiditySettings()
+        self._validity_settings = validity or ValiditySettings(surprise_worst=WORST)
         self._hold_s = hold_s
         self._machine = machine
         self._model = fused_model(machine, self._settings)
@@ -67,7 +69,7 @@ class FusedPreloadEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
-        self._mixture = begun(self._start, self._model, self._settings)
+        self._mixture = begun(self._start, self._model)
         self._last_s: float | None = None
         self._stopped_s = 0.0
         self._since_spawn_s = 0.0
@@ -88,7 +90,7 @@ class FusedPreloadEstimator:
         rows = slice(0, int(self._mixture.alive[0]))
         worn = self._drift.walk[PRELOAD] ** 2 * self._stopped_s
         self._mixture.covariance[rows, PRELOAD, PRELOAD] += worn
-        doubt(self._mixture, CHANGED_SHARE, self._start, self._model, self._settings)
+        doubt(self._mixture, CHANGED_SHARE, self._start, self._model)
         self._since_spawn_s = SPAWN_S
 
     def update(self, block: FeatureBlock) -> None:

@@ -1,19 +1,20 @@
 """Where the hypotheses of the fused estimator begin, and where they begin beside what was known."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from .fused_model import FusedSettings, Start
-from .fused_state import CAPACITY, PRELOAD, FusedModel, Mixture
+from .fused_model import Start
+from .fused_state import CAPACITY, PRELOAD, TURN_COS, FusedModel, Mixture
 
 _PERCENTS = (0.2, 0.6, 1.1, 1.7, 2.4, 3.2, 4.1, 5.1, 6.2, 7.4, 8.7, 10.1)
 SIGMA_SHARE = 0.5
 """Of the fresh preload, where torque alone has to find it."""
+LEAST_TURN_M = 1e-12
+"""A hypothesis without a trace of an encoder off its centre does not look for one."""
 
 
-def begun(start: Start, model: FusedModel, settings: FusedSettings) -> Mixture:
+def begun(start: Start, model: FusedModel) -> Mixture:
     """Hypotheses of the preload that the axis may have at the start.
 
     Torque is linear in the preload: one Gaussian holds all that it can tell, and jumps from there
@@ -23,11 +24,9 @@ def begun(start: Start, model: FusedModel, settings: FusedSettings) -> Mixture:
     levels = [(percent, 0.15 + 0.06 * percent) for percent in _PERCENTS]
     if model.compliance_m_per_n == 0.0:
         levels = [(model.fresh_percent, SIGMA_SHARE * model.fresh_percent)]
-    spreads = ((1.0 - settings.unchanged, start.covariance), (settings.unchanged, start.unchanged))
     every = [
-        (share / len(levels), *level, spread)
-        for share, spread in spreads
-        if share > 0.0
+        (share / len(levels), *level, covariance)
+        for share, covariance in start.beginnings
         for level in levels
     ]
     mixture.alive[0] = len(every)
@@ -37,14 +36,14 @@ def begun(start: Start, model: FusedModel, settings: FusedSettings) -> Mixture:
         mixture.mean[k, PRELOAD] = percent
         mixture.covariance[k] = covariance
         mixture.covariance[k, PRELOAD, PRELOAD] = sigma**2
+        if covariance[TURN_COS, TURN_COS] > 0.0:
+            mixture.mean[k, TURN_COS] = LEAST_TURN_M
     return mixture
 
 
-def doubt(
-    mixture: Mixture, share: float, start: Start, model: FusedModel, settings: FusedSettings
-) -> None:
+def doubt(mixture: Mixture, share: float, start: Start, model: FusedModel) -> None:
     """Let a share of the probability begin anew, in place; the least likely make room."""
-    anew = begun(start, model, replace(settings, unchanged=0.0))
+    anew = begun(Start(start.mean, ((1.0, start.changed),), start.changed), model)
     count = int(anew.alive[0])
     order = np.argsort(-mixture.log_weight[: int(mixture.alive[0])], kind="stable")
     best = order[: CAPACITY - count]

@@ -19,10 +19,12 @@ from .fused_mixture import (
 )
 from .fused_physics import (
     NearNodes,
+    flank_variance,
     near_nodes,
     predict_stretch,
     predict_torque,
     stribeck,
+    turn_variance,
 )
 from .fused_predict import predict_state
 from .fused_state import (
@@ -101,14 +103,14 @@ def _stretch(
 ) -> float:
     """Fill the stretch's part of `told`, linear around `room.at`; the compliance, m/N."""
     slope, gains, at, s = told.slopes[1], told.gains[1], room.at, told.covariance
-    error_m, compliance, floating_m = 0.0, 0.0, 0.0
+    error_m, compliance, doubt_var = 0.0, 0.0, 0.0
     if math.isnan(r.stretch_m):
         slope[:] = 0.0
     else:
         predicted, compliance = predict_stretch(model, at, r, slope)
         error_m = r.stretch_m - predicted
-        if slope[PLAY] == -0.5:
-            floating_m = 0.5 * at[PLAY]
+        doubt_var = flank_variance(r, at[PLAY], p[PLAY, PLAY], -slope[PLAY])
+        doubt_var += turn_variance(at, p, r)
     rows = _project(slope, p, near, room.rows, gains)
     for m in rows:
         error_m -= slope[m] * (x[m] - at[m])
@@ -116,7 +118,7 @@ def _stretch(
     speed = max(abs(r.speed_rad_s), 1e-3)
     s[0, 1] = _along(rows, slope, told.gains[0])
     s[1, 0] = s[0, 1]
-    s[1, 1] = _along(rows, slope, gains) + floating_m * floating_m
+    s[1, 1] = _along(rows, slope, gains) + doubt_var
     s[1, 1] += model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
     return compliance
 
@@ -245,6 +247,20 @@ def _correct(mixture: Mixture, k: int, told: Innovation, scale: float, two: bool
 
 
 @compiled
+def _explained(
+    mixture: Mixture, model: FusedModel, r: Reading, told: Innovation, room: _Room, least: float
+) -> bool:
+    """Whether one of the hypotheses explains a phase without a force, at `least` as likely."""
+    two = not math.isnan(r.stretch_m)
+    for k in range(mixture.alive[0]):
+        _innovate(model, mixture.mean[k], mixture.covariance[k], r, told, room)
+        calm, _ = _likelihood(told.error, told.covariance, two)
+        if mixture.log_weight[k] + calm > least:
+            return True
+    return False
+
+
+@compiled
 def take(
     mixture: Mixture,
     model: FusedModel,
@@ -277,6 +293,8 @@ def take(
     calm, surprise = _likelihood(e, s, two)
     leading, seen_n = _under_force(e, s, ratio, c, model.process_force_n, two)
     large = leading > calm and abs(seen_n) > _LARGE_FORCE_N
+    if large:
+        large = not _explained(mixture, model, r, told, room, mixture.log_weight[leader] + leading)
     mixture.since_force_s[0] = 0.0 if large else mixture.since_force_s[0] + r.steady_s
     motion_s = max(r.steady_s, 0.1)
     if large:

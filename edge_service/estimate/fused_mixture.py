@@ -7,7 +7,7 @@ import numpy as np
 from ..messages.samples import Floats
 from ..models.compiled import compiled
 from .fused_state import (
-    CAPACITY,
+    CROWD,
     DRY,
     GUIDE,
     MASS,
@@ -33,8 +33,8 @@ def spawn_jumps(mixture: Mixture, parent: int, drift: Drift, motion_s: float, dr
             continue
         log_weight = mixture.log_weight[parent] + math.log(max(drift.hazards[j] * motion_s, 1e-300))
         k = mixture.alive[0]
-        if k == CAPACITY:
-            k = int(np.argmin(mixture.log_weight))
+        if k >= CROWD:
+            k = int(np.argmin(mixture.log_weight[:k]))
             if k == parent or mixture.log_weight[k] >= log_weight:
                 continue
         else:

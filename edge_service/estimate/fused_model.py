@@ -1,5 +1,6 @@
 """From a commissioned machine file to the numbers of the fused estimator."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +28,8 @@ from .fused_state import (
     SKEW,
     SLIDE,
     STATES,
+    TURN_COS,
+    TURN_SIN,
     VISCOUS,
     WEARING,
     WIND_UP_SHARE,
@@ -47,10 +50,18 @@ WEAR_PERCENT_S = 0.05
 """Mean and standard deviation of a rate of loss, % per second of motion."""
 GAIN_JUMP = 0.06
 """Standard deviation of a sudden change of the torque constant, as a share."""
+LOADED_GAIN = 0.003
+"""Error of the torque constant as a share, where the payload is unknown: torque alone cannot tell
+the two apart."""
 PLAY_M = 5e-6
 """Standard deviation of a play that comes up."""
-UNCHANGED_SHARE = 0.2
-"""Of what friction may have changed by since commissioning, if it has hardly."""
+TURN_M = 2e-6
+"""Standard deviation of the shift by an encoder that is off its centre, where it is."""
+UNCHANGED_SHARE, CHANGED_SHARE, WARM_SHARE = 0.02, 0.1, 0.2
+"""Standard deviation of each friction at the start over the commissioned one: on an axis that has
+hardly changed since, on one that was lubricated or has run a little, and on a warm one."""
+WARM_GROWTH_M, WARM_REACH_M = 3e-6, 0.2
+"""Uneven growth of a screw that is warm at the start, and over which way it is alike."""
 CLEARANCE_M = 1.5e-6
 """Assumption: clearance of a nut that has lost its preload."""
 
@@ -68,7 +79,10 @@ class FusedSettings:
             `uneven_start_m` the error of the map from commissioning.
         growth_rate_m_s: of the speed at which that difference grows, m/s per sqrt(s).
         gain_error, gain_walk: of the torque constant since commissioning, and per sqrt(s); shares.
-        unchanged: probability that friction begins hardly different from commissioning.
+        unchanged: probability that the axis begins hardly different from commissioning.
+        warm: that its screw is warm; else its friction is another.
+        rare: that it begins with a play or an encoder off its centre; with another payload; with
+            another torque constant; each.
         rub_share: error of the guides' friction along the stroke at the start, as a share.
         loss_hazard, friction_hazard, payload_hazard, wear_hazard, backlash_hazard,
             misalignment_hazard, gain_hazard: per second of motion.
@@ -90,6 +104,8 @@ class FusedSettings:
     misalignment_hazard: float = 2e-4
     gain_hazard: float = 1e-4
     unchanged: float = 0.5
+    warm: float = 0.05
+    rare: float = 0.003
     loss_hazard: float = 2e-4
     friction_hazard: float = 5e-4
     payload_hazard: float = 1e-3
@@ -143,12 +159,12 @@ class Start:
     """Where the hypotheses begin: the commissioned axis with a preload that is not yet known."""
 
     mean: Floats  # (n,)
-    covariance: Floats  # (n, n)
-    unchanged: Floats  # (n, n), covariance if friction is as commissioned
+    beginnings: tuple[tuple[float, Floats], ...]  # probability and covariance (n, n) of each
+    changed: Floats  # (n, n), covariance of an axis whose friction is another
 
 
 def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Start:
-    """State and covariance before the first phase, of a preload to be filled in."""
+    """State and covariances before the first phase, of a preload to be filled in."""
     taught = machine.commissioned
     assert taught is not None
     t = taught.transmission
@@ -164,29 +180,66 @@ def start_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> St
     mean[SKEW] = t.clock_skew_s if t else 0.0
     mean[SLIDE] = t.guide_viscous_n_s_per_m if t else 0.0
     mean[NUT] = t.nut_share * model.compliance_m_per_n if t else 0.0
-    drifted = 0.1 if settings.friction_walk else 1e-4
-    sigma = np.zeros(STATES)
-    sigma[DRY] = drifted * taught.coulomb_nm
-    sigma[GUIDE] = drifted * guide_n
-    sigma[VISCOUS] = max(viscous.sigma, drifted * viscous.value)
-    sigma[ASYMMETRY] = 0.05 * viscous.value * bool(settings.friction_walk)
-    sigma[GAIN] = settings.gain_error if settings.friction_walk else 0.0
+    mean = np.concatenate([mean, np.zeros(len(growth_nodes(machine)) + len(rub_nodes(machine)))])
+    changed = _spread(machine, model, mean, settings, CHANGED_SHARE)
+    return Start(mean, tuple(_beginnings(machine, model, mean, settings)), changed)
+
+
+def _beginnings(
+    machine: Machine, model: FusedModel, mean: Floats, settings: FusedSettings
+) -> Iterator[tuple[float, Floats]]:
+    """What may have happened since commissioning; see FusedSettings."""
+    as_taught = _spread(machine, model, mean, settings, UNCHANGED_SHARE)
+    nodes_m, drifts = growth_nodes(machine), settings.friction_walk > 0.0
+    two = drifts and len(nodes_m) > 0
+    rare, warm = settings.rare * two, settings.warm * two
+    if settings.unchanged > 0.0:
+        yield settings.unchanged, as_taught
+    changed = _spread(machine, model, mean, settings, CHANGED_SHARE)
+    yield 1.0 - settings.unchanged - warm - 3.0 * rare, changed
+    if two:
+        hot = _spread(machine, model, mean, settings, WARM_SHARE)
+        grown = slice(STATES, STATES + len(nodes_m))
+        hot[grown, grown] += WARM_GROWTH_M**2 * _alike(nodes_m, WARM_REACH_M, own=1e-4)
+        yield warm, hot
+        yield rare, hot + _diagonal(mean, {PLAY: PLAY_M, TURN_COS: TURN_M, TURN_SIN: TURN_M})
+        yield rare, as_taught + _diagonal(mean, {GAIN: GAIN_JUMP})
+        loaded = as_taught + _diagonal(mean, {MASS: 0.4 * model.table_mass_kg})
+        loaded[GAIN, GAIN] = LOADED_GAIN**2
+        yield rare, loaded
+
+
+def _diagonal(mean: Floats, sigma: dict[int, float]) -> Floats:
+    """Covariance (n, n) of independent elements of the state."""
+    variance = np.zeros(len(mean))
+    for index, value in sigma.items():
+        variance[index] = value**2
+    return np.diag(variance)
+
+
+def _spread(
+    machine: Machine, model: FusedModel, mean: Floats, settings: FusedSettings, share: float
+) -> Floats:
+    """Covariance (n, n) at the start; `share` of each friction is its standard deviation."""
+    taught, viscous = machine.commissioned, machine.model.viscous_nm_s_per_rad
+    assert taught is not None
+    t = taught.transmission
+    drifts = settings.friction_walk > 0.0
+    share = share if drifts else 1e-3 * share
+    sigma = np.zeros(len(mean))
+    sigma[DRY], sigma[OFFSET] = share * taught.coulomb_nm, share * taught.coulomb_nm * drifts
+    sigma[GUIDE] = share * mean[GUIDE]
+    sigma[VISCOUS] = max(viscous.sigma, share * viscous.value)
+    sigma[GAP], sigma[GROWTH], sigma[SKEW] = 1e-4, 1e-4, 2e-6
+    if drifts:
+        sigma[ASYMMETRY], sigma[GAIN] = 0.05 * viscous.value, settings.gain_error
     if t is not None:
         sigma[GAP_RATE], sigma[GROWTH_RATE] = 2e-8, 5e-8
-    sigma[GAP], sigma[GROWTH] = 1e-4, 1e-4
-    sigma[SKEW] = 2e-6
-    sigma[PLAY] = 1e-7 if t else 0.0
-    sigma[SLIDE] = max(drifted * mean[SLIDE], 1.0) if t else 0.0
-    sigma[NUT] = t.nut_share_sigma * model.compliance_m_per_n if t else 0.0
-    sigma[OFFSET] = 0.1 * taught.coulomb_nm * bool(settings.friction_walk)
-    growth_m, rub_m = growth_nodes(machine), rub_nodes(machine)
-    rub_n = settings.rub_share * guide_n
-    along = np.array([settings.uneven_start_m] * len(growth_m) + [rub_n] * len(rub_m))
-    covariance = np.diag(np.concatenate([sigma, along]) ** 2)
-    unchanged = covariance.copy()
-    for index in (DRY, GUIDE, VISCOUS, OFFSET):
-        unchanged[index, index] *= UNCHANGED_SHARE**2
-    return Start(np.concatenate([mean, np.zeros(len(along))]), covariance, unchanged)
+        sigma[PLAY], sigma[SLIDE] = 3e-8, max(0.1 * drifts * mean[SLIDE], 1.0)
+        sigma[NUT] = t.nut_share_sigma * model.compliance_m_per_n
+        sigma[STATES:] = settings.uneven_start_m
+        sigma[-RUB_NODES:] = settings.rub_share * mean[GUIDE]
+    return np.diag(sigma**2)
 
 
 def growth_nodes(machine: Machine) -> Floats:
@@ -203,10 +256,10 @@ def rub_nodes(machine: Machine) -> Floats:
     return np.linspace(0.0, nodes_m[-1], RUB_NODES) if len(nodes_m) else nodes_m
 
 
-def _alike(nodes_m: Floats, reach_m: float) -> Floats:
-    """Correlation of what happens at nodes, (k, k)."""
+def _alike(nodes_m: Floats, reach_m: float, own: float = 0.1) -> Floats:
+    """Correlation of what happens at nodes, (k, k); a share is every node's own."""
     apart = (nodes_m[:, None] - nodes_m[None, :]) / reach_m
-    return np.asarray(0.9 * np.exp(-0.5 * apart**2) + 0.1 * np.eye(len(nodes_m)))
+    return np.asarray((1.0 - own) * np.exp(-0.5 * apart**2) + own * np.eye(len(nodes_m)))
 
 
 def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Drift:

@@ -8,13 +8,14 @@ the table position, a and v acceleration and speed of the motor::
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + h(x) + s odd(x) + T R v
                             + (c0 + c1 (x - x0) - cn) F + 3 F0 cn y(F, m(x) p)
                             + s chi (c0 + c1 (x - x0)) k p / R - l [F < 0]
+                            + ec cos(x / R) + es sin(x / R)
               F = (M + dM) R a + s (G + r(x)) + V R v
 
 w0 and w1 are errors of the speed at both ends of the phase's T; the next phase begins with w1.
 The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
 (4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
-share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). The functions run compiled;
-their plain Python (`.py_func`) gives the same numbers.
+share y depends on the preload (5.3.1, 5.3.11; see nut_deflection); ec and es are an encoder off its
+centre. The functions run compiled; their plain Python (`.py_func`) gives the same numbers.
 """
 
 import math
@@ -42,6 +43,8 @@ from .fused_state import (
     SKEW,
     SLIDE,
     STATES,
+    TURN_COS,
+    TURN_SIN,
     VISCOUS,
     WIND_UP_SHARE,
     FusedModel,
@@ -51,6 +54,10 @@ from .fused_state import (
 _LEAST_PERCENT = 0.02
 _LOOSE_PERCENT = 0.15
 FLOATING_N = 15.0
+_TURN_POINTS = 8
+_TURN_ERROR = 0.05
+_CROSSING_S = 0.01
+"""Of a play, when the table begins to push."""
 
 
 @compiled
@@ -178,6 +185,9 @@ def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> 
     value += r.direction * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
     slope[PLAY] = -carried_back(load)
     value += slope[PLAY] * x[PLAY]
+    if x[TURN_COS] != 0.0 or x[TURN_SIN] != 0.0:
+        slope[TURN_COS], slope[TURN_SIN] = mean_turn(model, r)
+        value += slope[TURN_COS] * x[TURN_COS] + slope[TURN_SIN] * x[TURN_SIN]
     near = near_nodes(x, model, r)
     if near.growth >= 0:
         i, share = near.growth, near.growth_share
@@ -206,6 +216,44 @@ def carried_back(load_n: float) -> float:
     if abs(load_n) < FLOATING_N:
         return 0.5
     return 1.0 if load_n < 0.0 else 0.0
+
+
+@compiled
+def mean_turn(model: FusedModel, r: Reading) -> tuple[float, float]:
+    """Means of cosine and sine of the motor's angle over a phase at a constant acceleration."""
+    cosine, sine = 0.0, 0.0
+    for k in range(_TURN_POINTS):
+        t = r.steady_s * ((k + 0.5) / _TURN_POINTS - 0.5)
+        angle = r.table_m / model.ratio_m_per_rad + r.speed_rad_s * t
+        angle += 0.5 * r.acceleration_rad_s2 * (t * t - r.steady_s * r.steady_s / 12.0)
+        cosine += math.cos(angle) / _TURN_POINTS
+        sine += math.sin(angle) / _TURN_POINTS
+    return cosine, sine
+
+
+@compiled
+def flank_variance(r: Reading, play_m: float, play_var: float, back: float) -> float:
+    """Variance of the stretch by where in its play the table lies, m^2; `back` is [F < 0].
+
+    A table that pushes has just crossed the play, which takes a part of the phase.
+    """
+    share = 0.0
+    if back == 0.5:
+        share = 0.5
+    elif back == (1.0 if r.direction > 0.0 else 0.0):
+        share = min(_CROSSING_S / r.steady_s, 0.5)
+    return share * share * (play_m * play_m + play_var)
+
+
+@compiled
+def turn_variance(x: Floats, p: Floats, r: Reading) -> float:
+    """Variance of the stretch by where within a phase an encoder off its centre has been, m^2."""
+    if x[TURN_COS] == 0.0 and x[TURN_SIN] == 0.0:
+        return 0.0
+    share = _TURN_ERROR * min(0.5 * abs(r.speed_rad_s) * r.steady_s, 1.0)
+    square = x[TURN_COS] * x[TURN_COS] + x[TURN_SIN] * x[TURN_SIN]
+    square += p[TURN_COS, TURN_COS] + p[TURN_SIN, TURN_SIN]
+    return float(share * share * square)
 
 
 class NearNodes(NamedTuple):

@@ -14,16 +14,19 @@ PRELOAD, RATE, DRY, GUIDE, VISCOUS, ASYMMETRY, MASS = range(7)
 GAP, GROWTH, SKEW, NUT, OFFSET, SLIDE = range(7, 13)
 GAIN, GAP_RATE, GROWTH_RATE, PLAY = range(13, 17)
 BEGUN, ENDED = range(17, 19)
+TURN_COS, TURN_SIN = range(19, 21)
 """p %, dp/dt %/s, B N m, G N, D and A N m s/rad, dM kg; g0 m, g1, T s, cn m/N, b N m, V N s/m;
-e, dg0/dt m/s, dg1/dt 1/s, l m; w0, w1 rad/s.
+e, dg0/dt m/s, dg1/dt 1/s, l m; w0, w1 rad/s; ec, es m.
 Behind them h, m, and then r, N, at even nodes of the stroke."""
-STATES = 19
+STATES = 21
 RUB_NODES = 9
 """Of r; h has the others."""
 WIND_UP_SHARE = 0.3
 """Of the screw's drag, acts behind the axis' spring: R^2 over torsional and whole compliance."""
-CAPACITY = 24
+CAPACITY = 72
 """Most hypotheses that live at the same time."""
+CROWD = 24
+"""Where as many live, a new one takes the place of the least likely."""
 
 QUIET, WEARING, SETTLING = 0, 1, 2
 """Modes: preload wanders slowly, or runs at a rate, or friction settles after a change."""

@@ -19,6 +19,8 @@ class ValiditySettings:
         surprise_memory: informative intervals over which the surprise is averaged.
         surprise_high: averaged surprise above which model and data disagree.
         surprise_most: that one interval counts with; one alone says nothing.
+        surprise_worst: the same while model and data disagree: what was grossly wrong is not right
+            again with the next quiet second.
         surprise_low: averaged surprise below which they agree again.
     """
 
@@ -27,6 +29,7 @@ class ValiditySettings:
     surprise_memory: float = 10.0
     surprise_high: float = 9.0
     surprise_most: float = 40.0
+    surprise_worst: float = 40.0
     surprise_low: float = 4.0
 
 
@@ -81,8 +84,10 @@ class Validity:
         self._first_s = None
 
     def _follow_surprise(self, surprise: float) -> None:
-        share = 1.0 / self._settings.surprise_memory
-        self._surprise += share * (min(surprise, self._settings.surprise_most) - self._surprise)
+        share, most = 1.0 / self._settings.surprise_memory, self._settings.surprise_most
+        if self._disagreeing:
+            most = self._settings.surprise_worst
+        self._surprise += share * (min(surprise, most) - self._surprise)
         if self._surprise > self._settings.surprise_high:
             self._disagreeing = True
         elif self._surprise < self._settings.surprise_low:

@@ -202,7 +202,7 @@ def plain_kalman(
     ratio = axis_machine.transmission_ratio_m_per_rad
     model = fused_model.fused_model(axis_machine, chosen)
     start, drift = start_of(axis_machine, model, chosen), drift_of(axis_machine, model, chosen)
-    mean, covariance = start.mean.copy(), start.covariance.copy()
+    mean, covariance = start.mean.copy(), start.beginnings[0][1].copy()
     mean[PRELOAD] = FRESH
     covariance[PRELOAD, PRELOAD] = (fused_begin.SIGMA_SHARE * FRESH) ** 2
     last_s: float | None = None

@@ -48,7 +48,7 @@ def drawn(seed: int, one_encoder: bool = False) -> Mixture:
     """Hypotheses drawn around the start, with correlated covariances."""
     machine = replace(AXIS, one_encoder=one_encoder).commissioned()
     model = fused_model(machine, SETTINGS)
-    mixture = begun(start_of(machine, model, SETTINGS), model, SETTINGS)
+    mixture = begun(start_of(machine, model, SETTINGS), model)
     rng, size = np.random.default_rng(seed), mixture.mean.shape[1]
     alive = int(rng.integers(1, 25))
     mixture.alive[0] = alive
