@@ -2,21 +2,16 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ..messages.samples import Floats
-from ..models.effects.baseline import Baseline, Motion
-from ..models.effects.contribution import Change, Quantity
 from ..models.effects.effect import Effect, Parameter, Role
 from ..models.effects.signature import torque_signature, transmission_signature
 from .session import TORQUE_GAP, Session
 
-LOAD_SHARES = (0.0, 0.5, 1.0)
-"""Shares of the friction that may act on the table, where a signature follows the load."""
-_OF_LOAD = (Quantity.COMPLIANCE, Quantity.COMPLIANCE_SLOPE, Quantity.LOAD_FRICTION)
 _NO_PHASE = {("lead_error", "pitch_error")}
 """Amounts that the phase and the order of their effect say nothing about."""
 _ORDERS = {"lead_error": 6, "encoder_eccentricity": 3, "once_per_rev_friction": 12}
@@ -50,14 +45,12 @@ class EntryAtom:
         amount: name of the amount; empty where the effect has none, and its shape is its strength.
         shape: the values of its shapes.
         at: complete values of each column: at unit amount, for a harmonic at phases 0 and pi/2.
-        load_share: share of the friction that loads the table; None where nothing follows it.
     """
 
     effect: Effect
     amount: str
     shape: tuple[tuple[str, float], ...]
     at: tuple[Mapping[str, float], ...]
-    load_share: float | None = None
 
     @property
     def name(self) -> str:
@@ -82,23 +75,11 @@ class EntryAtom:
         baseline = session.baseline
         if channel == TORQUE_GAP:
             return session.torque_column(
-                lambda motion: torque_signature(
-                    self.effect, values, self._loaded(motion, baseline), baseline
-                )
+                lambda motion: torque_signature(self.effect, values, motion, baseline)
             )
         return session.transmission_column(
-            lambda motion: transmission_signature(
-                self.effect, values, self._loaded(motion, baseline), baseline
-            )
+            lambda motion: transmission_signature(self.effect, values, motion, baseline)
         )
-
-    def _loaded(self, motion: Motion, baseline: Baseline) -> Motion:
-        if self.load_share is None:
-            return motion
-        load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
-        rubbed = baseline.coulomb_nm * motion.approach
-        rubbed += baseline.viscous_nm_s_per_rad * motion.speed_rad_s
-        return replace(motion, load_torque_nm=load + self.load_share * rubbed)
 
     def values(self, coefficients: Sequence[float] | Floats) -> dict[str, float]:
         """Values of the effect for the coefficients of the columns."""
@@ -112,9 +93,7 @@ class EntryAtom:
         return values
 
 
-def entry_atom(
-    effect: Effect, amount: str, shape: Mapping[str, float], load_share: float | None = None
-) -> EntryAtom:
+def entry_atom(effect: Effect, amount: str, shape: Mapping[str, float]) -> EntryAtom:
     """The atom of an amount at a shape."""
     values: dict[str, float] = {}
     for parameter in effect.parameters:
@@ -125,7 +104,7 @@ def entry_atom(
     phase = [p.name for p in effect.parameters if p.role is Role.PHASE]
     turned = bool(phase) and (effect.name, amount) not in _NO_PHASE
     at = (values, values | {phase[0]: 0.5 * np.pi}) if turned else (values,)
-    return EntryAtom(effect, amount, tuple(sorted(shape.items())), at, load_share)
+    return EntryAtom(effect, amount, tuple(sorted(shape.items())), at)
 
 
 def atoms_of(effect: Effect, session: Session) -> Iterator[EntryAtom]:
@@ -137,14 +116,7 @@ def atoms_of(effect: Effect, session: Session) -> Iterator[EntryAtom]:
         mine = [] if (effect.name, amount) in _NO_PHASE else shapes
         grids = [[(p.name, value) for value in grid(effect, p, ranges)] for p in mine]
         for shape in itertools.product(*grids):
-            for share in _shares(effect, amount):
-                yield entry_atom(effect, amount, dict(shape), share)
-
-
-def _shares(effect: Effect, amount: str) -> Sequence[float | None]:
-    parts = effect.contributions(entry_atom(effect, amount, {}).at[0])
-    follows = any(isinstance(p, Change) and p.quantity in _OF_LOAD for p in parts)
-    return LOAD_SHARES if follows else (None,)
+            yield entry_atom(effect, amount, dict(shape))
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +164,12 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
             values = ranges.strongest_nm * np.geomspace(0.08, 0.97, 24)
         case "1" if parameter.whole:
             values = np.arange(1.0, _ORDERS.get(effect.name, _MOST_ORDERS) + 1.0)
+        case "1" if parameter.name == "friction_share" and effect.name == "backlash":
+            values = np.array([0.1, 0.4, 0.8, 1.2])
+        case "1" if parameter.name == "friction_share":
+            values = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3])
+        case "1" if parameter.name == "viscous_share":
+            values = np.array([0.0, 0.4, 0.8, 1.2])
         case "1":
             values = np.array([1.0, 2.0])
         case _:

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 from .dictionary import Dictionary
 from .evidence import Fit, Noise, fit
+from .nameless import UNKNOWN
 from .pursuit import pursue
 from .session import TORQUE_GAP, TRANSMISSION_GAP
 from .tolerance import MATERIAL_TOLERANCES
 
 LEAST_RISE_OF_FLOOR = {TORQUE_GAP: 0.5, TRANSMISSION_GAP: 1.0}
 """An effect that adds less than this many healthy gaps to a channel is immaterial."""
+LEAST_GAP_OF_FLOOR = {TORQUE_GAP: 1.15, TRANSMISSION_GAP: 1.4}
+"""A channel in which a healthy axis has as great a gap has no cause."""
 LEAST_RISE_OF_GAP = 0.1
 """So is one that is less than this part of the whole gap: the others are no better known."""
 LEAST_RISE_BESIDE_ALIKE = 0.22
@@ -145,6 +148,8 @@ def _is_material(
         if name in BETWEEN_ENCODERS and elsewhere:
             continue
         before = math.sqrt(sums.square / sums.rows)
+        if before < LEAST_GAP_OF_FLOOR[channel] * noise.floor[channel]:
+            continue
         overshadowed = any(other[channel] > rises[channel] for other in alike)
         beside = LEAST_RISE_OF_COMPLIANCE if name == "compliance" else LEAST_RISE_BESIDE_ALIKE
         part = beside if overshadowed else LEAST_RISE_OF_GAP
@@ -196,4 +201,4 @@ def _rivals(name: str, best: Candidate, ranked: Sequence[Candidate]) -> set[str]
         close = each.fit.score >= best.fit.score - TIED
         if close and name not in each.material and each.material:
             found |= each.material - best.material
-    return found
+    return found - {UNKNOWN}

@@ -18,6 +18,8 @@ from .entries import entries_of, problem_of
 from .evidence import Fit, Noise, fit
 from .free_forms import lone_forms
 from .held_out import by_blocks
+from .impostor import FORCE, Claim, claims, has_impostor
+from .nameless import UNKNOWN, nameless_forms
 from .next_motion import deciding_motion
 from .replay import Replay, replay
 from .session import TORQUE_GAP, TRANSMISSION_GAP, Session
@@ -34,6 +36,16 @@ MOST_EFFECTIVE = 400.0
 DISCREPANCY = 0.05
 """Share of the gap that the best entry may still miss on a real axis."""
 SURE = 0.9
+BESIDE_NAMELESS = 0.8
+"""Of the probability of an effect, where something that has no name is needed beside it."""
+AT_BOUND = 0.5
+"""The same of one whose shape would have to leave what the library allows."""
+LEAST_GAIN = 0.004
+"""Share of the gap's energy below which an effect is none, once impostors are gone."""
+NEEDED_GAIN = 0.5
+"""Share of the gap's energy from which on an effect counts although it shrinks no gap alone."""
+LEAST_PROBABILITY = 0.02
+"""What is less likely than this is not named at all."""
 
 
 class Verdict(StrEnum):
@@ -118,7 +130,8 @@ def diagnose_session(
         causes, left = beside_force(session, dictionary, noise, limits, causes)
     unexplained = left_shares(session, left, healthy, healthy.left)
     progress("values and held-out motion")
-    return _concluded(session, machine, dictionary, noise, healthy, causes, unexplained)
+    named = causes.best.material - {UNKNOWN}
+    return _concluded(session, machine, dictionary, noise, healthy, causes, unexplained, named)
 
 
 def _prior(session: Session, machine: Machine) -> Sequence[Tolerated]:
@@ -132,6 +145,7 @@ def _prepared(
     prior = _prior(session, machine)
     searched = [each for each in entries if each.name != "external_force"]
     dictionary = Dictionary.of_session(session, prior, searched)
+    dictionary = dictionary.with_atoms(session, list(nameless_forms(session)))
     noise = Noise(
         floor={name: float(np.median(healthy.before[name])) for name in session.channels},
         effective=dict.fromkeys(session.channels, MOST_EFFECTIVE),
@@ -163,8 +177,9 @@ def _concluded(
     healthy: HealthyGap,
     causes: Causes,
     unexplained: Mapping[str, float],
+    named: frozenset[str],
 ) -> Diagnosis:
-    named = causes.best.material
+    """The answer that names these effects, or those of them that are no impostors."""
     problem = problem_of(session, dictionary, causes.best.fit, noise)
     atoms = entries_of(dictionary, noise, named, problem)
     columns = [problem.columns(atom) for atom in atoms]
@@ -180,23 +195,36 @@ def _concluded(
     )
     groups = grouped(atoms, columns)
     blocks = by_blocks(values)
-    modelled = {
-        name: sum(
-            (columns[k][name] @ values.coefficients(k) for k in range(len(atoms))),
-            np.zeros(len(rows.gap)),
-        )
+    parts = {name: _part(session, name, values) for name in groups}
+    left = {
+        name: rows.gap - sum((each[name] for each in parts.values()), np.zeros(len(rows.gap)))
         for name, rows in session.channels.items()
     }
-    left = {name: rows.gap - modelled[name] for name, rows in session.channels.items()}
+    rest = {name: each - problem.fixed[name] @ problem.mean for name, each in left.items()}
     entry_rms = {name: float(np.sqrt(np.mean(each**2))) for name, each in left.items()}
     places = [channel_of(session, name, groups[name], atoms, values) for name in groups]
     by_entries = left_shares(session, entry_rms, healthy, healthy.before)
     claimed = {name: share for name, share in by_entries.items() if name in places}
     doubts = doubts_of(session, unexplained, claimed, len(named))
-    is_open = TORQUE_GAP in doubts and _exceeds_floor(session, healthy)
+    is_open = TORQUE_GAP in doubts and _exceeds_floor(session, healthy, (TORQUE_GAP,))
     if is_open and is_stretched(dictionary, causes.best.fit, _parameters(machine), named):
         doubts[TORQUE_GAP] = Doubt(is_unknown=True, confidence=0.5)
-    is_unknown = any(doubt.is_unknown for doubt in doubts.values())
+    claimed_by = dict(zip(groups, places, strict=True))
+    beside = BESIDE_NAMELESS if UNKNOWN in causes.best.material else 1.0
+    formed = {
+        name: rows.gap
+        - dictionary.modelled(name, causes.best.fit.atoms, causes.best.fit.coefficients)
+        for name, rows in session.channels.items()
+    }
+    claim_of = claims(session, parts, rest, formed, unexplained, claimed_by)
+    trust = {
+        name: beside * each.trust * (AT_BOUND if values.is_at_bound(name) else 1.0)
+        for name, each in claim_of.items()
+    }
+    is_unknown = UNKNOWN in causes.best.material or has_impostor(claim_of, claimed_by)
+    is_unknown |= any(doubt.is_unknown for doubt in doubts.values())
+    suspects = sorted(causes.best.material - {UNKNOWN})
+    is_unknown |= bool(suspects) and not named and _exceeds_floor(session, healthy)
     found = []
     for name, channel in zip(groups, places, strict=True):
         shrink = shrink_of(session.channels[channel], name, channel, values, blocks)
@@ -204,13 +232,16 @@ def _concluded(
             NamedEffect(
                 name,
                 channel,
-                causes.probability[name] * _confidence(doubts, groups[name]),
+                causes.probability[name] * trust[name] * _confidence(doubts, groups[name]),
                 causes.classes[name],
                 shrink,
                 values.parameters(name),
                 values.entries(name),
             )
         )
+    kept = frozenset(each.name for each in found if _is_cause(each, claim_of[each.name]))
+    if len(kept) < len(found):
+        return _concluded(session, machine, dictionary, noise, healthy, causes, unexplained, kept)
     found.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
     gap = {
         name: ChannelGap(
@@ -235,10 +266,22 @@ def _concluded(
         deciding_motion(tied) if verdict is Verdict.AMBIGUOUS else None,
         left,
         waterfall(session, groups, atoms, columns, values),
-        found[0].name if is_unknown and found else None,
+        _nearest(found, suspects) if is_unknown else None,
         causes,
         replayed,
     )
+
+
+def _part(session: Session, name: str, values: Values) -> dict[str, Floats]:
+    """What the entries of an effect make of the gap, by channel."""
+    mine = [k for k, atom in enumerate(values.atoms) if atom.name == name]
+    return {
+        channel: sum(
+            (values.columns[k][channel] @ values.coefficients(k) for k in mine),
+            np.zeros(len(rows.gap)),
+        )
+        for channel, rows in session.channels.items()
+    }
 
 
 def _confidence(doubts: Mapping[str, Doubt], columns: Mapping[str, Floats]) -> float:
@@ -247,9 +290,27 @@ def _confidence(doubts: Mapping[str, Doubt], columns: Mapping[str, Floats]) -> f
     return min(shown, default=1.0)
 
 
-def _exceeds_floor(session: Session, healthy: HealthyGap) -> bool:
-    floor = float(np.median(healthy.before[TORQUE_GAP]))
-    return session.channels[TORQUE_GAP].rms > LEFT_OVER_FLOOR * floor
+def _nearest(found: Sequence[NamedEffect], suspects: Sequence[str]) -> str | None:
+    """What comes nearest to a cause that nobody knows, even where it was refused."""
+    return next(iter([*(each.name for each in found), *suspects]), None)
+
+
+def _is_cause(each: NamedEffect, claim: Claim) -> bool:
+    """Not what makes the gap greater, unless others hide it, or it is a force."""
+    if each.name == FORCE:
+        return True
+    is_likely = each.probability >= LEAST_PROBABILITY and claim.gain >= LEAST_GAIN
+    return is_likely and (each.shrink.high > 0.0 or claim.gain > NEEDED_GAIN)
+
+
+def _exceeds_floor(
+    session: Session, healthy: HealthyGap, channels: Sequence[str] = (TORQUE_GAP, TRANSMISSION_GAP)
+) -> bool:
+    return any(
+        session.channels[name].rms > LEFT_OVER_FLOOR * float(np.median(healthy.before[name]))
+        for name in channels
+        if name in session.channels
+    )
 
 
 def _parameters(machine: Machine) -> frozenset[str]:

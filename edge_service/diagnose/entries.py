@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +14,10 @@ from .pursuit import pursue
 from .refine import Problem, refine
 from .session import Session
 
-MOST_ENTRIES = {"stribeck": 1, "backlash": 1, "presliding": 1, "thermal_growth": 2, "warmup": 2}
+MOST_ENTRIES = {
+    **{"stribeck": 1, "backlash": 1, "presliding": 1},
+    **{"compliance": 2, "thermal_growth": 2, "warmup": 2},
+}
 """Entries of one effect that still say something: sums of many are no better known for it."""
 
 
@@ -86,7 +88,7 @@ def _beyond(atom: EntryAtom, amount: float) -> float:
 def _as_entry(atom: object) -> EntryAtom | None:
     """The entry that stands for an atom in a machine file; None for a free form."""
     if isinstance(atom, EntryAtom):
-        return None if atom.load_share not in (None, 1.0) else replace(atom, load_share=None)
+        return atom
     if isinstance(atom, Push) and not atom.against_motion:
         shape = {"start_s": max(atom.start_s, 0.0), "duration_s": atom.end_s - atom.start_s}
         return entry_atom(get_effect("external_force"), "force_n", shape)

@@ -10,9 +10,12 @@ import numpy as np
 
 from ..messages.samples import Floats
 from .dictionary import Dictionary, Sums
+from .nameless import UNKNOWN
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""
+NAMELESS_COST = 10.0
+"""A cause that no entry describes is some hundred times rarer still."""
 _ROUNDS = 6
 _RIDGE = 1e-12
 _PINNED = 1e9
@@ -106,7 +109,8 @@ def solved(
         variance = {name: left[name] + noise.discrepancy[name] ** 2 for name in sums}
     chosen = atoms[dictionary.tolerated :]
     penalty = sum(_cost(dictionary, a, noise) for a in chosen)
-    penalty += NAME_COST * len({dictionary.atoms[a].name for a in chosen})
+    names = {dictionary.atoms[a].name for a in chosen}
+    penalty += NAME_COST * len(names) + (NAMELESS_COST - NAME_COST) * (UNKNOWN in names)
     score = -0.5 * sum(noise.effective[name] * math.log(variance[name]) for name in sums)
     score -= 0.5 * float((beta - mean) @ (prior * (beta - mean))) + penalty
     return Fit(atoms, beta, inverse, {n: math.sqrt(v) for n, v in left.items()}, score)

@@ -112,8 +112,6 @@ def _transmission_forms(ranges: Ranges) -> Iterator[FreeForm]:
         for viscous in _STIRRED if dry else _STIRRED[:1]:
             wound = _wound(dry, viscous * dry)
             yield FreeForm("compliance", "loads", TRANSMISSION_GAP, wound)
-    for width in np.geomspace(1e-6, 2e-4, 12):
-        yield FreeForm("backlash", "flank", TRANSMISSION_GAP, (_flank(float(width)),))
 
 
 def _paired_forms(baseline: Baseline) -> Iterator[PairedForm]:

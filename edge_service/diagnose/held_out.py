@@ -72,7 +72,7 @@ def at_pace(values: Values, name: str, channel: str, pace: float) -> Floats | No
         atom = values.atoms[k]
         shape = dict(atom.shape)
         shape[_TIME_CONSTANT] /= pace
-        paced = entry_atom(atom.effect, atom.amount, shape, atom.load_share)
+        paced = entry_atom(atom.effect, atom.amount, shape)
         found += paced.columns(values.problem.session, channel) @ values.coefficients(k)
     return found
 

@@ -31,7 +31,7 @@ def profile_interval(
 
     def square(wanted: float) -> float:
         shape = dict(atoms[k].shape) | {parameter.name: wanted}
-        atom = entry_atom(atoms[k].effect, atoms[k].amount, shape, atoms[k].load_share)
+        atom = entry_atom(atoms[k].effect, atoms[k].amount, shape)
         changed = [*columns[:k], problem.columns(atom), *columns[k + 1 :]]
         return problem.solve([*atoms[:k], atom, *atoms[k + 1 :]], changed)[2]
 

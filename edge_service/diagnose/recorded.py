@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
@@ -112,7 +113,7 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         torque_nm=smooth[TORQUE][inside] if TORQUE in raw else None,
         external_force_n=smooth[EXTERNAL_FORCE][inside] if EXTERNAL_FORCE in raw else None,
     )
-    motion = motion.resting(baseline, moving)
+    motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
     stretch = None
     if TABLE_POSITION in raw:
         stretch = raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE]

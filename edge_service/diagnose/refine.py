@@ -112,13 +112,14 @@ def _shapes(atom: EntryAtom) -> list[Parameter]:
 
 def _started(problem: Problem, atom: EntryAtom, atoms: Sequence[EntryAtom]) -> EntryAtom:
     """An effect without an amount begins where its strength would be 1."""
-    if atom.amount or len(atom.shape) != 1 or atom.name == "saturation":
+    if atom.amount or atom.name == "saturation":
         return atom
-    free = replace(atom, amount=atom.shape[0][0])
+    strength = atom.effect.parameters[0].name
+    free = replace(atom, amount=strength)
     others = [each for each in atoms if each is not atom]
     beta, _, _ = problem.solve([*others, free], [problem.columns(each) for each in (*others, free)])
-    ((name, value),) = atom.shape
-    return _at(atom, name, value * float(np.clip(beta[-1], 0.2, 3.0)))
+    value = dict(atom.shape)[strength]
+    return _at(atom, strength, value * float(np.clip(beta[-1], 0.2, 3.0)))
 
 
 def _moved(
@@ -159,4 +160,4 @@ def _span(atom: EntryAtom, parameter: Parameter) -> float:
 
 def _at(atom: EntryAtom, name: str, value: float) -> EntryAtom:
     shape = dict(atom.shape) | {name: value}
-    return entry_atom(atom.effect, atom.amount, shape, atom.load_share)
+    return entry_atom(atom.effect, atom.amount, shape)

@@ -48,7 +48,7 @@ def tolerated(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[
     found.append(Tolerated(_one("presliding", reach_m=1e-6), 0.5, 0.5))
     slow = _one("stribeck", speed_rad_s=1.5, exponent=1.0)
     found.append(Tolerated(slow, 0.0, max(0.05 * coulomb_nm, 1e-9)))
-    found.append(Tolerated(_one("compliance"), 0.0, 2e-10))
+    found.append(Tolerated(_one("compliance", friction_share=1.0, viscous_share=0.0), 0.0, 2e-10))
     return found
 
 

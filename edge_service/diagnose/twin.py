@@ -1,6 +1,6 @@
 """Healthy runs of the same motion on the simulated axis: what a gap is when nothing is wrong."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,6 @@ from .recorded import EDGE_S, Run, runs_of
 from .session import Session
 from .tolerance import parameter_tolerances, tolerated
 
-NULL_RUNS = 32
 LONGEST_RUN_S = 60.0
 """Of each healthy run; the beginning of a longer recording stands for the rest."""
 _STIFFENING = 300.0
@@ -37,22 +36,30 @@ class HealthyGap:
         left: when the tolerated parameters are fitted.
     """
 
-    before: dict[str, tuple[float, ...]]
-    left: dict[str, tuple[float, ...]]
+    before: Mapping[str, tuple[float, ...]]
+    left: Mapping[str, tuple[float, ...]]
+
+
+def joined(gaps: Iterable[HealthyGap]) -> HealthyGap:
+    """The gaps of several sets of healthy runs as those of one."""
+    before: dict[str, tuple[float, ...]] = {}
+    left: dict[str, tuple[float, ...]] = {}
+    for each in gaps:
+        for whole, part in ((before, each.before), (left, each.left)):
+            for name, values in part.items():
+                whole[name] = (*whole.get(name, ()), *values)
+    return HealthyGap(before, left)
 
 
 def healthy_gap(sessions: Iterable[Session], machine: Machine) -> HealthyGap:
     """Gaps of healthy sessions, one after another."""
-    before: dict[str, list[float]] = {}
-    left: dict[str, list[float]] = {}
-    for session in sessions:
-        for name, rms in tolerated_fit(session, machine).items():
-            before.setdefault(name, []).append(session.channels[name].rms)
-            left.setdefault(name, []).append(rms)
-    return HealthyGap(
-        {name: tuple(values) for name, values in before.items()},
-        {name: tuple(values) for name, values in left.items()},
-    )
+    return joined(_gap_of(session, machine) for session in sessions)
+
+
+def _gap_of(session: Session, machine: Machine) -> HealthyGap:
+    before = {name: (rows.rms,) for name, rows in session.channels.items()}
+    left = tolerated_fit(session, machine)
+    return HealthyGap(before, {name: (rms,) for name, rms in left.items()})
 
 
 def tolerated_fit(session: Session, machine: Machine) -> dict[str, float]:

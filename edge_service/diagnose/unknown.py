@@ -14,10 +14,6 @@ UNKNOWN_SHARE = 0.15
 """Share of the gap's energy above the floor; with more left over, the named effects are doubted."""
 UNKNOWN_ENTRY_SHARE = 0.6
 """The same of what the entries alone leave, without the forms that an effect takes beside them."""
-HALF_DOUBT_SHARE = 0.08
-"""With this share left over, half of the doubt that can be is there."""
-ENTRY_WEIGHT = 0.2
-"""Of what entries leave beside what the best fit leaves: an entry is an approximation."""
 LEFT_OVER_FLOOR = 1.5
 """What is left counts from this many healthy floors on."""
 MOST_CAUSES = 3
@@ -69,9 +65,7 @@ def doubts_of(
     for name in session.channels:
         is_unknown = left[name] > UNKNOWN_SHARE or causes > MOST_CAUSES
         is_unknown |= left_by_entries.get(name, 0.0) > UNKNOWN_ENTRY_SHARE
-        share = max(left[name], ENTRY_WEIGHT * left_by_entries.get(name, 0.0))
-        doubted = 1.0 / (1.0 + (share / HALF_DOUBT_SHARE) ** 2)
-        confidence = 0.5 * (1.0 - left[name]) if is_unknown else 0.5 + 0.5 * doubted
+        confidence = 0.5 * (1.0 - left[name]) if is_unknown else 1.0
         doubts[name] = Doubt(is_unknown, confidence)
     return doubts
 

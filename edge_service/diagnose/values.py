@@ -8,6 +8,7 @@ import numpy as np
 
 from ..messages.samples import Floats
 from ..models.effects.effect import Role
+from ..models.effects.registry import get_effect
 from .atoms import EntryAtom
 from .profile import misfit, profile_interval
 from .refine import Problem
@@ -57,6 +58,16 @@ class Values:
         if bound is not None and atom.size == 1:
             found = np.clip(found, bound.low, bound.high)
         return found
+
+    def is_at_bound(self, name: str) -> bool:
+        """Whether a shape of an effect has gone as far up as the library lets it."""
+        highest = {p.name: p.high for p in get_effect(name).parameters}
+        return any(
+            value >= 0.99 * highest[shape]
+            for atom in self.atoms
+            if atom.name == name
+            for shape, value in atom.shape
+        )
 
     def entries(self, name: str) -> tuple[dict[str, float], ...]:
         """Complete values of an effect, once for each time it is there."""

@@ -17,7 +17,9 @@ from ..models.effects.contribution import (
     Change,
     Contribution,
     DryFriction,
+    LoadFriction,
     Over,
+    Play,
     Quantity,
     Shift,
     SmoothTorque,
@@ -87,7 +89,7 @@ class KnownEffects:
             shift = transmission_signature(one.effect, one.values, motion, self.baseline)
             if not _changes(one, Quantity.COMMAND_SHARE):
                 torque_nm += float(np.mean(torque[1:]))
-            if _changes(one, Quantity.BACKLASH):
+            if any(isinstance(each, Play) for each in one.contributions):
                 shift_m += _flank(one, motion, self.baseline)
             else:
                 shift_m += float(np.mean(shift[1:]))
@@ -108,12 +110,9 @@ def _flank(one: ActiveEffect, motion: Motion, baseline: Baseline) -> float:
     An axis that brakes hard is pushed by its table, which lies on the other flank then. NaN where
     hardly any force is carried.
     """
-    force_n = float(np.mean(motion.load_torque_nm[1:])) / baseline.ratio_m_per_rad
-    width_m = sum(
-        each.value
-        for each in one.contributions
-        if isinstance(each, Change) and each.quantity is Quantity.BACKLASH
-    )
+    carried_nm = motion.load_torque_nm + baseline.table_coulomb_nm * motion.direction
+    force_n = float(np.mean(carried_nm[1:])) / baseline.ratio_m_per_rad
+    width_m = sum(each.width_m for each in one.contributions if isinstance(each, Play))
     if abs(force_n) < _FLOATING_N:
         return math.nan
     return width_m if force_n < 0.0 else 0.0
@@ -130,6 +129,8 @@ def _fleeting(contribution: Contribution) -> bool:
             return over is Over.TIME and bool(np.ptp(curve(_MOMENTS_S)) > 0.0)
         case TableForce() | Strain() | Warming():
             return True
+        case LoadFriction() | Play():
+            return False
         case Change(quantity, _):
             return quantity in _DYNAMIC
 

@@ -21,11 +21,11 @@ def compiled(function: _Function) -> _Function:
     read-only installation without a home) it is compiled anew in each process.
     """
     try:
-        return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
+        return cast(_Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
     except RuntimeError as error:
         if "cannot cache function" not in str(error):
             raise
-        return cast(_Function, numba.njit(cache=False, error_model="numpy")(function))
+        return cast(_Function, numba.njit(cache=False, error_model="numpy", nogil=True)(function))
 
 
 def _use_cache_of_these_sources() -> None:

@@ -20,7 +20,7 @@ from .diagnosis_report import render, render_bad_data
 from .healthy_cache import healthy_gap_of
 from .machine_gap import DiagnosisError, read_runs, session_of
 
-HEALTHY_RUNS = 16
+HEALTHY_RUNS = 32
 
 
 def diagnose(

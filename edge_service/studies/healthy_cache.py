@@ -1,5 +1,6 @@
 """Healthy twins of a motion, kept between runs of the command where a folder allows it."""
 
+import concurrent.futures
 import hashlib
 import json
 import os
@@ -11,11 +12,11 @@ import numpy as np
 from .. import __version__
 from ..atomic import replaced_file
 from ..diagnose.recorded import Run
-from ..diagnose.session import Session
-from ..diagnose.twin import HealthyGap, healthy_gap, healthy_session, setpoints_of
+from ..diagnose.twin import HealthyGap, healthy_gap, healthy_session, joined, setpoints_of
 from ..models.machine import Machine
 
-_VERSION = 1
+_VERSION = 2
+_MOST_KEPT = 200
 
 
 def healthy_gap_of(
@@ -29,17 +30,23 @@ def healthy_gap_of(
     known = _read(path)
     if known is not None:
         return known
-    found = healthy_gap(_twins(machine, runs, count, progress), machine)
+    found = joined(_gaps(machine, runs, count, progress))
     _write(path, found)
     return found
 
 
-def _twins(
+def _gaps(
     machine: Machine, runs: Sequence[Run], count: int, progress: Callable[[str], None]
-) -> Iterator[Session]:
-    for number in range(count):
-        progress(f"healthy twin {number + 1} of {count}")
-        yield healthy_session(machine, runs, number)
+) -> Iterator[HealthyGap]:
+    """Gaps of one twin each; as many at once as there are cores."""
+
+    def gap_of(number: int) -> HealthyGap:
+        return healthy_gap([healthy_session(machine, runs, number)], machine)
+
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        for number, found in enumerate(pool.map(gap_of, range(count)), start=1):
+            progress(f"healthy twin {number} of {count}")
+            yield found
 
 
 def _folder() -> Path:
@@ -72,5 +79,8 @@ def _write(path: Path, found: HealthyGap) -> None:
     try:
         with replaced_file(path) as file:
             json.dump({"before": found.before, "left": found.left}, file)
+        kept = sorted(path.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)
+        for old in kept[:-_MOST_KEPT]:
+            old.unlink(missing_ok=True)
     except OSError:
         return

@@ -71,6 +71,21 @@ def test_what_the_library_lacks_is_unknown(machine: Machine) -> None:
     assert found.where
 
 
+@pytest.mark.parametrize("cause", ["viscous_error", "drag_error"])
+def test_the_nearest_relation_of_what_the_library_lacks_is_not_named_surely(
+    machine: Machine, cause: str
+) -> None:
+    found, _ = diagnosed(machine, (cause,), seed=3, withheld=(cause,))
+    assert found.verdict is Verdict.UNKNOWN
+    assert all(each.probability < 0.9 for each in found.effects)
+
+
+def test_what_is_named_shrinks_the_gap(machine: Machine) -> None:
+    for key in (("drag_error",), ("viscous_error", "backlash")):
+        found, _ = diagnosed(machine, key, seed=3)
+        assert all(each.shrink.high > 0.0 for each in found.effects)
+
+
 def test_the_found_value_is_the_true_one(machine: Machine) -> None:
     found, _ = diagnosed(machine, ("drag_error",), seed=3)
     truth = recorded(("drag_error",), 3).truth["effects"]["drag_error"]["change_nm"]

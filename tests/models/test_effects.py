@@ -144,6 +144,8 @@ def test_signatures_are_those_of_the_equations(motion: Motion, baseline: Baselin
     v, a, x = motion.speed_rad_s[k], motion.acceleration_rad_s2[k], motion.position_m[k]
     r = baseline.ratio_m_per_rad
     c = -float(baseline.wind_up_m(np.array([r]), np.array([x]))[0])
+    carried_nm = baseline.table_inertia_kg_m2 * a + baseline.table_coulomb_nm
+    stirred_nm = baseline.viscous_nm_s_per_rad * v
     expected = {
         "inertia_error:change_kg_m2=1e-3": (1e-3 * a, -c * 1e-3 * a / r),
         "viscous_error:change_nm_s_per_rad=0.01": (0.01 * v, 0.0),
@@ -157,7 +159,16 @@ def test_signatures_are_those_of_the_equations(motion: Motion, baseline: Baselin
         "timestamp_skew:skew_s=1e-3": (0.0, -r * v * 1e-3),
         "external_force:force_n=50,start_s=0,duration_s=9": (-r * 50.0, c * 50.0),
         "stribeck:excess_nm=0.2,speed_rad_s=50": (0.2 * math.exp(-((v / 50.0) ** 2)), 0.0),
-        "compliance:level_m_per_n=1e-8": (0.0, -1e-8 * motion.load_torque_nm[k] / r),
+        "compliance:level_m_per_n=1e-8": (0.0, -1e-8 * carried_nm / r),
+        "compliance:level_m_per_n=1e-8,friction_share=0.5,viscous_share=0.4": (
+            0.0,
+            -1e-8 * (carried_nm - 0.5 * baseline.table_coulomb_nm + 0.4 * stirred_nm) / r,
+        ),
+        "load_friction:coefficient=0.2": (0.2 * abs(carried_nm), 0.0),
+        "load_friction:coefficient=0.2,friction_share=0.0,viscous_share=1.0": (
+            0.2 * abs(carried_nm - baseline.table_coulomb_nm + stirred_nm),
+            0.0,
+        ),
         "backlash": (0.0, 0.0),
     }
     for text, (torque, transmission) in expected.items():

@@ -241,3 +241,17 @@ def test_asymmetric_friction_breaks_away_at_its_own_level(plant: Plant) -> None:
         for _ in range(50):
             advance_plant(lopsided, state, Load(torque_nm, 0.0, 0.146, compliance), 1e-3, 16)
         assert (state[MOTOR_TRAVEL] != START_M) == moves, torque_nm
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_friction_is_moved_behind_the_spring_and_stays_the_same(
+    machine: Machine, share: float
+) -> None:
+    plant = FeedDriveSettings.of_machine(machine).plant._replace(guide_force_n=80.0)
+    text = f"compliance:level_m_per_n=1e-8,friction_share={share},viscous_share=0.3"
+    moved = with_effects(plant, text)
+    ratio = plant.ratio_m_per_rad
+    assert moved.guide_force_n == pytest.approx(share * 80.0)
+    assert moved.guide_force_n * ratio + moved.bearing_drag_nm == pytest.approx(
+        80.0 * ratio + plant.bearing_drag_nm
+    )

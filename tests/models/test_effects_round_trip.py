@@ -83,7 +83,8 @@ def run(*effects: str) -> Run:
         torque_nm=torque,
         still_rad_s=1e-3,
     )
-    wound = BASELINE.wind_up_m(motion.load_torque_nm, table)
+    carried_nm = motion.load_torque_nm + BASELINE.table_coulomb_nm * motion.direction
+    wound = BASELINE.wind_up_m(carried_nm, table)
     stretch = table - BASELINE.ratio_m_per_rad * angle - wound
     return Run(motion, torque - motion.model_torque_nm, stretch)
 

@@ -1,6 +1,6 @@
 """Measured motion, and the baseline model that says what torque it needs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -81,7 +81,7 @@ class Motion:
         direction: of the motor's motion: -1, 0 or 1.
         torque_nm: commanded; NaN where unknown.
         model_torque_nm: what the baseline needs for this motion (zero at rest).
-        load_torque_nm: the part of it that the spring between motor and table carries.
+        load_torque_nm: the part of it, without friction, that the spring to the table carries.
     """
 
     time_s: Floats
@@ -130,20 +130,11 @@ class Motion:
             direction=direction,
             torque_nm=np.full_like(time_s, np.nan) if torque_nm is None else torque_nm,
             model_torque_nm=whole + baseline.coulomb_nm * direction,
-            load_torque_nm=load + baseline.table_coulomb_nm * direction,
+            load_torque_nm=load,
         )
 
     def __len__(self) -> int:
         return int(self.time_s.shape[0])
-
-    def resting(self, baseline: Baseline, moving: Booleans) -> Self:
-        """The motion with rests where it is not `moving`, (n,).
-
-        There the guides' friction loads the spring as it did when the axis came to rest.
-        """
-        rested = replace(self, direction=np.where(moving, self.direction, 0.0))
-        held = baseline.table_coulomb_nm * (rested.approach - self.direction)
-        return replace(rested, load_torque_nm=self.load_torque_nm + held)
 
     @property
     def approach(self) -> Floats:

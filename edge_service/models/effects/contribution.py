@@ -54,11 +54,13 @@ class Quantity(StrEnum):
     TORQUE_LIMIT = "torque_limit_nm"  # of what arrives; the least one counts
     TORQUE_LAG = "torque_lag_s"
     POSITION_LAG = "position_lag_s"  # of the linear encoder behind the rotary one
-    BACKLASH = "backlash_m"
     COMPLIANCE = "compliance_m_per_n"
     COMPLIANCE_SLOPE = "compliance_slope_per_n"  # m/N per m of position
+    RUBBED_COMPLIANCE = "rubbed_compliance_m_per_n"  # of dry friction more than of other load
+    RUBBED_COMPLIANCE_SLOPE = "rubbed_compliance_slope_per_n"
+    STIRRED_COMPLIANCE = "stirred_compliance_m_per_n"  # of viscous friction
+    STIRRED_COMPLIANCE_SLOPE = "stirred_compliance_slope_per_n"
     PRESLIDING_REACH = "presliding_reach_m"
-    LOAD_FRICTION = "load_friction"  # N m per N m that the spring carries
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,32 @@ class Shift:
 
 
 @dataclass(frozen=True, slots=True)
+class Play:
+    """Clearance between screw and table, whose flank is that of the load.
+
+    Attributes:
+        friction_share: dry friction that holds the table, over what the model has there.
+    """
+
+    width_m: float
+    friction_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoadFriction:
+    """Friction torque per torque that the screw carries to the table.
+
+    Attributes:
+        friction_share: dry friction that it carries, over the table's in the model.
+        viscous_share: share of the viscous friction that it carries.
+    """
+
+    coefficient: float
+    friction_share: float
+    viscous_share: float
+
+
+@dataclass(frozen=True, slots=True)
 class Strain:
     """Growth of the screw over time, m of shift per m from the fixed bearing."""
 
@@ -121,7 +149,17 @@ class Warming:
     rise_k: Curve
 
 
-Contribution = DryFriction | SmoothTorque | TableForce | Shift | Strain | Change | Warming
+Contribution = (
+    DryFriction
+    | SmoothTorque
+    | TableForce
+    | LoadFriction
+    | Play
+    | Shift
+    | Strain
+    | Change
+    | Warming
+)
 
 
 def lagged_warming(final_rise_k: float, time_constant_s: float) -> Warming:

@@ -66,6 +66,18 @@ def order(faulty: float) -> Parameter:
     )
 
 
+def friction_share() -> Parameter:
+    """Where dry friction acts, for what follows the load between motor and table."""
+    text = "Dry friction of the table, over what the model puts there."
+    return Parameter("friction_share", "1", text, 0.0, 1.5, 1.0, 1.0, Role.SHAPE)
+
+
+def viscous_share() -> Parameter:
+    """Where viscous friction acts, for what follows the load between motor and table."""
+    text = "Viscous friction that acts on the table, over the whole in the model."
+    return Parameter("viscous_share", "1", text, 0.0, 1.5, 0.0, 0.0, Role.SHAPE)
+
+
 @dataclass(frozen=True, slots=True)
 class Effect:
     """One entry of the library.

@@ -26,8 +26,10 @@ from .contribution import (
     Change,
     Contribution,
     DryFriction,
+    LoadFriction,
     Over,
     Place,
+    Play,
     Quantity,
     Shift,
     Side,
@@ -111,9 +113,12 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
     guide_nm = plant.guide_force_n * plant.ratio_m_per_rad
     coulomb_nm = screw_drag_nm + plant.bearing_drag_nm + guide_nm
     share = guide_nm / coulomb_nm if coulomb_nm > 0.0 else 0.0
+    dry_share, viscous_share = _shares_behind(plant, parts)
+    parts += _stirred_behind(plant, viscous_share)
     limits = _changes(parts, Quantity.TORQUE_LIMIT)
     tables = _tables(plant, parts, share)
-    changed = _shared(_changed(plant, parts)._replace(tables=tables), screw_drag_nm)
+    rubbed = _changed(_rubbed_behind(plant, dry_share), parts)
+    changed = _shared(rubbed._replace(tables=tables), screw_drag_nm)
     return Forward(
         plant=changed,
         contributions=parts,
@@ -121,6 +126,46 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
         command_per_torque=1.0 + sum(_changes(parts, Quantity.COMMAND_SHARE)),
         torque_limit_nm=min(limits, default=np.inf),
         position_lag_s=sum(_changes(parts, Quantity.POSITION_LAG)),
+    )
+
+
+def _shares_behind(plant: Plant, parts: Sequence[Contribution]) -> tuple[float, float]:
+    """Shares of dry and viscous friction on the table as the effects state them, or the plant's."""
+    stated = [(p.friction_share, p.viscous_share) for p in _of(LoadFriction, parts)]
+    stated += [(p.friction_share, 0.0) for p in _of(Play, parts)]
+    middle_m = 0.5 * plant.screw_length_m
+    load, rubbed, stirred = (
+        sum(_changes(parts, even)) + middle_m * sum(_changes(parts, sloped))
+        for even, sloped in (
+            (Quantity.COMPLIANCE, Quantity.COMPLIANCE_SLOPE),
+            (Quantity.RUBBED_COMPLIANCE, Quantity.RUBBED_COMPLIANCE_SLOPE),
+            (Quantity.STIRRED_COMPLIANCE, Quantity.STIRRED_COMPLIANCE_SLOPE),
+        )
+    )
+    if load != 0.0:
+        stated.append((1.0 + rubbed / load, stirred / load))
+    dry, viscous = np.mean(stated or [(1.0, 0.0)], axis=0)
+    return float(dry), float(viscous)
+
+
+def _rubbed_behind(plant: Plant, share: float) -> Plant:
+    """The plant with dry friction moved between table and bearing."""
+    moved_nm = (share - 1.0) * plant.guide_force_n * plant.ratio_m_per_rad
+    moved_nm = min(moved_nm, plant.bearing_drag_nm)
+    return plant._replace(
+        guide_force_n=plant.guide_force_n + moved_nm / plant.ratio_m_per_rad,
+        bearing_drag_nm=plant.bearing_drag_nm - moved_nm,
+    )
+
+
+def _stirred_behind(plant: Plant, share: float) -> tuple[Contribution, ...]:
+    """Viscous friction brought from the motor to the table."""
+    viscous = share * plant.motor_viscous_nm_s_per_rad
+    if viscous == 0.0:
+        return ()
+    return (
+        SmoothTorque(Over.SPEED, lambda speed: viscous * speed, Side.TABLE),
+        SmoothTorque(Over.SPEED, lambda speed: -viscous * speed, Side.MOTOR),
     )
 
 
@@ -141,11 +186,11 @@ def _changed(plant: Plant, parts: Iterable[Contribution]) -> Plant:
         table_mass_kg=mass,
         motor_viscous_nm_s_per_rad=plant.motor_viscous_nm_s_per_rad + total[Quantity.VISCOUS],
         torque_lag_s=plant.torque_lag_s + total[Quantity.TORQUE_LAG],
-        backlash_m=plant.backlash_m + total[Quantity.BACKLASH],
+        backlash_m=plant.backlash_m + sum(play.width_m for play in _of(Play, parts)),
         further_compliance_m_per_n=plant.further_compliance_m_per_n + total[Quantity.COMPLIANCE],
         compliance_slope_per_n=plant.compliance_slope_per_n + total[Quantity.COMPLIANCE_SLOPE],
         bristle_reach_m=plant.bristle_reach_m + total[Quantity.PRESLIDING_REACH],
-        load_friction=plant.load_friction + total[Quantity.LOAD_FRICTION],
+        load_friction=plant.load_friction + sum(p.coefficient for p in _of(LoadFriction, parts)),
     )
 
 

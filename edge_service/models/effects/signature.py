@@ -16,8 +16,10 @@ from .contribution import (
     Contribution,
     Curve,
     DryFriction,
+    LoadFriction,
     Over,
     Place,
+    Play,
     Quantity,
     Shift,
     Side,
@@ -32,6 +34,8 @@ from .hysteresis import bristle_share, play
 _Signature = Callable[[float, Motion, Baseline], Floats]
 _ANGLE_STEP_RAD = 1e-3
 _POSITION_STEP_M = 1e-5
+_FLOATING = 0.05
+"""Load over the whole Coulomb level from which on it lays the table onto a flank."""
 
 
 def torque_signature(effect: Effect, values: Values, motion: Motion, baseline: Baseline) -> Floats:
@@ -53,35 +57,51 @@ def transmission_signature(
 
 
 def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> Floats:
+    torque = np.zeros(len(motion))
     match contribution:
         case DryFriction(over, level_nm, _):
-            return motion.direction * level_nm(_variable(motion, over))
+            torque = motion.direction * level_nm(_variable(motion, over))
         case SmoothTorque(over, torque_nm, _):
-            return torque_nm(_variable(motion, over))
+            torque = torque_nm(_variable(motion, over))
         case TableForce(force_n):
-            return -baseline.ratio_m_per_rad * force_n(motion.time_s)
+            torque = -baseline.ratio_m_per_rad * force_n(motion.time_s)
+        case LoadFriction():
+            torque = _load_friction(contribution, motion, baseline)
         case Shift():
-            return _shift_torque(contribution, motion, baseline)
-        case Strain() | Warming():
-            return np.zeros(len(motion))
+            torque = _shift_torque(contribution, motion, baseline)
         case Change(quantity, value):
-            return _CHANGED_TORQUE.get(quantity, _nothing)(value, motion, baseline)
+            torque = _CHANGED_TORQUE.get(quantity, _nothing)(value, motion, baseline)
+        case Play() | Strain() | Warming():
+            pass
+    return torque
+
+
+def _load_friction(each: LoadFriction, motion: Motion, baseline: Baseline) -> Floats:
+    carried_nm = motion.load_torque_nm + each.friction_share * _rubbed_nm(motion, baseline)
+    carried_nm = carried_nm + each.viscous_share * _stirred_nm(motion, baseline)
+    rubbed: Floats = each.coefficient * motion.direction * np.abs(carried_nm)
+    return rubbed
 
 
 def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline) -> Floats:
+    shift = np.zeros(len(motion))
     match contribution:
         case DryFriction() | SmoothTorque() | TableForce():
-            return baseline.wind_up_m(_carried(contribution, motion, baseline), motion.position_m)
-        case Shift(Place.ANGLE_READING, over, shift):
-            return -baseline.ratio_m_per_rad * shift(_variable(motion, over))
-        case Shift(_, over, shift):
-            return shift(_variable(motion, over))
-        case Warming():
-            return np.zeros(len(motion))
+            carried_nm = _carried(contribution, motion, baseline)
+            shift = baseline.wind_up_m(carried_nm, motion.position_m)
+        case Shift(Place.ANGLE_READING, over, curve):
+            shift = -baseline.ratio_m_per_rad * curve(_variable(motion, over))
+        case Shift(_, over, curve):
+            shift = curve(_variable(motion, over))
         case Strain(strain):
-            return strain(motion.time_s) * baseline.ratio_m_per_rad * motion.angle_rad
+            shift = strain(motion.time_s) * baseline.ratio_m_per_rad * motion.angle_rad
+        case Play():
+            shift = _lost_motion(contribution, motion, baseline)
         case Change(quantity, value):
-            return _CHANGED_TRANSMISSION.get(quantity, _nothing)(value, motion, baseline)
+            shift = _CHANGED_TRANSMISSION.get(quantity, _nothing)(value, motion, baseline)
+        case LoadFriction() | Warming():
+            pass
+    return shift
 
 
 def _carried(
@@ -159,9 +179,39 @@ def _presliding_wind_up(reach_m: float, motion: Motion, baseline: Baseline) -> F
     return baseline.wind_up_m(lacking_nm, motion.position_m)
 
 
-def _lost_motion(width_m: float, motion: Motion, baseline: Baseline) -> Floats:
+def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
+    """Lost motion of friction's flank, and that of a table that brakes onto the other one."""
     travel = baseline.ratio_m_per_rad * motion.angle_rad
-    return play(travel, width_m) - travel
+    load_nm = motion.load_torque_nm + each.friction_share * _rubbed_nm(motion, baseline)
+    pushed = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
+    leaned = np.where(pushed, motion.approach * each.width_m, 0.0)
+    return play(travel, each.width_m) - travel + leaned
+
+
+def _loaded_nm(motion: Motion, baseline: Baseline) -> Floats:
+    """What the spring carries by the model, N m at the motor, (n,)."""
+    return motion.load_torque_nm + _rubbed_nm(motion, baseline)
+
+
+def _rubbed_nm(motion: Motion, baseline: Baseline) -> Floats:
+    """Dry friction of the table, N m at the motor, (n,); at rest as it came there."""
+    return baseline.table_coulomb_nm * motion.approach
+
+
+def _stirred_nm(motion: Motion, baseline: Baseline) -> Floats:
+    return baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+
+
+def _given(load_nm: Callable[[Motion, Baseline], Floats]) -> _Signature:
+    """-c T / R of a load T, for a compliance c."""
+    return lambda value, motion, baseline: (
+        -value * load_nm(motion, baseline) / baseline.ratio_m_per_rad
+    )
+
+
+def _given_along(load_nm: Callable[[Motion, Baseline], Floats]) -> _Signature:
+    even = _given(load_nm)
+    return lambda value, motion, baseline: motion.position_m * even(value, motion, baseline)
 
 
 def _beyond_limit(limit_nm: float, motion: Motion, _baseline: Baseline) -> Floats:
@@ -179,9 +229,6 @@ _CHANGED_TORQUE: dict[Quantity, _Signature] = {
         value * np.gradient(motion.model_torque_nm, motion.time_s)
     ),
     Quantity.PRESLIDING_REACH: _presliding_torque,
-    Quantity.LOAD_FRICTION: lambda value, motion, _: (
-        value * motion.direction * np.abs(motion.load_torque_nm)
-    ),
 }
 
 _CHANGED_TRANSMISSION: dict[Quantity, _Signature] = {
@@ -191,12 +238,11 @@ _CHANGED_TRANSMISSION: dict[Quantity, _Signature] = {
     Quantity.POSITION_LAG: lambda value, motion, baseline: (
         -value * baseline.ratio_m_per_rad * motion.speed_rad_s
     ),
-    Quantity.BACKLASH: _lost_motion,
-    Quantity.COMPLIANCE: lambda value, motion, baseline: (
-        -value * motion.load_torque_nm / baseline.ratio_m_per_rad
-    ),
-    Quantity.COMPLIANCE_SLOPE: lambda value, motion, baseline: (
-        -value * motion.position_m * motion.load_torque_nm / baseline.ratio_m_per_rad
-    ),
+    Quantity.COMPLIANCE: _given(_loaded_nm),
+    Quantity.COMPLIANCE_SLOPE: _given_along(_loaded_nm),
+    Quantity.RUBBED_COMPLIANCE: _given(_rubbed_nm),
+    Quantity.RUBBED_COMPLIANCE_SLOPE: _given_along(_rubbed_nm),
+    Quantity.STIRRED_COMPLIANCE: _given(_stirred_nm),
+    Quantity.STIRRED_COMPLIANCE_SLOPE: _given_along(_stirred_nm),
     Quantity.PRESLIDING_REACH: _presliding_wind_up,
 }

@@ -5,18 +5,21 @@ simulated axis has none there, and its position loop hunts across the clearance 
 one would; two newtons end it.
 """
 
-from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Role, Values
+from ..contribution import Contribution, Play
+from ..effect import Effect, Parameter, Role, Values, friction_share
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.BACKLASH, values["width_m"]),)
+    return (Play(values["width_m"], values["friction_share"]),)
 
 
 EFFECT = Effect(
     name="backlash",
     description="At a reversal the motor turns before the table moves: there is clearance.",
     source="play operator; flanks touch after positive motion, so x - R theta is 0 or the width",
-    parameters=(Parameter("width_m", "m", "Clearance.", 0.0, 2e-3, 0.0, 1e-5, Role.SHAPE),),
+    parameters=(
+        Parameter("width_m", "m", "Clearance.", 0.0, 2e-3, 0.0, 1e-5, Role.SHAPE),
+        friction_share(),
+    ),
     contributions=_contributions,
 )

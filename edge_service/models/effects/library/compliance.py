@@ -1,14 +1,21 @@
 """More give between motor and table than the model knows."""
 
 from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Values
+from ..effect import Effect, Parameter, Values, friction_share, viscous_share
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (
-        Change(Quantity.COMPLIANCE, values["level_m_per_n"]),
-        Change(Quantity.COMPLIANCE_SLOPE, values["slope_per_n"]),
+    level, slope = values["level_m_per_n"], values["slope_per_n"]
+    rubbed, stirred = values["friction_share"] - 1.0, values["viscous_share"]
+    changes = (
+        (Quantity.COMPLIANCE, level),
+        (Quantity.COMPLIANCE_SLOPE, slope),
+        (Quantity.RUBBED_COMPLIANCE, rubbed * level),
+        (Quantity.RUBBED_COMPLIANCE_SLOPE, rubbed * slope),
+        (Quantity.STIRRED_COMPLIANCE, stirred * level),
+        (Quantity.STIRRED_COMPLIANCE_SLOPE, stirred * slope),
     )
+    return tuple(Change(quantity, value) for quantity, value in changes if value != 0.0)
 
 
 EFFECT = Effect(
@@ -28,6 +35,8 @@ EFFECT = Effect(
         Parameter(
             "slope_per_n", "1/N", "Compliance more, per metre from there.", -1e-5, 1e-5, 0.0, 3e-8
         ),
+        friction_share(),
+        viscous_share(),
     ),
     contributions=_contributions,
 )

@@ -1,11 +1,12 @@
 """Screw friction that grows with the load."""
 
-from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Values
+from ..contribution import Contribution, LoadFriction
+from ..effect import Effect, Parameter, Values, friction_share, viscous_share
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.LOAD_FRICTION, values["coefficient"]),)
+    shares = values["friction_share"], values["viscous_share"]
+    return (LoadFriction(values["coefficient"], *shares),)
 
 
 EFFECT = Effect(
@@ -14,6 +15,8 @@ EFFECT = Effect(
     source="screw catalogues: a load T needs T / eta; torque s(v) mu |T_load|, mu = 1 / eta - 1",
     parameters=(
         Parameter("coefficient", "1", "Friction torque over load torque.", 0.0, 0.9, 0.0, 0.15),
+        friction_share(),
+        viscous_share(),
     ),
     contributions=_contributions,
 )

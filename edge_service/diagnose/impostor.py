@@ -1,0 +1,110 @@
+"""Whether a named effect is the cause, or the nearest relation of one that nobody knows."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.samples import Floats
+from .predictable import foretold
+from .session import Session
+
+_EVEN = 0.12
+"""With this much structure left, over what it explains, an effect is as likely an impostor."""
+_STEEP = 3.0
+FORCE = "external_force"
+"""Nothing foretells it; what is like it all over a recording is no force."""
+HEATED = frozenset({"thermal_growth", "warmup"})
+"""Their entries know time alone, where motion heats an axis: their free forms are judged."""
+LEFT_WEIGHT = 0.8
+"""Of what is left but follows nothing that is known."""
+FORCE_WEIGHT = 0.2
+"""The same of a force's bursts, over other effects': its entry is a rectangle."""
+MOST_STRAIN = 3.0
+"""Energy of effects in one channel over that of its gap: beyond it they fit each other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What an effect has in the channel that it affects most, as shares of the gap's energy.
+
+    Attributes:
+        gain: what leaving it out would bring back.
+        missed: what is left although a free form foretells it on other motion.
+        left: what the best fit leaves, with all forms that bear the effect's name.
+        strain: energy of all effects in the channel.
+    """
+
+    gain: float
+    missed: float
+    left: float
+    strain: float
+
+    @property
+    def trust(self) -> float:
+        """Probability that it is no impostor."""
+        if self.gain <= 0.0:
+            return 0.0
+        structure = self.missed / self.gain + LEFT_WEIGHT * self.left
+        strain = max(self.strain / MOST_STRAIN, 1.0)
+        return 1.0 / (1.0 + math.pow(structure * strain / _EVEN, _STEEP))
+
+
+def claims(
+    session: Session,
+    parts: Mapping[str, Mapping[str, Floats]],
+    left: Mapping[str, Floats],
+    left_by_forms: Mapping[str, Floats],
+    shares_left: Mapping[str, float],
+    channel_of: Mapping[str, str],
+) -> dict[str, Claim]:
+    """The claims of named effects.
+
+    Args:
+        parts: effect -> channel -> what it makes of the gap, (n,).
+        left: what all of them and what is tolerated leave, by channel, (n,).
+        left_by_forms: what the best fit leaves, with all forms that bear a name, (n,).
+        shares_left: share of each channel's energy above the floor that the best fit leaves.
+        channel_of: effect -> the channel that it affects most.
+    """
+    heated = {channel for effect, channel in channel_of.items() if effect in HEATED}
+    judged = {
+        name: left_by_forms[name] if name in heated else left[name]
+        for name in set(channel_of.values())
+    }
+    missed = _missed(judged, foretold(session, judged))
+    found = {}
+    for effect, channel in channel_of.items():
+        rest, mine = left[channel], parts[effect][channel]
+        whole = float(np.sum(session.channels[channel].gap ** 2))
+        gain = float(np.sum((rest + mine) ** 2) - np.sum(rest**2))
+        strain = math.fsum(float(np.sum(each[channel] ** 2)) for each in parts.values())
+        unforeseen = shares_left[channel]
+        if effect == FORCE:
+            unforeseen = FORCE_WEIGHT * max(unforeseen, float(np.sum(rest**2)) / whole)
+        found[effect] = Claim(
+            gain / whole,
+            missed[channel] / whole,
+            unforeseen,
+            strain / whole,
+        )
+    return found
+
+
+def _missed(left: Mapping[str, Floats], structure: Mapping[str, Floats]) -> dict[str, float]:
+    """Energy of what is left that a free form foretells, by channel."""
+    return {
+        name: max(float(np.sum(rest**2) - np.sum((rest - structure[name]) ** 2)), 0.0)
+        for name, rest in left.items()
+    }
+
+
+def has_impostor(found: Mapping[str, Claim], channel_of: Mapping[str, str]) -> bool:
+    """Whether what explains most of a channel is more likely an impostor than not."""
+    leaders: dict[str, Claim] = {}
+    for effect, claim in found.items():
+        channel = channel_of[effect]
+        if channel not in leaders or claim.gain > leaders[channel].gain:
+            leaders[channel] = claim
+    return any(claim.trust < 0.5 for claim in leaders.values())
