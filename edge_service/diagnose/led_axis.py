@@ -150,7 +150,6 @@ class LedAxis:
         base = self.baseline
         inertia = base.table_inertia_kg_m2 * motion.acceleration_rad_s2
         pushed = motion.load_torque_nm - inertia
-        pushed -= base.table_coulomb_nm * motion.approach
         force: Floats = -pushed / base.ratio_m_per_rad
         return force
 

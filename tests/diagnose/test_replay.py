@@ -20,6 +20,7 @@ from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import active_effect, effects, get_effect
+from edge_service.models.effects.signature import transmission_signature
 from edge_service.models.encoders import Sensors
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
@@ -173,6 +174,8 @@ def test_at_rest_the_spring_stays_as_the_guides_wound_it_up(machine: Machine) ->
     baseline = rigid_baseline(machine)
     rest = motion.direction == 0.0
     assert rest.any()
-    inertia = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
-    held = motion.load_torque_nm[rest] - inertia[rest]
-    assert np.allclose(held, baseline.table_coulomb_nm * motion.approach[rest])
+    stretch = active_effect("compliance", {"level_m_per_n": 1e-8, "friction_share": 1.0})
+    wound = transmission_signature(stretch.effect, stretch.values, motion, baseline)[rest]
+    load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
+    load += baseline.table_coulomb_nm * motion.approach
+    assert np.allclose(wound, -1e-8 * load[rest] / baseline.ratio_m_per_rad, atol=1e-12)
