@@ -16,6 +16,11 @@ _NO_PHASE = {("lead_error", "pitch_error")}
 """Amounts that the phase and the order of their effect say nothing about."""
 _ORDERS = {"lead_error": 6, "encoder_eccentricity": 3, "once_per_rev_friction": 12}
 _MOST_ORDERS = 32
+_STEPS = {
+    "friction_share": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3),
+    "viscous_share": (0.0, 0.4, 0.8),
+    "of_cold": (0.0, 1.0),
+}
 
 
 class Atom(Protocol):
@@ -162,14 +167,12 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
             values = np.geomspace(1e-6, 2e-4, 12)
         case "N m":
             values = ranges.strongest_nm * np.geomspace(0.08, 0.97, 24)
+        case "1" if parameter.name in _STEPS:
+            values = np.array(_STEPS[parameter.name])
         case "1" if parameter.whole:
             values = np.arange(1.0, _ORDERS.get(effect.name, _MOST_ORDERS) + 1.0)
         case "1" if parameter.name == "friction_share" and effect.name == "backlash":
             values = np.array([0.1, 0.4, 0.8, 1.2])
-        case "1" if parameter.name == "friction_share":
-            values = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3])
-        case "1" if parameter.name == "viscous_share":
-            values = np.array([0.0, 0.4, 0.8, 1.2])
         case "1":
             values = np.array([1.0, 2.0])
         case _:

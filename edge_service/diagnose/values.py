@@ -61,9 +61,9 @@ class Values:
 
     def is_at_bound(self, name: str) -> bool:
         """Whether a shape of an effect has gone as far up as the library lets it."""
-        highest = {p.name: p.high for p in get_effect(name).parameters}
+        highest = {p.name: p.high for p in get_effect(name).parameters if not p.whole}
         return any(
-            value >= 0.99 * highest[shape]
+            value >= 0.99 * highest.get(shape, math.inf)
             for atom in self.atoms
             if atom.name == name
             for shape, value in atom.shape

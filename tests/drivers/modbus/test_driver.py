@@ -76,7 +76,8 @@ async def test_values_are_those_of_the_source(rig: Rig) -> None:
         assert angle % 50.0 == expected[ANGLE] % 50.0
         assert table == pytest.approx(1e-5 * angle / 0.5, abs=1e-6)
     np.testing.assert_allclose(rows.channels[TEMPERATURE], 21.5)
-    assert not any(codes.any() for codes in rows.quality.values())
+    codes = {int(code) for each in rows.quality.values() for code in each}
+    assert codes <= {Quality.GOOD, Quality.LATE_READ}  # a busy machine may be late
 
 
 async def test_rows_come_no_faster_than_the_period(rig: Rig) -> None:
