@@ -18,7 +18,7 @@ _ORDERS = {"lead_error": 6, "encoder_eccentricity": 3, "once_per_rev_friction": 
 _MOST_ORDERS = 32
 _STEPS = {
     "friction_share": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3),
-    "viscous_share": (0.0, 0.4, 0.8),
+    "viscous_share": (0.0, 0.4, 0.8, 1.2),
     "of_cold": (0.0, 1.0),
 }
 
@@ -167,12 +167,12 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
             values = np.geomspace(1e-6, 2e-4, 12)
         case "N m":
             values = ranges.strongest_nm * np.geomspace(0.08, 0.97, 24)
+        case "1" if (effect.name, parameter.name) == ("backlash", "friction_share"):
+            values = np.array([0.1, 0.4, 0.8, 1.2])
         case "1" if parameter.name in _STEPS:
             values = np.array(_STEPS[parameter.name])
         case "1" if parameter.whole:
             values = np.arange(1.0, _ORDERS.get(effect.name, _MOST_ORDERS) + 1.0)
-        case "1" if parameter.name == "friction_share" and effect.name == "backlash":
-            values = np.array([0.1, 0.4, 0.8, 1.2])
         case "1":
             values = np.array([1.0, 2.0])
         case _:
