@@ -17,6 +17,8 @@ FORCE = "external_force"
 """Nothing foretells it; what is like it all over a recording is no force."""
 HEATED = frozenset({"thermal_growth", "warmup"})
 """Their entries know time alone, where motion heats an axis: their free forms are judged."""
+OWN = 1.0 / 3.0
+"""Weight of an effect's own gain in what is missed beside it."""
 LEFT_WEIGHT = 0.8
 """Of what is left but follows nothing that is known."""
 FORCE_WEIGHT = 0.2
@@ -31,22 +33,29 @@ class Claim:
 
     Attributes:
         gain: what leaving it out would bring back.
+        explained: what all effects in the channel take away.
         missed: what is left although a free form foretells it on other motion.
         left: what the best fit leaves, with all forms that bear the effect's name.
         strain: energy of all effects in the channel.
     """
 
     gain: float
+    explained: float
     missed: float
     left: float
     strain: float
 
     @property
     def trust(self) -> float:
-        """Probability that it is no impostor."""
+        """Probability that it is no impostor.
+
+        What is missed may be its own, but mostly is that of greater effects beside it: it counts by
+        a mean, in logarithms, of what this one and what all of them explain.
+        """
         if self.gain <= 0.0:
             return 0.0
-        structure = self.missed / self.gain + LEFT_WEIGHT * self.left
+        share = self.gain**OWN * max(self.explained, self.gain) ** (1.0 - OWN)
+        structure = self.missed / share + LEFT_WEIGHT * self.left
         strain = max(self.strain / MOST_STRAIN, 1.0)
         return 1.0 / (1.0 + math.pow(structure * strain / _EVEN, _STEEP))
 
@@ -85,6 +94,7 @@ def claims(
             unforeseen = FORCE_WEIGHT * max(unforeseen, float(np.sum(rest**2)) / whole)
         found[effect] = Claim(
             gain / whole,
+            1.0 - float(np.sum(rest**2)) / whole,
             missed[channel] / whole,
             unforeseen,
             strain / whole,

@@ -14,7 +14,7 @@ from edge_service.models.machine import Machine
 
 from .conftest import frame_of, recorded, session_of
 
-EXACT = Claim(gain=0.98, missed=0.0, left=0.0, strain=0.98)
+EXACT = Claim(gain=0.98, explained=0.98, missed=0.0, left=0.0, strain=0.98)
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +65,10 @@ def test_an_effect_that_explains_all_is_trusted() -> None:
 @pytest.mark.parametrize(
     "doubtful",
     [
-        Claim(gain=0.98, missed=0.3, left=0.0, strain=0.98),
-        Claim(gain=0.3, missed=0.1, left=0.0, strain=0.98),
-        Claim(gain=0.98, missed=0.0, left=0.5, strain=0.98),
-        Claim(gain=-0.1, missed=0.0, left=0.0, strain=0.98),
+        Claim(gain=0.98, explained=0.98, missed=0.3, left=0.0, strain=0.98),
+        Claim(gain=0.3, explained=0.3, missed=0.1, left=0.0, strain=0.98),
+        Claim(gain=0.98, explained=0.98, missed=0.0, left=0.5, strain=0.98),
+        Claim(gain=-0.1, explained=-0.1, missed=0.0, left=0.0, strain=0.98),
     ],
 )
 def test_what_leaves_structure_is_more_likely_an_impostor(doubtful: Claim) -> None:
@@ -77,14 +77,14 @@ def test_what_leaves_structure_is_more_likely_an_impostor(doubtful: Claim) -> No
 
 
 def test_effects_that_fit_each_other_are_doubted() -> None:
-    plain = Claim(gain=1.0, missed=0.03, left=0.0, strain=1.0)
-    strained = Claim(gain=1.0, missed=0.03, left=0.0, strain=40.0)
+    plain = Claim(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=1.0)
+    strained = Claim(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=40.0)
     assert plain.trust > 0.9
     assert strained.trust < 0.2
 
 
 def test_the_leader_of_a_channel_decides() -> None:
-    small = Claim(gain=0.01, missed=0.05, left=0.0, strain=0.98)
+    small = Claim(gain=0.01, explained=0.01, missed=0.05, left=0.0, strain=0.98)
     channels = {"drag_error": TORQUE_GAP, "stribeck": TORQUE_GAP}
     assert small.trust < 0.5
     assert not has_impostor({"drag_error": EXACT, "stribeck": small}, channels)
