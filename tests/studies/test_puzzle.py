@@ -70,6 +70,9 @@ def test_the_picture_has_a_bar_for_each_step() -> None:
 def test_the_diagnosis_says_that_it_is_dry_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(puzzle, "HEALTHY_RUNS", 2)
     found = puzzle.solve()
-    assert {"stribeck", "drag_error"} & set(found.steps[0].effect.split(" and "))
+    named = {name for step in found.steps for name in step.effect.split(" and ")}
+    assert {"stribeck", "compliance"} <= named
+    assert named <= {"stribeck", "compliance", "warmup", "drag_error"}  # what the bench has
+    assert found.steps[-1].gap["transmission_m"] < 0.25 * found.before["transmission_m"]
     assert found.steps[-1].gap["torque_nm"] < 0.25 * found.before["torque_nm"]
     assert found.fitted["torque_nm"] > 0.7 * found.before["torque_nm"]
