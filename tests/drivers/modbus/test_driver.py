@@ -51,8 +51,8 @@ class Rig:
 
 
 @pytest.fixture
-async def rig() -> AsyncIterator[Rig]:
-    made = Rig()
+async def rig(request: pytest.FixtureRequest) -> AsyncIterator[Rig]:
+    made = Rig(**getattr(request, "param", {}))
     await made.stub.start()
     await made.driver.open()
     yield made
@@ -60,7 +60,9 @@ async def rig() -> AsyncIterator[Rig]:
     await made.stub.close()
 
 
+@pytest.mark.parametrize("rig", [{"poll_groups": {"fast": 0.05}}], indirect=True)
 async def test_values_are_those_of_the_source(rig: Rig) -> None:
+    """With so much time for a read that none is late where other work goes on."""
     rows = await rig.rows(20)
     numbers = np.rint((rows.channels[TORQUE] - 0.25) / 0.001).astype(int)
     assert len(set(numbers)) > 5
@@ -76,8 +78,7 @@ async def test_values_are_those_of_the_source(rig: Rig) -> None:
         assert angle % 50.0 == expected[ANGLE] % 50.0
         assert table == pytest.approx(1e-5 * angle / 0.5, abs=1e-6)
     np.testing.assert_allclose(rows.channels[TEMPERATURE], 21.5)
-    codes = {int(code) for each in rows.quality.values() for code in each}
-    assert codes <= {Quality.GOOD, Quality.LATE_READ}  # a busy machine may be late
+    assert not any(codes.any() for codes in rows.quality.values())
 
 
 async def test_rows_come_no_faster_than_the_period(rig: Rig) -> None:
