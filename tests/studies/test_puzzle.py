@@ -73,6 +73,10 @@ def test_the_diagnosis_says_that_it_is_dry_friction(monkeypatch: pytest.MonkeyPa
     named = {name for step in found.steps for name in step.effect.split(" and ")}
     assert {"stribeck", "compliance"} <= named
     assert named <= {"stribeck", "compliance", "warmup", "drag_error"}  # what the bench has
+    before = found.before["torque_nm"]
+    first = next(step for step in found.steps if step.gap["torque_nm"] < 0.9 * before)
+    assert {"stribeck", "drag_error", "warmup"} & set(first.effect.split(" and "))  # dry, all three
+    assert first.gap["torque_nm"] < 0.5 * before
     assert found.steps[-1].gap["transmission_m"] < 0.25 * found.before["transmission_m"]
     assert found.steps[-1].gap["torque_nm"] < 0.25 * found.before["torque_nm"]
     assert found.fitted["torque_nm"] > 0.7 * found.before["torque_nm"]
