@@ -57,7 +57,11 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
     near = router.subscribe(KEYS.all_axes(RAW), decode_samples)
     far = client.subscribe(KEYS.all_axes(RAW), decode_samples)
     publisher = router.publisher(KEYS.key("X", RAW), RAW)
-    headers = []
+    headers = [publisher.publish(encode, time.time_ns())]
+    axis, header, _ = await anext(aiter(near))
+    assert (axis, header) == ("X", headers[0])
+    assert header.sequence == 0
+    assert header.boot_epoch == publisher.boot_epoch
     arrivals = aiter(far)
     async with asyncio.timeout(5.0):
         first = asyncio.ensure_future(anext(arrivals))
@@ -68,9 +72,6 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
     assert axis == "X"
     assert header in headers
     np.testing.assert_array_equal(frame.channels[TORQUE], FRAME.channels[TORQUE])
-    axis, header, _ = await anext(aiter(near))
-    assert header.sequence == 0
-    assert header.boot_epoch == publisher.boot_epoch
 
 
 async def test_a_reader_that_sleeps_loses_the_oldest_and_the_count_is_exact(router: Bus) -> None:
