@@ -64,11 +64,13 @@ def warm_up(
 ) -> None:
     """Compile the kernels before the first sample: it takes seconds on a new installation.
 
+    The motion lasts until the estimators answer: answers are compiled as well.
+
     Args:
         machines: whose estimators run; the default one's unless given.
     """
     downsample, estimator = downsample or DownsampleConfig(), estimator or EstimatorConfig()
-    time_s = np.arange(400, dtype=np.float64) / 1e3
+    time_s = np.arange(2000, dtype=np.float64) / 1e3
     steady = SampleFrame(time_s, {TORQUE: 0.1 + 0.01 * np.sin(time_s), ANGLE: 10.0 * time_s})
     for machine in tuple(machines) or (load_machine(DEFAULT_MACHINE),):
         warm = make_estimator(estimator, machine)
