@@ -155,8 +155,8 @@ class ModbusLink:
 
     def _let_go(self, client: AsyncModbusTcpClient) -> None:
         self._fail(OSError("closed"))
-        if client.ctx.transport is not None:
-            client.ctx.transport.abort()  # type: ignore[attr-defined]
+        if isinstance(client.ctx.transport, asyncio.WriteTransport):
+            client.ctx.transport.abort()
         client.close()
         if self._client is client:
             self._client = None

@@ -5,7 +5,7 @@ import json
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import zenoh
 
@@ -47,7 +47,7 @@ class Bus:
     def __init__(self, session: zenoh.Session, endpoint: str) -> None:
         self._session = session
         self.endpoint = endpoint
-        self._subscribers: list[Subscriber[object]] = []
+        self._subscribers: list[Subscriber[Any]] = []
         self._publishers: list[Publisher] = []
         self._tokens: list[zenoh.LivelinessToken] = []
 
@@ -95,7 +95,7 @@ class Bus:
     ) -> Subscriber[_T]:
         """Subscribe with a ring of `depth` payloads; when it is full the oldest goes, counted."""
         subscriber = Subscriber(self._session, key_expr, decode, depth)
-        self._subscribers.append(subscriber)  # type: ignore[arg-type]
+        self._subscribers.append(subscriber)
         return subscriber
 
     def declare_alive(self, key: str) -> None:

@@ -1,6 +1,7 @@
 """Sufficient statistics of one interval of contiguous rows."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -142,10 +143,10 @@ def summarise(
 
 def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock:
     """An interval of the grid in which no row had the values that are needed."""
-    unknown = dict.fromkeys(FEATURE_FIELDS, np.nan)
+    unknown: dict[str, Any] = dict.fromkeys(FEATURE_FIELDS, np.nan)
     counts = {"sample_count": 0, "reversal_count": 0, "moving_fraction": 0.0}
     known = {"time_s": (interval + 1) * interval_s, "duration_s": interval_s, "fault": fault}
-    return FeatureBlock(**(unknown | counts | known))  # type: ignore[arg-type]
+    return FeatureBlock(**(unknown | counts | known))
 
 
 def _directions(segment: Floats, first: int, end: int, reach: int, standstill: float) -> Floats:

@@ -3,13 +3,15 @@
 import asyncio
 import socket
 import tomllib
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from drivers.base import Driver, DriverContext
+from drivers.stub import Fault, FaultKind, Stub
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
@@ -38,6 +40,34 @@ class DriverBench:
     bring_back: Action | None = None
     spoil: Action | None = None
     heal: Action | None = None
+
+
+@asynccontextmanager
+async def stub_bench(
+    stub_of: Callable[[], Stub], make: Callable[[], Driver], fault: FaultKind
+) -> AsyncIterator[DriverBench]:
+    """A stub over a real socket that goes and comes back, and whose `fault` spoils every value."""
+    stubs = [stub_of()]
+    await stubs[0].start()
+
+    async def lose() -> None:
+        await stubs.pop().close()
+
+    async def bring_back() -> None:
+        stubs.append(stub_of())
+        await stubs[-1].start()
+
+    async def spoil() -> None:
+        stubs[-1].fault = Fault(fault)
+
+    async def heal() -> None:
+        stubs[-1].fault = Fault()
+
+    try:
+        yield DriverBench(make, lose, bring_back, spoil, heal)
+    finally:
+        for each in stubs:
+            await each.close()
 
 
 def free_port() -> int:

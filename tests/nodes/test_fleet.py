@@ -206,7 +206,7 @@ def test_watching_goes_on_until_it_is_interrupted(
         if len(slept) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("edge_service.cli.time.sleep", sleep)
+    monkeypatch.setattr("edge_service.commands.fleet.time.sleep", sleep)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         dead = f"http://127.0.0.1:{silent.getsockname()[1]}"

@@ -8,17 +8,13 @@ import pytest
 
 from edge_service.nodes.job_records import known_jobs
 
-from .test_job_desk import Bench
+from .job_bench import Bench, bench_in
 
 
 @pytest.fixture
 async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
-    bench = Bench(tmp_path)
-    bench.let("short")
-    await bench.client.put("recordings/trace.csv", content=b"time_s\n0\n")
-    yield bench
-    await bench.client.aclose()
-    await bench.desk.close()
+    async with bench_in(tmp_path) as bench:
+        yield bench
 
 
 async def restarted(bench: Bench, folder: Path) -> Bench:

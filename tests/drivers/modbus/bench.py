@@ -1,16 +1,15 @@
 """A Modbus device over a real socket on the loopback interface."""
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any
 
 from drivers.modbus.config import ModbusConfig
 from drivers.modbus.driver import ModbusDriver
 from drivers.modbus.stub import ModbusStub
-from drivers.stub import Fault, FaultKind, StubAxis
+from drivers.stub import FaultKind, StubAxis
 
-from ..bench import CONTEXT, DriverBench, counting_source, free_port
+from ..bench import CONTEXT, DriverBench, counting_source, free_port, stub_bench
 
 REGISTERS = [
     {"channel": "torque_command_nm", "address": 0, "type": "float32"},
@@ -38,28 +37,8 @@ def stub_of(config: ModbusConfig) -> ModbusStub:
     return ModbusStub([StubAxis("X", config, CONTEXT, counting_source())])
 
 
-@asynccontextmanager
-async def bench(_folder: Path) -> AsyncIterator[DriverBench]:
+def bench(_folder: Path) -> AbstractAsyncContextManager[DriverBench]:
     config = config_of(free_port())
-    stub = stub_of(config)
-    await stub.start()
-    stubs = [stub]
-
-    async def lose() -> None:
-        await stubs.pop().close()
-
-    async def bring_back() -> None:
-        stubs.append(stub_of(config))
-        await stubs[-1].start()
-
-    async def spoil() -> None:
-        stubs[-1].fault = Fault(FaultKind.WORD_ORDER)
-
-    async def heal() -> None:
-        stubs[-1].fault = Fault()
-
-    try:
-        yield DriverBench(lambda: ModbusDriver(config, CONTEXT), lose, bring_back, spoil, heal)
-    finally:
-        for each in stubs:
-            await each.close()
+    return stub_bench(
+        lambda: stub_of(config), lambda: ModbusDriver(config, CONTEXT), FaultKind.WORD_ORDER
+    )

@@ -1,16 +1,15 @@
 """An OPC UA server over a real socket on the loopback interface."""
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any
 
 from drivers.opcua.config import OpcuaConfig
 from drivers.opcua.driver import OpcuaDriver
 from drivers.opcua.stub import OpcuaStub
-from drivers.stub import Fault, FaultKind, StubAxis
+from drivers.stub import FaultKind, StubAxis
 
-from ..bench import CONTEXT, DriverBench, counting_source, free_port
+from ..bench import CONTEXT, DriverBench, counting_source, free_port, stub_bench
 
 SIGNALS = [
     {"channel": "torque_command_nm", "node": "ns=2;s=X.torque"},
@@ -35,28 +34,8 @@ def stub_of(config: OpcuaConfig, nodesets: Path | None = None) -> OpcuaStub:
     return OpcuaStub([StubAxis("X", config, CONTEXT, counting_source())], nodesets)
 
 
-@asynccontextmanager
-async def bench(_folder: Path) -> AsyncIterator[DriverBench]:
+def bench(_folder: Path) -> AbstractAsyncContextManager[DriverBench]:
     config = config_of(free_port())
-    stub = stub_of(config)
-    await stub.start()
-    stubs = [stub]
-
-    async def lose() -> None:
-        await stubs.pop().close()
-
-    async def bring_back() -> None:
-        stubs.append(stub_of(config))
-        await stubs[-1].start()
-
-    async def spoil() -> None:
-        stubs[-1].fault = Fault(FaultKind.EXCEPTION)
-
-    async def heal() -> None:
-        stubs[-1].fault = Fault()
-
-    try:
-        yield DriverBench(lambda: OpcuaDriver(config, CONTEXT), lose, bring_back, spoil, heal)
-    finally:
-        for each in stubs:
-            await each.close()
+    return stub_bench(
+        lambda: stub_of(config), lambda: OpcuaDriver(config, CONTEXT), FaultKind.EXCEPTION
+    )

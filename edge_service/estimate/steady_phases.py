@@ -1,0 +1,107 @@
+"""Phases of steady motion of several recordings, as the columns of a regression."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from ..messages.features import FeatureBlock, Phase
+from ..messages.samples import Floats
+from .known_effects import KnownEffects
+
+
+class CommissioningError(ValueError):
+    """The recording cannot determine what the estimator needs; the text names the motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyPhases:
+    """Phases of several recordings as columns, (n,) each; `run` numbers the recording."""
+
+    run: Floats
+    time_s: Floats
+    steady_s: Floats
+    direction: Floats
+    torque_nm: Floats
+    acceleration_rad_s2: Floats
+    speed_rad_s: Floats
+    angle_rad: Floats
+    table_m: Floats
+
+    @classmethod
+    def of(
+        cls, recordings: Sequence[Sequence[FeatureBlock]], known: KnownEffects | None = None
+    ) -> "SteadyPhases":
+        """All steady phases of usable blocks, without the effects that are known."""
+
+        def freed(phase: Phase, block: FeatureBlock) -> Phase:
+            if known is None:
+                return phase
+            return known.freed(phase, block.steady_direction, block.time_s)
+
+        rows = [
+            (
+                run,
+                block.time_s,
+                phase.steady_s,
+                block.steady_direction,
+                *_numbers(freed(phase, block)),
+            )
+            for run, blocks in enumerate(recordings)
+            for block in blocks
+            if block.usable
+            for phase in block.phases
+        ]
+        table = np.array(rows, dtype=np.float64).reshape(-1, 9)
+        return cls(*table.T)
+
+    def where(self, chosen: npt.NDArray[np.bool_]) -> "SteadyPhases":
+        """Those rows, chosen (n,) bool."""
+        return SteadyPhases(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+def _numbers(phase: Phase) -> tuple[float, ...]:
+    return (
+        phase.torque_nm,
+        phase.acceleration_rad_s2,
+        phase.speed_rad_s,
+        phase.angle_rad,
+        phase.table_m,
+    )
+
+
+def require_motion(phases: SteadyPhases) -> None:
+    """That there are moves both ways, at several speeds and with accelerations.
+
+    Raises:
+        CommissioningError: there are not; the text names the motion.
+    """
+    _require_both_ways(phases)
+    speeds = np.abs(phases.speed_rad_s)
+    if np.quantile(speeds, 0.95) < 2.0 * np.quantile(speeds, 0.05):
+        raise CommissioningError(
+            "one speed only: friction cannot be told from viscous friction; needs moves at "
+            "several speeds, such as `edge-service motion friction`"
+        )
+    driven = np.abs(phases.acceleration_rad_s2) > 30.0
+    if phases.steady_s[driven].sum() < 0.3:
+        raise CommissioningError(
+            "no accelerations: inertia and stiffness cannot be told; needs "
+            "`edge-service motion acceleration` or production moves"
+        )
+
+
+def _require_both_ways(phases: SteadyPhases) -> None:
+    motion_s = float(phases.steady_s.sum()) if len(phases) else 0.0
+    if motion_s < 3.0:
+        raise CommissioningError(
+            f"only {motion_s:.1f} s of steady motion: needs moves in both directions, "
+            "such as `edge-service motion production`"
+        )
+    for name, sign in (("positive", 1.0), ("negative", -1.0)):
+        if phases.steady_s[phases.direction == sign].sum() < 1.0:
+            raise CommissioningError(f"no motion in {name} direction: needs moves both ways")

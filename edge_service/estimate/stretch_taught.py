@@ -1,0 +1,180 @@
+"""What a healthy axis with two encoders teaches about its stretch under inertia force (5.3.1)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.samples import Floats
+from ..models.machine import Machine
+from .robust_fit import Noise, RobustFit, robust_fit
+from .steady_phases import SteadyPhases
+
+LEAD_NODE_M = 0.02
+LEAD_SIGMA_M = 5e-6
+WIND_UP_SIGMA_M = 2e-7
+_NONE = 1e-12
+"""Prior of a parameter that is held at zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class StretchTaught:
+    """Parameters of the stretch, in metres per acceleration of the table where forces matter."""
+
+    reference_m: float
+    per_acceleration_s2: float
+    slope_per_m: float
+    sigma_s2: float
+    slope_sigma: float
+    reversal_m: float
+    per_speed_s: float
+    skew_s: float
+    lead_map_m: Floats
+    wind_up_map_m: Floats
+    noise: Noise
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The stretch and what it may come from.
+
+    Attributes:
+        phases: rows with both encoders, n of them.
+        stretch_m: of the motor's way over the table's, (n,).
+        reference_m: where along the screw the compliance is told.
+        loads: forces as accelerations of the table, direction and speed, (n, 3).
+        sloped: whether the way is long enough to tell how the compliance changes along it.
+    """
+
+    phases: SteadyPhases
+    stretch_m: Floats
+    stroke_m: float
+    reference_m: float
+    loads: Floats
+    sloped: bool
+
+    @property
+    def away_m(self) -> Floats:
+        """Places from the reference, (n,)."""
+        return self.phases.table_m - self.reference_m
+
+
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """What shifts the table without force: clocks, warmth, errors of the lead.
+
+    Attributes:
+        columns, sigma: with their priors, (n, q) and (q,).
+        drifts, nodes: how many columns are drift, and how many nodes each map along the screw has.
+    """
+
+    columns: Floats
+    sigma: Floats
+    drifts: int
+    nodes: int
+
+
+def teach_stretch(
+    phases: SteadyPhases, machine: Machine, nut_softness: Callable[[Floats, float], Floats]
+) -> StretchTaught | None:
+    """Fit the stretch; None with one encoder, or where nothing stretches."""
+    missing = np.isnan(phases.table_m + phases.angle_rad)
+    if missing.mean() > 0.5:
+        return None
+    seen = _seen(phases.where(~missing), machine)
+    beside = _beside(seen)
+    slope, fit = _series_fit(seen, beside, nut_softness)
+    if fit.value[0] < 3.0 * fit.sigma[0]:
+        return None
+    lead, wind_up = np.split(fit.value[5 + beside.drifts :], [beside.nodes])
+    return StretchTaught(
+        reference_m=seen.reference_m,
+        per_acceleration_s2=float(fit.value[0]),
+        slope_per_m=slope,
+        sigma_s2=float(fit.sigma[0]),
+        slope_sigma=float(fit.sigma[3]),
+        reversal_m=float(fit.value[1]),
+        per_speed_s=float(fit.value[2]) if seen.sloped else 0.0,
+        skew_s=float(fit.value[4]) + (0.0 if seen.sloped else float(fit.value[2])),
+        lead_map_m=lead,
+        wind_up_map_m=wind_up,
+        noise=fit.noise,
+    )
+
+
+def _seen(phases: SteadyPhases, machine: Machine) -> _Seen:
+    ratio, x = machine.transmission_ratio_m_per_rad, phases.table_m
+    stroke = machine.axis.stroke_m or float(x.max())
+    middle = x.min() < 0.5 * stroke < x.max()
+    acceleration, speed = ratio * phases.acceleration_rad_s2, ratio * phases.speed_rad_s
+    return _Seen(
+        phases=phases,
+        stretch_m=ratio * phases.angle_rad - x,
+        stroke_m=stroke,
+        reference_m=0.5 * stroke if middle else float(np.median(x)),
+        loads=np.column_stack([acceleration, phases.direction, speed]),
+        sloped=bool(np.ptp(x) > 0.2 * stroke),
+    )
+
+
+def _beside(seen: _Seen) -> _Beside:
+    phases, stroke = seen.phases, seen.stroke_m
+    drift, drift_sigma = _drift_columns(phases.run, phases.time_s, seen.away_m)
+    nodes = np.linspace(0.0, stroke, max(round(stroke / LEAD_NODE_M), 1) + 1)
+    level = float(np.std(seen.stretch_m)) or 1e-9
+    lead = _hats(phases.table_m, nodes)
+    sigma = [
+        np.array([1e-3]),
+        drift_sigma * level,
+        np.full(len(nodes), min(level, LEAD_SIGMA_M)),
+        np.full(len(nodes), min(level, WIND_UP_SIGMA_M)),
+    ]
+    columns = [seen.loads[:, 2], drift, lead, phases.direction[:, None] * lead]
+    return _Beside(np.column_stack(columns), np.concatenate(sigma), drift.shape[1], len(nodes))
+
+
+def _series_fit(
+    seen: _Seen, beside: _Beside, nut_softness: Callable[[Floats, float], Floats]
+) -> tuple[float, RobustFit]:
+    """All forces through one compliance that changes along the screw (5.3.1, 5.3.9).
+
+        stretch = (1 + slope away + nut softness) loads @ value + beside @ rest,
+
+    by Gauss-Newton on the slope; the softness is that of the nut where its preload differs from
+    the mean.
+
+    Returns:
+        slope, 1/m, and the fit on [loads, change of the slope, beside].
+    """
+    slope, value, loads = 0.0, np.zeros(3), seen.loads
+    away_m, table_m = seen.away_m, seen.phases.table_m
+    told = np.inf if seen.sloped else _NONE
+    sigma = np.concatenate([[np.inf, np.inf, told, told], beside.sigma])
+    for _ in range(8):
+        through = loads * (1.0 + slope * away_m + nut_softness(table_m, float(value[0])))[:, None]
+        bend = (loads @ value * away_m)[:, None] if value.any() else away_m[:, None] * loads[:, :1]
+        columns = np.column_stack([through, bend, beside.columns])
+        fit = robust_fit(columns, seen.stretch_m, seen.phases, sigma)
+        change = float(fit.value[3])
+        slope += change if value.any() else change / float(fit.value[0])
+        value = fit.value[:3]
+    return slope, fit
+
+
+def _drift_columns(run: Floats, time_s: Floats, away_m: Floats) -> tuple[Floats, Floats]:
+    """Offset and growth of the screw, each a broken line in time with a node a minute."""
+    parts, sigmas = [], []
+    for number in np.unique(run):
+        mine = run == number
+        begin, end = float(time_s[mine].min()), float(time_s[mine].max())
+        nodes = np.linspace(begin, end, max(round((end - begin) / 60.0), 1) + 1)
+        hats = _hats(np.where(mine, time_s, begin), nodes) * mine[:, None]
+        parts += [hats, hats * away_m[:, None]]
+        sigmas += [np.full(len(nodes), 1e3), np.full(len(nodes), 1e3)]
+    return np.column_stack(parts), np.concatenate(sigmas)
+
+
+def _hats(place: Floats, nodes: Floats) -> Floats:
+    """Weights of linear interpolation between nodes, (n, k)."""
+    identity = np.eye(len(nodes))
+    return np.column_stack([np.interp(place, nodes, row) for row in identity])
