@@ -1,5 +1,6 @@
 """Every mistake of a user is one clear line and exit status 2; nothing is half-written."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -221,3 +222,25 @@ def test_the_command_starts_without_what_it_does_not_need() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(("stated", "alone"), [({}, True), ({"OPENBLAS_NUM_THREADS": "2"}, False)])
+def test_linear_algebra_keeps_to_one_thread_unless_told(
+    stated: dict[str, str], alone: bool
+) -> None:
+    """It must be said before numpy is loaded."""
+    if not alone and (os.cpu_count() or 1) == 1:
+        pytest.skip("one core has one thread")
+    script = (
+        "import edge_service.cli, os; import numpy as np; a = np.ones((400, 400)); a @ a;"
+        "print(len(os.listdir('/proc/self/task')))"
+    )
+    kept = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=kept | stated,
+    )
+    assert (int(done.stdout) == 1) is alone

@@ -91,7 +91,7 @@ def test_the_command_refuses_no_axes_in_one_line(capsys: pytest.CaptureFixture[s
 
 @pytest.mark.slow
 def test_coverage_over_many_axes() -> None:
-    bench = run(20)
+    bench = run(40)
     for each in bench.recoveries:
         assert each.undetermined == 0, each.name
         assert each.held >= stats.binom.ppf(RARE, each.count, 0.93), each
