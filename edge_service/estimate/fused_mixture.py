@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from ..messages.samples import Floats
 from ..models.compiled import compiled
@@ -23,10 +24,18 @@ _MERGE_DISTANCE = 0.25
 
 
 @compiled
-def spawn_jumps(mixture: Mixture, parent: int, drift: Drift, motion_s: float, driven: bool) -> None:
+def spawn_jumps(
+    mixture: Mixture,
+    parent: int,
+    drift: Drift,
+    motion_s: float,
+    driven: bool,
+    drifted: npt.NDArray[np.bool_],
+) -> None:
     """Children of a hypothesis, one for each kind of jump; the least likely make room.
 
-    Where a force seems to drive the axis (`driven`), only loads and losses are looked for.
+    Where a force seems to drive the axis (`driven`), only loads and losses are looked for. Children
+    have drifted as their parent, which is noted in `drifted` (CAPACITY,).
     """
     for j in range(drift.hazards.shape[0]):
         if driven and drift.jumps[j, MASS, MASS] == 0.0 and drift.shifts[j, PRELOAD] == 0.0:
@@ -39,6 +48,7 @@ def spawn_jumps(mixture: Mixture, parent: int, drift: Drift, motion_s: float, dr
                 continue
         else:
             mixture.alive[0] += 1
+        drifted[k] = True
         mixture.log_weight[k] = log_weight
         mixture.mode[k] = drift.modes[j]
         mixture.kind[k] = j

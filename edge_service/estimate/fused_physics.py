@@ -21,10 +21,8 @@ centre. The functions run compiled; their plain Python (`.py_func`) gives the sa
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from ..messages.samples import Floats
-from ..models.compiled import compiled
+from ..models.compiled import inlined
 from .fused_state import (
     ASYMMETRY,
     BEGUN,
@@ -60,7 +58,7 @@ _CROSSING_S = 0.01
 """Of a play, when the table begins to push."""
 
 
-@compiled
+@inlined
 def nut_deflection(load_n: float, percent: float, model: FusedModel) -> tuple[float, float, float]:
     """How far a preloaded pair of nuts yields, over the fresh pair's own preload deflection d0.
 
@@ -90,7 +88,7 @@ def nut_deflection(load_n: float, percent: float, model: FusedModel) -> tuple[fl
     return sign * y, by_force, -sign * (up - down) / (up + down) * q_slope
 
 
-@compiled
+@inlined
 def stroke_factor(model: FusedModel, table_m: float) -> float:
     """m(x): preload at a place over its mean over the stroke."""
     factor = 1.0
@@ -103,7 +101,7 @@ def stroke_factor(model: FusedModel, table_m: float) -> float:
     return factor
 
 
-@compiled
+@inlined
 def mapped(nodes_m: Floats, stroke_m: float, table_m: float) -> float:
     """Value at a place of a broken line with even nodes from 0 to the stroke, m."""
     left, share = _between(nodes_m.shape[0], stroke_m, table_m)
@@ -112,7 +110,7 @@ def mapped(nodes_m: Floats, stroke_m: float, table_m: float) -> float:
     return float((1.0 - share) * nodes_m[left] + share * nodes_m[left + 1])
 
 
-@compiled
+@inlined
 def _between(count: int, stroke_m: float, table_m: float) -> tuple[int, float]:
     """The node before a place and the share of the one behind; -1 without nodes or place."""
     if count < 2 or math.isnan(table_m):
@@ -122,12 +120,40 @@ def _between(count: int, stroke_m: float, table_m: float) -> tuple[int, float]:
     return left, place - left
 
 
-@compiled
-def predict_torque(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> float:
+class NearNodes(NamedTuple):
+    """Indices of the nodes before a place, -1 without any, and shares of those behind."""
+
+    growth: int
+    growth_share: float
+    rub: int
+    rub_share: float
+
+
+class Spot(NamedTuple):
+    """What the place and the speed of a phase say, whatever has happened to the axis."""
+
+    factor: float  # m(x)
+    stribeck_nm: float
+    map_m: float  # map(x) + s odd(x)
+    near: NearNodes
+
+
+@inlined
+def spot_of(model: FusedModel, r: Reading, size: int) -> Spot:
+    """The spot of a phase for states of `size`."""
+    map_m = mapped(model.lead_map_m, model.stroke_m, r.table_m)
+    map_m += r.direction * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
+    near = near_nodes(model, r, size)
+    return Spot(stroke_factor(model, r.table_m), stribeck(model, r), map_m, near)
+
+
+@inlined
+def predict_torque(model: FusedModel, x: Floats, r: Reading, spot: Spot, slope: Floats) -> float:
     """Torque of a phase, N m, and its derivatives by the state into `slope` (n,)."""
     ratio = model.ratio_m_per_rad
-    per_percent = model.drag_per_percent_nm * stroke_factor(model, r.table_m)
-    slope[:] = 0.0
+    per_percent = model.drag_per_percent_nm * spot.factor
+    for i in range(x.shape[0]):
+        slope[i] = 0.0
     slope[PRELOAD] = r.direction * per_percent
     slope[DRY] = r.direction
     slope[GUIDE] = r.direction * ratio
@@ -139,15 +165,18 @@ def predict_torque(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> f
     if model.edge_rad2_s2 > 0.0:
         slope[ENDED] = model.inertia_kg_m2 / r.steady_s
         slope[BEGUN] = -slope[ENDED]
-    near = near_nodes(x, model, r)
+    value = model.inertia_kg_m2 * r.acceleration_rad_s2 + r.direction * spot.stribeck_nm
+    for i in range(STATES):
+        value += slope[i] * x[i]
+    near = spot.near
     if near.rub >= 0:
         slope[near.rub] = r.direction * ratio * (1.0 - near.rub_share)
         slope[near.rub + 1] = r.direction * ratio * near.rub_share
-    known = model.inertia_kg_m2 * r.acceleration_rad_s2 + r.direction * stribeck(model, r)
-    return known + float(np.dot(slope, x))
+        value += slope[near.rub] * x[near.rub] + slope[near.rub + 1] * x[near.rub + 1]
+    return value
 
 
-@compiled
+@inlined
 def stribeck(model: FusedModel, r: Reading) -> float:
     """St(v): excess of the friction at slow motion, N m."""
     if model.stribeck_nm == 0.0:
@@ -155,21 +184,24 @@ def stribeck(model: FusedModel, r: Reading) -> float:
     return model.stribeck_nm * math.exp(-abs(r.speed_rad_s) / model.stribeck_speed_rad_s)
 
 
-@compiled
-def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> tuple[float, float]:
+@inlined
+def predict_stretch(
+    model: FusedModel, x: Floats, r: Reading, spot: Spot, slope: Floats
+) -> tuple[float, float]:
     """Stretch of a phase, m, and the compliance there, m/N; derivatives into `slope`."""
     away = r.table_m - model.reference_m
-    local = stroke_factor(model, r.table_m)
+    local = spot.factor
     gear = model.ratio_m_per_rad * r.acceleration_rad_s2
     speed = model.ratio_m_per_rad * r.speed_rad_s
-    load = table_load(model, x, r)
+    load = table_load(model, x, r, spot.near)
     wound_n = r.direction * WIND_UP_SHARE * model.drag_per_percent_nm / model.ratio_m_per_rad
     y, by_force, by_percent = nut_deflection(load, x[PRELOAD] * local, model)
     nut_m = 3.0 * model.fresh_preload_n
     rest = model.compliance_m_per_n + model.compliance_slope_per_n * away - x[NUT]
     rest = max(rest, 1e-12)
     compliance = rest + nut_m * x[NUT] * by_force
-    slope[:] = 0.0
+    for i in range(x.shape[0]):
+        slope[i] = 0.0
     slope[GAP] = 1.0
     slope[GROWTH] = away
     slope[SKEW] = speed
@@ -181,14 +213,13 @@ def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> 
     slope[PRELOAD] = nut_m * x[NUT] * by_percent * local + series * wound_n
     value = series * wound_n * x[PRELOAD]
     value += x[GAP] + x[GROWTH] * away + x[SKEW] * speed + rest * load + nut_m * x[NUT] * y
-    value += mapped(model.lead_map_m, model.stroke_m, r.table_m)
-    value += r.direction * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
+    value += spot.map_m
     slope[PLAY] = -carried_back(load)
     value += slope[PLAY] * x[PLAY]
     if x[TURN_COS] != 0.0 or x[TURN_SIN] != 0.0:
         slope[TURN_COS], slope[TURN_SIN] = mean_turn(model, r)
         value += slope[TURN_COS] * x[TURN_COS] + slope[TURN_SIN] * x[TURN_SIN]
-    near = near_nodes(x, model, r)
+    near = spot.near
     if near.growth >= 0:
         i, share = near.growth, near.growth_share
         slope[i], slope[i + 1] = 1.0 - share, share
@@ -198,10 +229,9 @@ def predict_stretch(model: FusedModel, x: Floats, r: Reading, slope: Floats) -> 
     return value, compliance
 
 
-@compiled
-def table_load(model: FusedModel, x: Floats, r: Reading) -> float:
+@inlined
+def table_load(model: FusedModel, x: Floats, r: Reading, near: NearNodes) -> float:
     """F, N."""
-    near = near_nodes(x, model, r)
     rubbing = x[GUIDE]
     if near.rub >= 0:
         rubbing += (1.0 - near.rub_share) * x[near.rub] + near.rub_share * x[near.rub + 1]
@@ -210,7 +240,7 @@ def table_load(model: FusedModel, x: Floats, r: Reading) -> float:
     return float((model.table_mass_kg + x[MASS]) * gear + r.direction * rubbing + x[SLIDE] * speed)
 
 
-@compiled
+@inlined
 def carried_back(load_n: float) -> float:
     """[F < 0]; a half where hardly any force says which flank carries."""
     if abs(load_n) < FLOATING_N:
@@ -218,7 +248,7 @@ def carried_back(load_n: float) -> float:
     return 1.0 if load_n < 0.0 else 0.0
 
 
-@compiled
+@inlined
 def mean_turn(model: FusedModel, r: Reading) -> tuple[float, float]:
     """Means of cosine and sine of the motor's angle over a phase at a constant acceleration."""
     cosine, sine = 0.0, 0.0
@@ -231,7 +261,7 @@ def mean_turn(model: FusedModel, r: Reading) -> tuple[float, float]:
     return cosine, sine
 
 
-@compiled
+@inlined
 def flank_variance(r: Reading, play_m: float, play_var: float, back: float) -> float:
     """Variance of the stretch by where in its play the table lies, m^2; `back` is [F < 0].
 
@@ -245,7 +275,7 @@ def flank_variance(r: Reading, play_m: float, play_var: float, back: float) -> f
     return share * share * (play_m * play_m + play_var)
 
 
-@compiled
+@inlined
 def turn_variance(x: Floats, p: Floats, r: Reading) -> float:
     """Variance of the stretch by where within a phase an encoder off its centre has been, m^2."""
     if x[TURN_COS] == 0.0 and x[TURN_SIN] == 0.0:
@@ -256,19 +286,10 @@ def turn_variance(x: Floats, p: Floats, r: Reading) -> float:
     return float(share * share * square)
 
 
-class NearNodes(NamedTuple):
-    """Indices of the nodes before a place, -1 without any, and shares of those behind."""
-
-    growth: int
-    growth_share: float
-    rub: int
-    rub_share: float
-
-
-@compiled
-def near_nodes(x: Floats, model: FusedModel, r: Reading) -> NearNodes:
-    """Where in the state a phase's nodes are."""
-    count = x.shape[0] - STATES - RUB_NODES
+@inlined
+def near_nodes(model: FusedModel, r: Reading, size: int) -> NearNodes:
+    """Where in a state of `size` a phase's nodes are."""
+    count = size - STATES - RUB_NODES
     left, share = _between(count, model.stroke_m, r.table_m)
     if left < 0:
         return NearNodes(-1, 0.0, -1, 0.0)

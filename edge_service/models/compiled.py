@@ -28,6 +28,15 @@ def compiled(function: _Function) -> _Function:
         return cast(_Function, numba.njit(cache=False, error_model="numpy", nogil=True)(function))
 
 
+def inlined(function: _Function) -> _Function:
+    """As `compiled`, for what stands in an inner loop: it becomes part of whatever calls it.
+
+    Arrays are not counted there, so it must neither make nor return one.
+    """
+    uncounted = cast(Any, numba.njit)(error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+    return cast(_Function, uncounted(function))
+
+
 def _use_cache_of_these_sources() -> None:
     """Give numba a cache folder named after the kernels' sources.
 

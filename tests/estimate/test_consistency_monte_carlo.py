@@ -19,9 +19,10 @@ from edge_service.estimate.fused_kernel import take
 from edge_service.estimate.fused_model import FusedSettings
 from edge_service.estimate.fused_physics import (
     FLOATING_N,
+    near_nodes,
     predict_stretch,
     predict_torque,
-    stribeck,
+    spot_of,
     table_load,
 )
 from edge_service.estimate.fused_state import (
@@ -118,19 +119,24 @@ def random_reading(rng: np.random.Generator, model: FusedModel) -> Reading:
 
 def measured(rng: np.random.Generator, model: FusedModel, x: Floats, r: Reading) -> Reading:
     """Torque and stretch of a state, with the noise that the model states."""
-    slope, steady_s = np.zeros_like(x), r.steady_s
+    slope, steady_s, spot = np.zeros_like(x), r.steady_s, spot_of(model, r, len(x))
     torque_var = model.torque_density / steady_s * slow(model.torque_slow_rad_s, r)
-    torque_var += (0.3 * stribeck(model, r)) ** 2
-    torque_nm = predict_torque(model, x, r, slope) + math.sqrt(torque_var) * rng.standard_normal()
+    torque_var += (0.3 * spot.stribeck_nm) ** 2
+    torque_nm = predict_torque(model, x, r, spot, slope)
+    torque_nm += math.sqrt(torque_var) * rng.standard_normal()
     torque_nm /= 1.0 + x[GAIN]
     if model.compliance_m_per_n == 0.0:
         return r._replace(torque_nm=torque_nm, table_m=math.nan, stretch_m=math.nan)
     stretch_var = model.stretch_density / steady_s * slow(model.stretch_slow_rad_s, r)
-    stretch_m, _ = predict_stretch(model, x, r, slope)
+    stretch_m, _ = predict_stretch(model, x, r, spot, slope)
     if slope[PLAY] == -0.5:  # the table floats within its play
         stretch_var += (0.5 * x[PLAY]) ** 2
     stretch_m += math.sqrt(stretch_var) * rng.standard_normal()
     return r._replace(torque_nm=torque_nm, stretch_m=stretch_m)
+
+
+def load_n(model: FusedModel, x: Floats, r: Reading) -> float:
+    return table_load(model, x, r, near_nodes(model, r, len(x)))
 
 
 def slow(speed_rad_s: float, r: Reading) -> float:
@@ -177,7 +183,9 @@ def fused_errors(one_encoder: bool) -> Errors:
         x = mixture.mean[0] + sigma * rng.standard_normal(len(sigma))
         for _ in range(PHASES):
             r = random_reading(rng, model)
-            while abs(abs(table_load(model, x, r)) - FLOATING_N) < 5.0:
+            while (
+                abs(abs(table_load(model, x, r, near_nodes(model, r, len(x)))) - FLOATING_N) < 5.0
+            ):
                 r = random_reading(rng, model)  # else truth and filter see other flanks carry
             elapsed_s = float(rng.uniform(0.1, 1.0))
             x = drifted(rng, drift, x, elapsed_s, r.steady_s)

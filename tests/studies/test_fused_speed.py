@@ -50,9 +50,11 @@ def test_a_fleet_takes_longer_than_an_axis_and_answers_longer_than_updates() -> 
     run, _ = run_case(ThesisCase(3), seed=0)
     speed = measure_fused_speed(thesis_machine(), thesis_blocks(run)[:300], axes=2, repeats=1)
     assert speed.kernel_s_per_phase > 0.0
+    assert speed.settled_s_per_phase > 0.0
     assert speed.fleet_s_per_block > 0.0
     assert speed.update_s_per_block > speed.kernel_s_per_phase
     assert 1.0 <= speed.hypotheses <= 16.0
+    assert 1.0 <= speed.settled_hypotheses <= 16.0
 
 
 def test_false_alarms_are_counted_per_million_steps() -> None:
