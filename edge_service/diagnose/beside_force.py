@@ -7,7 +7,7 @@ import numpy as np
 from .causes import Candidate, Causes, find_causes
 from .dictionary import Dictionary
 from .evidence import Noise, fit
-from .free_forms import Push
+from .pushes import Push
 from .session import Session
 
 LEAST_FREE_SHARE = 0.3

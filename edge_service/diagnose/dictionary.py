@@ -27,6 +27,10 @@ Columns = npt.NDArray[np.float32]
 """Half the memory; their sums of products are those of double precision."""
 
 
+_CHUNK = 4096
+"""Rows whose products are summed at once, in double precision."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
     """Sums over the rows of one channel: gram (p, p), cross (p,), square of the gap, rows."""
@@ -39,12 +43,10 @@ class Sums:
     @classmethod
     def of(cls, columns: Floats | Columns, gap: Floats) -> Self:
         """Of columns (n, p) and the gap (n,); most columns show in one channel only."""
-        shown = np.flatnonzero(np.any(columns != 0.0, axis=0))
-        active = columns[:, shown].astype(np.float64)
+        shown = np.flatnonzero([np.any(column) for column in columns.T])
         gram = np.zeros((columns.shape[1], columns.shape[1]))
-        gram[np.ix_(shown, shown)] = active.T @ active
         cross = np.zeros(columns.shape[1])
-        cross[shown] = active.T @ gap
+        gram[np.ix_(shown, shown)], cross[shown] = _products(columns, shown, gap)
         return cls(gram, cross, float(gap @ gap), len(gap))
 
 
@@ -79,13 +81,9 @@ class Dictionary:
         if names:
             candidates += [form for form in free_forms(session) if form.name in names]
         atoms = [*(each.atom for each in tolerated), *candidates]
-        columns: dict[str, Columns] = {}
-        sums = {}
-        for name, rows in session.channels.items():
-            exact = _columns(atoms, session, name)
-            sums[name] = Sums.of(exact, rows.gap)
-            columns[name] = exact.astype(np.float32)
-        return cls._of(tolerated, atoms, columns, sums)
+        both = {name: _summed(atoms, session, name) for name in session.channels}
+        columns = {name: each for name, (each, _) in both.items()}
+        return cls._of(tolerated, atoms, columns, {name: sums for name, (_, sums) in both.items()})
 
     @classmethod
     def _of(
@@ -122,7 +120,7 @@ class Dictionary:
         sums = {}
         for name, each in self.sums.items():
             gap = session.channels[name].gap
-            mixed = self.columns[name].T @ added[name]
+            mixed = _mixed(self.columns[name], added[name])
             own = Sums.of(added[name], gap)
             sums[name] = Sums(
                 np.block([[each.gram, mixed], [mixed.T, own.gram]]),
@@ -181,6 +179,32 @@ class Dictionary:
         return self.columns[channel][:, self.indices(atoms)].astype(np.float64) @ coefficients
 
 
+def _summed(atoms: Sequence[Atom], session: Session, channel: str) -> tuple[Columns, Sums]:
+    """Columns of all atoms, (n, p), and the sums of their exact values."""
+    exact = _columns(atoms, session, channel)
+    return exact.astype(np.float32), Sums.of(exact, session.channels[channel].gap)
+
+
+def _products(columns: Floats | Columns, shown: Integers, gap: Floats) -> tuple[Floats, Floats]:
+    """Sums of products of the shown columns, (p, p), and of theirs with the gap, (p,)."""
+    gram, cross = np.zeros((len(shown), len(shown))), np.zeros(len(shown))
+    for start in range(0, len(gap), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        part = columns[rows, shown].astype(np.float64, copy=False)
+        gram += part.T @ part
+        cross += part.T @ gap[rows]
+    return gram, cross
+
+
+def _mixed(columns: Columns, added: Floats) -> Floats:
+    """Sums of products of columns with added ones, (p, q)."""
+    mixed = np.zeros((columns.shape[1], added.shape[1]))
+    for start in range(0, len(added), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        mixed += columns[rows].T.astype(np.float64) @ added[rows]
+    return mixed
+
+
 def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Floats:
     """Columns of all atoms, (n, p); families that cannot show in the channel are not evaluated."""
     families: dict[tuple[str, str], Atom] = {}
@@ -190,7 +214,7 @@ def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Floats:
         family: bool(np.any(atom.columns(session, channel))) for family, atom in families.items()
     }
     first = np.cumsum([0, *(atom.size for atom in atoms)])
-    found = np.zeros((len(session.channels[channel].gap), int(first[-1])))
+    found = np.zeros((int(first[-1]), len(session.channels[channel].gap))).T
 
     def fill(k: int) -> None:
         if shows[atoms[k].name, atoms[k].form]:

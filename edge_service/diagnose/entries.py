@@ -9,8 +9,8 @@ from ..models.effects.registry import get_effect
 from .atoms import EntryAtom, entry_atom
 from .dictionary import Dictionary
 from .evidence import Fit, Noise
-from .free_forms import Push
 from .pursuit import pursue
+from .pushes import Push
 from .refine import Problem, refine
 from .session import Session
 

@@ -158,13 +158,29 @@ def reductions(
     rest = cross - across @ (covariance @ (prior * mean + cross[index]))
     carried = across @ covariance
     found = np.zeros(len(candidates))
-    for k, atom in enumerate(candidates):
-        mine = slice(dictionary.first[atom], dictionary.first[atom + 1])
-        own = _total(weights[n] * s.gram[mine, mine] for n, s in dictionary.sums.items())
-        schur = own - carried[mine] @ across[mine].T
-        diagonal = np.diag(own)
-        if np.any(diagonal <= 0.0) or np.any(np.diag(schur) < 1e-6 * diagonal):
-            continue
-        schur = schur + 1e-9 * np.diag(diagonal)
-        found[k] = float(rest[mine] @ np.linalg.solve(schur, rest[mine]))
+    sizes = np.array([dictionary.atoms[a].size for a in candidates])
+    for size in np.unique(sizes).tolist():
+        which = np.flatnonzero(sizes == size)
+        mine = dictionary.first[np.array(candidates)[which]][:, None] + np.arange(size)
+        square = mine[:, :, None], mine[:, None, :]
+        own = _total(weights[n] * s.gram[square] for n, s in dictionary.sums.items())
+        schur = own - carried[mine] @ across[mine].swapaxes(1, 2)
+        found[which] = _falls(own, schur, rest[mine])
+    return found
+
+
+def _falls(own: Floats, schur: Floats, rest: Floats) -> Floats:
+    """r S^-1 r of candidates of one size, (n,); 0 for those that the base leaves nothing of.
+
+    Args:
+        own, schur: squares of their columns, and of what the base leaves of them, (n, k, k).
+        rest: their products with what the base leaves of the gap, (n, k).
+    """
+    diagonal = np.diagonal(own, axis1=1, axis2=2)
+    left = np.diagonal(schur, axis1=1, axis2=2)
+    fit_for = np.all((diagonal > 0.0) & (left >= 1e-6 * diagonal), axis=1)
+    ridge = 1e-9 * diagonal[fit_for, :, None] * np.eye(rest.shape[1])
+    unit = np.linalg.solve(schur[fit_for] + ridge, rest[fit_for, :, None])[..., 0]
+    found = np.zeros(len(rest))
+    found[fit_for] = np.sum(rest[fit_for] * unit, axis=1)
     return found

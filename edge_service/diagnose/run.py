@@ -4,13 +4,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import numpy.typing as npt
 
 from ..fingerprint.preparation import low_pass
 from ..fingerprint.regression import Booleans
 from ..messages.samples import Floats
+from ..models.compiled import compiled
 from ..models.effects.baseline import Motion
 
+Integers = npt.NDArray[np.int64]
 CUTOFF_HZ = 40.0
 """Low-pass of both sides of the comparison: above the position loop, below torsional modes."""
 FILTER_ORDER = 4
@@ -42,12 +44,28 @@ class Filter:
 
     def __call__(self, values: Floats) -> Floats:
         """Filtered rows, (n,) -> (ceil(n / step),)."""
-        half = len(self.taps) // 2
-        late = -2 * half % self.step  # so that the first full overlap is a kept sample
-        padded = np.pad(values, (half + late, half), mode="edge")
-        rows: Floats = signal.upfirdn(self.taps, padded, 1, self.step)
-        first = (2 * half + late) // self.step
-        return rows[first : first + -(-len(values) // self.step)]
+        return self.at(values, np.arange(-(-len(values) // self.step)))
+
+    def at(self, values: Floats, rows: Integers) -> Floats:
+        """Some of the filtered rows by their numbers, (k,): what is thinned costs nothing."""
+        return _weighed(np.ascontiguousarray(values), self.taps, self.step * rows)
+
+
+@compiled
+def _weighed(values: Floats, taps: Floats, middles: Integers) -> Floats:
+    """Means around some places by the weights of the taps, (k,); the ends go on for ever."""
+    count, last = taps.shape[0], values.shape[0] - 1
+    found = np.empty(middles.shape[0])
+    for k in range(middles.shape[0]):
+        start = middles[k] - count // 2
+        if start >= 0 and start + count <= values.shape[0]:
+            found[k] = np.dot(values[start : start + count], taps)
+        else:
+            total = 0.0
+            for j in range(count):
+                total += taps[j] * values[min(max(start + j, 0), last)]
+            found[k] = total
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -57,14 +57,15 @@ class Session:
     Attributes:
         baseline: rigid; `modelled` effects belong to the model as well.
         channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
-        every: of the rows that the runs have, each so-many-th is one of the session's.
+        rows: channel -> its rows in each run, thinned to those of the session, (k,) each; none
+            in a run without the channel.
     """
 
     runs: tuple[Run, ...]
     baseline: Baseline
     modelled: tuple[ActiveEffect, ...]
     channels: Mapping[str, Rows]
-    every: int
+    rows: Mapping[str, tuple[Integers, ...]]
 
     @classmethod
     def of_runs(
@@ -78,25 +79,46 @@ class Session:
             channels[TORQUE_GAP] = _torque_rows(runs, baseline, modelled).thinned(every)
         if any(run.transmission_m is not None for run in runs):
             channels[TRANSMISSION_GAP] = _transmission_rows(runs, baseline, modelled).thinned(every)
-        return cls(tuple(runs), baseline, tuple(modelled), channels, every)
+        rows = {
+            TORQUE_GAP: _thinned([run.moving_rows & run.has_torque for run in runs], every),
+            TRANSMISSION_GAP: _thinned(
+                [np.full(len(run.moving_rows), run.transmission_m is not None) for run in runs],
+                every,
+            ),
+        }
+        return cls(tuple(runs), baseline, tuple(modelled), channels, rows)
 
     def torque_column(self, curve: Callable[[Motion], Floats]) -> Floats:
         """Any function of the motion as a column of the torque channel, (n,)."""
         return np.concatenate(
             [
-                run.resting_zero(curve(run.motion))[run.moving_rows]
-                for run in self.runs
-                if run.has_torque
+                run.low_pass.at(np.where(run.moving, curve(run.motion), 0.0), rows)
+                for run, rows in zip(self.runs, self.rows[TORQUE_GAP], strict=True)
+                if len(rows)
             ]
-        )[:: self.every]
+        )
 
     def transmission_column(self, curve: Callable[[Motion], Floats]) -> Floats:
         """Any function of the motion as a column of the transmission channel, its mean removed."""
         column: Floats = np.concatenate(
-            [run.low_pass(curve(run.motion)) for run in self.runs if run.transmission_m is not None]
-        )[:: self.every]
+            [
+                run.low_pass.at(curve(run.motion), rows)
+                for run, rows in zip(self.runs, self.rows[TRANSMISSION_GAP], strict=True)
+                if len(rows)
+            ]
+        )
         column -= column.mean()
         return column
+
+
+def _thinned(kept: Sequence[Booleans], every: int) -> tuple[Integers, ...]:
+    """Numbers of the rows that are kept, each `every`-th of them counted through all runs."""
+    found, seen = [], 0
+    for mask in kept:
+        rows = np.flatnonzero(mask)
+        found.append(rows[-seen % every :: every])
+        seen += len(rows)
+    return tuple(found)
 
 
 def torque_gap(run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Floats:

@@ -1,5 +1,7 @@
 """Healthy runs of the same motion on the simulated axis: what a gap is when nothing is wrong."""
 
+import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +24,8 @@ from .tolerance import parameter_tolerances, tolerated
 
 LONGEST_RUN_S = 60.0
 """Of each healthy run; the beginning of a longer recording stands for the rest."""
+LONGEST_TWIN_S = 300.0
+"""Of all runs of a twin together, about; runs spread over a longer session stand for the rest."""
 _STIFFENING = 300.0
 _SETTLE_S = 0.5
 _PRELOAD_PERCENT = 7.0
@@ -92,6 +96,26 @@ def rigid_plant(plant: Plant) -> Plant:
     )
 
 
+def excerpt(runs: Sequence[Run]) -> list[Run]:
+    """Runs that stand for all, in their order: each so-many-th of those that hold the same.
+
+    Of every kind (what was recorded, and whether anything moves) one is kept at least.
+    """
+    every = max(math.ceil(sum(map(_simulated_s, runs)) / LONGEST_TWIN_S), 1)
+    seen: Counter[tuple[bool, ...]] = Counter()
+    kept = []
+    for run in runs:
+        kind = (*_recorded(run).values(), bool(run.moving.any()))
+        if seen[kind] % every == 0:
+            kept.append(run)
+        seen[kind] += 1
+    return kept
+
+
+def _simulated_s(run: Run) -> float:
+    return min(float(np.ptp(run.motion.time_s)), LONGEST_RUN_S)
+
+
 def setpoints_of(run: Run, ratio_m_per_rad: float, longest_s: float = LONGEST_RUN_S) -> Floats:
     """Position, speed and acceleration to command, (n, 3): recorded, or those of the motion."""
     period_s = float(run.motion.time_s[1] - run.motion.time_s[0])
@@ -109,7 +133,7 @@ def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session
     effects = [*machine_effects(machine), *_traces(machine, random)]
     baseline = rigid_baseline(machine)
     made: list[Run] = []
-    for number, run in enumerate(runs):
+    for number, run in enumerate(excerpt(runs)):
         frame = simulated(drawn, run, effects, seed * 1000 + number)
         made += runs_of([frame], baseline, 3.0 * EDGE_S)
     return Session.of_runs(made, baseline, machine_effects(machine))

@@ -40,35 +40,25 @@ def channel_of(
 
 
 def waterfall(
-    session: Session,
-    groups: Mapping[str, Mapping[str, Floats]],
-    atoms: Sequence[EntryAtom],
-    columns: Sequence[Mapping[str, Floats]],
-    values: Values,
+    session: Session, parts: Mapping[str, Mapping[str, Floats]]
 ) -> dict[str, list[tuple[str, float]]]:
-    """Root mean square as effects are added, the most helpful first, by channel."""
-    parts = {
-        name: {
-            channel: sum(
-                (
-                    columns[k][channel] @ values.coefficients(k)
-                    for k, atom in enumerate(atoms)
-                    if atom.name == name
-                ),
-                np.zeros(len(session.channels[channel].gap)),
-            )
-            for channel in session.channels
-        }
-        for name in groups
+    """Root mean square as effects are added, the most helpful first, by channel.
+
+    Args:
+        parts: effect -> channel -> what it makes of the gap, (n,).
+    """
+    return {
+        channel: _steps(rows.gap, {name: each[channel] for name, each in parts.items()})
+        for channel, rows in session.channels.items()
     }
-    found: dict[str, list[tuple[str, float]]] = {}
-    for channel, rows in session.channels.items():
-        left, open_, steps = rows.gap, set(parts), []
-        while open_:
-            rest = left
-            name = min(sorted(open_), key=lambda n: float(np.sum((rest - parts[n][channel]) ** 2)))
-            left = left - parts[name][channel]
-            open_.remove(name)
-            steps.append((name, float(np.sqrt(np.mean(left**2)))))
-        found[channel] = steps
-    return found
+
+
+def _steps(gap: Floats, parts: Mapping[str, Floats]) -> list[tuple[str, float]]:
+    left, open_, steps = gap, set(parts), []
+    while open_:
+        rest = {name: left - parts[name] for name in sorted(open_)}
+        name = min(rest, key=lambda n: float(np.sum(rest[n] ** 2)))
+        left = rest[name]
+        open_.remove(name)
+        steps.append((name, float(np.sqrt(np.mean(left**2)))))
+    return steps

@@ -61,8 +61,9 @@ def diagnose(
 
 
 def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
-    """The diagnosis with the motion that tells its tied effects apart best."""
+    """The diagnosis with the motion that tells its tied effects apart best, or all of them."""
     tied = {name for each in found.effects for name in each.tied if len(each.tied) > 1}
+    tied = tied or {each.name for each in found.effects}
     if found.verdict is not Verdict.AMBIGUOUS or len(tied) < 2:
         return found
     values = {each.name: each.entries[0] for each in found.effects if each.entries}

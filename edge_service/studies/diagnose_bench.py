@@ -8,11 +8,13 @@ the same axis shows how far the gap really shrinks.
 """
 
 import concurrent.futures
+import contextlib
 import json
 import multiprocessing
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ from .diagnose_overlap import overlap
 
 __all__ = ["BenchCase", "BenchError", "BenchRow", "plan_cases", "run_diagnose_bench"]
 
+_THREADS = "OPENBLAS_NUM_THREADS"
 LARGE = 10.0
 """Gap over that of a healthy axis from which on intervals are held against the truth."""
 INTERVALS: dict[str, frozenset[str]] = {
@@ -62,6 +65,7 @@ class BenchRow:
         gap: channel -> before, after, of a healthy axis.
         where: channel and variable, the best first.
         covered: overlap of named and true intervals; None where there is nothing to compare.
+        again: channel -> gap of that other recording before, and with all named effects.
     """
 
     case: BenchCase
@@ -76,6 +80,7 @@ class BenchRow:
     where: list[str]
     seconds: float
     covered: float | None = None
+    again: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def run_case(case: BenchCase) -> BenchRow:
@@ -86,7 +91,7 @@ def run_case(case: BenchCase) -> BenchRow:
     found = diagnosed(machine, session, case.withheld)
     seconds = time.process_time() - start
     again = session_of_frames(machine, [recorded(case, "production", case.seed + 500_000)])
-    row = _row(case, found, _realised(found, again), seconds)
+    row = _row(case, found, again, seconds)
     covered = _covered(row, found, machine, session)
     return row if covered is None else replace(row, covered=covered)
 
@@ -112,7 +117,15 @@ def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
     return shrinks
 
 
-def _row(case: BenchCase, found: Diagnosis, realised: dict[str, float], seconds: float) -> BenchRow:
+def _with_all(found: Diagnosis, again: Session) -> dict[str, tuple[float, float]]:
+    """Another recording's gap in each channel that an effect is named in, before and after."""
+    active = [active_effect(each.name, values) for each in found.effects for values in each.entries]
+    after = Session.of_runs(again.runs, again.baseline, active)
+    claimed = sorted({each.channel for each in found.effects})
+    return {name: (again.channels[name].rms, after.channels[name].rms) for name in claimed}
+
+
+def _row(case: BenchCase, found: Diagnosis, again: Session, seconds: float) -> BenchRow:
     return BenchRow(
         case=case,
         verdict=found.verdict.value,
@@ -121,11 +134,24 @@ def _row(case: BenchCase, found: Diagnosis, realised: dict[str, float], seconds:
         ratio=max(each.before / each.noise_floor for each in found.gap.values()),
         unexplained=found.unexplained,
         shrink={e.name: (e.shrink.estimate, e.shrink.low, e.shrink.high) for e in found.effects},
-        realised=realised,
+        realised=_realised(found, again),
         gap={name: (g.before, g.after, g.noise_floor) for name, g in found.gap.items()},
         where=[f"{place.channel}:{place.variable}" for place in found.where],
         seconds=seconds,
+        again=_with_all(found, again),
     )
+
+
+@contextlib.contextmanager
+def _lone_thread_each() -> Iterator[None]:
+    """Processes started meanwhile multiply matrices in one thread: there is one for each core."""
+    before = os.environ.get(_THREADS)
+    os.environ[_THREADS] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(_THREADS)
+        os.environ.update({} if before is None else {_THREADS: before})
 
 
 def run_cases(
@@ -133,7 +159,8 @@ def run_cases(
 ) -> Iterator[BenchRow]:
     """All cases over some processes, as they are done."""
     context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
+    pool = concurrent.futures.ProcessPoolExecutor(workers, mp_context=context)
+    with _lone_thread_each(), pool:
         started = [pool.submit(run_case, case) for case in cases]
         for number, done in enumerate(concurrent.futures.as_completed(started), start=1):
             row = done.result()
@@ -166,7 +193,8 @@ def _read(known: dict[str, Any]) -> BenchRow:
     for key in ("causes", "withheld"):
         case[key] = tuple(case[key])
     known["shrink"] = {name: tuple(values) for name, values in known["shrink"].items()}
-    known["gap"] = {name: tuple(values) for name, values in known["gap"].items()}
+    for key in ("gap", "again"):
+        known[key] = {name: tuple(values) for name, values in known.get(key, {}).items()}
     return BenchRow(case=BenchCase(**case), **known)
 
 

@@ -22,7 +22,7 @@ from edge_service.studies.diagnose_confusion import (
 )
 from edge_service.studies.diagnose_overlap import overlap, raised
 from edge_service.studies.diagnose_pictures import draw_bench
-from edge_service.studies.diagnose_table import figures_of, is_place_right, reliability
+from edge_service.studies.diagnose_table import as_text, figures_of, is_place_right, reliability
 from edge_service.studies.diagnose_ties import (
     POOR_MOTIONS,
     TieRow,
@@ -47,6 +47,7 @@ ROW = BenchRow(
     gap={"transmission_m": (5e-6, 1e-6, 2e-8)},
     where=["transmission_m:direction"],
     seconds=3.0,
+    again={"transmission_m": (5e-6, 5.2e-7)},
 )
 WRONG = replace(ROW, case=replace(CASE, causes=("drag_error",), seed=6))
 HEALTHY = replace(ROW, case=replace(CASE, causes=(), seed=7), named={}, shrink={}, realised={})
@@ -79,6 +80,9 @@ def test_figures_count_what_is_right_and_wrong() -> None:
     assert reached("calibration error", [WRONG]) == pytest.approx(0.95)
     assert reached("shrink, predicted less realised: median", [ROW]) == pytest.approx(0.03)
     assert reached("shrink: 90 % interval", [ROW]) == 1.0
+    assert reached("shrink realised of what could", [ROW, WRONG]) == pytest.approx(4.48 / 4.98)
+    assert "| top-1, full protocol, clear gap | 99 % | 1 of 2 |" in as_text(rows)
+    assert "| shrink, predicted less realised: median | 2 % | 3.0 %, of 1 |" in as_text([ROW])
 
 
 def test_the_place_must_be_a_variable_of_the_cause() -> None:

@@ -39,7 +39,10 @@ def bristle_share(travel_m: Floats, reach_m: float) -> Floats:
             steps = int(abs(way) / (0.1 * reach_m)) + 1
             levels = Levels(1.0, 1.0, reach_m)
             for _ in range(steps):
+                before = held
                 held += bristle_stiffness(levels, held, way) * way / steps
                 held = min(max(held, -1.0), 1.0)
+                if held == before:
+                    break
         share[k] = held
     return share

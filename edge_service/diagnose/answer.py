@@ -1,0 +1,81 @@
+"""What a diagnosis says: a verdict, the gap, where it lives, and the effects that cause it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..messages.samples import Floats
+from .causes import Causes
+from .replay import Replay
+from .shrink import Shrink
+from .values import Interval
+from .where import Place
+
+SURE = 0.9
+
+
+class Verdict(StrEnum):
+    """The answer in a word."""
+
+    NO_GAP = "no_gap"
+    EXPLAINED = "explained"
+    AMBIGUOUS = "ambiguous"
+    UNKNOWN = "unknown"
+    BAD_DATA = "bad_data"
+
+
+@dataclass(frozen=True, slots=True)
+class NamedEffect:
+    """A cause.
+
+    Attributes:
+        entries: values of the effect, one set for each time that it is there.
+        parameters: of its strongest entry.
+    """
+
+    name: str
+    channel: str
+    probability: float
+    tied: tuple[str, ...]
+    shrink: Shrink
+    parameters: Mapping[str, Interval]
+    entries: tuple[Mapping[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelGap:
+    """Root mean squares of one channel."""
+
+    before: float
+    after: float
+    noise_floor: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """Everything that is said of a session."""
+
+    verdict: Verdict
+    gap: Mapping[str, ChannelGap]
+    where: tuple[Place, ...]
+    where_after: tuple[Place, ...]
+    effects: tuple[NamedEffect, ...]
+    unexplained: float
+    next_motion: str | None
+    left: Mapping[str, Floats]
+    waterfall: Mapping[str, Sequence[tuple[str, float]]]
+    impostor: str | None
+    causes: Causes
+    replay: Replay
+
+
+def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
+    """The word for some causes, of which one may be none."""
+    if is_unknown:
+        return Verdict.UNKNOWN
+    if not found:
+        return Verdict.NO_GAP
+    if any(each.probability < SURE or len(each.tied) > 1 for each in found):
+        return Verdict.AMBIGUOUS
+    return Verdict.EXPLAINED
