@@ -16,6 +16,7 @@ _NO_PHASE = {("lead_error", "pitch_error")}
 """Amounts that the phase and the order of their effect say nothing about."""
 _ORDERS = {"lead_error": 6, "encoder_eccentricity": 3, "once_per_rev_friction": 12}
 _MOST_ORDERS = 32
+_GRIPS_M = (5e-7, 3e-6)
 _STEPS = {
     "friction_share": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3),
     "viscous_share": (0.0, 0.4, 0.8, 1.2),
@@ -159,6 +160,8 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
             values = np.geomspace(0.3, max(0.25 * ranges.fastest_rad_s, 3.0), 8)
         case "s":
             values = np.geomspace(0.05 * ranges.duration_s, 2.0 * ranges.duration_s, 6)
+        case "m" if effect.name == "compliance":
+            values = np.array(_GRIPS_M)
         case "m" if parameter.name.startswith("centre"):
             values = np.linspace(ranges.low_m, ranges.high_m, 25)
         case "m" if "position" in effect.name:

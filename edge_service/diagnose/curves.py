@@ -124,7 +124,7 @@ def flank(width_m: float) -> Curve:
         travel = baseline.ratio_m_per_rad * motion.angle_rad
         load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
         load = load + 0.5 * baseline.coulomb_nm * motion.approach
-        leaned = np.where(load * motion.approach < 0.0, -motion.approach * width_m, 0.0)
-        return play(travel, width_m) - travel - leaned
+        ahead = np.where(load * motion.approach < 0.0, motion.approach, 0.0).astype(np.int8)
+        return play(travel, width_m, ahead) - travel
 
     return curve

@@ -14,9 +14,45 @@ RISE_90 = 2.706
 """Rise of twice the negative log-likelihood at the ends of a 90 % interval (Wilks, 1938)."""
 LEANING = 4.0
 """What an approximate entry leaves is no noise: it leans one way, and pulls its values along."""
+_SLOPE_STEP = 0.02
 _FIRST_STEP = 0.01
 _DOUBLINGS = 11
 _HALVINGS = 5
+
+
+Slopes = Mapping[str, Mapping[str, Floats]]
+"""Shape -> channel -> (n, 1)."""
+
+
+def slopes_of(problem: Problem, atom: EntryAtom, coefficients: Floats) -> Slopes:
+    """How what an entry says changes with each of its shapes, per relative change of the shape."""
+    found = {}
+    for parameter in atom.effect.parameters:
+        value = dict(atom.shape).get(parameter.name, 0.0)
+        step = _SLOPE_STEP * value
+        if parameter.whole or value == 0.0 or not parameter.low < value < parameter.high:
+            continue
+        more, less = (
+            problem.columns(_with(atom, parameter.name, value + way * step)) for way in (1.0, -1.0)
+        )
+        found[parameter.name] = {
+            name: ((more[name] - less[name]) @ coefficients / (2.0 * _SLOPE_STEP))[:, None]
+            for name in more
+        }
+    return found
+
+
+def joined(problem: Problem, slopes: Slopes, but: str = "") -> Mapping[str, Floats]:
+    """Slopes of all shapes but one as columns, by channel, (n, m)."""
+    kept = [each for name, each in slopes.items() if name != but]
+    return {
+        name: np.hstack([np.empty((len(rows.gap), 0)), *(each[name] for each in kept)])
+        for name, rows in problem.session.channels.items()
+    }
+
+
+def _with(atom: EntryAtom, name: str, value: float) -> EntryAtom:
+    return entry_atom(atom.effect, atom.amount, dict(atom.shape) | {name: value})
 
 
 def profile_interval(
@@ -25,15 +61,19 @@ def profile_interval(
     columns: Sequence[Mapping[str, Floats]],
     k: int,
     parameter: Parameter,
+    slopes: Slopes,
 ) -> tuple[float, float]:
-    """90 % interval of one shape of atom `k`, within the bounds of the library."""
+    """90 % interval of one shape of atom `k`, within the bounds of the library.
+
+    Its other shapes follow, as far as their slopes at the fit tell.
+    """
     value = dict(atoms[k].shape)[parameter.name]
+    beside = joined(problem, slopes, parameter.name)
 
     def square(wanted: float) -> float:
-        shape = dict(atoms[k].shape) | {parameter.name: wanted}
-        atom = entry_atom(atoms[k].effect, atoms[k].amount, shape)
+        atom = _with(atoms[k], parameter.name, wanted)
         changed = [*columns[:k], problem.columns(atom), *columns[k + 1 :]]
-        return problem.solve([*atoms[:k], atom, *atoms[k + 1 :]], changed)[2]
+        return problem.solve_beside([*atoms[:k], atom, *atoms[k + 1 :]], changed, beside)[2]
 
     least = square(value)
     scale = misfit(problem, least)

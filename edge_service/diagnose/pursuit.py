@@ -63,13 +63,14 @@ def _open(
     chosen = [dictionary.atoms[a] for a in base.atoms[dictionary.tolerated :]]
     used = Counter(atom.name for atom in chosen)
     loaded = most_of is MOST_OF and any(_is_load(atom) for atom in chosen)
+    loads = {atom.form for atom in chosen if _is_load(atom)}
     taken = set(base.atoms)
     return [
         a
         for a in candidates
         if a not in taken
         and used[dictionary.atoms[a].name] < most_of.get(dictionary.atoms[a].name, ATOMS_PER_EFFECT)
-        and not (loaded and _is_load(dictionary.atoms[a]))
+        and not ((loaded or dictionary.atoms[a].form in loads) and _is_load(dictionary.atoms[a]))
     ]
 
 

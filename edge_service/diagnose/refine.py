@@ -13,6 +13,8 @@ from .atoms import EntryAtom, entry_atom
 from .evidence import inverted
 from .session import Session
 
+CHANGE_SIGMA = 1.0
+"""Relative change of a shape that is thinkable, for what a slope says of it."""
 _MOST_SWEEPS = 4
 _SETTLED = 1e-2  # fall of the square, as a part of it, that is worth no further sweep
 _EVALUATIONS = 10
@@ -46,6 +48,19 @@ class Problem:
         """Coefficients of fixed and free columns, covariance, and the weighted square left."""
         return self._solved(columns, strict_columns(atoms), None)
 
+    def solve_beside(
+        self,
+        atoms: Sequence[EntryAtom],
+        columns: Sequence[Mapping[str, Floats]],
+        slopes: Mapping[str, Floats],
+    ) -> tuple[Floats, Floats, float]:
+        """The same while shapes may change, whose relative changes have the columns `slopes`."""
+        ones = strict_columns(atoms)
+        moved = next(iter(slopes.values())).shape[1]
+        known = np.concatenate((np.zeros(len(ones)), np.full(moved, CHANGE_SIGMA**-2)))
+        ones = np.concatenate((ones, np.zeros(moved, dtype=np.bool_)))
+        return self._solved([*columns, slopes], ones, None, known)
+
     def solve_rows(
         self,
         columns: Sequence[Mapping[str, Floats]],
@@ -60,9 +75,10 @@ class Problem:
         columns: Sequence[Mapping[str, Floats]],
         ones: Booleans,
         rows: Mapping[str, Booleans] | None,
+        known: Floats | float = 0.0,
     ) -> tuple[Floats, Floats, float]:
         mean = np.concatenate((self.mean, np.where(ones, 1.0, 0.0)))
-        precision = np.concatenate((self.precision, np.where(ones, 1e12, 0.0)))
+        precision = np.concatenate((self.precision, np.where(ones, 1e12, known)))
         normal, target = np.diag(precision), precision * mean
         square = float(mean @ (precision * mean))
         for name, each in self.session.channels.items():

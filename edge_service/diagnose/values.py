@@ -10,10 +10,12 @@ from ..messages.samples import Floats
 from ..models.effects.effect import Role
 from ..models.effects.registry import get_effect
 from .atoms import EntryAtom
-from .profile import misfit, profile_interval
+from .profile import Slopes, joined, misfit, profile_interval, slopes_of
 from .refine import Problem
+from .session import TORQUE_GAP
 
 Z_90 = 1.645
+_GAIN = "torque_gain_error"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +88,8 @@ class Values:
         k = max(mine, key=self._weight)
         atom = self.atoms[k]
         values = atom.values(self.coefficients(k))
-        sigma = self._sigma(k)
+        slopes = slopes_of(self.problem, atom, self.coefficients(k))
+        sigma = self._sigma(k, slopes)
         moved = {shape for shape, _ in atom.shape}
         shown = {}
         for parameter in atom.effect.parameters:
@@ -94,7 +97,9 @@ class Values:
             if parameter.name == atom.amount:
                 low, high = self._amount_interval(k, value, sigma)
             elif parameter.name in moved:
-                low, high = profile_interval(self.problem, self.atoms, self.columns, k, parameter)
+                low, high = profile_interval(
+                    self.problem, self.atoms, self.columns, k, parameter, slopes
+                )
             elif parameter.role is Role.PHASE and atom.size == 2:
                 reach = min(Z_90 * sigma / max(abs(values[atom.amount]), 1e-300), math.pi)
                 low, high = value - reach, value + reach
@@ -113,13 +118,23 @@ class Values:
         )
 
     def _amount_interval(self, k: int, value: float, sigma: float) -> tuple[float, float]:
-        """Of a parameter, what a healthy axis has of it is not known to belong to the effect."""
+        """Of a parameter, what a healthy axis has of it is not known to belong to the effect.
+
+        A torque is read through a gain that is known to its tolerance alone, and with the amount
+        what the model has of it already, whose own tolerance stands for that of the product.
+        """
         mean, spread = self.healthy.get(self.atoms[k].name, (0.0, 0.0))
-        reach = Z_90 * math.hypot(sigma, spread)
+        gain = self.healthy.get(_GAIN, (0.0, 0.0))[1] if TORQUE_GAP in self._shown(k) else 0.0
+        reach = Z_90 * math.hypot(sigma, spread, gain * value, spread if gain else 0.0)
         return value - max(mean, 0.0) - reach, value - min(mean, 0.0) + reach
 
-    def _sigma(self, k: int) -> float:
-        """Standard deviation of the amount of one atom."""
-        place = self._place(k)
-        variance = max(float(np.diag(self.covariance)[place].max()), 0.0)
+    def _shown(self, k: int) -> set[str]:
+        """Channels that an atom shows in."""
+        return {name for name, column in self.columns[k].items() if np.any(column)}
+
+    def _sigma(self, k: int, slopes: Slopes) -> float:
+        """Standard deviation of the amount of one atom whose shapes are not known either."""
+        beside = joined(self.problem, slopes)
+        covariance = self.problem.solve_beside(self.atoms, self.columns, beside)[1]
+        variance = max(float(np.diag(covariance)[self._place(k)].max()), 0.0)
         return math.sqrt(misfit(self.problem, self.square) * variance)

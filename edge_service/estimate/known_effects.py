@@ -17,6 +17,7 @@ from ..models.effects.contribution import (
     Change,
     Contribution,
     DryFriction,
+    LateGrip,
     LoadFriction,
     Over,
     Play,
@@ -129,7 +130,7 @@ def _fleeting(contribution: Contribution) -> bool:
             return over is Over.TIME and bool(np.ptp(curve(_MOMENTS_S)) > 0.0)
         case TableForce() | Strain() | Warming():
             return True
-        case LoadFriction() | Play():
+        case LateGrip() | LoadFriction() | Play():
             return False
         case Change(quantity, _):
             return quantity in _DYNAMIC

@@ -23,6 +23,7 @@ from edge_service.models.effects.registry import (
 from edge_service.models.effects.signature import torque_signature, transmission_signature
 from edge_service.models.machine import Machine
 
+SPRING = "compliance:level_m_per_n=1e-8,friction_share=0.5"
 BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 REQUIRED = {
     *("inertia_error", "viscous_error", "drag_error", "torque_gain_error", "stribeck"),
@@ -195,7 +196,29 @@ def test_direction_at_rest_is_that_of_the_approach(baseline: Baseline) -> None:
 
 def test_play_is_one_sided() -> None:
     travel = np.array([0.0, 5.0, 4.0, 2.0, -3.0, -2.5, 6.0])
-    assert (play(travel, 2.0) - travel).tolist() == [0.0, 0.0, 1.0, 2.0, 2.0, 1.5, 0.0]
+    never = np.zeros(7, dtype=np.int8)
+    assert (play(travel, 2.0, never) - travel).tolist() == [0.0, 0.0, 1.0, 2.0, 2.0, 1.5, 0.0]
+
+
+def test_a_spring_unwinds_with_the_motor_that_creeps_back(baseline: Baseline) -> None:
+    r, reach, back = baseline.ratio_m_per_rad, 4e-6, 1e-6
+    travel = np.concatenate((np.linspace(0.0, 1e-3, 2001), [1e-3 - back]))
+    still = np.zeros(len(travel))
+    speed = np.append(np.ones(len(travel) - 1), 0.0)
+    motion = Motion.of_samples(baseline, 1e-3 * np.arange(len(travel)), travel / r, speed, still)
+    late, at_once = (
+        transmission_signature(each.effect, each.values, motion, baseline)
+        for each in (parse_effect(f"{SPRING}{more}") for more in (f",reach_m={reach}", ""))
+    )
+    wound = 1e-8 * 0.5 * baseline.table_coulomb_nm / r
+    assert at_once[-2:] == pytest.approx([-wound, -wound])
+    assert late[-2:] == pytest.approx([-wound, -wound * (1.0 - back / reach)])
+
+
+def test_what_is_thrown_ahead_stays_there_until_a_flank_comes() -> None:
+    travel = np.array([0.0, 5.0, 6.0, 6.0, 7.0, 9.0, 8.0, 3.0, 3.0])
+    ahead = np.array([0, 0, 1, 0, 0, 0, 0, -1, 0], dtype=np.int8)
+    assert (play(travel, 2.0, ahead) - travel).tolist() == [0, 0, 2, 2, 1, 0, 1, 0, 0]
 
 
 def test_bristle_follows_the_elasto_plastic_law() -> None:

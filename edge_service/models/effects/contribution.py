@@ -110,6 +110,24 @@ class Play:
 
 
 @dataclass(frozen=True, slots=True)
+class LateGrip:
+    """Dry friction that loads a spring only as the motor travels, by way of its bristles.
+
+    What a spring gives for dry friction that turns at once is corrected by it: an axis that rests
+    unwinds while its motor creeps.
+
+    Attributes:
+        friction_share: dry friction that the spring carries, over the table's in the model.
+        reach_m: travel of the motor over which friction builds up.
+    """
+
+    level_m_per_n: float
+    slope_per_n: float
+    friction_share: float
+    reach_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class LoadFriction:
     """Friction torque per torque that the screw carries to the table.
 
@@ -154,6 +172,7 @@ Contribution = (
     | SmoothTorque
     | TableForce
     | LoadFriction
+    | LateGrip
     | Play
     | Shift
     | Strain

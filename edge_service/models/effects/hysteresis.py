@@ -1,6 +1,7 @@
 """What remembers the way it came: play, and the bristles of presliding friction."""
 
 import numpy as np
+import numpy.typing as npt
 
 from ...messages.samples import Floats
 from ..compiled import compiled
@@ -8,16 +9,22 @@ from ..dry_friction import Levels, bristle_stiffness
 
 
 @compiled
-def play(travel_m: Floats, width_m: float) -> Floats:
+def play(travel_m: Floats, width_m: float, ahead: npt.NDArray[np.int8]) -> Floats:
     """Position of what is pushed through a play of `width_m`, m, (n,).
 
     It begins in touch with the flank of positive motion, follows that without a gap, and lags a
     motion backwards by the width (Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989).
+    Where its own load throws it ahead (1: of a motion forwards, -1: backwards) it lies on the other
+    flank; afterwards it stays where it is until a flank comes and takes it along.
     """
     pushed = np.empty_like(travel_m)
     latest = travel_m[0] if travel_m.shape[0] else 0.0
     for k in range(travel_m.shape[0]):
         latest = min(max(latest, travel_m[k]), travel_m[k] + width_m)
+        if ahead[k] > 0:
+            latest = travel_m[k] + width_m
+        elif ahead[k] < 0:
+            latest = travel_m[k]
         pushed[k] = latest
     return pushed
 

@@ -16,6 +16,7 @@ from .contribution import (
     Contribution,
     Curve,
     DryFriction,
+    LateGrip,
     LoadFriction,
     Over,
     Place,
@@ -71,7 +72,7 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
             torque = _shift_torque(contribution, motion, baseline)
         case Change(quantity, value):
             torque = _CHANGED_TORQUE.get(quantity, _nothing)(value, motion, baseline)
-        case Play() | Strain() | Warming():
+        case LateGrip() | Play() | Strain() | Warming():
             pass
     return torque
 
@@ -95,6 +96,8 @@ def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline
             shift = curve(_variable(motion, over))
         case Strain(strain):
             shift = strain(motion.time_s) * baseline.ratio_m_per_rad * motion.angle_rad
+        case LateGrip():
+            shift = _late_wind_up(contribution, motion, baseline)
         case Play():
             shift = _lost_motion(contribution, motion, baseline)
         case Change(quantity, value):
@@ -179,13 +182,22 @@ def _presliding_wind_up(reach_m: float, motion: Motion, baseline: Baseline) -> F
     return baseline.wind_up_m(lacking_nm, motion.position_m)
 
 
+def _late_wind_up(each: LateGrip, motion: Motion, baseline: Baseline) -> Floats:
+    """What the spring still lacks of the wind-up by dry friction that turns at once, m, (n,)."""
+    held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, each.reach_m)
+    compliance = each.level_m_per_n + each.slope_per_n * motion.position_m
+    lacking_nm = each.friction_share * baseline.table_coulomb_nm * (held - motion.approach)
+    late: Floats = -compliance * lacking_nm / baseline.ratio_m_per_rad
+    return late
+
+
 def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
     """Lost motion of friction's flank, and that of a table that brakes onto the other one."""
     travel = baseline.ratio_m_per_rad * motion.angle_rad
     load_nm = motion.load_torque_nm + each.friction_share * _rubbed_nm(motion, baseline)
-    pushed = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
-    leaned = np.where(pushed, motion.approach * each.width_m, 0.0)
-    return play(travel, each.width_m) - travel + leaned
+    leads = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
+    ahead = np.where(leads, motion.approach, 0.0).astype(np.int8)
+    return play(travel, each.width_m, ahead) - travel
 
 
 def _loaded_nm(motion: Motion, baseline: Baseline) -> Floats:

@@ -1,7 +1,7 @@
 """More give between motor and table than the model knows."""
 
-from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Values, friction_share, viscous_share
+from ..contribution import Change, Contribution, LateGrip, Quantity
+from ..effect import Effect, Parameter, Role, Values, friction_share, viscous_share
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -15,7 +15,11 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
         (Quantity.STIRRED_COMPLIANCE, stirred * level),
         (Quantity.STIRRED_COMPLIANCE_SLOPE, stirred * slope),
     )
-    return tuple(Change(quantity, value) for quantity, value in changes if value != 0.0)
+    found = tuple(Change(quantity, value) for quantity, value in changes if value != 0.0)
+    if values["reach_m"] > 0.0:
+        late = LateGrip(level, slope, values["friction_share"], values["reach_m"])
+        return (*found, late)
+    return found
 
 
 EFFECT = Effect(
@@ -37,6 +41,16 @@ EFFECT = Effect(
         ),
         friction_share(),
         viscous_share(),
+        Parameter(
+            "reach_m",
+            "m",
+            "Travel of the motor over which the table's dry friction builds up; 0: at once.",
+            0.0,
+            1e-4,
+            0.0,
+            0.0,
+            Role.SHAPE,
+        ),
     ),
     contributions=_contributions,
 )
