@@ -15,6 +15,7 @@ from .fused_state import (
     DRY,
     GAIN,
     GUIDE,
+    LUBE,
     MASS,
     NUT,
     PLAY,
@@ -159,14 +160,10 @@ def _preloads(mixture: Mixture, model: FusedModel, limits: Limits) -> tuple[Floa
 
 @compiled
 def _drag(mixture: Mixture, model: FusedModel, weight: Floats) -> tuple[float, float, float]:
-    """Coulomb torque k p + B + R G of the whole axis, N m."""
-    k_nm, ratio = model.drag_per_percent_nm, model.ratio_m_per_rad
+    """Coulomb torque of the whole axis, N m."""
     value, square = 0.0, 0.0
     for k in range(len(weight)):
-        x, p = mixture.mean[k], mixture.covariance[k]
-        mean = k_nm * x[PRELOAD] + x[DRY] + ratio * x[GUIDE]
-        variance = k_nm * k_nm * p[PRELOAD, PRELOAD] + _rest_variance(p, ratio)
-        variance += 2.0 * k_nm * (p[PRELOAD, DRY] + ratio * p[PRELOAD, GUIDE])
+        mean, variance = _coulomb(mixture.mean[k], mixture.covariance[k], model, 1.0)
         value += weight[k] * mean
         square += weight[k] * (max(variance, 1e-30) + mean * mean)
     half = 1.96 * math.sqrt(max(square - value * value, 0.0))
@@ -174,9 +171,20 @@ def _drag(mixture: Mixture, model: FusedModel, weight: Floats) -> tuple[float, f
 
 
 @compiled
-def _rest_variance(p: Floats, ratio: float) -> float:
-    """Of B + R G, the friction beside the screw's, (N m)^2."""
-    return float(p[DRY, DRY] + ratio * (2.0 * p[DRY, GUIDE] + ratio * p[GUIDE, GUIDE]))
+def _coulomb(x: Floats, p: Floats, model: FusedModel, screw: float) -> tuple[float, float]:
+    """Mean, N m, and variance of k (screw + f) p + B + R G.
+
+    That is all dry friction with `screw` 1, and what is no preload's with 0.
+    """
+    k_nm = model.drag_per_percent_nm
+    rows = (PRELOAD, LUBE, DRY, GUIDE)
+    slopes = (k_nm * (screw + x[LUBE]), k_nm * x[PRELOAD], 1.0, model.ratio_m_per_rad)
+    variance = 0.0
+    for i in range(len(rows)):
+        for j in range(len(rows)):
+            variance += slopes[i] * slopes[j] * p[rows[i], rows[j]]
+    mean = slopes[0] * x[PRELOAD] + x[DRY] + model.ratio_m_per_rad * x[GUIDE]
+    return mean, variance
 
 
 @compiled
@@ -214,10 +222,10 @@ def _tail(limit: float, mean: float, variance: float) -> float:
 
 @compiled
 def _rest_above(mixture: Mixture, model: FusedModel, weight: Floats, limit_nm: float) -> float:
-    total, ratio = 0.0, model.ratio_m_per_rad
+    total = 0.0
     for k in range(len(weight)):
-        mean = mixture.mean[k, DRY] + ratio * mixture.mean[k, GUIDE]
-        total += weight[k] * _tail(limit_nm, mean, _rest_variance(mixture.covariance[k], ratio))
+        mean, variance = _coulomb(mixture.mean[k], mixture.covariance[k], model, 0.0)
+        total += weight[k] * _tail(limit_nm, mean, variance)
     return total
 
 

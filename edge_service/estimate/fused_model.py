@@ -16,6 +16,7 @@ from .fused_state import (
     GROWTH,
     GROWTH_RATE,
     GUIDE,
+    LUBE,
     MASS,
     NUT,
     OFFSET,
@@ -48,6 +49,15 @@ LOSSES = ((0.15, 0.1), (0.6, 0.25), (0.97, 0.05))
 """Sudden losses, small, large and total: mean and standard deviation over the fresh preload."""
 WEAR_PERCENT_S = 0.05
 """Mean and standard deviation of a rate of loss, % per second of motion."""
+RATE_WALK = 3e-4
+"""Of that rate, %/s per sqrt(s) of motion. A wear that could turn within seconds would explain
+every drift of the friction."""
+STRETCH_DOUBT = 2.0
+"""Variance of the stretch over that of the residuals in commissioning. At 1 healthy axes read .05
+to .2 points low, as if errors repeated at a place; at 3 a loss of all preload reads too high."""
+LUBE_SHARE, LUBE_WALK, LUBE_JUMP = 0.1, 0.5, 0.15
+"""Of the nut's friction: error at the start and walk over those of the others,
+and standard deviation of a sudden change as a share."""
 GAIN_JUMP = 0.06
 """Standard deviation of a sudden change of the torque constant, as a share."""
 LOADED_GAIN = 0.003
@@ -106,7 +116,7 @@ class FusedSettings:
     unchanged: float = 0.5
     warm: float = 0.05
     rare: float = 0.003
-    loss_hazard: float = 2e-4
+    loss_hazard: float = 5e-4
     friction_hazard: float = 5e-4
     payload_hazard: float = 1e-3
     wear_hazard: float = 1e-3
@@ -148,7 +158,7 @@ def fused_model(machine: Machine, settings: FusedSettings) -> FusedModel:
         torque_density=taught.noise_density_nm2_s,
         edge_rad2_s2=taught.edge_noise_rad2_s2,
         torque_slow_rad_s=taught.noise_slow_rad_s,
-        stretch_density=t.noise_density_m2_s if t else 1.0,
+        stretch_density=STRETCH_DOUBT * t.noise_density_m2_s if t else 1.0,
         stretch_slow_rad_s=t.noise_slow_rad_s if t else 0.0,
         process_force_n=settings.process_force_n,
     )
@@ -235,6 +245,7 @@ def _spread(
         sigma[ASYMMETRY], sigma[GAIN] = 0.05 * viscous.value, settings.gain_error
     if t is not None:
         sigma[GAP_RATE], sigma[GROWTH_RATE] = 2e-8, 5e-8
+        sigma[LUBE] = LUBE_SHARE * share * drifts
         sigma[PLAY], sigma[SLIDE] = 3e-8, max(0.1 * drifts * mean[SLIDE], 1.0)
         sigma[NUT] = t.nut_share_sigma * model.compliance_m_per_n
         sigma[STATES:] = settings.uneven_start_m
@@ -278,6 +289,7 @@ def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Dr
     walk[GAP], walk[GROWTH] = settings.growth_m, 2.0 * settings.growth_m
     walk[OFFSET] = 0.1 * walk[DRY]
     if t is not None:
+        walk[LUBE] = share * LUBE_WALK
         walk[GAP_RATE], walk[GROWTH_RATE] = settings.growth_rate_m_s, 2.5 * settings.growth_rate_m_s
     walk[GAIN] = settings.gain_walk if share else 0.0
     moving = np.zeros(STATES, dtype=np.bool_)
@@ -305,7 +317,7 @@ def drift_of(machine: Machine, model: FusedModel, settings: FusedSettings) -> Dr
         walk=walk,
         uneven=uneven,
         moving=moving,
-        rate_walk=0.003,
+        rate_walk=RATE_WALK,
         jumps=every,
         shifts=shifts,
         hazards=np.array(hazards),
@@ -352,7 +364,7 @@ def _jumps(machine: Machine, model: FusedModel, settings: FusedSettings) -> list
         slick = slick + _along({DRY: 0.06 * coulomb})
         if two:
             slick = slick + _along({DRY: 0.15 * coulomb, GUIDE: 0.3 * guide_n})
-            slick = slick + _along({GUIDE: 0.1 * guide_n})
+            slick = slick + _along({GUIDE: 0.1 * guide_n}) + _along({LUBE: LUBE_JUMP})
         else:
             slick = slick + _along({DRY: 0.25 * coulomb})
             slick = slick + _along({MASS: 0.4 * model.table_mass_kg})

@@ -4,10 +4,10 @@ A phase of steady motion (messages.features.Phase) measures two quantities, with
 the table position, a and v acceleration and speed of the motor::
 
     torque    (1 + e) u = (J + R^2 dM) a + D v + A |v|
-                          + s (k m(x) p + R G + R r(x) + B + St(v)) + b + J (w1 - w0) / T
+                          + s (k (1 + f) m(x) p + R G + R r(x) + B + St(v)) + b + J (w1 - w0) / T
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + h(x) + s odd(x) + T R v
                             + (c0 + c1 (x - x0) - cn) F + 3 F0 cn y(F, m(x) p)
-                            + s chi (c0 + c1 (x - x0)) k p / R - l [F < 0]
+                            + s chi (c0 + c1 (x - x0)) k (1 + f) p / R - l [F < 0]
                             + ec cos(x / R) + es sin(x / R)
               F = (M + dM) R a + s (G + r(x)) + V R v
 
@@ -32,6 +32,7 @@ from .fused_state import (
     GAP,
     GROWTH,
     GUIDE,
+    LUBE,
     MASS,
     NUT,
     OFFSET,
@@ -53,7 +54,7 @@ _LEAST_PERCENT = 0.02
 _LOOSE_PERCENT = 0.15
 FLOATING_N = 15.0
 _TURN_POINTS = 8
-_TURN_ERROR = 0.05
+_TURN_ERROR = 0.1
 _CROSSING_S = 0.01
 """Of a play, when the table begins to push."""
 
@@ -154,7 +155,7 @@ def predict_torque(model: FusedModel, x: Floats, r: Reading, spot: Spot, slope: 
     per_percent = model.drag_per_percent_nm * spot.factor
     for i in range(x.shape[0]):
         slope[i] = 0.0
-    slope[PRELOAD] = r.direction * per_percent
+    slope[PRELOAD] = r.direction * per_percent * (1.0 + x[LUBE])
     slope[DRY] = r.direction
     slope[GUIDE] = r.direction * ratio
     slope[VISCOUS] = r.speed_rad_s
@@ -173,6 +174,7 @@ def predict_torque(model: FusedModel, x: Floats, r: Reading, spot: Spot, slope: 
         slope[near.rub] = r.direction * ratio * (1.0 - near.rub_share)
         slope[near.rub + 1] = r.direction * ratio * near.rub_share
         value += slope[near.rub] * x[near.rub] + slope[near.rub + 1] * x[near.rub + 1]
+    slope[LUBE] = r.direction * per_percent * x[PRELOAD]
     return value
 
 
@@ -194,7 +196,8 @@ def predict_stretch(
     gear = model.ratio_m_per_rad * r.acceleration_rad_s2
     speed = model.ratio_m_per_rad * r.speed_rad_s
     load = table_load(model, x, r, spot.near)
-    wound_n = r.direction * WIND_UP_SHARE * model.drag_per_percent_nm / model.ratio_m_per_rad
+    fresh_n = r.direction * WIND_UP_SHARE * model.drag_per_percent_nm / model.ratio_m_per_rad
+    wound_n = fresh_n * (1.0 + x[LUBE])
     y, by_force, by_percent = nut_deflection(load, x[PRELOAD] * local, model)
     nut_m = 3.0 * model.fresh_preload_n
     rest = model.compliance_m_per_n + model.compliance_slope_per_n * away - x[NUT]
@@ -211,6 +214,7 @@ def predict_stretch(
     slope[NUT] = nut_m * y - load
     series = model.compliance_m_per_n + model.compliance_slope_per_n * away
     slope[PRELOAD] = nut_m * x[NUT] * by_percent * local + series * wound_n
+    slope[LUBE] = series * fresh_n * x[PRELOAD]
     value = series * wound_n * x[PRELOAD]
     value += x[GAP] + x[GROWTH] * away + x[SKEW] * speed + rest * load + nut_m * x[NUT] * y
     value += spot.map_m

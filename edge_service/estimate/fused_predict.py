@@ -20,6 +20,7 @@ from .fused_state import (
     GROWTH,
     GROWTH_RATE,
     GUIDE,
+    LUBE,
     PRELOAD,
     QUIET,
     RATE,
@@ -72,7 +73,7 @@ def predict_state(
         p[i, i] += step.walk[i]
     if mixture.mode[k] == SETTLING:
         haste = 1.0 + _SETTLING_HASTE * math.exp(-mixture.age_s[k] / _SETTLED_S)
-        for i in (DRY, GUIDE, VISCOUS, SLIDE):
+        for i in (DRY, GUIDE, VISCOUS, SLIDE, LUBE):
             p[i, i] += (haste * haste - 1.0) * step.walk[i]
     _spread(p, drift.uneven, step.elapsed_s)
     _grow(x, p, step.lasting)

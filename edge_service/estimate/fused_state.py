@@ -15,10 +15,11 @@ GAP, GROWTH, SKEW, NUT, OFFSET, SLIDE = range(7, 13)
 GAIN, GAP_RATE, GROWTH_RATE, PLAY = range(13, 17)
 BEGUN, ENDED = range(17, 19)
 TURN_COS, TURN_SIN = range(19, 21)
+LUBE = 21
 """p %, dp/dt %/s, B N m, G N, D and A N m s/rad, dM kg; g0 m, g1, T s, cn m/N, b N m, V N s/m;
-e, dg0/dt m/s, dg1/dt 1/s, l m; w0, w1 rad/s; ec, es m.
+e, dg0/dt m/s, dg1/dt 1/s, l m; w0, w1 rad/s; ec, es m; f.
 Behind them h, m, and then r, N, at even nodes of the stroke."""
-STATES = 21
+STATES = 22
 RUB_NODES = 9
 """Of r; h has the others."""
 WIND_UP_SHARE = 0.3

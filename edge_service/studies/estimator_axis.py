@@ -67,12 +67,14 @@ class OwnAxis:
         percent: Floats,
         seed: int,
         effects: Sequence[str] = (),
+        lubricant: float | Floats = 1.0,
         **loads: Floats,
     ) -> Iterator[SampleFrame]:
         """A motion at 1 kHz with the mean preload of each sample (n,).
 
         Args:
             effects: that come on top.
+            lubricant: drag of the nut over that of its preload, everywhere on the stroke, (n,).
             loads: arguments of `FeedDrive.advance`, (n,).
         """
         limits = motion_limits(_default())
@@ -82,13 +84,14 @@ class OwnAxis:
         segments = iter(MOTIONS[motion](limits, np.random.default_rng((seed, 1))))
         setpoints = Setpoints(segments, limits.low_m, RATE_HZ)
         hidden = (*HIDDEN, *TABLE) if self.one_encoder else HIDDEN
+        factor = np.broadcast_to(lubricant, percent.shape)
         for first in range(0, len(percent), FRAME_ROWS):
             rows = slice(first, first + FRAME_ROWS)
             targets = setpoints.take(len(percent[rows]))
             local = percent[rows] * self._stroke_factor(targets[:, 0])
-            frame = drive.advance(
-                targets, local, **{name: load[rows] for name, load in loads.items()}
-            )
+            drag_nm = settings.screw_drag_nm(local * factor[rows])
+            acting = {name: load[rows] for name, load in loads.items()}
+            frame = drive.advance(targets, local, drag_nm=drag_nm, **acting)
             kept = {name: c for name, c in frame.channels.items() if name not in hidden}
             yield SampleFrame(frame.time_s, kept)
 

@@ -141,20 +141,18 @@ def loads(seed: int, quick: bool) -> Iterator[Part]:
     event_s = 0.5 * count / RATE_HZ
     after = time_s >= event_s
     percent = np.full(count, axis.fresh_percent)
-    per_percent = nominal.drag_per_percent_nm or 0.0
     bursts = np.sin(2.0 * np.pi * time_s / 7.0) > 0.3
-    for row, load in (
-        ("payload +10 kg, own plant", {"added_mass_kg": np.where(after, 10.0, 0.0)}),
-        (
-            "relubrication of the nut, own plant",
-            {"drag_nm": per_percent * percent * np.where(after, 0.75, 1.0)},
-        ),
+    untouched = np.ones(count)
+    for row, lubricant, load in (
+        ("payload +10 kg, own plant", untouched, {"added_mass_kg": np.where(after, 10.0, 0.0)}),
+        ("relubrication of the nut, own plant", np.where(after, 0.75, 1.0), {}),
         (
             "process force, own plant",
+            untouched,
             {"external_force_n": np.where(after & bursts, -300.0, 0.0)},
         ),
     ):
-        frames = axis.frames("production", percent, 61 + seed, **load)
+        frames = axis.frames("production", percent, 61 + seed, (), lubricant, **load)
         case = recorded(frames, nominal, percent)
         yield judged(row, machine, nominal, case, event_s=event_s)
 

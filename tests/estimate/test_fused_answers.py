@@ -26,6 +26,7 @@ from edge_service.estimate.fused_state import (
     DRY,
     GAIN,
     GUIDE,
+    LUBE,
     MASS,
     NUT,
     PLAY,
@@ -144,14 +145,24 @@ class Another:
     def above(self, slope: dict[int, float], limit: float) -> float:
         return float(self.weight @ norm.sf(limit, *self.along(slope)))
 
+    def coulomb(self, screw: float) -> tuple[Floats, Floats]:
+        """k (screw + f) p + B + R G, to first order in p and f."""
+        rows = [PRELOAD, LUBE, DRY, GUIDE]
+        p, f, dry, guide = self.mean[:, rows].T
+        k_nm, ratio = self.model.drag_per_percent_nm, self.model.ratio_m_per_rad
+        one = np.ones_like(p)
+        slopes = np.stack([k_nm * (screw + f), k_nm * p, one, ratio * one], axis=1)
+        cov = self.cov[:, rows][:, :, rows]
+        variance = np.einsum("ki,kij,kj->k", slopes, cov, slopes)
+        return k_nm * (screw + f) * p + dry + ratio * guide, np.sqrt(variance)
+
     def faults(self) -> list[float]:
         taught, ratio, size = self.machine.commissioned, self.model.ratio_m_per_rad, RUB_NODES
         assert taught is not None
-        rest = {DRY: 1.0, GUIDE: ratio}
         rest_nm = self.start.mean[DRY] + ratio * self.start.mean[GUIDE] + 0.2 * taught.coulomb_nm
         told = [
             self.below(0.9 * self.model.fresh_percent),
-            self.above(rest, rest_nm),
+            float(self.weight @ norm.sf(rest_nm, *self.coulomb(0.0))),
             self.above({GAIN: 1.0}, GAIN_SHARE) + self.above({GAIN: -1.0}, GAIN_SHARE),
             float(self.weight @ self.force),
         ]
@@ -168,8 +179,7 @@ class Another:
         ]
 
     def numbers(self) -> Floats:
-        slope = {PRELOAD: self.model.drag_per_percent_nm, DRY: 1.0}
-        value, half = self.spread(*self.along(slope | {GUIDE: self.model.ratio_m_per_rad}))
+        value, half = self.spread(*self.coulomb(1.0))
         edges = [0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT)]
         levels = -np.diff([1.0, *(self.below(edge) for edge in edges), 0.0])
         two = self.machine.commissioned is not None and self.machine.commissioned.transmission
