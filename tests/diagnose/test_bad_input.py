@@ -151,16 +151,20 @@ def test_an_effect_that_the_machine_file_has_explains_the_gap_at_once(machine_fi
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_two_hours_in_bounded_memory(machine_file, tmp_path, capsys, form):
-    """The same forty seconds again and again have the gap of the forty seconds."""
-    columns = {name: sound()[name][::4] for name in ("torque_command_nm", "motor_angle_rad")}
+    """The same forty seconds again and again have the gap of the forty seconds.
+
+    The peak is that of VmHWM: a process' ru_maxrss begins with that of the one it was forked from.
+    """
+    columns = {name: sound()[name] for name in ("torque_command_nm", "motor_angle_rad")}
     rows = len(columns["torque_command_nm"])
     path = tmp_path / f"long.{form}"
     with tiled(path, columns) as write:
-        for repeat in range(7200 * 250 // rows):
-            write(repeat * (rows * 4e-3 + 1.0) + 4e-3 * np.arange(rows))
+        for repeat in range(7200 * 1000 // rows):
+            write(repeat * (rows * 1e-3 + 1.0) + 1e-3 * np.arange(rows))
     script = (
-        "import resource, sys; from edge_service.cli import main; code = main(sys.argv[1:]);"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr); sys.exit(code)"
+        "import sys; from edge_service.cli import main; code = main(sys.argv[1:]);"
+        "status = dict(line.split(':', 1) for line in open('/proc/self/status'));"
+        "print(status['VmHWM'].split()[0], file=sys.stderr); sys.exit(code)"
     )
     command = ["gap", "--machine", str(machine_file), str(path), "--json"]
     done = subprocess.run(
@@ -170,11 +174,11 @@ def test_two_hours_in_bounded_memory(machine_file, tmp_path, capsys, form):
         capture_output=True,
         text=True,
     )
-    once = written(tmp_path / "once.csv", {"time_s": sound()["time_s"][::4], **columns})
+    once = written(tmp_path / "once.csv", {"time_s": sound()["time_s"], **columns})
     assert main(["gap", "--machine", str(machine_file), once, "--json"]) == 0
     expected = json.loads(capsys.readouterr().out)
     assert json.loads(done.stdout) == pytest.approx(expected, rel=5e-3)
-    assert int(done.stderr.splitlines()[-1]) < 420_000
+    assert int(done.stderr.splitlines()[-1]) < 700_000
 
 
 @contextmanager
