@@ -15,7 +15,7 @@ from ..diagnose.recorded import Run
 from ..diagnose.twin import HealthyGap, excerpt, healthy_gap, healthy_session, joined, setpoints_of
 from ..models.machine import Machine
 
-_VERSION = 2
+_VERSION = 3
 _MOST_KEPT = 200
 
 

@@ -114,7 +114,8 @@ class LateGrip:
     """Dry friction that loads a spring only as the motor travels, by way of its bristles.
 
     What a spring gives for dry friction that turns at once is corrected by it: an axis that rests
-    unwinds while its motor creeps.
+    unwinds while its motor creeps. Only the signature needs it: in the simulated plant it follows
+    from the spring and a table that truly sticks.
 
     Attributes:
         friction_share: dry friction that the spring carries, over the table's in the model.

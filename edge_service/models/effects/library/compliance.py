@@ -44,7 +44,8 @@ EFFECT = Effect(
         Parameter(
             "reach_m",
             "m",
-            "Travel of the motor over which the table's dry friction builds up; 0: at once.",
+            "Travel of the motor over which the table's dry friction builds up on a recording; "
+            "0: at once. A simulated axis has that of its spring.",
             0.0,
             1e-4,
             0.0,
