@@ -63,10 +63,10 @@ class _Axes:
 
     def forget(self, axis: str) -> None:
         """The part is another: begin anew."""
-        self.axes[axis].forget()
+        heard_ns = self.axes[axis].forget()
         try:
             if self._store is not None:
-                self._store.forget(axis)
+                self._store.forget(axis, heard_ns)
         except OSError as error:
             log.warning("the state of axis %s cannot be removed (%s)", axis, error)
 

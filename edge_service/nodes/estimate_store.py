@@ -127,9 +127,13 @@ class EstimateStore:
                     write_kept(self.path(axis), axis, self._identities[axis], each)
                     self._written_ns[axis] = each.source_time_ns
 
-    def forget(self, axis: str) -> None:
-        """The part is another: nothing of what was known holds. Raises OSError."""
+    def forget(self, axis: str, heard_ns: int) -> None:
+        """The part is another: nothing of what was known up to `heard_ns` holds. Raises OSError.
+
+        A state of that time that another thread is about to write is not written any more.
+        """
         with self._lock:
+            self._written_ns[axis] = heard_ns + 1
             self.path(axis).unlink(missing_ok=True)
 
     def set_aside(self, axis: str) -> Path:

@@ -45,10 +45,12 @@ class EstimatedAxis:
         elif silent_s > SILENCE_S:
             self._estimator.interrupt()
 
-    def forget(self) -> None:
-        """The part is another."""
+    def forget(self) -> int:
+        """The part is another; returns the UNIX time up to which the old one was heard, ns."""
+        heard_ns = 0 if self._heard is None else self._heard[1]
         self._estimator.reset()
         self._heard, self._changed = None, False
+        return heard_ns
 
     def restore(self, store: EstimateStore) -> None:
         """Go on from what was kept, if it is this axis'; else begin anew, and say why."""

@@ -366,6 +366,23 @@ def test_an_older_state_never_replaces_a_newer_one(tmp_path: Path) -> None:
     assert json.loads(state_file(tmp_path).read_text())["source_time_ns"] == 2 * NS
 
 
+def test_a_state_of_the_part_before_is_not_written_behind_its_back(tmp_path: Path) -> None:
+    """A thread may be about to write it when the part is replaced."""
+    store = store_in(tmp_path)
+    axis = EstimatedAxis("X", FusedPreloadEstimator(machine()))
+    axis.take(Header(0, 1, NS, 0), blocks()[0])
+    of_old = axis.to_keep()
+    assert of_old is not None
+    store.forget("X", axis.forget())
+    store.save({"X": of_old})
+    assert not store.path("X").exists()
+    axis.take(Header(1, 1, 2 * NS, 0), blocks()[1])
+    of_new = axis.to_keep()
+    assert of_new is not None
+    store.save({"X": of_new})
+    assert json.loads(store.path("X").read_text())["source_time_ns"] == 2 * NS
+
+
 def test_the_default_configuration_keeps_nothing() -> None:
     assert EdgeConfig.model_validate({"axes": [{"name": "X"}]}).history.folder is None
     assert "# folder" in DEFAULT_CONFIG.read_text()
