@@ -12,14 +12,23 @@ from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.quality import is_uncertain
 from ..messages.samples import Floats, SampleFrame
+from .channel_check import ChannelCheck
+from .channel_limits import ChannelLimits
 from .rows import RowCounters, RowScreen, Screened, T, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
-_SNAPSHOT_SCHEMA = "downsampler/1"
+_SNAPSHOT_SCHEMA = "downsampler/2"
 _LEARN_ROWS = 16  # rows from which the native period is learned
 _DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}
 _LEAST_SAMPLES = 5  # in an interval, for the torque held between them to be a fair picture
 _MOST_DOUBTED = 1024
+_OF_TABLE = (
+    Fault.NO_TABLE
+    | Fault.TABLE_STUCK
+    | Fault.TABLE_DISAGREES
+    | Fault.TABLE_DOUBTED
+    | Fault.TABLE_SHIFTED
+)
 _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
 
 
@@ -30,11 +39,13 @@ class DownsampleSettings:
     Attributes:
         interval_s: length of an interval, s.
         max_hole_rows: so many native periods without a row are bridged; more is a gap.
+        channels: what may lie between the encoders; the lead alone tells it unless given.
     """
 
     interval_s: float = 0.1
     max_hole_rows: int = 6
     plausibility: PlausibilitySettings = field(default_factory=PlausibilitySettings)
+    channels: ChannelLimits | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -87,6 +98,10 @@ class Downsampler:
     def __init__(self, settings: DownsampleSettings, ratio_m_per_rad: float) -> None:
         self._settings = settings
         self._ratio = ratio_m_per_rad
+        self._channels = ChannelCheck(
+            settings.channels or ChannelLimits.of_ratio(ratio_m_per_rad),
+            settings.plausibility.max_speed_rad_s,
+        )
         self._screen: RowScreen | None = None
         self._segment = _Segment()
         self._period_s: float | None = None
@@ -122,6 +137,7 @@ class Downsampler:
             "untold": int(self._untold),
             "last_kept": self._last_kept,
             "expected_faults": int(self._expected_faults),
+            "channels": self._channels.snapshot(),
             "faults": self.faults,
         }
 
@@ -145,6 +161,7 @@ class Downsampler:
         self._untold = Fault(snapshot["untold"])
         self._last_kept = int(snapshot["last_kept"])
         self._expected_faults = Fault(snapshot["expected_faults"])
+        self._channels.restore(snapshot["channels"])
         self.faults = dict(snapshot["faults"])
 
     def push(self, frame: SampleFrame) -> list[FeatureBlock]:
@@ -154,13 +171,14 @@ class Downsampler:
         if self._screen is None:
             self._screen = RowScreen(has_torque=TORQUE in frame.channels)
             if not {ANGLE, TABLE_POSITION} <= set(frame.channels):
-                self._expected_faults = ~Fault.NO_TABLE  # one encoder only: nothing is missing
+                self._expected_faults = ~_OF_TABLE  # one encoder only: nothing is missing
         self._note_doubts(frame)
         blocks: list[FeatureBlock] = []
         for part in self._screen.split(table_of(frame, self._ratio)):
             if part.new_clock:
                 blocks += self._end_segment(Fault.TIME_BACKWARDS)
                 self._period_s = None
+                self._channels.forget()
                 self._absent.clear()
                 self._doubted.clear()
                 self._last_kept = -sys.maxsize
@@ -280,6 +298,7 @@ class Downsampler:
             segment.history,
             self._reach,
             self._settings.plausibility,
+            self._channels,
         )
         interval = self._interval_of(segment.rows[segment.first, T])
         beyond = self._untold | (Fault.DOUBTED if interval in self._doubted else Fault.NONE)
@@ -306,5 +325,6 @@ class Downsampler:
             self._untold = reason  # slow samples: none is left to tell of the gap before it
         if len(segment.rows):
             self._last_kept = self._interval_of(segment.rows[-1, T])
+        self._channels.interrupt()
         self._segment = _Segment()
         return blocks

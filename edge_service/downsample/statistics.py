@@ -7,7 +7,9 @@ import numpy as np
 
 from ..messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from ..messages.samples import Floats
+from .channel_check import ChannelCheck
 from .phases import PhaseSettings, steady_phases
+from .repeats import LEAST_ROWS
 from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
 
 
@@ -33,9 +35,6 @@ class PlausibilitySettings:
 
 WILDEST_ANGLE_RAD = 1e8
 WILDEST_TORQUE_NM = 1e5
-LEAST_REPEATS = 4
-"""A value that is there so often in a row is repeated; a slow channel holds each for long."""
-MOVED_TABLE_M = 20e-6
 MOVED_ANGLE_RAD = 0.02
 MOVED_SETPOINT_M = 100e-6
 
@@ -72,6 +71,7 @@ def summarise(
     history: MotionHistory,
     reach: int,
     settings: PlausibilitySettings,
+    channels: ChannelCheck,
 ) -> tuple[FeatureBlock, MotionHistory]:
     """Statistics of the interval from row `first` up to the time of row `end`.
 
@@ -81,6 +81,7 @@ def summarise(
         fault: faults already found by time and missing values.
         history: motion before the interval.
         reach: half width in rows of the difference that tells the direction.
+        channels: says which channels are to be believed, and follows them.
 
     Returns:
         The block, and the motion history at its end.
@@ -97,8 +98,12 @@ def summarise(
     moving = direction != 0.0
     reversals, after = _follow_motion(direction, edges, history)
     speed_start, speed_end = _speed_at(segment, first), _speed_at(segment, end)
-    table_fault, table = _table_statistics(inside, theta, steps, settings)
-    fault |= _plausibility(inside, settings) | table_fault
+    verdict = channels.judge(inside, segment[end + 1 : end + 1 + reach])
+    table_fault, table = _table_statistics(inside, steps, verdict.has_table)
+    found = _plausibility(inside, settings)
+    if channels.torque_stays(torque, Fault.TORQUE_STUCK in found):
+        found |= Fault.STUCK | Fault.TORQUE_STUCK
+    fault |= found | table_fault | verdict.fault
     fault |= _wild_steps(segment[max(first - 1, 0) : end + 2], settings.max_speed_rad_s)
     duration = float(edges[-1] - edges[0])
     since = edges[0] - history.moving_since_s if direction[0] == history.direction else 0.0
@@ -135,7 +140,7 @@ def summarise(
             end,
             reach,
             since_s=_moving_since(direction, edges, history),
-            has_table=not table_fault,
+            has_table=not table_fault and verdict.has_stretch,
             settings=settings.phases,
         ),
     ), after
@@ -197,13 +202,11 @@ def _moving_since(direction: Floats, edges: Floats, history: MotionHistory) -> F
 
 
 def _table_statistics(
-    inside: Floats, theta: Floats, steps: Floats, settings: PlausibilitySettings
+    inside: Floats, steps: Floats, believed: bool
 ) -> tuple[Fault, tuple[float, float, float]]:
-    """Linear encoder at start and end and its mean, m; NaN if missing, holed or stuck."""
+    """Linear encoder at start and end and its mean, m; NaN if missing, holed or not believed."""
     table = inside[:, X]
-    if np.isnan(table).any():
-        return Fault.NO_TABLE, (np.nan, np.nan, np.nan)
-    if _longest_run_s(table, inside[:, T]) >= settings.stuck_s and np.ptp(theta) > MOVED_ANGLE_RAD:
+    if not believed or np.isnan(table).any():
         return Fault.NO_TABLE, (np.nan, np.nan, np.nan)
     mean = float((table[1:] + table[:-1]) @ steps) / (2.0 * float(steps.sum()))
     return Fault.NONE, (float(table[0]), float(table[-1]), mean)
@@ -233,20 +236,19 @@ def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
     if limit is not None and np.nanmax(np.abs(torque), initial=0.0) > 1.5 * limit:
         fault |= Fault.IMPLAUSIBLE
     if _longest_run_s(theta, time_s) >= settings.stuck_s and _others_moved(inside, settings):
-        fault |= Fault.STUCK
+        fault |= Fault.STUCK | Fault.ANGLE_STUCK
     torque_stuck = _longest_run_s(torque, time_s) >= settings.stuck_s and not saturated
     if torque_stuck and np.ptp(theta) > MOVED_ANGLE_RAD:
-        fault |= Fault.STUCK
+        fault |= Fault.STUCK | Fault.TORQUE_STUCK
     return fault
 
 
 def _others_moved(inside: Floats, settings: PlausibilitySettings) -> bool:
-    """Whether a channel other than the angle says that the axis moved."""
+    """Whether setpoint or speed say that the axis moved; the linear encoder is asked elsewhere."""
     with np.errstate(invalid="ignore"):
-        table = np.ptp(inside[:, X]) > MOVED_TABLE_M
         setpoint = np.ptp(inside[:, SET]) > MOVED_SETPOINT_M
         speed = np.abs(np.mean(inside[:, OMEGA])) > 10.0 * settings.standstill_speed_rad_s
-    return bool(table or setpoint or speed)
+    return bool(setpoint or speed)
 
 
 def _longest_run_s(values: Floats, time_s: Floats) -> float:
@@ -254,7 +256,7 @@ def _longest_run_s(values: Floats, time_s: Floats) -> float:
     changes = np.flatnonzero(np.diff(values) != 0.0)
     edges = np.concatenate([[0], changes + 1, [len(values) - 1]])
     lasting = time_s[np.minimum(edges[1:], len(values) - 1)] - time_s[edges[:-1]]
-    return float(lasting[np.diff(edges) >= LEAST_REPEATS].max(initial=0.0))
+    return float(lasting[np.diff(edges) >= LEAST_ROWS].max(initial=0.0))
 
 
 def _mean(values: Floats) -> float:

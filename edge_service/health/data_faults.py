@@ -17,6 +17,12 @@ _SENTENCES = {
     Fault.NO_TABLE: "the linear encoder is missing or stuck",
     Fault.DOUBTED: "the source calls samples uncertain",
     Fault.SPARSE: "samples too slow to know the torque between them; intervals are wide",
+    Fault.TABLE_STUCK: "the linear encoder stands still while the motor turns",
+    Fault.TABLE_DISAGREES: "the linear encoder does not go the way of the motor",
+    Fault.TABLE_DOUBTED: "the linear encoder has not agreed for long enough again",
+    Fault.TABLE_SHIFTED: "the linear encoder may have come back at another level",
+    Fault.TORQUE_STUCK: "the torque repeats one value while the axis moves",
+    Fault.ANGLE_STUCK: "the motor angle stands still while the axis moves",
 }
 
 

@@ -21,6 +21,12 @@ class Fault(IntFlag):
     NO_TABLE = 1 << 9  # the linear encoder is missing, stuck or holed in this interval
     DOUBTED = 1 << 10  # the source itself calls samples of torque or position uncertain
     SPARSE = 1 << 11  # samples too slow for the interval: torque between them is unknown
+    TABLE_STUCK = 1 << 12  # the linear encoder stands still while the motor turns
+    TABLE_DISAGREES = 1 << 13  # both encoders part further than a sound axis can
+    TABLE_DOUBTED = 1 << 14  # the linear encoder has not agreed for long enough again
+    TABLE_SHIFTED = 1 << 15  # its level may be another than before it was doubted
+    TORQUE_STUCK = 1 << 16  # told with STUCK: it is the torque that repeats one value
+    ANGLE_STUCK = 1 << 17  # told with STUCK: it is the motor angle that repeats one value
 
 
 UNUSABLE = (

@@ -13,6 +13,7 @@ from ..config import (
     load_machine,
 )
 from ..downsample import Downsampler, DownsampleSettings
+from ..downsample.channel_limits import channel_limits
 from ..downsample.statistics import PlausibilitySettings
 from ..estimate.fused import FusedPreloadEstimator
 from ..estimate.interface import PreloadEstimator
@@ -31,7 +32,9 @@ def make_downsampler(config: DownsampleConfig, machine: Machine) -> Downsampler:
     """The downsampler of one axis: limits from its machine file."""
     limits = PlausibilitySettings(max_torque_nm=machine.axis.max_torque_nm)
     return Downsampler(
-        DownsampleSettings(interval_s=config.interval_s, plausibility=limits),
+        DownsampleSettings(
+            interval_s=config.interval_s, plausibility=limits, channels=channel_limits(machine)
+        ),
         machine.transmission_ratio_m_per_rad,
     )
 

@@ -258,7 +258,7 @@ def test_a_stuck_linear_encoder_costs_the_table_and_nothing_else() -> None:
         columns[TABLE_POSITION][400:620] = columns[TABLE_POSITION][400]
 
     block = at(damaged(stick), 0.5)
-    assert block.fault == Fault.NO_TABLE
+    assert block.fault == Fault.NO_TABLE | Fault.TABLE_STUCK
     assert block.usable
     assert np.isnan(block.table_mean_m)
 

@@ -1,0 +1,248 @@
+"""Which of torque, motor angle and linear encoder are to be believed, from interval to interval.
+
+A channel that fails is doubted at once; the linear encoder is believed again after it has gone the
+way of the screw for a while, and its level counts as new then.
+"""
+
+from dataclasses import astuple, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..messages.array_text import decoded, encoded
+from ..messages.features import Fault
+from ..messages.samples import Floats
+from .agreement import Agreement, Chunk, Roughness, chunks_of, rests
+from .channel_limits import ChannelLimits
+from .ordinary import Manners
+from .repeats import OpenRun, followed, standing
+from .rows import THETA, T, U, X
+
+TRIAL_S = 1.0
+"""Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
+what a fault needs to be told, and every error that returns with each turn has shown itself."""
+LONGEST_TRIAL_S = 64.0
+SETTLED_S = 60.0
+"""A fault within so much motion after a trial doubles the next one."""
+LOST_S = 1.0
+"""Whoever was away for longer may have been set anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What an interval may be read for.
+
+    Attributes:
+        fault: bits of Fault.
+        has_table: whether the linear encoder may be read at all.
+        has_stretch: whether both encoders may be compared in the phases.
+    """
+
+    fault: Fault
+    has_table: bool
+    has_stretch: bool
+
+
+_MISSING = Verdict(Fault.NONE, False, False)
+
+
+@dataclass(slots=True)
+class _Trial:
+    """How far a doubted encoder has come. `needed_s` is 0 while it is believed."""
+
+    needed_s: float = 0.0
+    agreed_s: float = 0.0
+    way_m: float = 0.0
+    last_s: float = TRIAL_S  # what the last trial needed
+    since_s: float = np.inf  # motion since it was passed
+    missing_s: float = 0.0  # without a value
+    elsewhere: bool = False  # agrees, at another level
+    returned: bool = False  # passed, and not told yet
+
+    @property
+    def doubted(self) -> bool:
+        return self.needed_s > 0.0
+
+    def begin(self) -> None:
+        """Doubt the encoder; a relapse makes the next trial longer."""
+        if not self.doubted:
+            relapsed = self.since_s < SETTLED_S
+            self.last_s = min(2.0 * self.last_s, LONGEST_TRIAL_S) if relapsed else TRIAL_S
+            self.needed_s = self.last_s
+        self.agreed_s, self.way_m, self.elsewhere = 0.0, 0.0, False
+
+    def follow(self, moved_s: float, way_m: float, turn_m: float) -> None:
+        """Take motion in which the encoders agreed."""
+        if not self.doubted:
+            self.since_s += moved_s
+            return
+        self.agreed_s += moved_s
+        self.way_m += way_m
+        if self.agreed_s >= self.needed_s and self.way_m >= turn_m:
+            self.needed_s, self.since_s, self.returned = 0.0, 0.0, True
+
+
+class ChannelCheck:
+    """Follows the channels of one axis; see the limits for what a sound axis may do."""
+
+    def __init__(self, limits: ChannelLimits, fastest_rad_s: float) -> None:
+        self._limits = limits
+        self._fastest_rad_s = fastest_rad_s
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, as on a new clock."""
+        self._agreement, self._level = Agreement(self._limits), Agreement(self._limits)
+        self._manners, self._trial = Manners.unknown(), _Trial()
+        self._table_run, self._angle_run = OpenRun(), OpenRun()
+        self._torque = (np.nan, np.nan)  # least and most in the interval before
+        self._stuck_torque_nm = np.nan
+
+    def interrupt(self) -> None:
+        """Rows are missing: nothing that goes on from one to the next is known."""
+        self._agreement.interrupt()
+        self._angle_run = OpenRun()
+
+    def judge(self, inside: Floats, ahead: Floats) -> Verdict:
+        """Judge the positions of an interval.
+
+        Args:
+            inside: (n + 1, 8), the last row begins the next interval.
+            ahead: (m, 8), rows after these that are known already.
+        """
+        way = inside[:, THETA] * self._limits.ratio_m_per_rad
+        table = inside[:, X]
+        span_nm = self._torque_span(inside[:, U])
+        if np.isnan(table).any():
+            return self._judge_without(inside, way)
+        self._trial.missing_s = 0.0
+        verdict = self._judge_both(inside, ahead, way, span_nm)
+        self._table_run = followed(table[:-1], way[:-1], self._table_run)
+        self._angle_run = followed(way[:-1], table[:-1], self._angle_run)
+        return verdict
+
+    def torque_stays(self, torque: Floats, stuck: bool) -> bool:
+        """Whether torque (n,) of an interval goes on with the value that it was stuck at."""
+        goes_on = bool(torque[0] == self._stuck_torque_nm)
+        whole = goes_on and bool((torque == torque[0]).all())
+        self._stuck_torque_nm = float(torque[-1]) if stuck or whole else np.nan
+        return goes_on
+
+    def _torque_span(self, torque: Floats) -> float:
+        """Between the least and the most torque of this interval and the one before."""
+        least, most = float(torque.min()), float(torque.max())
+        low, high = np.fmin(least, self._torque[0]), np.fmax(most, self._torque[1])
+        self._torque = (least, most)
+        return float(high - low)
+
+    def _judge_without(self, inside: Floats, way: Floats) -> Verdict:
+        known = np.flatnonzero(~np.isnan(inside[:-1, X]))
+        if known.size:
+            self._table_run = followed(inside[known, X], way[known], self._table_run)
+        self._angle_run = OpenRun()
+        self._agreement.interrupt()
+        self._trial.missing_s += float(inside[-1, T] - inside[0, T])
+        if self._trial.missing_s >= LOST_S:
+            self._doubt()
+        return _MISSING
+
+    def _judge_both(self, inside: Floats, ahead: Floats, way: Floats, span_nm: float) -> Verdict:
+        if np.abs(np.diff(inside[:, THETA]) / np.diff(inside[:, T])).max() > self._fastest_rad_s:
+            self._agreement.interrupt()
+            return self._told(Fault.NONE, has_stretch=False)
+        limits, manners, table = self._limits, self._manners, inside[:, X]
+        pieces = chunks_of(inside, limits)
+        speed_m_s = max(abs(piece.speed_m_s) for piece in pieces)
+        ordinary_m, stretch_m = manners.run_m(speed_m_s), limits.stretch_m(span_nm)
+        coarse_m = ordinary_m if np.isfinite(ordinary_m) else 0.0
+        angle_m = standing(way, table, 1.0, self._angle_run).caught_up_m
+        if angle_m > limits.play_m + limits.growth_m(np.inf) + stretch_m + coarse_m:
+            self._agreement.interrupt()
+            return self._told(Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
+        later = ahead[~np.isnan(ahead[:, X])]
+        stands = standing(
+            np.concatenate([table, later[:, X]]),
+            np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad]),
+            1.0,
+            self._table_run,
+        )
+        period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
+        rough = Roughness(manners.noise_m, manners.lag_s(period_s), span_nm)
+        pushed = self._agreement.closed
+        parted_m = self._parted(pieces, rough)
+        hidden_m = stretch_m + (0.0 if pushed and self._agreement.closed else limits.play_m)
+        if stands.caught_up_m > max(hidden_m, limits.periodic_m) + coarse_m:
+            return self._fail(Fault.TABLE_STUCK)
+        if parted_m > 0.0:
+            stuck = stands.open_m > 0.5 * parted_m
+            return self._fail(Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES)
+        suspect = max(angle_m, stands.caught_up_m) > ordinary_m
+        if not suspect:
+            self._agreed(inside, way, pieces, rough)
+        return self._told(Fault.NONE, has_stretch=not suspect)
+
+    def _parted(self, pieces: list[Chunk], rough: Roughness) -> float:
+        for piece in pieces:
+            if (parted_m := self._agreement.parted_m(piece, rough)) > 0.0:
+                return parted_m
+        return 0.0
+
+    def _agreed(self, inside: Floats, way: Floats, pieces: list[Chunk], rough: Roughness) -> None:
+        """Learn from an interval in which nothing is wrong."""
+        speeds = np.array([piece.speed_m_s for piece in pieces])
+        turn_m = 2.0 * np.pi * self._limits.ratio_m_per_rad
+        moving = np.array([not rests(piece, self._limits) for piece in pieces])
+        one_way = bool(moving.all()) and bool((speeds[0] * speeds > 0.0).all())
+        duration_s = float(inside[-1, T] - inside[0, T])
+        self._manners.learn(inside[:, X], way, duration_s if one_way else 0.0)
+        if self._trial.doubted and moving.any():
+            self._trial.elsewhere = self._level.is_elsewhere(pieces[-1], rough)
+        self._trial.follow(float(moving.mean()) * duration_s, float(np.ptp(way)), turn_m)
+
+    def _doubt(self) -> None:
+        if not self._trial.doubted:
+            self._level, self._agreement = self._agreement, Agreement(self._limits)
+        self._agreement.forget()
+        self._trial.begin()
+
+    def _fail(self, why: Fault) -> Verdict:
+        self._doubt()
+        return Verdict(why | Fault.NO_TABLE, False, False)
+
+    def _told(self, fault: Fault, has_stretch: bool) -> Verdict:
+        trial = self._trial
+        if trial.doubted:
+            fault |= Fault.NO_TABLE | Fault.TABLE_DOUBTED
+            if trial.elsewhere:
+                fault |= Fault.TABLE_SHIFTED
+            return Verdict(fault, False, False)
+        if trial.returned:
+            trial.returned = False
+            fault |= Fault.TABLE_SHIFTED
+        return Verdict(fault, True, has_stretch)
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values."""
+        table, angle = astuple(self._table_run), astuple(self._angle_run)
+        return {
+            "agreement": self._agreement.snapshot(),
+            "level": self._level.snapshot(),
+            "manners": self._manners.snapshot(),
+            "trial": encoded(np.array(astuple(self._trial), dtype=np.float64)),
+            "runs": encoded(np.array([table, angle], dtype=np.float64)),
+            "torque": encoded(np.array([*self._torque, self._stuck_torque_nm])),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        self._agreement.restore(snapshot["agreement"])
+        self._level.restore(snapshot["level"])
+        self._manners = Manners.restored(snapshot["manners"])
+        *numbers, elsewhere, returned = decoded(snapshot["trial"], np.float64).tolist()
+        self._trial = _Trial(*numbers, elsewhere=bool(elsewhere), returned=bool(returned))
+        runs = decoded(snapshot["runs"], np.float64).reshape(2, -1).tolist()
+        self._table_run, self._angle_run = (
+            OpenRun(value, int(rows), low, high) for value, rows, low, high in runs
+        )
+        least, most, stuck = decoded(snapshot["torque"], np.float64).tolist()
+        self._torque, self._stuck_torque_nm = (least, most), stuck

@@ -1,0 +1,94 @@
+"""How far the encoders of a sound axis may part: limits from the machine, not from one axis."""
+
+import math
+from dataclasses import dataclass
+
+from ..models.machine import Machine
+from ..models.stiffness import STEEL_MODULUS_PA, screw_area
+
+LEAST_PLAY_M = 50e-6
+PLAY_PER_LEAD = 0.01
+"""Worn nuts have some hundredths of a millimetre of play, larger balls (longer leads) more."""
+PERIODIC_PER_LEAD = 1e-3
+"""Error of the lead within a turn, and of an encoder within its period, per lead."""
+SOFTEST_N_PER_M = 1e7
+"""No axis without known geometry is taken to be softer than this."""
+SOFTER_THAN_SCREW = 5.0
+"""Nut and bearings, also worn ones, beside the screw alone."""
+SOFTER_THAN_COMMISSIONED = 3.0
+"""A nut that loses its preload, and the far end of the stroke."""
+DYNAMIC = 2.0
+"""A step of force stretches an undamped spring twice as far as the force at rest."""
+GROWTH_PER_LENGTH_S = 12e-6 / 60.0
+MOST_GROWTH = 12e-6 * 30.0
+"""Growth of a steel screw per length, 1/s and in all: one kelvin a minute, thirty kelvins."""
+LONGEST_SCREW_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelLimits:
+    """What may lie between the encoders of a sound axis.
+
+    Attributes:
+        ratio_m_per_rad: table travel per radian of the screw.
+        play_m: most that one reversal may hide.
+        compliance_m_per_n: stretch per force, on the generous side.
+        length_m: of the screw that warms up.
+        skew_s: what the table's samples were found to lag by when all was well.
+    """
+
+    ratio_m_per_rad: float
+    play_m: float
+    compliance_m_per_n: float = 1.0 / SOFTEST_N_PER_M
+    length_m: float = LONGEST_SCREW_M
+    skew_s: float = 0.0
+
+    @classmethod
+    def of_ratio(cls, ratio_m_per_rad: float) -> "ChannelLimits":
+        """Limits of an axis of which only the lead is known."""
+        lead_m = 2.0 * math.pi * ratio_m_per_rad
+        return cls(ratio_m_per_rad, max(LEAST_PLAY_M, PLAY_PER_LEAD * lead_m))
+
+    @property
+    def periodic_m(self) -> float:
+        """What returns with each turn of the screw, m."""
+        return PERIODIC_PER_LEAD * 2.0 * math.pi * self.ratio_m_per_rad
+
+    def stretch_m(self, torque_span_nm: float) -> float:
+        """Most stretch that goes with a change of torque; where none is known, as much as play."""
+        if math.isnan(torque_span_nm):
+            return self.play_m
+        return DYNAMIC * self.compliance_m_per_n * torque_span_nm / self.ratio_m_per_rad
+
+    def growth_m(self, elapsed_s: float) -> float:
+        """Most that the screw may grow meanwhile, m."""
+        return self.length_m * min(GROWTH_PER_LENGTH_S * elapsed_s, MOST_GROWTH)
+
+
+def channel_limits(machine: Machine) -> ChannelLimits:
+    """Limits of a machine, commissioned or nominal."""
+    plain = ChannelLimits.of_ratio(machine.transmission_ratio_m_per_rad)
+    taught = machine.commissioned
+    transmission = None if taught is None else taught.transmission
+    return ChannelLimits(
+        plain.ratio_m_per_rad,
+        plain.play_m,
+        _compliance(machine),
+        machine.axis.screw_length_m or machine.axis.stroke_m or LONGEST_SCREW_M,
+        0.0 if transmission is None else transmission.clock_skew_s,
+    )
+
+
+def _compliance(machine: Machine) -> float:
+    """Most compliance between motor and table, m/N."""
+    taught, axis, model = machine.commissioned, machine.axis, machine.model
+    if taught is not None and taught.transmission is not None:
+        whole_kg = model.inertia_kg_m2.value / machine.transmission_ratio_m_per_rad**2
+        mass_kg = 0.5 * whole_kg if model.table_mass_kg is None else model.table_mass_kg.value
+        stretched_s2 = taught.transmission.stretch_per_acceleration_s2
+        return SOFTER_THAN_COMMISSIONED * stretched_s2 / mass_kg
+    if axis.screw_diameter_m is None:
+        return 1.0 / SOFTEST_N_PER_M
+    length_m = axis.screw_length_m or axis.stroke_m or LONGEST_SCREW_M
+    rigidity_n = STEEL_MODULUS_PA * screw_area(axis.screw_diameter_m)
+    return SOFTER_THAN_SCREW * length_m / rigidity_n
