@@ -238,8 +238,9 @@ class ChannelCheck:
         self._agreement.restore(snapshot["agreement"])
         self._level.restore(snapshot["level"])
         self._manners = Manners.restored(snapshot["manners"])
-        *numbers, elsewhere, returned = decoded(snapshot["trial"], np.float64).tolist()
-        self._trial = _Trial(*numbers, elsewhere=bool(elsewhere), returned=bool(returned))
+        numbers = decoded(snapshot["trial"], np.float64).tolist()
+        self._trial = _Trial(*numbers)
+        self._trial.elsewhere, self._trial.returned = bool(numbers[-2]), bool(numbers[-1])
         runs = decoded(snapshot["runs"], np.float64).reshape(2, -1).tolist()
         self._table_run, self._angle_run = (
             OpenRun(value, int(rows), low, high) for value, rows, low, high in runs

@@ -38,7 +38,7 @@ class Ordinary:
         steps = steps[steps > 0.0]
         if len(steps) < _LEAST_CHANGES:
             return
-        self.step_m = _less(self.step_m, float(np.median(steps)))
+        self.step_m = _less(self.step_m, _middle(steps))
         if moved_s > 0.0:
             self.hold_s = _less(self.hold_s, moved_s / len(steps))
 
@@ -65,7 +65,7 @@ class Manners:
         """Take both channels (n,) of an interval that is believed."""
         self.table.learn(table_m, moved_s)
         self.angle.learn(way_m, moved_s)
-        noise_m = float(np.median(np.abs(np.diff(way_m - table_m))))
+        noise_m = _middle(np.abs(np.diff(way_m - table_m)))
         self.noise_m += _SMOOTH * (noise_m - self.noise_m)
 
     def run_m(self, speed_m_s: float) -> float:
@@ -88,6 +88,10 @@ class Manners:
         """From a snapshot."""
         numbers = decoded(snapshot, np.float64).tolist()
         return cls(Ordinary(*numbers[:2]), Ordinary(*numbers[2:4]), numbers[4])
+
+
+def _middle(values: Floats) -> float:
+    return float(np.sort(values)[len(values) // 2])
 
 
 def _less(known: float, new: float) -> float:
