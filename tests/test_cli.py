@@ -200,7 +200,7 @@ def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path) -> Non
     out = tmp_path / "out.csv"
     assert main(["estimate", trace, "--out", str(out)]) == 0
     header, *body = out.read_text().splitlines()
-    assert header == "time_s,preload_percent,low,high,status,drag_torque_nm"
+    assert header == "time_s,preload_percent,low,high,status,drag_torque_nm,reasons"
     assert [line.split(",")[0] for line in body] == ["0.1", "0.2", "0.3", "0.4"]
 
 

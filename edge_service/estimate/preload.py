@@ -167,15 +167,16 @@ class ImmPreloadEstimator:
                 reasons=(
                     f"no_percent: preload in % is not available, {missing} is unknown; "
                     "the drag torque is",
+                    *reasons,
                     *self._caveats(),
                 ),
                 drag_torque_nm=self._drag_interval(),
                 data_used_s=self._validity.informative_s,
                 nis=self._drag.nis,
             )
-        return self._full_estimate(time_s)
+        return self._full_estimate(time_s, reasons)
 
-    def _full_estimate(self, time_s: float) -> PreloadEstimate:
+    def _full_estimate(self, time_s: float, reasons: tuple[str, ...]) -> PreloadEstimate:
         probability = self._smoothed()
         weights = activated(probability, self._settings.activation_exponent)
         percent = float(weights @ self._levels)
@@ -196,7 +197,7 @@ class ImmPreloadEstimator:
             },
             data_used_s=self._validity.informative_s,
             nis=self._nis,
-            reasons=self._caveats(),
+            reasons=(*reasons, *self._caveats()),
         )
 
     def _caveats(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from typing import Any
 
 from ..messages.estimate import EstimateStatus
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
+from .channel_reasons import channel_reasons
 
 _Verdict = tuple[EstimateStatus, tuple[str, ...]]
 
@@ -50,6 +51,7 @@ class Validity:
         self._last_usable_s: float | None = None
         self._first_s: float | None = None
         self._fault_names: tuple[str, ...] = ()
+        self._channels: tuple[str, ...] = ()
         self._stuck = False
         self._surprise = 0.0
         self._disagreeing = False
@@ -64,6 +66,7 @@ class Validity:
         if self._time_s is not None and block.time_s < self._time_s:
             self.interrupt()
         self._time_s = block.time_s
+        self._channels = channel_reasons(block.fault)
         if self._first_s is None:
             self._first_s = block.time_s - block.duration_s
         self._stuck = not used and (self._stuck or Fault.STUCK in block.fault)
@@ -94,7 +97,11 @@ class Validity:
             self._disagreeing = False
 
     def status(self) -> tuple[EstimateStatus, tuple[str, ...]]:
-        """The status, and the reasons why it is not `estimated`."""
+        """The status, the reasons why it is not `estimated`, and what is wrong with channels."""
+        status, reasons = self._without_channels()
+        return status, (*reasons, *self._channels)
+
+    def _without_channels(self) -> _Verdict:
         if self._time_s is None or self._first_s is None:
             return EstimateStatus.UNESTIMATED, ("no_data: no sample has come yet",)
         usable_since = self._first_s if self._last_usable_s is None else self._last_usable_s
@@ -143,6 +150,7 @@ class Validity:
                 "_last_usable_s",
                 "_first_s",
                 "_fault_names",
+                "_channels",
                 "_stuck",
                 "_surprise",
                 "_disagreeing",
@@ -152,4 +160,4 @@ class Validity:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot."""
         for name, value in snapshot.items():
-            setattr(self, name, tuple(value) if name == "_fault_names" else value)
+            setattr(self, name, tuple(value) if isinstance(value, list) else value)

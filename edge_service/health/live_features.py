@@ -11,8 +11,8 @@ from .data_faults import fault_name
 KEPT = 3000
 _QUALITY_MEMORY = 600
 _LOST_BY = {
-    "torque": Fault.NO_TORQUE,
-    "motor angle": Fault.NO_POSITION,
+    "torque": Fault.NO_TORQUE | Fault.TORQUE_STUCK,
+    "motor angle": Fault.NO_POSITION | Fault.ANGLE_STUCK,
     "table position": Fault.NO_TABLE,
 }
 
@@ -102,7 +102,8 @@ class LiveFeatures:
 
 
 def _present(block: FeatureBlock) -> tuple[bool, ...]:
-    stuck = bool(block.fault & Fault.STUCK)
+    named = Fault.TORQUE_STUCK | Fault.ANGLE_STUCK
+    stuck = bool(block.fault & Fault.STUCK) and not block.fault & named
     known = [not block.fault & fault and not stuck for fault in _LOST_BY.values()]
     known[1] = known[1] and math.isfinite(block.angle_mean_rad)
     more = (block.temperature_c, block.external_force_n)

@@ -17,7 +17,7 @@ from .pipeline import make_downsampler, make_estimator
 
 UNKNOWN_STOP_S = 86_400.0
 """A recording on a clock of its own does not say how long after the other it was made."""
-COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm")
+COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
 
 
 class OfflineEstimate:
@@ -104,6 +104,7 @@ def estimate_to_csv(
                     last.high,
                     last.status.value,
                     None if drag is None else drag.value,
+                    " ".join(reason.partition(":")[0] for reason in last.reasons),
                 ]
             )
         if state is not None:
