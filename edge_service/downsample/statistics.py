@@ -235,9 +235,10 @@ def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
         fault |= Fault.SATURATED
     if limit is not None and np.nanmax(np.abs(torque), initial=0.0) > 1.5 * limit:
         fault |= Fault.IMPLAUSIBLE
-    if _longest_run_s(theta, time_s) >= settings.stuck_s and _others_moved(inside, settings):
+    stood_s, stood = _longest_run(theta, time_s)
+    if stood_s >= settings.stuck_s and _others_moved(inside[stood], settings):
         fault |= Fault.STUCK | Fault.ANGLE_STUCK
-    torque_stuck = _longest_run_s(torque, time_s) >= settings.stuck_s and not saturated
+    torque_stuck = _longest_run(torque, time_s)[0] >= settings.stuck_s and not saturated
     if torque_stuck and np.ptp(theta) > MOVED_ANGLE_RAD:
         fault |= Fault.STUCK | Fault.TORQUE_STUCK
     return fault
@@ -251,12 +252,14 @@ def _others_moved(inside: Floats, settings: PlausibilitySettings) -> bool:
     return bool(setpoint or speed)
 
 
-def _longest_run_s(values: Floats, time_s: Floats) -> float:
-    """Longest time for which one value is repeated, s."""
+def _longest_run(values: Floats, time_s: Floats) -> tuple[float, slice]:
+    """Longest time for which one value is repeated, s, and its rows."""
     changes = np.flatnonzero(np.diff(values) != 0.0)
     edges = np.concatenate([[0], changes + 1, [len(values) - 1]])
     lasting = time_s[np.minimum(edges[1:], len(values) - 1)] - time_s[edges[:-1]]
-    return float(lasting[np.diff(edges) >= LEAST_ROWS].max(initial=0.0))
+    lasting = np.where(np.diff(edges) >= LEAST_ROWS, lasting, 0.0)
+    run = int(np.argmax(lasting))
+    return float(lasting[run]), slice(int(edges[run]), max(int(edges[run + 1]), edges[run] + 1))
 
 
 def _mean(values: Floats) -> float:

@@ -355,3 +355,29 @@ def test_a_commissioned_machine_is_held_to_its_own_compliance() -> None:
     assert nominal.stretch_m(0.0) == 0.0
     wide = replace(nominal, compliance_m_per_n=2.0 * nominal.compliance_m_per_n)
     assert wide.stretch_m(1.0) == pytest.approx(2.0 * nominal.stretch_m(1.0), rel=1e-12)
+
+
+def test_a_coarse_angle_that_starts_late_in_an_interval_is_not_stuck() -> None:
+    axis = Axis()
+    columns = recording(axis, moves(axis, [0.3]))
+    coarse = 2.0 * np.pi / 1024
+    columns[ANGLE] = np.round(columns[ANGLE] / coarse) * coarse
+    columns["position_setpoint_m"] = np.cumsum(moves(axis, [0.3]))[::2] / TRUE_HZ
+    assert told(blocks_of(axis, columns)) == set()
+
+
+@pytest.mark.parametrize("start_s", np.arange(1.205, 1.295, 0.01).tolist())
+def test_an_encoder_that_stops_while_the_axis_brakes_is_left_out_at_once(start_s: float) -> None:
+    """What is left of the way is less than play could hide: no fault yet, and nothing believed."""
+    axis = Axis(lead_m=0.01)
+    ramp = np.linspace(0.0, 0.02, 2 * TRUE_HZ // 5)
+    rest = np.zeros(TRUE_HZ // 5)
+    speed = np.concatenate([rest, ramp, np.full(TRUE_HZ // 2, 0.02), ramp[::-2], rest, -ramp, rest])
+    sound = recording(axis, speed)
+    time_s = sound["time_s"]
+    table = sound[TABLE_POSITION].copy()
+    table[time_s >= start_s] = table[time_s >= start_s][0]
+    good = blocks_of(axis, sound)
+    blocks = blocks_of(axis, {**sound, TABLE_POSITION: table})
+    assert believed_error_m(axis, good, blocks) < NEITHER_BELIEVED_NOR_FAR_OFF_M
+    assert Fault.TABLE_STUCK in told(blocks)
