@@ -13,6 +13,12 @@ from ..messages.features import FeatureBlock
 from ..messages.samples import Floats
 from ..models.commissioned import CommissionedConfig, TransmissionConfig
 from ..models.machine import Machine, ModelConfig, Quantity
+from .commissioning_checks import (
+    require_fresh_screw,
+    require_signed_torque,
+    require_stated_nut,
+    require_told,
+)
 from .known_effects import KnownEffects
 from .steady_phases import CommissioningError, SteadyPhases
 from .stretch_taught import StretchTaught, teach_stretch
@@ -33,11 +39,15 @@ def commissioned(recordings: Sequence[Sequence[FeatureBlock]], machine: Machine)
         CommissioningError: the recordings cannot determine it; the text names the motion.
     """
     phases = SteadyPhases.of(recordings, KnownEffects.of_machine(machine))
+    require_signed_torque(phases)
     torque = teach_torque(phases, machine)
+    require_told(recordings, phases, torque, machine)
     stroke_map = torque.harmonics_nm / _screw_drag_nm(machine, torque)
     stretch = teach_stretch(phases, machine, partial(_nut_softness, machine, torque, stroke_map))
     mass = table_mass(machine, torque, stretch)
     transmission = _transmission(machine, stretch, mass[0])
+    require_fresh_screw(torque, machine, transmission)
+    require_stated_nut(machine, transmission)
     return machine.model_copy(
         update={
             "model": _model(machine, torque, transmission, mass),
@@ -69,18 +79,9 @@ def _model(
 
 
 def _other_drag_nm(machine: Machine, torque: TorqueTaught) -> float:
-    """Coulomb friction of guides, seals and bearings: what is beyond the fresh screw's own.
-
-    Raises:
-        CommissioningError: the axis shows less than its screw alone.
-    """
+    """Coulomb friction of guides, seals and bearings: what is beyond the fresh screw's own."""
     screw = machine.model.preload_drag_nm
     fresh_nm = screw.value if screw is not None and machine.model.preload_n is not None else 0.0
-    if fresh_nm > 1.1 * torque.coulomb_nm:
-        raise CommissioningError(
-            f"the axis shows {torque.coulomb_nm:.3g} N m of Coulomb friction, less than the fresh "
-            f"screw's own {fresh_nm:.3g} N m (model.preload_drag_nm): not healthy, or wrong units"
-        )
     return max(torque.coulomb_nm - fresh_nm, 0.0)
 
 

@@ -58,7 +58,11 @@ class SteadyPhases:
 
     def where(self, chosen: npt.NDArray[np.bool_]) -> "SteadyPhases":
         """Those rows, chosen (n,) bool."""
-        return SteadyPhases(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return self.at(np.flatnonzero(chosen))
+
+    def at(self, places: npt.NDArray[np.intp]) -> "SteadyPhases":
+        """Those rows in that order, places (m,)."""
+        return SteadyPhases(*(getattr(self, field.name)[places] for field in fields(self)))
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -15,7 +15,11 @@ STROKE_HARMONICS = 3
 
 @dataclass(frozen=True, slots=True)
 class TorqueTaught:
-    """Parameters of the torque balance; see fused_physics for the equation."""
+    """Parameters of the torque balance; see fused_physics for the equation.
+
+    Attributes:
+        unexplained: rms of what the balance leaves over that of the torque around its mean.
+    """
 
     inertia_kg_m2: float
     inertia_sigma: float
@@ -29,6 +33,7 @@ class TorqueTaught:
     stribeck_speed_rad_s: float
     harmonics_nm: Floats  # (k, 2)
     noise: Noise
+    unexplained: float
     motion_s: float
 
 
@@ -60,8 +65,16 @@ def teach_torque(phases: SteadyPhases, machine: Machine) -> TorqueTaught:
         stribeck_speed_rad_s=speed,
         harmonics_nm=v[6:].reshape(-1, 2),
         noise=fit.noise,
+        unexplained=_unexplained(fit, phases),
         motion_s=float(phases.steady_s.sum()),
     )
+
+
+def _unexplained(fit: RobustFit, phases: SteadyPhases) -> float:
+    around = phases.torque_nm - np.average(phases.torque_nm, weights=phases.steady_s)
+    whole = np.average(around**2, weights=phases.steady_s)
+    left = np.average(fit.residual**2, weights=phases.steady_s)
+    return float(np.sqrt(left / whole)) if whole > 0.0 else 1.0
 
 
 def _harmonics(phases: SteadyPhases, machine: Machine) -> int:
