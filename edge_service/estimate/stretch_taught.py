@@ -40,7 +40,7 @@ class _Seen:
 
     Attributes:
         phases: rows with both encoders, n of them.
-        stretch_m: of the motor's way over the table's, (n,).
+        stretch_m: of the motor's way over the table's, from its mean in each recording, (n,).
         reference_m: where along the screw the compliance is told.
         loads: forces as accelerations of the table, direction and speed, (n, 3).
         sloped: whether the way is long enough to tell how the compliance changes along it.
@@ -109,12 +109,19 @@ def _seen(phases: SteadyPhases, machine: Machine) -> _Seen:
     acceleration, speed = ratio * phases.acceleration_rad_s2, ratio * phases.speed_rad_s
     return _Seen(
         phases=phases,
-        stretch_m=ratio * phases.angle_rad - x,
+        stretch_m=_from_middle(phases.run, ratio * phases.angle_rad - x),
         stroke_m=stroke,
         reference_m=0.5 * stroke if middle else float(np.median(x)),
         loads=np.column_stack([acceleration, phases.direction, speed]),
         sloped=bool(np.ptp(x) > 0.2 * stroke),
     )
+
+
+def _from_middle(run: Floats, stretch_m: Floats) -> Floats:
+    """Without the difference of the encoders' zeros, which may be metres, (n,)."""
+    _, index = np.unique(run, return_inverse=True)
+    middle = np.bincount(index, stretch_m) / np.bincount(index)
+    return np.asarray(stretch_m - middle[index])
 
 
 def _beside(seen: _Seen) -> _Beside:
