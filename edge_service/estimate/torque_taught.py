@@ -1,15 +1,18 @@
 """What a healthy axis teaches about its torque balance: friction and inertia (4.3.4)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..messages.samples import Floats
 from ..models.machine import Machine
+from ..models.steady_limits import SteadyLimits
 from .robust_fit import Noise, RobustFit, robust_fit
 from .steady_phases import CommissioningError, SteadyPhases, require_motion
 
-STRIBECK_SPEEDS_RAD_S = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
+STRIBECK_SHARES = (0.25, 0.5, 1.0, 1.5, 2.5, 4.0)
+"""Of the slowest steady motion."""
 STROKE_HARMONICS = 3
 
 
@@ -37,14 +40,16 @@ class TorqueTaught:
     motion_s: float
 
 
-def teach_torque(phases: SteadyPhases, machine: Machine) -> TorqueTaught:
+def teach_torque(phases: SteadyPhases, machine: Machine, limits: SteadyLimits) -> TorqueTaught:
     """Fit the torque balance.
 
     Raises:
         CommissioningError: motion is missing.
     """
-    require_motion(phases)
-    speed, fit = _likeliest(phases, _harmonics(phases, machine), machine.axis.stroke_m or 1.0)
+    require_motion(phases, limits)
+    speeds = [share * limits.slowest_rad_s for share in STRIBECK_SHARES]
+    stroke_m = machine.axis.stroke_m or 1.0
+    speed, fit = _likeliest(phases, speeds, _harmonics(phases, machine), stroke_m)
     v, s = fit.value, fit.sigma
     if v[0] <= 0.0 or v[3] <= 0.0:
         raise CommissioningError(
@@ -85,11 +90,13 @@ def _harmonics(phases: SteadyPhases, machine: Machine) -> int:
     return STROKE_HARMONICS if stroke and spread > 0.6 * stroke else 0
 
 
-def _likeliest(phases: SteadyPhases, harmonics: int, stroke_m: float) -> tuple[float, RobustFit]:
+def _likeliest(
+    phases: SteadyPhases, speeds: Sequence[float], harmonics: int, stroke_m: float
+) -> tuple[float, RobustFit]:
     """The Stribeck speed that fits best, and its fit."""
     level = float(np.median(np.abs(phases.torque_nm)))
     fits = []
-    for speed in STRIBECK_SPEEDS_RAD_S:
+    for speed in speeds:
         columns, sigma = _torque_columns(phases, speed, harmonics, stroke_m, level)
         fits.append((speed, robust_fit(columns, phases.torque_nm, phases, sigma)))
     return min(fits, key=lambda each: _cost(each[1], phases))
