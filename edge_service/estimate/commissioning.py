@@ -13,6 +13,13 @@ from ..messages.features import FeatureBlock
 from ..messages.samples import Floats
 from ..models.commissioned import CommissionedConfig, TransmissionConfig
 from ..models.machine import Machine, ModelConfig, Quantity
+from ..models.steady_limits import CRUISE_RAD_S2, SLOWEST_RAD_S, SteadyLimits, steady_limits
+from .commissioning_checks import (
+    require_fresh_screw,
+    require_signed_torque,
+    require_stated_nut,
+    require_told,
+)
 from .known_effects import KnownEffects
 from .steady_phases import CommissioningError, SteadyPhases
 from .stretch_taught import StretchTaught, teach_stretch
@@ -22,26 +29,36 @@ from .untold_shares import nut_share, table_mass
 __all__ = ["CommissioningError", "commissioned"]
 
 
-def commissioned(recordings: Sequence[Sequence[FeatureBlock]], machine: Machine) -> Machine:
+def commissioned(
+    recordings: Sequence[Sequence[FeatureBlock]],
+    machine: Machine,
+    limits: SteadyLimits | None = None,
+) -> Machine:
     """The machine file's content with all that the recordings teach.
 
     Args:
         recordings: blocks of features of each recording of the healthy, cold axis, in any order.
         machine: nominal; `preload_drag_nm` is the fresh screw's own drag.
+        limits: with which the blocks were cut; those of the machine file unless given.
 
     Raises:
         CommissioningError: the recordings cannot determine it; the text names the motion.
     """
+    limits = limits or steady_limits(machine.model_copy(update={"commissioned": None}))
     phases = SteadyPhases.of(recordings, KnownEffects.of_machine(machine))
-    torque = teach_torque(phases, machine)
+    require_signed_torque(phases)
+    torque = teach_torque(phases, machine, limits)
+    require_told(recordings, phases, torque, machine)
     stroke_map = torque.harmonics_nm / _screw_drag_nm(machine, torque)
     stretch = teach_stretch(phases, machine, partial(_nut_softness, machine, torque, stroke_map))
     mass = table_mass(machine, torque, stretch)
     transmission = _transmission(machine, stretch, mass[0])
+    require_fresh_screw(torque, machine, transmission)
+    require_stated_nut(machine, transmission)
     return machine.model_copy(
         update={
             "model": _model(machine, torque, transmission, mass),
-            "commissioned": _commissioned(torque, stroke_map, transmission),
+            "commissioned": _commissioned(torque, stroke_map, transmission, limits),
         }
     )
 
@@ -69,23 +86,17 @@ def _model(
 
 
 def _other_drag_nm(machine: Machine, torque: TorqueTaught) -> float:
-    """Coulomb friction of guides, seals and bearings: what is beyond the fresh screw's own.
-
-    Raises:
-        CommissioningError: the axis shows less than its screw alone.
-    """
+    """Coulomb friction of guides, seals and bearings: what is beyond the fresh screw's own."""
     screw = machine.model.preload_drag_nm
     fresh_nm = screw.value if screw is not None and machine.model.preload_n is not None else 0.0
-    if fresh_nm > 1.1 * torque.coulomb_nm:
-        raise CommissioningError(
-            f"the axis shows {torque.coulomb_nm:.3g} N m of Coulomb friction, less than the fresh "
-            f"screw's own {fresh_nm:.3g} N m (model.preload_drag_nm): not healthy, or wrong units"
-        )
     return max(torque.coulomb_nm - fresh_nm, 0.0)
 
 
 def _commissioned(
-    torque: TorqueTaught, stroke_map: Floats, transmission: TransmissionConfig | None
+    torque: TorqueTaught,
+    stroke_map: Floats,
+    transmission: TransmissionConfig | None,
+    limits: SteadyLimits,
 ) -> CommissionedConfig:
     return CommissionedConfig(
         torque_offset_nm=torque.offset_nm,
@@ -97,8 +108,14 @@ def _commissioned(
         noise_density_nm2_s=torque.noise.density,
         noise_slow_rad_s=torque.noise.slow_rad_s,
         motion_s=torque.motion_s,
+        slowest_rad_s=_unless(limits.slowest_rad_s, SLOWEST_RAD_S),
+        cruise_rad_s2=_unless(limits.cruise_rad_s2, CRUISE_RAD_S2),
         transmission=transmission,
     )
+
+
+def _unless(value: float, usual: float) -> float | None:
+    return None if value == usual else value
 
 
 def _screw_drag_nm(machine: Machine, torque: TorqueTaught) -> float:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from ..messages.features import FeatureBlock, Phase
 from ..messages.samples import Floats
+from ..models.steady_limits import SteadyLimits
 from .known_effects import KnownEffects
 
 
@@ -58,7 +59,11 @@ class SteadyPhases:
 
     def where(self, chosen: npt.NDArray[np.bool_]) -> "SteadyPhases":
         """Those rows, chosen (n,) bool."""
-        return SteadyPhases(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return self.at(np.flatnonzero(chosen))
+
+    def at(self, places: npt.NDArray[np.intp]) -> "SteadyPhases":
+        """Those rows in that order, places (m,)."""
+        return SteadyPhases(*(getattr(self, field.name)[places] for field in fields(self)))
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -74,7 +79,22 @@ def _numbers(phase: Phase) -> tuple[float, ...]:
     )
 
 
-def require_motion(phases: SteadyPhases) -> None:
+def observed_limits(recordings: Sequence[Sequence[FeatureBlock]]) -> SteadyLimits:
+    """What counts as steady on an axis that moves as fast as in these recordings.
+
+    Its fastest speed and its strongest acceleration are those of whole intervals, so that no
+    noise of the encoder passes for them.
+    """
+    usable = [block for blocks in recordings for block in blocks if block.usable]
+    if not usable:
+        return SteadyLimits()
+    moved = [(each.angle_end_rad - each.angle_start_rad) / each.duration_s for each in usable]
+    gained = [(each.speed_end_rad_s - each.speed_start_rad_s) / each.duration_s for each in usable]
+    fastest, strongest = (float(np.quantile(np.abs(each), 0.99)) for each in (moved, gained))
+    return SteadyLimits().for_motion(fastest, strongest)
+
+
+def require_motion(phases: SteadyPhases, limits: SteadyLimits) -> None:
     """That there are moves both ways, at several speeds and with accelerations.
 
     Raises:
@@ -87,7 +107,7 @@ def require_motion(phases: SteadyPhases) -> None:
             "one speed only: friction cannot be told from viscous friction; needs moves at "
             "several speeds, such as `edge-service motion friction`"
         )
-    driven = np.abs(phases.acceleration_rad_s2) > 30.0
+    driven = np.abs(phases.acceleration_rad_s2) > limits.cruise_rad_s2
     if phases.steady_s[driven].sum() < 0.3:
         raise CommissioningError(
             "no accelerations: inertia and stiffness cannot be told; needs "

@@ -10,7 +10,8 @@ from ..models.machine import Machine
 from .robust_fit import Noise, RobustFit, robust_fit
 from .steady_phases import SteadyPhases
 
-LEAD_NODE_M = 0.02
+LEAD_NODES, NODES_PER_TURN = 40, 4
+"""Of the maps along the stroke: so many, but no more to a turn of the screw."""
 LEAD_SIGMA_M = 5e-6
 WIND_UP_SIGMA_M = 2e-7
 _NONE = 1e-12
@@ -40,10 +41,11 @@ class _Seen:
 
     Attributes:
         phases: rows with both encoders, n of them.
-        stretch_m: of the motor's way over the table's, (n,).
+        stretch_m: of the motor's way over the table's, from its mean in each recording, (n,).
         reference_m: where along the screw the compliance is told.
         loads: forces as accelerations of the table, direction and speed, (n, 3).
         sloped: whether the way is long enough to tell how the compliance changes along it.
+        pieces: of the maps along the stroke.
     """
 
     phases: SteadyPhases
@@ -52,6 +54,7 @@ class _Seen:
     reference_m: float
     loads: Floats
     sloped: bool
+    pieces: int
 
     @property
     def away_m(self) -> Floats:
@@ -109,18 +112,26 @@ def _seen(phases: SteadyPhases, machine: Machine) -> _Seen:
     acceleration, speed = ratio * phases.acceleration_rad_s2, ratio * phases.speed_rad_s
     return _Seen(
         phases=phases,
-        stretch_m=ratio * phases.angle_rad - x,
+        stretch_m=_from_middle(phases.run, ratio * phases.angle_rad - x),
         stroke_m=stroke,
         reference_m=0.5 * stroke if middle else float(np.median(x)),
         loads=np.column_stack([acceleration, phases.direction, speed]),
         sloped=bool(np.ptp(x) > 0.2 * stroke),
+        pieces=min(LEAD_NODES, max(round(NODES_PER_TURN * stroke / machine.axis.lead_m), 1)),
     )
+
+
+def _from_middle(run: Floats, stretch_m: Floats) -> Floats:
+    """Without the difference of the encoders' zeros, which may be metres, (n,)."""
+    _, index = np.unique(run, return_inverse=True)
+    middle = np.bincount(index, stretch_m) / np.bincount(index)
+    return np.asarray(stretch_m - middle[index])
 
 
 def _beside(seen: _Seen) -> _Beside:
     phases, stroke = seen.phases, seen.stroke_m
     drift, drift_sigma = _drift_columns(phases.run, phases.time_s, seen.away_m)
-    nodes = np.linspace(0.0, stroke, max(round(stroke / LEAD_NODE_M), 1) + 1)
+    nodes = np.linspace(0.0, stroke, seen.pieces + 1)
     level = float(np.std(seen.stretch_m)) or 1e-9
     lead = _hats(phases.table_m, nodes)
     sigma = [

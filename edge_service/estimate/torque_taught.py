@@ -1,21 +1,28 @@
 """What a healthy axis teaches about its torque balance: friction and inertia (4.3.4)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..messages.samples import Floats
 from ..models.machine import Machine
+from ..models.steady_limits import SteadyLimits
 from .robust_fit import Noise, RobustFit, robust_fit
 from .steady_phases import CommissioningError, SteadyPhases, require_motion
 
-STRIBECK_SPEEDS_RAD_S = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
+STRIBECK_SHARES = (0.25, 0.5, 1.0, 1.5, 2.5, 4.0)
+"""Of the slowest steady motion."""
 STROKE_HARMONICS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class TorqueTaught:
-    """Parameters of the torque balance; see fused_physics for the equation."""
+    """Parameters of the torque balance; see fused_physics for the equation.
+
+    Attributes:
+        unexplained: rms of what the balance leaves over that of the torque around its mean.
+    """
 
     inertia_kg_m2: float
     inertia_sigma: float
@@ -29,17 +36,20 @@ class TorqueTaught:
     stribeck_speed_rad_s: float
     harmonics_nm: Floats  # (k, 2)
     noise: Noise
+    unexplained: float
     motion_s: float
 
 
-def teach_torque(phases: SteadyPhases, machine: Machine) -> TorqueTaught:
+def teach_torque(phases: SteadyPhases, machine: Machine, limits: SteadyLimits) -> TorqueTaught:
     """Fit the torque balance.
 
     Raises:
         CommissioningError: motion is missing.
     """
-    require_motion(phases)
-    speed, fit = _likeliest(phases, _harmonics(phases, machine), machine.axis.stroke_m or 1.0)
+    require_motion(phases, limits)
+    speeds = [share * limits.slowest_rad_s for share in STRIBECK_SHARES]
+    stroke_m = machine.axis.stroke_m or 1.0
+    speed, fit = _likeliest(phases, speeds, _harmonics(phases, machine), stroke_m)
     v, s = fit.value, fit.sigma
     if v[0] <= 0.0 or v[3] <= 0.0:
         raise CommissioningError(
@@ -60,8 +70,16 @@ def teach_torque(phases: SteadyPhases, machine: Machine) -> TorqueTaught:
         stribeck_speed_rad_s=speed,
         harmonics_nm=v[6:].reshape(-1, 2),
         noise=fit.noise,
+        unexplained=_unexplained(fit, phases),
         motion_s=float(phases.steady_s.sum()),
     )
+
+
+def _unexplained(fit: RobustFit, phases: SteadyPhases) -> float:
+    around = phases.torque_nm - np.average(phases.torque_nm, weights=phases.steady_s)
+    whole = np.average(around**2, weights=phases.steady_s)
+    left = np.average(fit.residual**2, weights=phases.steady_s)
+    return float(np.sqrt(left / whole)) if whole > 0.0 else 1.0
 
 
 def _harmonics(phases: SteadyPhases, machine: Machine) -> int:
@@ -72,11 +90,13 @@ def _harmonics(phases: SteadyPhases, machine: Machine) -> int:
     return STROKE_HARMONICS if stroke and spread > 0.6 * stroke else 0
 
 
-def _likeliest(phases: SteadyPhases, harmonics: int, stroke_m: float) -> tuple[float, RobustFit]:
+def _likeliest(
+    phases: SteadyPhases, speeds: Sequence[float], harmonics: int, stroke_m: float
+) -> tuple[float, RobustFit]:
     """The Stribeck speed that fits best, and its fit."""
     level = float(np.median(np.abs(phases.torque_nm)))
     fits = []
-    for speed in STRIBECK_SPEEDS_RAD_S:
+    for speed in speeds:
         columns, sigma = _torque_columns(phases, speed, harmonics, stroke_m, level)
         fits.append((speed, robust_fit(columns, phases.torque_nm, phases, sigma)))
     return min(fits, key=lambda each: _cost(each[1], phases))

@@ -55,6 +55,7 @@ class CommissionedConfig(_Table):
         noise_slow_rad_s: motion as slow as this has twice that variance.
         edge_noise_rad2_s2: variance of the speed at the border of two phases, where it matters.
         motion_s: steady motion behind all this.
+        slowest_rad_s, cruise_rad_s2: what counts as steady on an axis that moves slowly.
     """
 
     torque_offset_nm: float = 0.0
@@ -67,4 +68,6 @@ class CommissionedConfig(_Table):
     noise_slow_rad_s: float = Field(0.0, ge=0.0)
     edge_noise_rad2_s2: float = Field(0.0, ge=0.0)
     motion_s: float = Field(gt=0.0)
+    slowest_rad_s: float | None = Field(None, gt=0.0)
+    cruise_rad_s2: float | None = Field(None, gt=0.0)
     transmission: TransmissionConfig | None = None

@@ -8,8 +8,10 @@ import tomlkit
 from ..atomic import replaced_file
 from ..config import ConfigError, EdgeConfig, load_machine
 from ..estimate.commissioning import CommissioningError, commissioned
+from ..estimate.steady_phases import observed_limits
 from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
+from ..models.steady_limits import SteadyLimits, steady_limits
 from ..trace.reader import open_trace
 from .columns import column_maps
 from .convert import controller_axis
@@ -36,9 +38,14 @@ def commission_to_file(
     if any(out.resolve() == given.resolve() for given in traces):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     nominal = load_machine(machine_file)
-    recordings = [_blocks(trace, nominal, config) for trace in traces]
+    uncommissioned = nominal.model_copy(update={"commissioned": None})
+    limits = steady_limits(uncommissioned)
+    recordings = [_blocks(trace, nominal, config, limits) for trace in traces]
+    observed = observed_limits(recordings)
+    if observed != limits:
+        recordings = [_blocks(trace, nominal, config, observed) for trace in traces]
     try:
-        machine = commissioned(recordings, nominal)
+        machine = commissioned(recordings, nominal, observed)
     except CommissioningError as error:
         names = ", ".join(str(trace) for trace in traces)
         raise ConfigError(f"{names}: {error}") from error
@@ -49,8 +56,10 @@ def commission_to_file(
     return "\n".join([f"{out}: commissioned", *_summary(machine)])
 
 
-def _blocks(trace: Path, machine: Machine, config: EdgeConfig) -> list[FeatureBlock]:
-    downsampler = make_downsampler(config.downsample, machine)
+def _blocks(
+    trace: Path, machine: Machine, config: EdgeConfig, limits: SteadyLimits
+) -> list[FeatureBlock]:
+    downsampler = make_downsampler(config.downsample, machine, limits)
     with open_trace(trace, column_maps(machine), controller_axis(machine)) as frames:
         return [block for frame in frames for block in downsampler.push(frame)]
 

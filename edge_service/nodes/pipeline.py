@@ -14,6 +14,7 @@ from ..config import (
 )
 from ..downsample import Downsampler, DownsampleSettings
 from ..downsample.channel_limits import channel_limits
+from ..downsample.phases import PhaseSettings
 from ..downsample.statistics import PlausibilitySettings
 from ..estimate.fused import FusedPreloadEstimator
 from ..estimate.interface import PreloadEstimator
@@ -21,6 +22,7 @@ from ..estimate.preload import ImmPreloadEstimator, ImmSettings
 from ..messages.channels import ANGLE, TORQUE
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
+from ..models.steady_limits import SteadyLimits, steady_limits
 
 
 def load_machines(config: EdgeConfig) -> dict[str, Machine]:
@@ -28,9 +30,17 @@ def load_machines(config: EdgeConfig) -> dict[str, Machine]:
     return {axis.name: load_machine(axis.machine) for axis in config.axes}
 
 
-def make_downsampler(config: DownsampleConfig, machine: Machine) -> Downsampler:
-    """The downsampler of one axis: limits from its machine file."""
-    limits = PlausibilitySettings(max_torque_nm=machine.axis.max_torque_nm)
+def make_downsampler(
+    config: DownsampleConfig, machine: Machine, steady: SteadyLimits | None = None
+) -> Downsampler:
+    """The downsampler of one axis: limits from its machine file unless given."""
+    steady = steady or steady_limits(machine)
+    limits = PlausibilitySettings(
+        max_torque_nm=machine.axis.max_torque_nm,
+        phases=PhaseSettings(
+            min_speed_rad_s=steady.slowest_rad_s, cruise_rad_s2=steady.cruise_rad_s2
+        ),
+    )
     return Downsampler(
         DownsampleSettings(
             interval_s=config.interval_s, plausibility=limits, channels=channel_limits(machine)
