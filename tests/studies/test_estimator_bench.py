@@ -11,6 +11,7 @@ import pytest
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.messages.samples import Floats
 from edge_service.models.thesis_plant import ThesisPlant
+from edge_service.studies.estimator_aims import AIMS, Aim
 from edge_service.studies.estimator_bench import tasks_of
 from edge_service.studies.estimator_foreign import (
     CHECKOUT_TESTS,
@@ -20,7 +21,7 @@ from edge_service.studies.estimator_foreign import (
     scenarios,
 )
 from edge_service.studies.estimator_own import Part
-from edge_service.studies.estimator_rows import AIMS, Aim, table_of
+from edge_service.studies.estimator_rows import table_of
 from edge_service.studies.estimator_scores import Score, Track, detection, pooled, score
 from edge_service.studies.estimator_seed import (
     edge_noise_var,
@@ -46,6 +47,17 @@ def test_a_score_is_what_its_names_say() -> None:
     # widths of 1, and one truth half a point outside
     assert one.interval_score == pytest.approx(1.0 + 40.0 * 0.5 / 3.0)
     assert one.misleading == pytest.approx(1.0 / 4.0)
+    assert one.wrong == 0.0  # half a point outside is not yet more than half a point
+
+
+def test_confidently_wrong_is_a_share_of_the_numbers_given() -> None:
+    percent = np.array([5.0, math.nan, 3.9, 6.1, 5.9])
+    one = score(track(percent, np.full(5, 5.0)))
+    assert one.wrong == pytest.approx(2.0 / 4.0)
+    silent = score(track(np.full(2, math.nan), np.full(2, 5.0)))
+    assert math.isnan(silent.wrong)
+    assert pooled([one, silent, one]).wrong == pytest.approx(0.5)
+    assert pooled([one, silent, one]).cases == 3
 
 
 def test_a_false_drop_counts_from_the_event_on() -> None:
