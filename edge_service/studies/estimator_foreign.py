@@ -50,9 +50,7 @@ def nominal_machine(tests: Path) -> Machine:
     return Machine.model_validate(tomllib.loads(plant.nominal_machine_toml(plant.Machine())))
 
 
-def recorded(
-    tests: Path, case: Any, one_encoder: bool = False, clock_s: float = 0.0
-) -> Recorded:
+def recorded(tests: Path, case: Any, one_encoder: bool = False, clock_s: float = 0.0) -> Recorded:
     """Simulate and downsample; `clock_s` is what the recorder's clock shows at the start."""
     recording = foreign_plant(tests).simulate(case)
     columns = dict(recording.columns)

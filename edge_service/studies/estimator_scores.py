@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
-from ..estimate.interface import PreloadEstimator
-from ..messages.estimate import EstimateStatus
+from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.features import FeatureBlock
 from ..messages.samples import Floats
 
@@ -60,7 +60,17 @@ class Track:
         )
 
 
-def follow(estimator: PreloadEstimator, recorded: Recorded, every: int = 1) -> Track:
+class Followed(Protocol):
+    """What of an estimator it takes to be followed."""
+
+    def update(self, block: FeatureBlock) -> None:
+        """Take the next interval."""
+
+    def estimate(self) -> PreloadEstimate:
+        """What is known now."""
+
+
+def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:
     """Feed all blocks; ask after every `every`-th."""
     rows: list[tuple[float, ...]] = []
     status_count = dict.fromkeys((status.value for status in EstimateStatus), 0)

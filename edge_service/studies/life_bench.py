@@ -22,7 +22,17 @@ SESSIONS, QUICK_SESSIONS = 16, 6
 SESSION_S, QUICK_SESSION_S = 180.0, 60.0
 QUICK_SHAPES = ("accelerating", "replaced nut")
 KEPT, NEW = "kept", "new"
-HEADS = ("wrong", "rows", "axes", "sessions", "silent", "MAE ends", "fresh", "MAE rows", "rank")
+HEADS: tuple[str, ...] = (
+    "wrong",
+    "rows",
+    "axes",
+    "sessions",
+    "silent",
+    "MAE ends",
+    "fresh",
+    "MAE rows",
+    "rank",
+)
 HEADS += ("cover", "score", "date", "never", "false")
 
 
@@ -111,8 +121,7 @@ def life_section(parts: Sequence[LifePart]) -> Section:
 def life_pictures(parts: Sequence[LifePart]) -> list[Drawn]:
     """Every life, its sessions one after another."""
     return [
-        Drawn(f"life {p.plant} {p.life.axis_seed}: {p.life.shape}, {p.way}", p.track)
-        for p in parts
+        Drawn(f"life {p.plant} {p.life.axis_seed}: {p.life.shape}, {p.way}", p.track) for p in parts
     ]
 
 

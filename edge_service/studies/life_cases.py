@@ -90,7 +90,7 @@ class Life:
 def draw_life(
     shape: str, axis_seed: int, fresh_percent: float, count: int = 16, session_s: float = 180.0
 ) -> Life:
-    """A life of so many sessions (3 or more) of such a length; the same arguments, the same life."""
+    """A life of 3 sessions or more of such a length; the same arguments give the same life."""
     rng = np.random.default_rng([axis_seed, list(SHAPES).index(shape), 29])
     days = float(rng.uniform(120.0, 300.0))
     jitter = np.append(np.append(0.0, rng.uniform(-0.3, 0.3, count - 2)), 0.0)

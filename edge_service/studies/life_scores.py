@@ -38,16 +38,21 @@ def session_ends(life: Life, tracks: Sequence[Track]) -> SessionEnds:
 
 def joined(life: Life, tracks: Sequence[Track]) -> Track:
     """All sessions one after another on a clock that counts only them."""
-    before_s, parts = 0.0, []
+    before_s, times = 0.0, []
     for session, track in zip(life.sessions, tracks, strict=True):
-        parts.append((track.time_s - session.clock_s + before_s, track))
+        times.append(track.time_s - session.clock_s + before_s)
         before_s += session.duration_s
+
+    def all_of(name: str) -> Floats:
+        return np.concatenate([getattr(track, name) for track in tracks])
+
     return Track(
-        np.concatenate([time_s for time_s, _ in parts]),
-        *(
-            np.concatenate([getattr(track, name) for _, track in parts])
-            for name in ("truth", "percent", "low", "high", "motion_s")
-        ),
+        time_s=np.concatenate(times),
+        truth=all_of("truth"),
+        percent=all_of("percent"),
+        low=all_of("low"),
+        high=all_of("high"),
+        motion_s=all_of("motion_s"),
     )
 
 
