@@ -1,7 +1,7 @@
 """Sections of the estimator's bench: a table of figures for people, rows for a program."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +27,6 @@ class Section:
         heads: of the figures, in the order of the table.
         rows: a label and the figures (as many as heads) of each row.
         notes: what must be known to read them.
-        more: what only a program is told.
     """
 
     name: str
@@ -35,7 +34,6 @@ class Section:
     heads: tuple[str, ...]
     rows: tuple[tuple[str, tuple[object, ...]], ...]
     notes: tuple[str, ...] = ()
-    more: Mapping[str, Any] | None = None
 
     def as_text(self) -> str:
         """An aligned table, then the notes."""
@@ -47,10 +45,16 @@ class Section:
     def as_dict(self) -> dict[str, Any]:
         """JSON-able values; what is not a number is null, what never came is "never"."""
         rows = [
-            {"row": label} | {head: plain(x) for head, x in zip(self.heads, row, strict=True)}
+            {"row": label}
+            | {key_of(head): plain(x) for head, x in zip(self.heads, row, strict=True)}
             for label, row in self.rows
         ]
-        return {"rows": rows, "notes": list(self.notes), **(self.more or {})}
+        return {"rows": rows, "notes": list(self.notes)}
+
+
+def key_of(head: str) -> str:
+    """A head as a key for a program: small letters without blanks."""
+    return head.lower().replace(" ", "_")
 
 
 def cell(figure: object) -> str:

@@ -12,7 +12,6 @@ from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.messages.samples import Floats
 from edge_service.models.thesis_plant import ThesisPlant
 from edge_service.studies.estimator_aims import AIMS, Aim
-from edge_service.studies.estimator_bench import tasks_of
 from edge_service.studies.estimator_foreign import (
     CHECKOUT_TESTS,
     ROW,
@@ -29,6 +28,7 @@ from edge_service.studies.estimator_seed import (
     thesis_machine,
     torque_noise_var,
 )
+from edge_service.studies.estimator_tasks import BenchSettings, tasks_of
 
 
 def track(percent: Floats, truth: Floats, half_width: float = 0.5) -> Track:
@@ -106,11 +106,11 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
 
 
 def test_without_the_second_plant_its_rows_are_not_measured(tmp_path: Path) -> None:
-    names = [task.name for task in tasks_of(False, tmp_path)]
+    names = [task.name for task in tasks_of(BenchSettings(tests=tmp_path))]
     assert names
     assert not any("foreign" in name for name in names)
     assert has_foreign_plant(CHECKOUT_TESTS)
-    assert any("foreign" in task.name for task in tasks_of(False, CHECKOUT_TESTS))
+    assert any("foreign" in task.name for task in tasks_of(BenchSettings()))
 
 
 def test_every_scenario_of_the_second_plant_has_a_row() -> None:
