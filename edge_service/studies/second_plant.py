@@ -71,9 +71,17 @@ def tool_command() -> str:
 
 
 def run_second_plant(
-    folder: Path, seed: int, quick: bool, processes: int, say: Progress
+    folder: Path,
+    seed: int,
+    quick: bool,
+    processes: int,
+    say: Progress,
+    minutes: float | None = None,
 ) -> list[PlantPart]:
     """Make its recordings of one seed and score them with and without a data sheet.
+
+    Args:
+        minutes: length of a recording; None: the benchmark's own.
 
     Raises SecondPlantError where a command fails.
     """
@@ -81,6 +89,8 @@ def run_second_plant(
     with tempfile.TemporaryDirectory(prefix="second-plant-") as home:
         out = Path(home) / "recordings"
         extent = ["--set", "small" if quick else "full", "--jobs", str(processes)]
+        if minutes is not None:
+            extent += ["--minutes", str(minutes)]
         say(f"second plant, seed {seed}: making recordings")
         _run([str(folder / MAKE), str(out), "--seed", str(seed), *extent], say)
         for sheet in (False, True):
