@@ -13,7 +13,7 @@ from pathlib import Path
 from ..estimate.interface import PreloadEstimator
 from ..nodes.offline import UNKNOWN_STOP_S
 from .bench_sections import Drawn, Section, mean_of
-from .estimator_scores import Recorded, Track, follow, pooled
+from .estimator_scores import Recorded, Score, Track, follow, pooled
 from .life_cases import SHAPES, Life, draw_life
 from .life_plants import plant_of
 from .life_scores import LifeScore, joined, life_score
@@ -98,13 +98,13 @@ def shapes(quick: bool) -> Sequence[str]:
 def life_section(parts: Sequence[LifePart]) -> Section:
     """One row for each plant, shape and way over all axes; then all shapes together."""
     rows = []
-    for plant in dict.fromkeys(part.plant for part in parts):
-        for way in (KEPT, NEW):
-            mine = [part for part in parts if (part.plant, part.way) == (plant, way)]
-            for shape in dict.fromkeys(part.life.shape for part in mine):
-                same = [part for part in mine if part.life.shape == shape]
-                rows.append((f"{plant}, {shape}, {way}", _figures(same)))
-            rows.append((f"{plant}, all lives, {way}", _figures(mine)))
+    for plant, way in sorted({(part.plant, part.way) for part in parts}):
+        mine = [part for part in parts if (part.plant, part.way) == (plant, way)]
+        for shape in dict.fromkeys(part.life.shape for part in mine):
+            same = [part for part in mine if part.life.shape == shape]
+            rows.append((f"{plant}, {shape}, {way}", _figures(same)))
+        rows.append((f"{plant}, all lives, {way}", _figures(mine)))
+        rows += _by_start(f"{plant}, {way}, begun", mine)
     return Section(
         name="life",
         title=f"life: plant, shape, state ({_seeds(parts)})",
@@ -116,6 +116,20 @@ def life_section(parts: Sequence[LifePart]) -> Section:
             "lives in which it was not found; false: found where there is none",
         ),
     )
+
+
+def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[str, tuple[object, ...]]]:
+    """One row for each state in which sessions begin; what only a life has is left out."""
+    found: dict[str, list[Score]] = {}
+    for part in parts:
+        for session, each in zip(part.life.sessions, part.score.each, strict=True):
+            found.setdefault(session.start, []).append(each)
+    axes = len({part.life.axis_seed for part in parts})
+    for start, scores in sorted(found.items()):
+        rows = pooled(scores)
+        silent = sum(each.told == 0 for each in scores)
+        counted = (rows.wrong, rows.told, axes, len(scores), silent, None, None, rows.mae, None)
+        yield f"{label} {start}", (*counted, rows.coverage, rows.interval_score, *[None] * 3)
 
 
 def life_pictures(parts: Sequence[LifePart]) -> list[Drawn]:

@@ -62,6 +62,12 @@ class Session:
         """Its length."""
         return self.time_s[-1]
 
+    @property
+    def start(self) -> str:
+        """In which of four states it begins."""
+        load = "with payload" if self.added_kg else "without payload"
+        return f"{'warm' if self.warmth else 'cold'}, {load}"
+
 
 @dataclass(frozen=True, slots=True)
 class Life:

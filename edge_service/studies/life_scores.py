@@ -87,7 +87,7 @@ class LifeScore:
     """Figures of one life; errors in points of preload.
 
     Attributes:
-        rows: score of all numbers.
+        rows, each: score of all numbers, and of every session's.
         silent: sessions without a number.
         ends_mae, fresh_mae: over the session ends; the second of saying `fresh` always.
         rank: correlation of the session ends with the truth; NaN where the truth never changes.
@@ -99,6 +99,7 @@ class LifeScore:
     sessions: int
     silent: int
     rows: Score
+    each: tuple[Score, ...]
     ends_mae: float
     fresh_mae: float
     rank: float
@@ -117,6 +118,7 @@ def life_score(life: Life, tracks: Sequence[Track]) -> LifeScore:
         sessions=len(tracks),
         silent=int((~told).sum()),
         rows=score(joined(life, tracks)),
+        each=tuple(score(track) for track in tracks),
         ends_mae=mean_of(np.abs(ends.percent - ends.truth)[told].tolist()),
         fresh_mae=mean_of(fresh.tolist()),
         rank=rank_correlation(ends.percent, ends.truth),

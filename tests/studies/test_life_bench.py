@@ -14,7 +14,7 @@ from edge_service.studies.bench_sections import Section, cell, mean_of
 from edge_service.studies.estimator_axis import OwnAxis, downsampled
 from edge_service.studies.estimator_foreign import CHECKOUT_TESTS
 from edge_service.studies.estimator_scores import Recorded, Track
-from edge_service.studies.life_bench import KEPT, NEW, KeptEstimator, life_section, live
+from edge_service.studies.life_bench import KEPT, NEW, KeptEstimator, LifePart, life_section, live
 from edge_service.studies.life_cases import DAY_S, SHAPES, Life, draw_life
 from edge_service.studies.life_scores import (
     crossing_day,
@@ -214,6 +214,21 @@ def test_a_section_is_an_aligned_table_and_rows_for_a_program() -> None:
     assert told[1]["seen_s"] == [1.0, "never"]
     assert cell(()) == "-"
     assert mean_of([1.0, math.inf, math.nan, 3.0]) == pytest.approx(2.0)
+
+
+def test_sessions_are_pooled_by_the_state_in_which_they_begin() -> None:
+    life = draw_life("linear", 3, FRESH, 16)
+    off = [2.0 if session.start == "warm, with payload" else 0.0 for session in life.sessions]
+    tracks = tracks_of(life, np.array(off))
+    part = LifePart("own", life, NEW, life_score(life, tracks), joined(life, tracks))
+    rows = {row["row"]: row for row in life_section([part]).as_dict()["rows"]}
+    states = {session.start for session in life.sessions}
+    assert len(states) == 4
+    begun = {state: rows[f"own, new, begun {state}"] for state in states}
+    assert sum(row["sessions"] for row in begun.values()) == 16
+    for state, row in begun.items():
+        assert row["wrong"] == (1.0 if state == "warm, with payload" else 0.0)
+        assert row["mae_ends"] is None
 
 
 @pytest.mark.slow
