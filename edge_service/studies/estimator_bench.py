@@ -58,7 +58,7 @@ class EstimatorBench:
 
     def as_json(self) -> str:
         """For a program; what is not a number is null."""
-        known: dict[str, Any] = {"schema": SCHEMA}
+        known: dict[str, Any] = {"schema": SCHEMA, "unmeasured": list(self.unmeasured)}
         if self.table is not None:
             known |= json.loads(self.table.as_json())
         known |= {section.name: section.as_dict() for section in self.sections}

@@ -64,7 +64,7 @@ class Session:
 
     @property
     def start(self) -> str:
-        """In which of four states it begins."""
+        """State in which it begins, one of four."""
         load = "with payload" if self.added_kg else "without payload"
         return f"{'warm' if self.warmth else 'cold'}, {load}"
 

@@ -20,6 +20,7 @@ from edge_service.studies.estimator_foreign import (
     scenarios,
 )
 from edge_service.studies.estimator_own import Part
+from edge_service.studies.estimator_parts import PARTS
 from edge_service.studies.estimator_rows import table_of
 from edge_service.studies.estimator_scores import Score, Track, detection, pooled, score
 from edge_service.studies.estimator_seed import (
@@ -103,6 +104,28 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
     assert "no data" in lines["closed loop: full drop"]
     assert set(AIMS) <= set(lines)
     json.loads(table_of([Part(row, bad)]).as_json())
+
+
+def test_the_table_counts_each_confidently_wrong_number_once() -> None:
+    one = replace(score(track(np.array([3.9, 5.0]), np.full(2, 5.0))), misleading=0.0)
+    rows = ("closed loop: constant", f"{ROW}healthy", "seed's simulation 1, after step 100")
+    table = table_of([Part(row, one) for row in rows])
+    assert "confidently wrong: 2 of 4 numbers in 2 cases" in table.as_text()
+    line = next(line for line in table.as_text().splitlines() if line.startswith(rows[0]))
+    assert line.removeprefix(rows[0]).split()[:3] == ["0.500", "2", "1"]
+
+
+def test_parts_and_axes_are_chosen() -> None:
+    every = tasks_of(BenchSettings(quick=True))
+    assert {task.part for task in every} == {*PARTS} - {"speed", "second-plant"}
+    few = tasks_of(BenchSettings(quick=True, parts=("rates",), seed=7, seeds=2))
+    assert [task.name for task in few] == [
+        f"wear axis {axis}, {state}" for state in ("cold", "warming up") for axis in (7, 8)
+    ]
+    shifts = tasks_of(BenchSettings(parts=("healthy",), healthy_minutes=90.0))
+    planned = [(task.arguments[1], task.arguments[3], task.arguments[4]) for task in shifts]
+    minutes = sum(count * each_s / 60.0 for _, count, each_s in planned)
+    assert minutes == pytest.approx(90.0)
 
 
 def test_without_the_second_plant_its_rows_are_not_measured(tmp_path: Path) -> None:

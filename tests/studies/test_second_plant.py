@@ -11,6 +11,8 @@ from click.testing import CliRunner
 
 from edge_service.cli import cli
 from edge_service.commands.options import InputError
+from edge_service.studies.estimator_bench import run_estimator_bench
+from edge_service.studies.estimator_tasks import BenchSettings
 from edge_service.studies.second_plant import (
     BESIDE,
     PlantPart,
@@ -113,7 +115,8 @@ def test_the_parts_end_up_in_one_document(tmp_path: Path) -> None:
     folders = ["--second-plant", str(benchmark(tmp_path)), "--plots", str(tmp_path / "plots")]
     done = CliRunner().invoke(cli, [*command, *folders], catch_exceptions=False)
     told = json.loads(done.stdout)
-    assert set(told) == {"schema", "second-plant"}
+    assert set(told) == {"schema", "unmeasured", "second-plant"}
+    assert told["unmeasured"] == []
     assert told["second-plant"]["rows"][0]["wrong"] == pytest.approx(0.75)
     drawn = {file.name for file in (tmp_path / "plots").iterdir()}
     assert drawn == {
@@ -121,6 +124,14 @@ def test_the_parts_end_up_in_one_document(tmp_path: Path) -> None:
         "second_plant_9_0_slow_loss.png",
         "second_plant_9_0_slow_loss_data_sheet.png",
     }
+
+
+def test_what_cannot_be_measured_beside_others_is_told(tmp_path: Path) -> None:
+    settings = BenchSettings(parts=("second-plant",), second_plant=tmp_path)
+    found = run_estimator_bench(settings)
+    assert found.sections == ()
+    assert "second plant: not measured" in found.as_text()
+    assert json.loads(found.as_json())["unmeasured"] == list(found.unmeasured)
 
 
 @pytest.mark.slow
