@@ -165,8 +165,15 @@ def plant_section(parts: Sequence[PlantPart]) -> Section:
             "means over recordings; drop, rise: the farthest that a number left a preload that "
             "never changed; end: mean size of the mean error of the last minute; seen: s of "
             "motion, each recording with a drop or step",
+            *(_failure(part) for part in parts if part.row["state"] != "ok"),
         ),
     )
+
+
+def _failure(part: PlantPart) -> str:
+    """What became of a recording without answers, in one line."""
+    where = f"seed {part.seed}, machine {part.row['machine']}, {part.row['scenario']}"
+    return f"  failed: {where}: {' '.join(str(part.row['state']).split())}"
 
 
 def plant_pictures(parts: Sequence[PlantPart]) -> list[Drawn]:

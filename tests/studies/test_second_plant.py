@@ -99,6 +99,7 @@ def test_figures_are_means_but_the_worst_of_false_changes() -> None:
     assert told["drop"] == pytest.approx(0.9)
     assert told["end"] == pytest.approx(0.3)
     assert told["seen"] == (3.0, math.inf, math.inf)
+    assert "failed: seed 1, machine 1, sudden_drop: exit 2" in plant_section(parts).as_text()
     assert isinstance(told["rise"], float)
     assert math.isnan(told["rise"])
 
