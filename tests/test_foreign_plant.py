@@ -12,6 +12,7 @@ import pytest
 from .foreign_plant import (
     ALL,
     DIAGNOSIS,
+    Lubricant,
     Machine,
     Payload,
     ProcessForce,
@@ -25,6 +26,7 @@ from .foreign_plant import (
     gap,
     motions,
     nominal_machine_toml,
+    part_programme,
     protocol,
     simulate,
 )
@@ -350,3 +352,29 @@ def test_commissioning_and_production_stay_on_the_stroke_and_jogs_stay_small() -
         assert path.min() > 0.0
         assert path.max() < 0.8
     assert np.ptp(motions.jogs(np.random.default_rng(1), 20.0)) < 2.1e-4
+
+
+def test_a_part_program_repeats_its_own_places_and_pauses_when_told() -> None:
+    programs = [
+        part_programme(np.random.default_rng(seed), 90.0, 0.8, ((20.0, 12.0),)) for seed in (1, 2)
+    ]
+    for path in programs:
+        assert len(path) == 90_000
+        assert 0.06 * 0.8 <= path.min() < path.max() <= 0.94 * 0.8
+        still = np.abs(np.diff(path)) < 1e-12
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], still, [0]])))
+        begun_s, rests_s = edges[::2] * 1e-3, (edges[1::2] - edges[::2]) * 1e-3
+        (longest,) = np.flatnonzero(rests_s > 5.0)
+        assert rests_s[longest] == pytest.approx(12.0, abs=0.7)
+        assert 20.0 - 0.7 <= begun_s[longest] <= 30.0
+    assert abs(np.ptp(programs[0]) - np.ptp(programs[1])) > 0.01
+
+
+def test_a_lubricant_scales_each_friction_part_and_leaves_the_preload() -> None:
+    lubricant = Lubricant(guide=0.8, nut=1.2, bearing=1.1, viscous=0.9)
+    plain, other = (planned(axis_case(duration_s=2.0, events=e)) for e in ((), (lubricant,)))
+    for part in ("guide", "nut", "bearing", "viscous"):
+        factor = getattr(lubricant, part)
+        assert other.slow[part] == pytest.approx(factor * plain.slow[part]), part
+    assert other.slow["preload_n"] == pytest.approx(plain.slow["preload_n"])
+    assert other.slow["table_kg"] == pytest.approx(plain.slow["table_kg"])

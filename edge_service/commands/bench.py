@@ -1,11 +1,13 @@
 """Commands that measure: speed and size, and how right the answers are."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from ..studies.benches import BENCHES, Bench, BenchReport
+from ..studies.estimator_parts import FIRST_SEED, PARTS, PROCESSES
 from .options import InputError
 from .terminal import progress
 
@@ -52,22 +54,87 @@ for _each in BENCHES:
     bench.add_command(_bench_command(_each))
 
 
-@bench.command("estimator", epilog="Example: edge-service bench estimator --quick")
+@bench.command("estimator", epilog="Example: edge-service bench estimator --quick --only life")
 @click.option("--quick", is_flag=True, help="Fewer axes, shorter runs.")
+@click.option("--only", type=click.Choice(PARTS), multiple=True, help="A part; may be repeated.")
+@click.option(
+    "--seed",
+    type=click.IntRange(1),
+    default=FIRST_SEED,
+    show_default=True,
+    help="First axis of lives, rates, shifts; first seed of the second plant.",
+)
+@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="How many.")
+@click.option(
+    "--healthy-minutes", type=click.FloatRange(1.0), help="Of healthy production [default: 300]."
+)
+@click.option(
+    "--second-plant",
+    type=click.Path(path_type=Path),
+    help="Folder with the commands of a second plant [default: shared/bench beside the checkout].",
+)
+@click.option("--processes", type=click.IntRange(1), default=PROCESSES, show_default=True)
+@click.option("--plots", type=click.Path(path_type=Path), help="Folder: draw lives, rates, ...")
 @click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
 @click.option("--pictures", type=click.Path(path_type=Path), help="Folder: draw the rows instead.")
-def bench_estimator(quick: bool, as_json: bool, pictures: Path | None) -> None:
-    """Measure the preload estimate against two plants, beside the seed's and what was aimed at."""
+def bench_estimator(
+    quick: bool,
+    only: tuple[str, ...],
+    seed: int,
+    seeds: int,
+    healthy_minutes: float | None,
+    second_plant: Path | None,
+    processes: int,
+    plots: Path | None,
+    as_json: bool,
+    pictures: Path | None,
+) -> None:
+    """Measure the preload estimate against plants whose truth is known, beside what was aimed at.
+
+    Parts: own, foreign, thesis and spoiled are single recordings with aims; life is many sessions
+    over months, rates is wear of any speed, healthy counts false conditions, second-plant runs a
+    benchmark that lies beside the checkout.
+    """
     from ..studies.estimator_bench import run_estimator_bench
-    from ..studies.estimator_foreign import CHECKOUT_TESTS
-    from ..studies.estimator_pictures import draw_estimator
+    from ..studies.estimator_tasks import BenchSettings
+    from ..studies.second_plant import SecondPlantError
 
     if pictures is not None:
+        from ..studies.estimator_foreign import CHECKOUT_TESTS
+        from ..studies.estimator_pictures import draw_estimator
+
         for file in draw_estimator(pictures, CHECKOUT_TESTS, quick, progress):
             click.echo(file)
         return
-    table = run_estimator_bench(quick, progress)
-    click.echo(table.as_json() if as_json else table.as_text())
+    settings = BenchSettings(
+        quick=quick,
+        parts=only or PARTS,
+        seed=seed,
+        seeds=seeds,
+        healthy_minutes=healthy_minutes,
+        processes=processes,
+    )
+    if second_plant is not None:
+        settings = replace(settings, second_plant=second_plant)
+    if only == ("second-plant",):
+        _require_second_plant(settings.second_plant)
+    try:
+        found = run_estimator_bench(settings, progress)
+    except SecondPlantError as error:
+        raise InputError(f"--second-plant {settings.second_plant}: {error}") from None
+    if plots is not None:
+        from ..studies.estimator_pictures import draw_rows
+
+        for name, rows in (found.drawn or {}).items():
+            draw_rows(plots, rows, f"{name}.png", progress)
+    click.echo(found.as_json() if as_json else found.as_text())
+
+
+def _require_second_plant(folder: Path) -> None:
+    from ..studies.second_plant import MAKE, has_second_plant
+
+    if not has_second_plant(folder):
+        raise InputError(f"--second-plant {folder}: no {MAKE} in it")
 
 
 @bench.command("diagnose", epilog="Example: edge-service bench diagnose --cases 20")

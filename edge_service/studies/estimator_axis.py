@@ -19,7 +19,7 @@ from ..messages.samples import Floats, SampleFrame
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine, Quantity
-from ..models.motion import MOTIONS, Setpoints, motion_limits
+from ..models.motion import MOTIONS, Dwell, Segment, Setpoints, motion_limits
 from ..nodes.pipeline import make_downsampler
 from .estimator_scores import Recorded
 
@@ -68,6 +68,7 @@ class OwnAxis:
         seed: int,
         effects: Sequence[str] = (),
         lubricant: float | Floats = 1.0,
+        pauses: Iterable[tuple[float, float]] = (),
         **loads: Floats,
     ) -> Iterator[SampleFrame]:
         """A motion at 1 kHz with the mean preload of each sample (n,).
@@ -75,14 +76,15 @@ class OwnAxis:
         Args:
             effects: that come on top.
             lubricant: drag of the nut over that of its preload, everywhere on the stroke, (n,).
+            pauses: standstill (at s, for s), beginning with the next segment.
             loads: arguments of `FeedDrive.advance`, (n,).
         """
         limits = motion_limits(_default())
         active = [parse_effect(text) for text in (*FRICTION, *self.effects, *effects)]
         settings = FeedDriveSettings.of_machine(true_machine(self.seed), RATE_HZ, active)
         drive = FeedDrive(settings, limits.low_m, float(percent[0]), seed)
-        segments = iter(MOTIONS[motion](limits, np.random.default_rng((seed, 1))))
-        setpoints = Setpoints(segments, limits.low_m, RATE_HZ)
+        segments = MOTIONS[motion](limits, np.random.default_rng((seed, 1)))
+        setpoints = Setpoints(_paused(segments, pauses), limits.low_m, RATE_HZ)
         hidden = (*HIDDEN, *TABLE) if self.one_encoder else HIDDEN
         factor = np.broadcast_to(lubricant, percent.shape)
         for first in range(0, len(percent), FRAME_ROWS):
@@ -120,6 +122,20 @@ class OwnAxis:
     def commissioned(self) -> Machine:
         """Its machine file after commissioning on a healthy, cold recording."""
         return _commissioned(self)
+
+
+def _paused(
+    segments: Iterable[Segment], pauses: Iterable[tuple[float, float]]
+) -> Iterator[Segment]:
+    """Segments with standstill (at s, for s) between them."""
+    left, at_s = sorted(pauses), 0.0
+    for segment in segments:
+        while left and at_s >= left[0][0]:
+            stop = Dwell(left.pop(0)[1])
+            at_s += stop.duration_s
+            yield stop
+        at_s += segment.duration_s
+        yield segment
 
 
 def downsampled(

@@ -1,140 +1,130 @@
 """The bench of the fused estimator: every row measured, beside the seed's, and what was aimed at.
 
-Truth comes from the library's plant and from a second one written differently; every axis is
+Truth comes from the library's plant and from others written differently; every axis is
 commissioned on a recording of its own before it is judged.
 """
 
 import json
 import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 from .bench_figures import PipelineBench
-from .estimator_foreign import (
-    CHECKOUT_TESTS,
-    foreign,
-    foreign_errors,
-    foreign_one_encoder,
-    has_foreign_plant,
-)
-from .estimator_hostile import hostile
-from .estimator_own import (
-    ERRORS,
-    Part,
-    calibration,
-    closed_loop,
-    intervals,
-    loads,
-    long_run,
-    warm_up,
-)
+from .bench_sections import Drawn, Section
+from .estimator_parts import TABLE
 from .estimator_rows import BenchTable, table_of
-from .estimator_seed import seed_runs
+from .estimator_tasks import BenchSettings, Task, tasks_of
 from .false_alarms import count_false_alarms
+from .false_conditions import healthy_pictures, healthy_section
 from .fused_speed import speed_bench
+from .life_bench import life_pictures, life_section
+from .second_plant import has_second_plant, plant_pictures, plant_section, run_second_plant
+from .wear_rates import rate_pictures, rate_section
 
 Progress = Callable[[str], None]
-PROCESSES = 2
 QUICK_RUNS, FULL_RUNS = 20, 1200
 """Of 1000 steps each, for false alarms."""
-_FOREIGN_ERRORS = (
-    ("no", 0.0),
-    *(("torque_gain", share) for share in (-0.02, 0.02)),
-    *(("inertia", share) for share in (-0.05, 0.05)),
-    *(("skew_s", skew_s) for skew_s in (-1e-6, 1e-6)),
-    *(("series", share) for share in (-0.1, 0.1)),
-)
+SCHEMA = "estimator-bench/1"
+_Sections = Mapping[str, tuple[Callable[[Any], Section], Callable[[Any], list[Drawn]]]]
+_SECTIONS: _Sections = {
+    "life": (life_section, life_pictures),
+    "rates": (rate_section, rate_pictures),
+    "healthy": (healthy_section, healthy_pictures),
+    "second-plant": (plant_section, plant_pictures),
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    """Cases that one process runs: a function of this package and its arguments."""
-
-    name: str
-    run: Callable[..., Iterable[Part]]
-    arguments: tuple[object, ...]
-
-    def __call__(self) -> list[Part]:
-        """All its parts."""
-        return list(self.run(*self.arguments))
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class EstimatorBench:
-    """How right the estimator is, and how fast."""
+    """How right the estimator is, and how fast; a part that was not asked for is None or absent.
 
-    table: BenchTable
-    speed: PipelineBench
+    Attributes:
+        drawn: pictures by section.
+        unmeasured: why a part that was asked for could not be measured.
+    """
+
+    table: BenchTable | None
+    speed: PipelineBench | None
+    sections: tuple[Section, ...] = ()
+    drawn: Mapping[str, Sequence[Drawn]] | None = None
+    unmeasured: tuple[str, ...] = ()
 
     def as_text(self) -> str:
-        """Both tables, for a terminal."""
-        return f"{self.table.as_text()}\n\n{self.speed.as_text()}"
+        """All tables, for a terminal."""
+        tables = [each.as_text() for each in (self.table, *self.sections, self.speed) if each]
+        return "\n\n".join([*tables, *self.unmeasured])
 
     def as_json(self) -> str:
         """For a program; what is not a number is null."""
-        both = json.loads(self.table.as_json()) | {"speed": self.speed.as_dict()["figures"]}
-        return json.dumps(both, indent=2, allow_nan=False)
-
-
-def tasks_of(quick: bool, tests: Path) -> list[Task]:
-    """All cases, the longest first."""
-    axes = (1,) if quick else (1, 2)
-    tasks = [Task("40 minutes", long_run, (1, quick))]
-    tasks += [Task(f"warm-up, axis {axis}", warm_up, (axis, quick)) for axis in axes]
-    if has_foreign_plant(tests):
-        for axis in (3,) if quick else (3, 4, 5):
-            tasks.append(Task(f"foreign axis {axis}", foreign, (tests, axis, quick)))
-            tasks.append(
-                Task(f"foreign, one encoder {axis}", foreign_one_encoder, (tests, axis, quick))
-            )
-        if not quick:
-            tasks += [
-                Task(f"foreign {error} {share:g}", foreign_errors, (tests, error, share, quick))
-                for error, share in _FOREIGN_ERRORS
-            ]
-    tasks += [Task("intervals", intervals, (1, quick))]
-    tasks += [Task(f"closed loop, axis {axis}", closed_loop, (axis, quick)) for axis in axes]
-    tasks += [Task("spoiled recordings", hostile, (quick,))]
-    tasks += [Task(f"loads, axis {axis}", loads, (axis, quick)) for axis in axes]
-    errors = range(0 if quick else len(ERRORS))
-    tasks += [Task(ERRORS[which][0], calibration, (which, quick)) for which in errors]
-    runs = 1 if quick else 2
-    return tasks + [
-        Task(f"seed's simulations {first}", seed_runs, (first, runs))
-        for first in range(0, 1 if quick else 8, runs)
-    ]
+        known: dict[str, Any] = {"schema": SCHEMA, "unmeasured": list(self.unmeasured)}
+        if self.table is not None:
+            known |= json.loads(self.table.as_json())
+        known |= {section.name: section.as_dict() for section in self.sections}
+        if self.speed is not None:
+            known["speed"] = self.speed.as_dict()["figures"]
+        return json.dumps(known, indent=2, allow_nan=False)
 
 
 def run_estimator_bench(
-    quick: bool = False,
-    progress: Progress | None = None,
-    tests: Path = CHECKOUT_TESTS,
-    processes: int = PROCESSES,
+    settings: BenchSettings | None = None, progress: Progress | None = None
 ) -> EstimatorBench:
-    """Run all cases, the same numbers in every run; then the speeds of this machine.
+    """Run the parts asked for, the same numbers in every run; then the speeds of this machine.
 
     Args:
-        quick: fewer and shorter cases, for a look.
         progress: told what is done.
-        tests: where the second plant lives; its rows cannot be measured without it.
     """
-    say = progress or (lambda _: None)
-    tasks = tasks_of(quick, tests)
-    parts: dict[int, list[Part]] = {}
+    settings, say = settings or BenchSettings(), progress or (lambda _: None)
+    found = _run(tasks_of(settings), settings.processes, say)
+    unmeasured = _run_second_plant(settings, found, say)
+    named = [name for name in _SECTIONS if found.get(name)]
+    table = [part for name in TABLE for part in found.get(name, [])]
+    return EstimatorBench(
+        table=table_of(table) if table else None,
+        speed=_speed(settings.quick, say) if "speed" in settings.parts else None,
+        sections=tuple(_SECTIONS[name][0](found[name]) for name in named),
+        drawn={name: _SECTIONS[name][1](found[name]) for name in named},
+        unmeasured=unmeasured,
+    )
+
+
+def _run(tasks: Sequence[Task], processes: int, say: Progress) -> dict[str, list[Any]]:
+    """Results of all tasks by part, in the order of the tasks."""
+    done: dict[int, list[Any]] = {}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, context) as pool:
-        running: dict[Future[list[Part]], int] = {
+        running: dict[Future[list[Any]], int] = {
             pool.submit(task): number for number, task in enumerate(tasks)
         }
-        for done in as_completed(running):
-            number = running[done]
-            parts[number] = done.result()
-            say(f"{len(parts)} of {len(tasks)}: {tasks[number].name}")
-    ordered: Sequence[Part] = [part for number in sorted(parts) for part in parts[number]]
+        for future in as_completed(running):
+            number = running[future]
+            done[number] = future.result()
+            say(f"{len(done)} of {len(tasks)}: {tasks[number].name}")
+    found: dict[str, list[Any]] = {}
+    for number, task in enumerate(tasks):
+        found.setdefault(task.part, []).extend(done[number])
+    return found
+
+
+def _run_second_plant(
+    settings: BenchSettings, found: dict[str, list[Any]], say: Progress
+) -> tuple[str, ...]:
+    """Add its recordings; why there are none, where there are none."""
+    if "second-plant" not in settings.parts:
+        return ()
+    folder = settings.second_plant
+    if not has_second_plant(folder):
+        return (f"second plant: not measured, there is none in {folder} (--second-plant)",)
+    for seed in range(settings.seed, settings.seed + settings.seeds):
+        parts = run_second_plant(folder, seed, settings.quick, settings.processes, say)
+        found.setdefault("second-plant", []).extend(parts)
+    return ()
+
+
+def _speed(quick: bool, say: Progress) -> PipelineBench:
     say("speed")
     speed = speed_bench(quick)
     say("false alarms")
     figures = count_false_alarms(QUICK_RUNS if quick else FULL_RUNS).figures()
-    return EstimatorBench(table_of(ordered), replace(speed, figures=(*speed.figures, *figures)))
+    return replace(speed, figures=(*speed.figures, *figures))

@@ -50,11 +50,11 @@ def nominal_machine(tests: Path) -> Machine:
     return Machine.model_validate(tomllib.loads(plant.nominal_machine_toml(plant.Machine())))
 
 
-def recorded(tests: Path, case: Any, one_encoder: bool = False) -> Recorded:
-    """Simulate and downsample."""
+def recorded(tests: Path, case: Any, one_encoder: bool = False, clock_s: float = 0.0) -> Recorded:
+    """Simulate and downsample; `clock_s` is what the recorder's clock shows at the start."""
     recording = foreign_plant(tests).simulate(case)
     columns = dict(recording.columns)
-    time_s = columns.pop(TIME)
+    time_s = columns.pop(TIME) + clock_s
     if one_encoder:
         del columns[TABLE_POSITION], columns[TABLE_SPEED]
     frames = (
@@ -66,7 +66,7 @@ def recorded(tests: Path, case: Any, one_encoder: bool = False) -> Recorded:
     )
     truth = recording.truth
     blocks = downsampled(frames, nominal_machine(tests))
-    return Recorded(blocks, truth["time_s"], truth["preload_percent"])
+    return Recorded(blocks, truth["time_s"] + clock_s, truth["preload_percent"])
 
 
 def commissioned_machine(tests: Path, axis_seed: int, one_encoder: bool = False) -> Machine:

@@ -2,8 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..estimate.fused import FusedPreloadEstimator
+from .bench_sections import Drawn
 from .estimator_axis import OwnAxis, recorded
 from .estimator_foreign import (
     ROW,
@@ -35,14 +35,6 @@ FOREIGN_AXIS = 3
 SEEDS_SIMULATIONS = (1, 2, 3, 4)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
-    """One row over time."""
-
-    title: str
-    track: Track
-
-
 def draw_estimator(
     folder: Path, tests: Path, quick: bool = False, progress: Callable[[str], None] | None = None
 ) -> list[Path]:
@@ -53,16 +45,26 @@ def draw_estimator(
         tests: where the second plant lives; without it its rows are left out.
         quick: shorter runs.
     """
+    return draw_rows(folder, tracks(tests, quick), OVERVIEW, progress)
+
+
+def draw_rows(
+    folder: Path,
+    rows: Iterable[Drawn],
+    overview: str,
+    progress: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """A picture of each row, and all of them in a file `overview`; returns the files."""
     say = progress or (lambda _: None)
     folder.mkdir(parents=True, exist_ok=True)
     drawn, files = [], []
     with mpl.rc_context(STYLE):
-        for row in tracks(tests, quick):
+        for row in rows:
             say(f"picture: {row.title}")
             drawn.append(row)
             files.append(folder / f"{_file_name(row.title)}.png")
             write_png(_figure([row], 1, 6.4, 3.0), files[-1])
-        files.append(folder / OVERVIEW)
+        files.append(folder / overview)
         write_png(_figure(drawn, COLUMNS, 3.4, 2.1), files[-1], dpi=110)
     return files
 

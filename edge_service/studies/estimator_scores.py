@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
-from ..estimate.interface import PreloadEstimator
-from ..messages.estimate import EstimateStatus
+from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.features import FeatureBlock
 from ..messages.samples import Floats
 
@@ -15,6 +15,8 @@ MISS_WEIGHT = 40.0
 """Of the interval score at 95 %: width + 2 / 0.05 of what the truth lies outside."""
 MISLEADING_PERCENT = 0.3
 """A number misleads if the truth lies this far outside its interval."""
+WRONG_PERCENT = 0.5
+"""A number is confidently wrong if the truth lies this far outside its interval."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +60,17 @@ class Track:
         )
 
 
-def follow(estimator: PreloadEstimator, recorded: Recorded, every: int = 1) -> Track:
+class Followed(Protocol):
+    """What of an estimator it takes to be followed."""
+
+    def update(self, block: FeatureBlock) -> None:
+        """Take the next interval."""
+
+    def estimate(self) -> PreloadEstimate:
+        """What is known now."""
+
+
+def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:
     """Feed all blocks; ask after every `every`-th."""
     rows: list[tuple[float, ...]] = []
     status_count = dict.fromkeys((status.value for status in EstimateStatus), 0)
@@ -91,6 +103,8 @@ class Score:
         coverage: share of the intervals that hold the truth.
         interval_score: mean of width + 40 times what the truth lies outside.
         misleading: share of the moments with a number that misleads.
+        wrong: share of the numbers that are confidently wrong.
+        cases: recordings behind it, each of one axis with one seed.
         detection_s: of motion, until a loss was seen; inf if never, NaN without a loss.
         notes: statuses and reasons.
     """
@@ -103,7 +117,9 @@ class Score:
     coverage: float = math.nan
     interval_score: float = math.nan
     misleading: float = 0.0
+    wrong: float = math.nan
     detection_s: float = math.nan
+    cases: int = 1
     notes: tuple[str, ...] = ()
 
 
@@ -126,6 +142,7 @@ def score(track: Track, event_s: float = 0.0, detection_s: float = math.nan) -> 
         coverage=float((miss <= 1e-9).mean()),
         interval_score=float((high - low + MISS_WEIGHT * miss).mean()),
         misleading=float((miss > MISLEADING_PERCENT).sum()) / moments,
+        wrong=float((miss > WRONG_PERCENT).mean()),
         detection_s=detection_s,
         notes=_notes(track),
     )
@@ -169,7 +186,9 @@ def pooled(parts: Iterable[Score]) -> Score:
         coverage=mean(each.coverage for each in scores),
         interval_score=mean(each.interval_score for each in scores),
         misleading=float(np.average([each.misleading for each in scores], weights=moments)),
+        wrong=mean(each.wrong for each in scores),
         detection_s=_most(each.detection_s for each in scores),
+        cases=sum(each.cases for each in scores),
         notes=tuple(dict.fromkeys(note for each in scores for note in each.notes)),
     )
 

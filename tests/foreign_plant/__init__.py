@@ -1,11 +1,12 @@
 """A ball-screw axis that shares no code with the library: the truth of the benches."""
 
-from .ageing import Payload, ProcessForce, Ramp, Relubrication, Steps, Warmup
+from .ageing import Lubricant, Payload, ProcessForce, Ramp, Relubrication, Steps, Warmup
 from .axis import axis_case, commissioning_case
 from .bench import MOTIONS, case
 from .faults import FAULTS
 from .gap import gap
 from .machine import DIAGNOSIS, Machine, nominal_machine_toml
+from .motions import part_programme
 from .oddities import ALL, ODDITIES
 from .simulate import Case, Recording, simulate
 
@@ -16,6 +17,7 @@ __all__ = [
     "MOTIONS",
     "ODDITIES",
     "Case",
+    "Lubricant",
     "Machine",
     "Payload",
     "ProcessForce",
@@ -29,5 +31,6 @@ __all__ = [
     "commissioning_case",
     "gap",
     "nominal_machine_toml",
+    "part_programme",
     "simulate",
 ]

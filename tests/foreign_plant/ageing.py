@@ -86,6 +86,16 @@ class Relubrication:
 
 
 @dataclass(frozen=True, slots=True)
+class Lubricant:
+    """How well each part is lubricated in this session, as a factor of its friction."""
+
+    guide: float = 1.0
+    nut: float = 1.0
+    bearing: float = 1.0
+    viscous: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class ProcessForce:
     """Cuts: bursts of `mean_n` against the motion or across it, with tooth ripple."""
 
@@ -98,7 +108,7 @@ class ProcessForce:
     sensor: bool = False
 
 
-Event = Warmup | Payload | Relubrication | ProcessForce
+Event = Warmup | Payload | Relubrication | Lubricant | ProcessForce
 
 
 def warmth(activity: Array, time_constant_s: float, start: float = 0.0) -> Array:
@@ -209,5 +219,8 @@ def apply(plan: Plan, event: Event, rng: np.random.Generator) -> None:
         load(plan, event)
     elif isinstance(event, Relubrication):
         relubricate(plan, event)
+    elif isinstance(event, Lubricant):
+        for part in ("guide", "nut", "bearing", "viscous"):
+            plan.slow[part] *= getattr(event, part)
     else:
         cut(plan, event, rng)

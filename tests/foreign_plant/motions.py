@@ -93,6 +93,36 @@ def production(rng: np.random.Generator, duration_s: float, stroke_m: float = 0.
     return route.positions()[: round(duration_s / STEP_S)]
 
 
+def part_programme(
+    rng: np.random.Generator,
+    duration_s: float,
+    stroke_m: float = 0.8,
+    pauses: tuple[tuple[float, float], ...] = (),
+) -> Array:
+    """One part made again and again: places, speeds and rests of its own; pauses (at_s, for_s)."""
+    span = rng.uniform(0.3, 0.88) * stroke_m
+    low = rng.uniform(0.06 * stroke_m, 0.94 * stroke_m - span)
+    accel, rapid = float(rng.choice([2.0, 3.5, 5.0])), float(rng.uniform(0.3, 0.6))
+    moves = []
+    for _ in range(int(rng.integers(4, 9))):
+        place = low + rng.uniform(0.0, span)
+        moves.append((place, rapid * rng.uniform(0.7, 1.0), rng.uniform(0.1, 0.6)))
+        for _ in range(int(rng.integers(1, 4))):
+            feed = float(np.exp(rng.uniform(np.log(0.01), np.log(0.15))))
+            reach = rng.choice([-1.0, 1.0]) * min(rng.uniform(0.01, 0.2), feed * 3.0)
+            place = float(np.clip(place + reach, low, low + span))
+            moves.append((place, feed, rng.uniform(0.05, 0.3)))
+    route, left = Route(low + 0.5 * span), sorted(pauses)
+    while route.duration_s < duration_s:
+        for place, speed, dwell in moves:
+            route.to(place, speed, accel, dwell)
+            if left and route.duration_s >= left[0][0]:
+                route.add(rest(left.pop(0)[1]))
+            if route.duration_s >= duration_s:
+                break
+    return route.positions()[: round(duration_s / STEP_S)]
+
+
 def commissioning(stroke_m: float = 0.8) -> Array:
     """All that a healthy, cold axis is asked once: speeds, places, accelerations (85 s)."""
     route = Route(0.1 * stroke_m).add(rest(1.0))

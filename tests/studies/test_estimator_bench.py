@@ -11,7 +11,7 @@ import pytest
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.messages.samples import Floats
 from edge_service.models.thesis_plant import ThesisPlant
-from edge_service.studies.estimator_bench import tasks_of
+from edge_service.studies.estimator_aims import AIMS, Aim
 from edge_service.studies.estimator_foreign import (
     CHECKOUT_TESTS,
     ROW,
@@ -20,7 +20,8 @@ from edge_service.studies.estimator_foreign import (
     scenarios,
 )
 from edge_service.studies.estimator_own import Part
-from edge_service.studies.estimator_rows import AIMS, Aim, table_of
+from edge_service.studies.estimator_parts import PARTS
+from edge_service.studies.estimator_rows import table_of
 from edge_service.studies.estimator_scores import Score, Track, detection, pooled, score
 from edge_service.studies.estimator_seed import (
     edge_noise_var,
@@ -28,6 +29,7 @@ from edge_service.studies.estimator_seed import (
     thesis_machine,
     torque_noise_var,
 )
+from edge_service.studies.estimator_tasks import BenchSettings, tasks_of
 
 
 def track(percent: Floats, truth: Floats, half_width: float = 0.5) -> Track:
@@ -46,6 +48,17 @@ def test_a_score_is_what_its_names_say() -> None:
     # widths of 1, and one truth half a point outside
     assert one.interval_score == pytest.approx(1.0 + 40.0 * 0.5 / 3.0)
     assert one.misleading == pytest.approx(1.0 / 4.0)
+    assert one.wrong == 0.0  # half a point outside is not yet more than half a point
+
+
+def test_confidently_wrong_is_a_share_of_the_numbers_given() -> None:
+    percent = np.array([5.0, math.nan, 3.9, 6.1, 5.9])
+    one = score(track(percent, np.full(5, 5.0)))
+    assert one.wrong == pytest.approx(2.0 / 4.0)
+    silent = score(track(np.full(2, math.nan), np.full(2, 5.0)))
+    assert math.isnan(silent.wrong)
+    assert pooled([one, silent, one]).wrong == pytest.approx(0.5)
+    assert pooled([one, silent, one]).cases == 3
 
 
 def test_a_false_drop_counts_from_the_event_on() -> None:
@@ -93,12 +106,34 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
     json.loads(table_of([Part(row, bad)]).as_json())
 
 
+def test_the_table_counts_each_confidently_wrong_number_once() -> None:
+    one = replace(score(track(np.array([3.9, 5.0]), np.full(2, 5.0))), misleading=0.0)
+    rows = ("closed loop: constant", f"{ROW}healthy", "seed's simulation 1, after step 100")
+    table = table_of([Part(row, one) for row in rows])
+    assert "confidently wrong: 2 of 4 numbers in 2 cases" in table.as_text()
+    line = next(line for line in table.as_text().splitlines() if line.startswith(rows[0]))
+    assert line.removeprefix(rows[0]).split()[:3] == ["0.500", "2", "1"]
+
+
+def test_parts_and_axes_are_chosen() -> None:
+    every = tasks_of(BenchSettings(quick=True))
+    assert {task.part for task in every} == {*PARTS} - {"speed", "second-plant"}
+    few = tasks_of(BenchSettings(quick=True, parts=("rates",), seed=7, seeds=2))
+    assert [task.name for task in few] == [
+        f"wear axis {axis}, {state}" for state in ("cold", "warming up") for axis in (7, 8)
+    ]
+    shifts = tasks_of(BenchSettings(parts=("healthy",), healthy_minutes=90.0))
+    planned = [(task.arguments[1], task.arguments[3], task.arguments[4]) for task in shifts]
+    minutes = sum(count * each_s / 60.0 for _, count, each_s in planned)
+    assert minutes == pytest.approx(90.0)
+
+
 def test_without_the_second_plant_its_rows_are_not_measured(tmp_path: Path) -> None:
-    names = [task.name for task in tasks_of(False, tmp_path)]
+    names = [task.name for task in tasks_of(BenchSettings(tests=tmp_path))]
     assert names
     assert not any("foreign" in name for name in names)
     assert has_foreign_plant(CHECKOUT_TESTS)
-    assert any("foreign" in task.name for task in tasks_of(False, CHECKOUT_TESTS))
+    assert any("foreign" in task.name for task in tasks_of(BenchSettings()))
 
 
 def test_every_scenario_of_the_second_plant_has_a_row() -> None:

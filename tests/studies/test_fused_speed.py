@@ -8,7 +8,8 @@ import pytest
 
 from edge_service.studies import estimator_pictures
 from edge_service.studies.bench_figures import Figure
-from edge_service.studies.estimator_pictures import Drawn, draw_estimator
+from edge_service.studies.bench_sections import Drawn
+from edge_service.studies.estimator_pictures import draw_estimator
 from edge_service.studies.estimator_scores import Track
 from edge_service.studies.estimator_seed import thesis_blocks, thesis_machine
 from edge_service.studies.false_alarms import count_false_alarms

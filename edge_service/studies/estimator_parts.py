@@ -1,0 +1,7 @@
+"""Parts of the estimator's bench, and from where on their axes are counted."""
+
+TABLE = ("own", "foreign", "thesis", "spoiled")
+"""Parts whose rows make the table with aims."""
+PARTS = (*TABLE, "speed", "life", "rates", "healthy", "second-plant")
+FIRST_SEED = 3
+PROCESSES = 2
