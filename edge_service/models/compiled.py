@@ -46,7 +46,7 @@ def _use_cache_of_these_sources() -> None:
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     package = Path(__file__).parent.parent
-    sources = sorted(path for room in _KERNEL_ROOMS for path in (package / room).glob("*.py"))
+    sources = sorted(path for room in _KERNEL_ROOMS for path in (package / room).rglob("*.py"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
     for base in (Path(home), Path(tempfile.gettempdir()) / f"edge-service-{os.getuid()}"):

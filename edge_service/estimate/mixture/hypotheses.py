@@ -1,0 +1,220 @@
+"""Which hypotheses live: challengers are begun beside what is believed, and the best takes over.
+
+Nothing that was believed dies: every slot keeps a least weight, the belief before the last step
+goes on beside the new one, and new challengers begin every few seconds of motion, so that a wrong
+answer is contested for as long as it stands.
+"""
+
+import math
+
+from ...models.compiled import compiled
+from .state import (
+    BEFORE,
+    CHALLENGERS,
+    LEARNING,
+    LOAD,
+    LOOSENESS,
+    LOOSENING,
+    LOSS,
+    LUBRICATION,
+    PAYLOAD,
+    PRELOAD,
+    SINCE_SPAWN_S,
+    STEADY,
+    STOPPED,
+    SURPRISE,
+    TOTAL_LOSS,
+    WEARING,
+    Bank,
+    Process,
+    Reading,
+)
+
+STOP_S = 1.0
+"""Loads and lubricants are changed while the axis stands, for at least this long."""
+_SURPRISE = 9.0
+_SOON_S, _SOON_FORCED_S = 0.3, 0.6
+_LEAST_SHARE = math.log(1e-3)
+_ALIVE = 2.0
+_BOTH = 3
+
+
+@compiled
+def normalise(bank: Bank, floor: float) -> None:
+    """Scale the weights of the living to a sum of 1; none falls below `floor`."""
+    top = -math.inf
+    for k in range(bank.log_weight.shape[0]):
+        if bank.alive[k]:
+            top = max(top, bank.log_weight[k])
+    total = 0.0
+    for k in range(bank.log_weight.shape[0]):
+        if bank.alive[k]:
+            total += math.exp(bank.log_weight[k] - top)
+    shift = top + math.log(total)
+    for k in range(bank.log_weight.shape[0]):
+        if bank.alive[k]:
+            bank.log_weight[k] = max(bank.log_weight[k] - shift, floor)
+
+
+@compiled
+def follow_hypotheses(
+    bank: Bank, process: Process, reading: Reading, elapsed_s: float, calm: bool
+) -> None:
+    """After a phase: let a challenger that has won take over, and begin new ones.
+
+    Args:
+        calm: whether no process force acts.
+    """
+    moments, motion_s = bank.moments, reading.steady_s
+    moments[SINCE_SPAWN_S] += motion_s
+    if elapsed_s > STOP_S:
+        moments[STOPPED] = 1.0
+    side = 1 if reading.direction > 0.0 else 2
+    oldest = 0.0
+    for k in range(bank.alive.shape[0]):
+        if bank.alive[k]:
+            bank.age_s[k] += motion_s
+            oldest = max(oldest, bank.age_s[k])
+            if calm:
+                bank.directions[k] |= side
+    if moments[LEARNING] > 0.0:
+        if oldest >= process.learn_s:
+            _settle(bank, process)
+        return
+    leader = leader_of(bank)
+    base = believed(bank)
+    if _wins(bank, process, leader, base, calm):
+        _take_over(bank, process, leader, base)
+        leader = base = STEADY
+    if moments[STOPPED] > 0.0 and calm:
+        moments[STOPPED] = 0.0
+        _challenge(bank, process, LUBRICATION, base, leader, 0.0)
+        _challenge(bank, process, LOAD, base, leader, 0.0)
+    since = moments[SINCE_SPAWN_S]
+    soon = _SOON_S if calm else _SOON_FORCED_S
+    if since >= process.spawn_s or (moments[SURPRISE] > _SURPRISE and since >= soon):
+        moments[SINCE_SPAWN_S] = 0.0
+        _level(bank, STEADY, WEARING)
+        _level(bank, WEARING, STEADY)
+        for k in (LOSS, TOTAL_LOSS, LOOSENING):
+            _challenge(bank, process, k, base, leader, math.log(process.spawn_s))
+
+
+@compiled
+def leader_of(bank: Bank) -> int:
+    """Slot of the likeliest hypothesis."""
+    best, weight = STEADY, -math.inf
+    for k in range(bank.alive.shape[0]):
+        if bank.alive[k] and bank.log_weight[k] > weight:
+            best, weight = k, bank.log_weight[k]
+    return best
+
+
+@compiled
+def believed(bank: Bank) -> int:
+    """Slot of what is believed, from which challengers begin: STEADY or WEARING."""
+    wearing = bank.alive[WEARING] and bank.log_weight[WEARING] > bank.log_weight[STEADY]
+    return WEARING if wearing else STEADY
+
+
+@compiled
+def _wins(bank: Bank, process: Process, leader: int, base: int, calm: bool) -> bool:
+    """Whether a challenger has led for long enough, in both directions, by a margin."""
+    if leader in (STEADY, WEARING) or not calm:
+        return False
+    seen = bank.age_s[leader] >= process.confirm_s and bank.directions[leader] == _BOTH
+    return bool(seen and bank.log_weight[leader] > bank.log_weight[base] + process.margin)
+
+
+@compiled
+def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
+    """Begin a hypothesis as a copy of another."""
+    if slot != source:
+        bank.mean[slot] = bank.mean[source]
+        bank.covariance[slot] = bank.covariance[source]
+    bank.log_weight[slot] = log_weight
+    bank.alive[slot] = 1
+    bank.age_s[slot] = 0.0
+    bank.directions[slot] = 0
+
+
+@compiled
+def _take_over(bank: Bank, process: Process, leader: int, base: int) -> None:
+    weight = bank.log_weight[leader]
+    if leader != BEFORE:
+        copy_to(bank, BEFORE, base, max(bank.log_weight[base], process.floor))
+    copy_to(bank, STEADY, leader, weight)
+    copy_to(bank, WEARING, leader, weight + process.wearing_log_weight)
+    bank.alive[leader] = 0
+    bank.moments[SINCE_SPAWN_S] = process.spawn_s
+
+
+@compiled
+def _settle(bank: Bank, process: Process) -> None:
+    """End of the beginning: the likeliest is believed, the next goes on beside it."""
+    best = leader_of(bank)
+    second, weight = best, -math.inf
+    for k in range(bank.alive.shape[0]):
+        if bank.alive[k] and k != best and bank.log_weight[k] > weight:
+            second, weight = k, bank.log_weight[k]
+    top = bank.log_weight[best]
+    if second == STEADY:
+        copy_to(bank, BEFORE, second, weight)
+        copy_to(bank, STEADY, best, top)
+    else:
+        copy_to(bank, STEADY, best, top)
+        copy_to(bank, BEFORE, second, weight)
+    copy_to(bank, WEARING, STEADY, top + process.wearing_log_weight)
+    for k in CHALLENGERS:
+        bank.alive[k] = 0
+    bank.moments[LEARNING] = 0.0
+    bank.moments[SINCE_SPAWN_S] = process.spawn_s
+
+
+@compiled
+def _level(bank: Bank, slot: int, other: int) -> None:
+    """Let a belief begin anew from the other once it has hardly any weight beside it."""
+    least = bank.log_weight[other] + _LEAST_SHARE
+    if bank.alive[slot] == 0 or bank.log_weight[slot] < least:
+        copy_to(bank, slot, other, least)
+
+
+@compiled
+def _challenge(
+    bank: Bank, process: Process, slot: int, base: int, leader: int, log_time: float
+) -> None:
+    """Begin a challenger beside what is believed, unless one of its kind is in the running."""
+    prior = process.priors[slot] + log_time
+    running = bank.alive[slot] and (
+        slot == leader or bank.log_weight[slot] > bank.log_weight[base] - _ALIVE
+    )
+    if not running and prior > -math.inf:
+        begin_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
+
+
+@compiled
+def begin_challenger(bank: Bank, process: Process, slot: int, base: int, log_weight: float) -> None:
+    """Begin a hypothesis whose step has just happened to another."""
+    copy_to(bank, slot, base, log_weight)
+    x, p = bank.mean[slot], bank.covariance[slot]
+    if slot == TOTAL_LOSS:
+        _reopen(bank, slot, PRELOAD, process.lost_log_percent, process.lost_sigma)
+        return
+    if slot == LOAD:
+        _reopen(bank, slot, PAYLOAD, 0.0, 0.0)
+    if slot == LOOSENING:
+        x[LOOSENESS] += process.loosened_m_per_n
+    for i in range(x.shape[0]):
+        for j in range(x.shape[0]):
+            p[i, j] += process.jumps[slot, i, j]
+
+
+@compiled
+def _reopen(bank: Bank, slot: int, i: int, value: float, sigma: float) -> None:
+    """Forget an element of the state for another value."""
+    x, p = bank.mean[slot], bank.covariance[slot]
+    x[i] = value
+    for j in range(x.shape[0]):
+        p[i, j] = 0.0
+        p[j, i] = 0.0
+    p[i, i] = sigma * sigma

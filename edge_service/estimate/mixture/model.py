@@ -1,0 +1,302 @@
+"""From a commissioned machine file to the numbers of the mixture."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.machine import Machine
+from .state import (
+    CLOCK_SKEW,
+    ENCODER_OFFSET,
+    ENCODER_SLOPE,
+    GUIDE_FRICTION,
+    GUIDE_VISCOUS,
+    HYPOTHESES,
+    LOAD,
+    LOOSENESS,
+    LOOSENING,
+    LOSS,
+    LUBRICATION,
+    MAP,
+    NUT_COMPLIANCE,
+    NUT_FRICTION,
+    OFFSET_RATE,
+    PAYLOAD,
+    PRELOAD,
+    SLOPE_RATE,
+    STRETCH_STATES,
+    STRETCH_WANDER,
+    TORQUE_OFFSET,
+    TORQUE_STATES,
+    TORQUE_WANDER,
+    TOTAL_LOSS,
+    WEARING,
+    WIND_UP,
+    AxisModel,
+    Process,
+)
+
+FRICTIONS = tuple(range(NUT_FRICTION, GUIDE_VISCOUS + 1))
+CLEARANCE_M = 1.5e-6
+"""Assumption: clearance of a nut that has lost its preload."""
+SHORT_PHASE_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class MixtureSettings:
+    """What may happen to an axis; shares are of the commissioned value, steps standard deviations.
+
+    None of it is tied to one machine: forces and torques follow from the friction that
+    commissioning found, lengths from its noise and compliance.
+
+    Attributes:
+        together, apart, nut_apart: how far lubrication and temperature move all frictions alike,
+            each on its own, and the nut's on its own.
+        friction_s: how soon they have done so.
+        wander, wander_s, wander_m: friction that wanders along the way, over the Coulomb friction;
+            for how long, and over which way it is alike.
+        axial: axial friction that differs from phase to phase, the same.
+        preload_walk, wear_walk: of ln(preload) per sqrt(s) of motion: steady, and wearing.
+        wearing: probability that the axis wears fast at the start.
+        start: of ln(preload) at the start; half of it is lost with probability `half`, all with
+            `none`; the load is another with `loaded`.
+        loss, lubricated, lubricated_apart, load, loosened: how large steps are.
+        loss_hazard, total_hazard, loosening_hazard: per second of motion.
+        stop_share: of stops after which lubrication, and load, are others.
+        wind_up, wind_up_sigma: share of the nut's drag that winds up the screw.
+        looseness, looseness_walk: of the compliance beside the nut, at the start and per sqrt(s).
+        evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
+        force_n: process forces, N; `force_error` of their compliance; `force_share` and
+            `rapid_share` of phases, slow and fast, in which one begins; `force_stay` to last.
+        stretch_doubt: variance of the stretch over that of the residuals in commissioning.
+    """
+
+    together: float = 0.10
+    apart: float = 0.06
+    nut_apart: float = 0.04
+    friction_s: float = 600.0
+    wander: float = 0.02
+    wander_s: float = 1.0
+    wander_m: float = 0.03
+    axial: float = 0.02
+    preload_walk: float = 0.004
+    wear_walk: float = 0.06
+    wearing: float = 0.1
+    start: float = 0.3
+    half: float = 0.2
+    none: float = 0.1
+    loaded: float = 0.2
+    loss: float = 0.5
+    lubricated: float = 0.15
+    lubricated_apart: float = 0.08
+    load: float = 0.4
+    loosened: float = 0.1
+    loss_hazard: float = 1e-4
+    total_hazard: float = 1e-5
+    loosening_hazard: float = 1e-5
+    stop_share: float = 1e-3
+    wind_up: float = 0.15
+    wind_up_sigma: float = 0.15
+    looseness: float = 0.003
+    looseness_walk: float = 3e-4
+    evidence: float = 0.3
+    force_n: float = 100.0
+    force_error: float = 0.1
+    force_share: float = 0.05
+    rapid_share: float = 0.005
+    force_stay: float = 0.9
+    stretch_doubt: float = 2.0
+
+
+def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
+    """Constants of the model. The machine must be commissioned and know preload in percent."""
+    taught, per_percent = machine.commissioned, machine.drag_per_percent_nm
+    fresh, preload = machine.fresh_preload_percent, machine.model.preload_n
+    assert taught is not None and per_percent is not None and fresh is not None
+    assert preload is not None
+    mass = machine.model.table_mass_kg
+    mass_kg = mass.value if mass is not None else 1.0
+    t, ratio = taught.transmission, machine.transmission_ratio_m_per_rad
+    compliance = t.stretch_per_acceleration_s2 / mass_kg if t else 0.0
+    fresh_nm = per_percent * fresh
+    guide_n = max(t.reversal_force_n - settings.wind_up * fresh_nm / ratio, 0.0) if t else 0.0
+    deflection_m = 3.0 * preload.value * t.nut_share * compliance if t else 1.0
+    return AxisModel(
+        ratio_m_per_rad=ratio,
+        inertia_kg_m2=machine.model.inertia_kg_m2.value,
+        table_mass_kg=mass_kg,
+        drag_per_percent_nm=per_percent,
+        fresh_percent=fresh,
+        fresh_preload_n=preload.value,
+        clearance_share=0.5 * CLEARANCE_M / deflection_m,
+        bearing_nm=taught.coulomb_nm - fresh_nm - ratio * guide_n,
+        guide_n=guide_n,
+        viscous_nm_s=machine.model.viscous_nm_s_per_rad.value,
+        guide_viscous_n_s=t.guide_viscous_n_s_per_m if t else 0.0,
+        asymmetry_nm_s=taught.viscous_asymmetry_nm_s_per_rad,
+        compliance_m_per_n=compliance,
+        compliance_slope_per_n=t.stretch_slope_s2_per_m / mass_kg if t else 0.0,
+        reference_m=t.reference_m if t else 0.0,
+        stribeck_nm=taught.stribeck_excess_nm,
+        stribeck_speed_rad_s=taught.stribeck_speed_rad_s,
+        stroke_m=machine.axis.stroke_m or 1.0,
+        stroke_map=np.array(taught.stroke_map, dtype=np.float64).reshape(-1, 2),
+        lead_map_m=np.array(t.lead_map_m if t else (), dtype=np.float64),
+        wind_up_map_m=np.array(t.wind_up_map_m if t else (), dtype=np.float64),
+        torque_density=taught.noise_density_nm2_s,
+        torque_slow_rad_s=taught.noise_slow_rad_s,
+        edge_rad2_s2=taught.edge_noise_rad2_s2,
+        stretch_density=settings.stretch_doubt * t.noise_density_m2_s if t else 1.0,
+        stretch_slow_rad_s=t.noise_slow_rad_s if t else 0.0,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where the hypotheses begin: the commissioned axis.
+
+    Attributes:
+        mean: (n,) of a fresh preload.
+        covariance: (n, n) of what is not known before the first phase, the preload's being that of
+            a fresh screw.
+        load: (n, n), what another load adds.
+    """
+
+    mean: Floats
+    covariance: Floats
+    load: Floats
+
+
+def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> Start:
+    """State and covariance before the first phase."""
+    taught = machine.commissioned
+    assert taught is not None
+    t = taught.transmission
+    size = STRETCH_STATES if t else TORQUE_STATES
+    mean, sigma = np.zeros(size), np.zeros(size)
+    mean[PRELOAD], sigma[PRELOAD] = math.log(model.fresh_percent), settings.start
+    mean[TORQUE_OFFSET] = taught.torque_offset_nm
+    drifts = settings.together > 0.0
+    sigma[TORQUE_OFFSET] = 0.03 * taught.coulomb_nm * drifts
+    sigma[TORQUE_WANDER] = settings.wander * taught.coulomb_nm
+    sigma[PAYLOAD] = 0.01 * model.table_mass_kg * drifts
+    if t:
+        mean[CLOCK_SKEW], mean[WIND_UP] = t.clock_skew_s, settings.wind_up
+        mean[NUT_COMPLIANCE] = t.nut_share * model.compliance_m_per_n
+        sigma[ENCODER_OFFSET], sigma[ENCODER_SLOPE] = 1e-4, 1e-4
+        sigma[OFFSET_RATE], sigma[SLOPE_RATE], sigma[CLOCK_SKEW] = 2e-8, 5e-8, 2e-6
+        sigma[NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
+        sigma[LOOSENESS] = settings.looseness * model.compliance_m_per_n
+        sigma[WIND_UP], sigma[STRETCH_WANDER] = (
+            settings.wind_up_sigma,
+            stretch_wander_m(model, settings),
+        )
+        sigma[MAP:] = 3e-8
+    covariance = np.diag(sigma**2)
+    covariance += _frictions(size, settings.together, settings.apart, settings.nut_apart)
+    load = np.zeros((size, size))
+    load[PAYLOAD, PAYLOAD] = (settings.load * model.table_mass_kg) ** 2
+    load[GUIDE_FRICTION, GUIDE_FRICTION] = 0.1**2
+    load[TORQUE_OFFSET, TORQUE_OFFSET] = (0.1 * taught.coulomb_nm) ** 2
+    return Start(mean, covariance, load)
+
+
+def stretch_wander_m(model: AxisModel, settings: MixtureSettings) -> float:
+    """Standard deviation of what wanders between the encoders along the way, m."""
+    noise_m = 0.5 * math.sqrt(model.stretch_density / SHORT_PHASE_S)
+    return math.hypot(noise_m, model.compliance_m_per_n * settings.wander * model.guide_n)
+
+
+def _frictions(size: int, together: float, apart: float, nut_apart: float) -> Floats:
+    """Covariance (n, n) of the frictions that move alike and apart."""
+    covariance = np.zeros((size, size))
+    block = slice(FRICTIONS[0], FRICTIONS[-1] + 1)
+    covariance[block, block] = together**2
+    for i in FRICTIONS:
+        covariance[i, i] += (nut_apart if i == NUT_FRICTION else apart) ** 2
+    return covariance
+
+
+def process_of(
+    machine: Machine, model: AxisModel, start: Start, settings: MixtureSettings
+) -> Process:
+    """What may happen to the axis between two phases."""
+    taught = machine.commissioned
+    assert taught is not None
+    size, coulomb = len(start.mean), taught.coulomb_nm
+    two = size > TORQUE_STATES
+    moving_walk = np.full(HYPOTHESES, settings.preload_walk**2)
+    moving_walk[WEARING] = settings.wear_walk**2
+    return Process(
+        walk=_walk(size, coulomb, model, settings),
+        moving_walk=moving_walk,
+        together=2.0 * settings.together**2 / settings.friction_s,
+        friction_keep_s=settings.friction_s,
+        torque_wander_nm=settings.wander * coulomb,
+        torque_wander_s=settings.wander_s,
+        stretch_wander_m=stretch_wander_m(model, settings) if two else 0.0,
+        stretch_wander_way_m=settings.wander_m,
+        axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
+        loose_m=1e-6 if two else 0.0,
+        growth_s=300.0,
+        jumps=_jumps(size, start, model, settings),
+        priors=_priors(two, settings),
+        lost_log_percent=math.log(0.02 * model.fresh_percent),
+        lost_sigma=0.7,
+        loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
+        wearing_log_weight=math.log(settings.wearing),
+        evidence=settings.evidence,
+        force_n=settings.force_n,
+        force_error=settings.force_error,
+        force_share=settings.force_share,
+        rapid_share=settings.rapid_share,
+        force_stay=settings.force_stay,
+        floor=-14.0,
+        spawn_s=3.0,
+        learn_s=20.0,
+        confirm_s=8.0,
+        margin=2.0,
+    )
+
+
+def _walk(size: int, coulomb_nm: float, model: AxisModel, settings: MixtureSettings) -> Floats:
+    """Variance per second that each element of the state gains, (n,)."""
+    walk = np.zeros(size)
+    for i in FRICTIONS:
+        share = settings.nut_apart if i == NUT_FRICTION else settings.apart
+        walk[i] = 2.0 * share**2 / settings.friction_s
+    walk[TORQUE_OFFSET] = (5e-4 * coulomb_nm) ** 2 * (settings.together > 0.0)
+    if size > TORQUE_STATES:
+        walk[ENCODER_OFFSET], walk[ENCODER_SLOPE] = 3e-8**2, 6e-8**2
+        walk[OFFSET_RATE], walk[SLOPE_RATE] = 1e-8**2, 2.5e-8**2
+        walk[LOOSENESS] = (settings.looseness_walk * model.compliance_m_per_n) ** 2
+        walk[MAP:] = 1e-8**2
+    return walk
+
+
+def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings) -> Floats:
+    """Covariance that a step of each hypothesis adds, (HYPOTHESES, n, n)."""
+    jumps = np.zeros((HYPOTHESES, size, size))
+    jumps[LOSS, PRELOAD, PRELOAD] = settings.loss**2
+    apart = settings.lubricated_apart
+    jumps[LUBRICATION] = _frictions(size, settings.lubricated, apart, apart)
+    jumps[LOAD] = start.load
+    if size > TORQUE_STATES:
+        loosened = settings.loosened * model.compliance_m_per_n
+        jumps[LOOSENING, LOOSENESS, LOOSENESS] = loosened**2
+    return jumps
+
+
+def _priors(two: bool, settings: MixtureSettings) -> Floats:
+    """Log-probability of each step, per second of motion or per stop, (HYPOTHESES,)."""
+    priors = np.full(HYPOTHESES, -np.inf)
+    shares = {LOSS: settings.loss_hazard, TOTAL_LOSS: settings.total_hazard}
+    if settings.together > 0.0:
+        shares[LUBRICATION] = settings.stop_share
+    if two:
+        shares |= {LOAD: settings.stop_share, LOOSENING: settings.loosening_hazard}
+    for slot, share in shares.items():
+        priors[slot] = math.log(share)
+    return priors

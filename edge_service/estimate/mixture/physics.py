@@ -1,0 +1,191 @@
+"""What a hypothesis expects of a phase of steady motion: torque, and stretch.
+
+With s the direction, x the table position, a and v acceleration and speed of the motor, and the
+preload p = exp(PRELOAD)::
+
+    torque    J a + R^2 M a + s (k p m(x) (1 + nut) + B (1 + bearing) + R G (1 + guide) + St(v))
+              + D (1 + viscous) v + A |v| + offset + s wander + J (w1 - w0) / T
+    stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + skew R v + wander
+              + (c0 + c1 (x - x0) - cn + loose) F + 3 F0 cn y(F, m(x) p)
+              + s chi (c0 + c1 (x - x0)) k p (1 + nut) / R
+              F = (M0 + M) R a + s G (1 + guide) + V (1 + guide viscous) R v
+
+The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
+(4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
+share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). The stroke map m(x) is taken off
+and never learned from: its own errors would pass for preload. The functions run compiled; their
+plain Python (`.py_func`) gives the same numbers.
+"""
+
+import math
+
+from ...messages.samples import Floats
+from ...models.compiled import inlined
+from .state import (
+    BEARING_FRICTION,
+    CLOCK_SKEW,
+    ENCODER_OFFSET,
+    ENCODER_SLOPE,
+    GUIDE_FRICTION,
+    GUIDE_VISCOUS,
+    LOOSENESS,
+    MAP,
+    MAP_STATES,
+    NUT_COMPLIANCE,
+    NUT_FRICTION,
+    PAYLOAD,
+    PRELOAD,
+    SPEED_ERROR_END,
+    SPEED_ERROR_START,
+    STRETCH_WANDER,
+    TORQUE_OFFSET,
+    TORQUE_WANDER,
+    VISCOUS,
+    WIND_UP,
+    AxisModel,
+    Reading,
+)
+
+_LEAST_PERCENT = 0.02
+_LOOSE_PERCENT = 0.15
+
+
+@inlined
+def nut_deflection(load_n: float, percent: float, model: AxisModel) -> tuple[float, float, float]:
+    """How far a preloaded pair of nuts yields, over the fresh pair's own preload deflection d0.
+
+    Two opposed Hertz contacts, F = c ((q + y)^1.5 - (q - y)^1.5), with y = d / d0 and
+    q = (p / p0)^(2/3); for small loads the stiffness is 3 F0 q^0.5 / d0, the cube root law of
+    (5.3.11). Without preload the pair has a clearance, q < 0.
+
+    Returns:
+        y, dy/dF 1/N and dy/dp 1/%.
+    """
+    lost = model.clearance_share * math.exp(-max(percent, 0.0) / _LOOSE_PERCENT)
+    share = max(percent, _LEAST_PERCENT) / model.fresh_percent
+    q = math.pow(share, 2.0 / 3.0) - lost
+    q_slope = 2.0 / 3.0 * math.pow(share, -1.0 / 3.0) / model.fresh_percent + lost / _LOOSE_PERCENT
+    force = abs(load_n) / model.fresh_preload_n
+    y = max(force / (3.0 * math.sqrt(max(q, 0.01))), 0.0)
+    if q <= 0.0 or y > q:
+        y = math.pow(force, 2.0 / 3.0) - q
+    up, down = 0.0, 0.0
+    for _ in range(4):
+        up, down = math.sqrt(max(q + y, 1e-12)), math.sqrt(max(q - y, 0.0))
+        y -= (up**3 - down**3 - force) / (1.5 * (up + down))
+        y = max(y, -q, 0.0)
+    up, down = math.sqrt(max(q + y, 1e-6)), math.sqrt(max(q - y, 0.0))
+    sign = 1.0 if load_n >= 0.0 else -1.0
+    by_force = 1.0 / (1.5 * (up + down) * model.fresh_preload_n)
+    return sign * y, by_force, -sign * (up - down) / (up + down) * q_slope
+
+
+@inlined
+def stroke_factor(model: AxisModel, table_m: float) -> float:
+    """m(x): preload at a place over its mean over the stroke."""
+    factor = 1.0
+    if math.isnan(table_m):
+        return factor
+    for k in range(model.stroke_map.shape[0]):
+        phase = 2.0 * math.pi * (k + 1) * table_m / model.stroke_m
+        factor += model.stroke_map[k, 0] * math.cos(phase)
+        factor += model.stroke_map[k, 1] * math.sin(phase)
+    return factor
+
+
+@inlined
+def mapped(nodes_m: Floats, stroke_m: float, table_m: float) -> float:
+    """Value at a place of a broken line with even nodes from 0 to the stroke, m."""
+    count = nodes_m.shape[0]
+    if count < 2 or math.isnan(table_m):
+        return 0.0
+    place = min(max(table_m / stroke_m, 0.0), 1.0) * (count - 1)
+    left = min(int(place), count - 2)
+    share = place - left
+    return float((1.0 - share) * nodes_m[left] + share * nodes_m[left + 1])
+
+
+@inlined
+def stribeck(model: AxisModel, r: Reading) -> float:
+    """St(v): excess of the friction at slow motion, N m."""
+    if model.stribeck_nm == 0.0:
+        return 0.0
+    return model.stribeck_nm * math.exp(-abs(r.speed_rad_s) / model.stribeck_speed_rad_s)
+
+
+@inlined
+def expected_torque(
+    model: AxisModel, x: Floats, r: Reading, factor: float, slow_nm: float, slope: Floats
+) -> float:
+    """Torque of a phase, N m, and its derivatives by the state into `slope` (n,).
+
+    Args:
+        factor: m(x) at the phase's place.
+        slow_nm: St(v).
+    """
+    ratio, s = model.ratio_m_per_rad, r.direction
+    drag = model.drag_per_percent_nm * math.exp(x[PRELOAD])
+    for i in range(slope.shape[0]):
+        slope[i] = 0.0
+    slope[PRELOAD] = s * drag * (1.0 + x[NUT_FRICTION])
+    slope[NUT_FRICTION] = s * drag
+    slope[BEARING_FRICTION] = s * model.bearing_nm
+    slope[GUIDE_FRICTION] = s * ratio * model.guide_n
+    slope[VISCOUS] = model.viscous_nm_s * r.speed_rad_s
+    slope[PAYLOAD] = ratio * ratio * r.acceleration_rad_s2
+    slope[TORQUE_OFFSET] = 1.0
+    slope[TORQUE_WANDER] = s
+    if model.edge_rad2_s2 > 0.0:
+        slope[SPEED_ERROR_END] = model.inertia_kg_m2 / r.steady_s
+        slope[SPEED_ERROR_START] = -slope[SPEED_ERROR_END]
+    value = model.inertia_kg_m2 * r.acceleration_rad_s2
+    value += s * (slow_nm + model.bearing_nm + ratio * model.guide_n)
+    value += s * drag * (1.0 + x[NUT_FRICTION]) * (factor - 1.0)
+    value += model.viscous_nm_s * r.speed_rad_s + model.asymmetry_nm_s * abs(r.speed_rad_s)
+    value += slope[PRELOAD]
+    for i in range(BEARING_FRICTION, SPEED_ERROR_END + 1):
+        value += slope[i] * x[i]
+    return float(value)
+
+
+@inlined
+def expected_stretch(
+    model: AxisModel, x: Floats, r: Reading, factor: float, slope: Floats
+) -> tuple[float, float]:
+    """Stretch of a phase, m, and the compliance there, m/N; derivatives into `slope` (n,)."""
+    away, s = r.table_m - model.reference_m, r.direction
+    gear = model.ratio_m_per_rad * r.acceleration_rad_s2
+    speed = model.ratio_m_per_rad * r.speed_rad_s
+    percent = math.exp(x[PRELOAD])
+    guide = s * model.guide_n
+    load = (model.table_mass_kg + x[PAYLOAD]) * gear + guide * (1.0 + x[GUIDE_FRICTION])
+    load += model.guide_viscous_n_s * (1.0 + x[GUIDE_VISCOUS]) * speed
+    y, by_force, by_percent = nut_deflection(load, percent * factor, model)
+    nut_m = 3.0 * model.fresh_preload_n
+    series = model.compliance_m_per_n + model.compliance_slope_per_n * away
+    rest = max(series - x[NUT_COMPLIANCE] + x[LOOSENESS], 1e-12)
+    compliance = rest + nut_m * x[NUT_COMPLIANCE] * by_force
+    wound = s * series * model.drag_per_percent_nm / model.ratio_m_per_rad
+    drag_share = percent * (1.0 + x[NUT_FRICTION])
+    for i in range(slope.shape[0]):
+        slope[i] = 0.0
+    slope[PRELOAD] = nut_m * x[NUT_COMPLIANCE] * by_percent * percent
+    slope[PRELOAD] += wound * x[WIND_UP] * drag_share
+    slope[NUT_FRICTION] = wound * x[WIND_UP] * percent
+    slope[GUIDE_FRICTION] = compliance * guide
+    slope[GUIDE_VISCOUS] = compliance * model.guide_viscous_n_s * speed
+    slope[PAYLOAD] = compliance * gear
+    slope[NUT_COMPLIANCE] = nut_m * y - load
+    slope[LOOSENESS] = load
+    slope[WIND_UP] = wound * (drag_share - model.fresh_percent)
+    slope[ENCODER_OFFSET], slope[ENCODER_SLOPE] = 1.0, away
+    slope[CLOCK_SKEW], slope[STRETCH_WANDER] = speed, 1.0
+    value = wound * x[WIND_UP] * drag_share + rest * load + nut_m * x[NUT_COMPLIANCE] * y
+    value += x[ENCODER_OFFSET] + x[ENCODER_SLOPE] * away + x[CLOCK_SKEW] * speed
+    value += x[STRETCH_WANDER]
+    value += mapped(model.lead_map_m, model.stroke_m, r.table_m)
+    value += s * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
+    for j in range(MAP_STATES):
+        slope[MAP + j] = math.cos((j + 2) * math.pi * r.table_m / model.stroke_m)
+        value += slope[MAP + j] * x[MAP + j]
+    return value, compliance

@@ -1,0 +1,301 @@
+"""What the hypotheses say together: values with 95 % intervals, and probabilities."""
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.compiled import compiled
+from ...models.machine import Machine
+from ...models.stiffness import LEAST_NUT_LOAD_PERCENT
+from ..transition import LEVELS_PERCENT
+from .state import (
+    BEARING_FRICTION,
+    GUIDE_FRICTION,
+    LOOSENESS,
+    NUT_COMPLIANCE,
+    NUT_FRICTION,
+    PAYLOAD,
+    PRELOAD,
+    TORQUE_STATES,
+    TORQUE_WANDER,
+    AxisModel,
+    Bank,
+)
+
+LEVELS = tuple(f"{level:g}" for level in LEVELS_PERCENT)
+FAULTS = ("preload_loss", "lubrication", "process_force")
+TABLE_FAULTS = ("payload", "looseness")
+"""Those that only the second encoder shows."""
+MODEL_ERROR = 0.015
+"""Of ln(preload): what the cube root law and the drag's proportion are wrong by near fresh."""
+MODEL_ERROR_SHARE = 0.02
+"""The same as a share of the way from the fresh preload."""
+MOST_SHARE = 1.05
+"""A screw's preload is lost, never gained, but for what heat does to it."""
+UNTOLD_SHARE, UNTOLD_LOW_SHARE = 0.3, 0.12
+"""An interval below the first share of the fresh preload reaches down to none, for a clearance may
+be there, and up to the second at least."""
+LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
+"""Changes since commissioning that count as faults: of preload, whole friction, table mass,
+compliance."""
+_EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
+_STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVELS)
+_SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
+_HALVINGS = 40
+
+
+class Limits(NamedTuple):
+    """What the hypotheses of one axis are held against."""
+
+    error_share: float
+    mass_tolerance: float  # NaN where the stiffness cannot be told
+    coulomb_nm: float
+
+
+class Answers(NamedTuple):
+    """What is known of one axis: values with 95 % intervals, and probabilities.
+
+    Attributes:
+        preload: percent.
+        drag: Coulomb torque of the whole axis, N m.
+        stiffness: series stiffness at the reference, N/m; None with one encoder.
+        levels: probability that each of the thesis' levels is the nearest.
+        faults: probability of each change since commissioning that this axis can show.
+    """
+
+    preload: tuple[float, float, float]
+    drag: tuple[float, float, float]
+    stiffness: tuple[float, float, float] | None
+    levels: dict[str, float]
+    faults: dict[str, float]
+
+
+def limits_of(machine: Machine, model: AxisModel) -> Limits:
+    """Limits of a commissioned axis."""
+    taught, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
+    assert taught is not None
+    table = mass.table_mass_kg if model.compliance_m_per_n > 0.0 else None
+    return Limits(
+        MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance),
+        math.nan if table is None else table.tolerance,
+        taught.coulomb_nm,
+    )
+
+
+def answers(bank: Bank, model: AxisModel, limits: Limits) -> Answers:
+    """Read a bank."""
+    told = read(bank, model, limits).tolist()
+    two = bank.mean.shape[1] > TORQUE_STATES
+    names = (*FAULTS, *TABLE_FAULTS) if two else FAULTS
+    return Answers(
+        tuple(told[:3]),
+        tuple(told[3:6]),
+        None if math.isnan(told[_STIFFNESS]) else tuple(told[_STIFFNESS:_LEVEL]),
+        dict(zip(LEVELS, told[_LEVEL:_FAULT], strict=True)),
+        dict(zip(names, told[_FAULT:], strict=False)),
+    )
+
+
+@compiled
+def read(bank: Bank, model: AxisModel, limits: Limits) -> Floats:
+    """Preload, drag and stiffness with their intervals, levels, faults; (_SIZE,)."""
+    said = np.empty(_SIZE)
+    rows = np.flatnonzero(bank.alive)
+    weight = np.exp(bank.log_weight[rows])
+    weight /= weight.sum()
+    mean, sigma = _log_preloads(bank, model, limits, rows)
+    most = math.log(MOST_SHARE * model.fresh_percent)
+    said[0] = _mean_percent(weight, mean, sigma, most)
+    said[1], said[2] = _interval(weight, mean, sigma, most, model.fresh_percent)
+    said[1], said[2] = min(said[1], said[0]), max(said[2], said[0])
+    said[3], said[4], said[5] = _drag(bank, model, rows, weight)
+    said[6], said[7], said[8] = _stiffness(bank, model, limits, rows, weight, mean, sigma)
+    above = 1.0
+    for i in range(len(_EDGES)):
+        below = _below(math.log(_EDGES[i]), weight, mean, sigma, most)
+        said[_LEVEL + i] = above - below
+        above = below
+    said[_LEVEL + len(_EDGES)] = above
+    lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
+    said[_FAULT] = _below(lost, weight, mean, sigma, most)
+    said[_FAULT + 1] = _slick(bank, model, limits, rows, weight)
+    said[_FAULT + 2] = bank.force[0]
+    said[_FAULT + 3], said[_FAULT + 4] = math.nan, math.nan
+    if bank.mean.shape[1] > TORQUE_STATES:
+        limit = PAYLOAD_SHARE * model.table_mass_kg
+        said[_FAULT + 3] = _above(bank, rows, weight, PAYLOAD, limit, 1.0)
+        said[_FAULT + 3] += _above(bank, rows, weight, PAYLOAD, limit, -1.0)
+        limit = LOOSE_SHARE * model.compliance_m_per_n
+        said[_FAULT + 4] = _above(bank, rows, weight, LOOSENESS, limit, 1.0)
+    for i in range(_LEVEL, _SIZE):
+        said[i] = min(max(said[i], 0.0), 1.0)
+    return said
+
+
+@compiled
+def log_preload(bank: Bank, k: int, model: AxisModel, error_share: float) -> tuple[float, float]:
+    """Mean and standard deviation of ln(preload) of one hypothesis, with the model's error."""
+    q = bank.mean[k, PRELOAD]
+    share = error_share * (q - math.log(model.fresh_percent))
+    variance = max(bank.covariance[k, PRELOAD, PRELOAD], 0.0)
+    return q, math.sqrt(variance + MODEL_ERROR * MODEL_ERROR + share * share)
+
+
+@compiled
+def _log_preloads(
+    bank: Bank, model: AxisModel, limits: Limits, rows: Floats
+) -> tuple[Floats, Floats]:
+    mean, sigma = np.empty(len(rows)), np.empty(len(rows))
+    for i in range(len(rows)):
+        mean[i], sigma[i] = log_preload(bank, rows[i], model, limits.error_share)
+    return mean, sigma
+
+
+@compiled
+def _normal(z: float) -> float:
+    return 0.5 * math.erfc(-z / math.sqrt(2.0))
+
+
+@compiled
+def _below(x: float, weight: Floats, mean: Floats, sigma: Floats, most: float) -> float:
+    """Probability that ln(preload) lies below x, which is `most` at most."""
+    total = 0.0
+    for k in range(len(weight)):
+        whole = max(_normal((most - mean[k]) / sigma[k]), 1e-12)
+        total += weight[k] * min(_normal((min(x, most) - mean[k]) / sigma[k]) / whole, 1.0)
+    return total
+
+
+@compiled
+def _mean_percent(weight: Floats, mean: Floats, sigma: Floats, most: float) -> float:
+    """Mean of the truncated log-normal mixture, %."""
+    total = 0.0
+    for k in range(len(weight)):
+        s = sigma[k]
+        whole = max(_normal((most - mean[k]) / s), 1e-12)
+        part = _normal((most - mean[k] - s * s) / s) / whole
+        total += weight[k] * min(math.exp(mean[k] + 0.5 * s * s) * part, math.exp(most))
+    return total
+
+
+@compiled
+def _quantile(
+    probability: float, weight: Floats, mean: Floats, sigma: Floats, most: float
+) -> float:
+    """Preload below which the mixture has a probability, %."""
+    low, high = min((mean - 8.0 * sigma).min(), most - 1.0), most
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if _below(middle, weight, mean, sigma, most) < probability:
+            low = middle
+        else:
+            high = middle
+    return math.exp(0.5 * (low + high))
+
+
+@compiled
+def _interval(
+    weight: Floats, mean: Floats, sigma: Floats, most: float, fresh_percent: float
+) -> tuple[float, float]:
+    """95 % interval, %."""
+    low = _quantile(0.025, weight, mean, sigma, most)
+    high = _quantile(0.975, weight, mean, sigma, most)
+    if high < UNTOLD_SHARE * fresh_percent and low < 0.5 * UNTOLD_SHARE * fresh_percent:
+        low = 0.0
+    return low, max(high, UNTOLD_LOW_SHARE * fresh_percent)
+
+
+@compiled
+def _coulomb(
+    x: Floats, p: Floats, model: AxisModel, slopes: Floats, rows: Floats
+) -> tuple[float, float]:
+    """Mean, N m, and variance of the whole dry friction; `slopes` and `rows` are room, (5,)."""
+    drag = model.drag_per_percent_nm * math.exp(x[PRELOAD])
+    guide = model.ratio_m_per_rad * model.guide_n
+    rows[:] = (PRELOAD, NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, TORQUE_WANDER)
+    slopes[:] = (drag * (1.0 + x[NUT_FRICTION]), drag, model.bearing_nm, guide, 1.0)
+    mean = slopes[0] + model.bearing_nm * (1.0 + x[BEARING_FRICTION])
+    mean += guide * (1.0 + x[GUIDE_FRICTION])
+    variance = 0.0
+    for i in range(len(rows)):
+        for j in range(len(rows)):
+            variance += slopes[i] * slopes[j] * p[int(rows[i]), int(rows[j])]
+    return mean, max(variance, 0.0)
+
+
+@compiled
+def _drag(bank: Bank, model: AxisModel, rows: Floats, weight: Floats) -> tuple[float, float, float]:
+    """Coulomb torque of the whole axis, N m."""
+    value, square = 0.0, 0.0
+    slopes, names = np.empty(5), np.empty(5)
+    for i in range(len(rows)):
+        k = rows[i]
+        mean, variance = _coulomb(bank.mean[k], bank.covariance[k], model, slopes, names)
+        value += weight[i] * mean
+        square += weight[i] * (variance + mean * mean)
+    half = 1.96 * math.sqrt(max(square - value * value, 0.0))
+    return value, value - half, value + half
+
+
+@compiled
+def _slick(bank: Bank, model: AxisModel, limits: Limits, rows: Floats, weight: Floats) -> float:
+    """Probability that friction at the same preload is up by `SLICK_SHARE` of the whole."""
+    total = 0.0
+    guide = model.ratio_m_per_rad * model.guide_n
+    fresh_nm = model.drag_per_percent_nm * model.fresh_percent
+    for i in range(len(rows)):
+        x, p = bank.mean[rows[i]], bank.covariance[rows[i]]
+        shares = (fresh_nm, model.bearing_nm, guide)
+        mean, variance = 0.0, 0.0
+        for a in range(3):
+            mean += shares[a] * x[NUT_FRICTION + a]
+            for b in range(3):
+                variance += shares[a] * shares[b] * p[NUT_FRICTION + a, NUT_FRICTION + b]
+        away = (mean - SLICK_SHARE * limits.coulomb_nm) / math.sqrt(max(variance, 1e-30))
+        total += weight[i] * _normal(away)
+    return total
+
+
+@compiled
+def _above(bank: Bank, rows: Floats, weight: Floats, i: int, limit: float, sign: float) -> float:
+    """Probability that an element of the state, times a sign, lies above a limit."""
+    total = 0.0
+    for j in range(len(rows)):
+        k = rows[j]
+        sigma = math.sqrt(max(bank.covariance[k, i, i], 1e-60))
+        total += weight[j] * _normal((sign * bank.mean[k, i] - limit) / sigma)
+    return total
+
+
+@compiled
+def _stiffness(
+    bank: Bank,
+    model: AxisModel,
+    limits: Limits,
+    rows: Floats,
+    weight: Floats,
+    log_percent: Floats,
+    sigma: Floats,
+) -> tuple[float, float, float]:
+    """Series stiffness at the reference, N/m (5.3.2, 5.3.11): 1/k = C + C_n ((F_0/F)^(1/3) - 1)."""
+    if math.isnan(limits.mass_tolerance) or bank.mean.shape[1] == TORQUE_STATES:
+        return math.nan, math.nan, math.nan
+    value, square = 0.0, 0.0
+    for i in range(len(rows)):
+        k = rows[i]
+        nut = bank.mean[k, NUT_COMPLIANCE]
+        percent = math.exp(log_percent[i])
+        load = max(percent, LEAST_NUT_LOAD_PERCENT)
+        root = (model.fresh_percent / load) ** (1.0 / 3.0)
+        compliance = model.compliance_m_per_n + bank.mean[k, LOOSENESS] + nut * (root - 1.0)
+        slope = nut * root / 3.0 if percent > LEAST_NUT_LOAD_PERCENT else 0.0
+        variance = (slope * sigma[i]) ** 2 + (limits.mass_tolerance * compliance) ** 2
+        variance += (root - 1.0) ** 2 * max(bank.covariance[k, NUT_COMPLIANCE, NUT_COMPLIANCE], 0.0)
+        variance += max(bank.covariance[k, LOOSENESS, LOOSENESS], 0.0)
+        value += weight[i] * compliance
+        square += weight[i] * (variance + compliance * compliance)
+    half = 1.96 * math.sqrt(max(square - value * value, 0.0))
+    return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)

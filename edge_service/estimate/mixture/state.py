@@ -1,0 +1,158 @@
+"""What the mixture follows of an axis, and the arrays that hold it."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...messages.samples import Floats
+
+PRELOAD = 0
+NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, VISCOUS, GUIDE_VISCOUS = range(1, 6)
+PAYLOAD, TORQUE_OFFSET, TORQUE_WANDER, SPEED_ERROR_START, SPEED_ERROR_END = range(6, 11)
+TORQUE_STATES = 11
+ENCODER_OFFSET, ENCODER_SLOPE, OFFSET_RATE, SLOPE_RATE, CLOCK_SKEW = range(11, 16)
+NUT_COMPLIANCE, LOOSENESS, WIND_UP, STRETCH_WANDER = range(16, 20)
+MAP = 20
+MAP_STATES = 4
+STRETCH_STATES = MAP + MAP_STATES
+"""Indices of the state, torque's first; an axis with one encoder has TORQUE_STATES of them.
+
+| state | unit | meaning |
+|---|---|---|
+| PRELOAD | - | natural logarithm of the preload in percent of the dynamic load rating |
+| NUT_ ... GUIDE_VISCOUS | - | change of each friction since commissioning, as a share of it |
+| PAYLOAD | kg | on the table beyond commissioning |
+| TORQUE_OFFSET | N m | gravity, offset of the amplifier |
+| TORQUE_WANDER | N m | friction that wanders along the way, against the motion |
+| SPEED_ERROR_START, _END | rad/s | error of the speed at both ends of the phase |
+| ENCODER_OFFSET, _SLOPE | m, - | motor's way less the table's, at the reference and per metre |
+| OFFSET_RATE, SLOPE_RATE | m/s, 1/s | how fast those two grow with the screw's temperature |
+| CLOCK_SKEW | s | of the linear encoder against the rotary one |
+| NUT_COMPLIANCE | m/N | of the fresh nut; considered, never learned (see below) |
+| LOOSENESS | m/N | what coupling, bearings and screw yield beyond commissioning |
+| WIND_UP | - | share of the nut's drag that winds up the screw; considered |
+| STRETCH_WANDER | m | difference of the encoders that wanders along the way |
+| MAP | m | coefficients of cos(j pi x / stroke), j = 2, 3, ...: uneven growth |
+
+What is considered has a variance that widens the answer (Schmidt's filter) and is not changed by
+the data: no recording of a healthy axis can tell these, and a filter that tries to learn them lets
+a wrong model look right.
+"""
+
+STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BEFORE = range(8)
+HYPOTHESES = 8
+"""Slots of the bank: preload steady or falling; a step of the preload, of all friction, of the
+load, of the compliance beside the nut; and what was believed before the last such step."""
+CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING)
+
+SINCE_SPAWN_S, STOPPED, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
+MOMENTS = 6
+"""Indices of what the bank remembers beside its hypotheses."""
+
+
+class AxisModel(NamedTuple):
+    """What is known of the axis; SI units, preload in percent of the dynamic load rating."""
+
+    ratio_m_per_rad: float
+    inertia_kg_m2: float
+    table_mass_kg: float
+    drag_per_percent_nm: float
+    fresh_percent: float
+    fresh_preload_n: float
+    clearance_share: float  # half clearance of a nut without preload, over its fresh deflection
+    bearing_nm: float
+    guide_n: float
+    viscous_nm_s: float
+    guide_viscous_n_s: float
+    asymmetry_nm_s: float
+    compliance_m_per_n: float  # at the reference position, fresh
+    compliance_slope_per_n: float
+    reference_m: float
+    stribeck_nm: float
+    stribeck_speed_rad_s: float
+    stroke_m: float  # period of the stroke map
+    stroke_map: Floats  # (k, 2) cosine and sine of the k-th harmonic of the preload
+    lead_map_m: Floats  # at even nodes from 0 to the stroke
+    wind_up_map_m: Floats  # the same, times the direction
+    torque_density: float  # (N m)^2 s: variance of a mean over 1 s of fast motion
+    torque_slow_rad_s: float  # motion as slow as this has twice that variance
+    edge_rad2_s2: float  # variance of the speed's error at the border of two phases
+    stretch_density: float  # m^2 s
+    stretch_slow_rad_s: float
+
+
+class Process(NamedTuple):
+    """How the state wanders and what may happen to it; see MixtureSettings.
+
+    Variances per second unless said otherwise.
+    """
+
+    walk: Floats  # (n,), per second of time
+    moving_walk: Floats  # (HYPOTHESES,), of PRELOAD per second of motion
+    together: float  # of the five frictions alike
+    friction_keep_s: float  # time constant with which friction returns to what was commissioned
+    torque_wander_nm: float  # standard deviation
+    torque_wander_s: float
+    stretch_wander_m: float
+    stretch_wander_way_m: float
+    axial_n: float  # standard deviation of axial friction from phase to phase
+    loose_m: float  # clearance of a nut without preload
+    growth_s: float  # time constant of a warming screw
+    jumps: Floats  # (HYPOTHESES, n, n), covariance that a step adds
+    priors: Floats  # (HYPOTHESES,), log-probability per second, or per stop of LUBRICATION, LOAD
+    lost_log_percent: float  # ln of the preload of a total loss, in percent
+    lost_sigma: float
+    loosened_m_per_n: float  # mean of a loosening
+    wearing_log_weight: float
+    evidence: float  # share of a phase's log-likelihood that counts
+    force_n: float  # standard deviation of process forces
+    force_error: float  # error of their compliance, as a share
+    force_share: float  # of phases in which a force begins
+    rapid_share: float  # the same above half of the fastest motion
+    force_stay: float  # probability that it lasts for another phase
+    floor: float  # least log-weight of a hypothesis: none dies
+    spawn_s: float
+    learn_s: float
+    confirm_s: float
+    margin: float
+
+
+class Reading(NamedTuple):
+    """One phase as measured; `stretch_m` is NaN without a linear encoder that is believed."""
+
+    steady_s: float
+    direction: float
+    torque_nm: float
+    acceleration_rad_s2: float
+    speed_rad_s: float
+    table_m: float
+    stretch_m: float
+    follows: bool = False  # whether it begins where the phase before has ended
+
+
+class Bank(NamedTuple):
+    """The hypotheses of one axis, changed in place."""
+
+    mean: Floats  # (HYPOTHESES, n)
+    covariance: Floats  # (HYPOTHESES, n, n)
+    log_weight: Floats  # (HYPOTHESES,)
+    alive: npt.NDArray[np.int64]  # (HYPOTHESES,)
+    age_s: Floats  # (HYPOTHESES,), motion since its step
+    directions: npt.NDArray[np.int64]  # (HYPOTHESES,), 1 forward, 2 backward, 3 both seen since
+    force: Floats  # (1,), probability that a process force acts
+    moments: Floats  # (MOMENTS,)
+
+
+def empty_bank(size: int) -> Bank:
+    """A bank of states of `size` in which nothing lives."""
+    return Bank(
+        np.zeros((HYPOTHESES, size)),
+        np.zeros((HYPOTHESES, size, size)),
+        np.full(HYPOTHESES, -np.inf),
+        np.zeros(HYPOTHESES, dtype=np.int64),
+        np.zeros(HYPOTHESES),
+        np.zeros(HYPOTHESES, dtype=np.int64),
+        np.zeros(1),
+        np.zeros(MOMENTS),
+    )
