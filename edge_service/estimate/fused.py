@@ -6,6 +6,7 @@ from typing import Any
 from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ..messages.features import Fault, FeatureBlock, Phase
 from ..models.machine import Machine
+from .gathering import Gathering, SteadyInterval
 from .known_effects import KnownEffects
 from .mixture.hypotheses import leader_of
 from .mixture.model import MixtureSettings, axis_model, process_of, start_of
@@ -16,6 +17,8 @@ from .mixture.state import (
     ENCODER_OFFSET,
     FORCED_S,
     GUIDE_VISCOUS,
+    INERTIA_ERROR,
+    INERTIA_TORQUE,
     NUT_FRICTION,
     PAYLOAD,
     TORQUE_STATES,
@@ -36,6 +39,8 @@ WILDEST = (1e4, 1e6, 1e4, 5e-3)
 next that none shows."""
 SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
+INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.12
+"""From how much acceleration, and from which share off, torque and motion contradict each other."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
 
 
@@ -69,6 +74,7 @@ class FusedPreloadEstimator:
         self._last_s: float | None = None
         self._stopped_s = 0.0
         self._stretch_m: float | None = None
+        self._gathering = Gathering()
         self._nis = float("nan")
 
     def interrupt(self) -> None:
@@ -90,10 +96,17 @@ class FusedPreloadEstimator:
         """Take the next interval."""
         if Fault.TABLE_SHIFTED in block.fault and Fault.NO_TABLE not in block.fault:
             self._forget_level()
-        quiet = block.usable and not vibrates(block)
-        surprises = [self._take(block, phase) for phase in block.phases] if quiet else []
-        calm = [surprise for surprise in surprises if not math.isnan(surprise)]
-        self._validity.update(block, bool(calm), max(calm, default=None))
+        calm, used_s = [], 0.0
+        for interval in self._gathering.take(block):
+            surprises = [] if vibrates(interval) else self._take_all(interval)
+            used_s += interval.duration_s if surprises else 0.0
+            calm += surprises
+        self._validity.update(block, bool(calm), max(calm, default=None), used_s)
+
+    def _take_all(self, interval: SteadyInterval) -> list[float]:
+        """Take the phases of an interval; what surprise those were that taught something."""
+        taken = [self._take(interval, phase) for phase in interval.phases if phase.steady_s > 0.0]
+        return [surprise for surprise in taken if not math.isnan(surprise)]
 
     def _forget_level(self) -> None:
         """Widen the level of a linear encoder that has come back, in every hypothesis."""
@@ -101,45 +114,45 @@ class FusedPreloadEstimator:
         if self._bank.mean.shape[1] > TORQUE_STATES:
             self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
 
-    def _follows(self, block: FeatureBlock) -> bool:
+    def _follows(self, interval: SteadyInterval) -> bool:
         """Whether an interval begins where the last that was taken has ended."""
         if self._last_s is None:
             return False
-        return abs(block.time_s - block.duration_s - self._last_s) < 0.1 * block.duration_s
+        return abs(interval.time_s - interval.duration_s - self._last_s) < 0.1 * interval.duration_s
 
-    def _take(self, block: FeatureBlock, phase: Phase) -> float:
+    def _take(self, interval: SteadyInterval, phase: Phase) -> float:
         if self._known is not None:
-            phase = self._known.freed(phase, block.steady_direction, block.time_s)
-        reading = self._reading(block, phase)
+            phase = self._known.freed(phase, interval.direction, interval.time_s)
+        reading = self._reading(interval, phase)
         if not plausible(reading):
             return math.nan
-        elapsed_s = block.duration_s if self._last_s is None else block.time_s - self._last_s
+        elapsed_s = interval.duration_s if self._last_s is None else interval.time_s - self._last_s
         if elapsed_s > SESSION_S:
             go_on(self._bank, self._start, self._process, elapsed_s)
         elapsed_s = max(elapsed_s + self._stopped_s, 0.0)
-        self._last_s, self._stopped_s = block.time_s, 0.0
+        self._last_s, self._stopped_s = interval.time_s, 0.0
         nis = take(self._bank, self._model, self._process, reading, min(elapsed_s, 1e5))
         if not math.isnan(nis):
             self._nis = nis
         return nis
 
-    def _reading(self, block: FeatureBlock, phase: Phase) -> Reading:
+    def _reading(self, interval: SteadyInterval, phase: Phase) -> Reading:
         ratio = self._model.ratio_m_per_rad
         stretch, torque = math.nan, phase.torque_nm
         if self._model.compliance_m_per_n > 0.0:
             stretch = self._sane(ratio * phase.angle_rad - phase.table_m)
-        if not math.isnan(block.external_force_n):
-            torque += ratio * block.external_force_n
-            stretch += self._model.compliance_m_per_n * block.external_force_n
+        if not math.isnan(interval.external_force_n):
+            torque += ratio * interval.external_force_n
+            stretch += self._model.compliance_m_per_n * interval.external_force_n
         return Reading(
             phase.steady_s,
-            block.steady_direction,
+            interval.direction,
             torque,
             phase.acceleration_rad_s2,
             phase.speed_rad_s,
             phase.table_m,
             stretch,
-            self._follows(block),
+            self._follows(interval),
         )
 
     def _sane(self, stretch_m: float) -> float:
@@ -197,6 +210,15 @@ class FusedPreloadEstimator:
 
     def _implausible(self) -> str | None:
         """Why no axis can be as the leading hypothesis says; None if one can."""
+        moments = self._bank.moments
+        if moments[INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
+            off = float(moments[INERTIA_ERROR] / moments[INERTIA_TORQUE])
+            if abs(off) > INERTIA_OFF:
+                return (
+                    f"model_mismatch: acceleration takes {100 * (1 + off):.0f} % of the torque "
+                    "that it took at commissioning, payload allowed for: check torque constant, "
+                    "lead and units"
+                )
         state = self._bank.mean[leader_of(self._bank)]
         model = self._model
         load_kg = model.table_mass_kg if len(state) > TORQUE_STATES else math.inf
@@ -223,6 +245,7 @@ class FusedPreloadEstimator:
             "schema": _SNAPSHOT_SCHEMA,
             "validity": self._validity.snapshot(),
             "bank": bank_snapshot(self._bank),
+            "gathering": self._gathering.snapshot(),
             "last_s": self._last_s,
             "stopped_s": self._stopped_s,
             "stretch_m": self._stretch_m,
@@ -235,6 +258,7 @@ class FusedPreloadEstimator:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
         bank = restored_bank(snapshot["bank"], self._bank)
         self._validity.restore(snapshot["validity"])
+        self._gathering.restore(snapshot["gathering"])
         self._bank = bank
         self._last_s = snapshot["last_s"]
         self._stopped_s = float(snapshot["stopped_s"])
@@ -247,10 +271,10 @@ def _interval(told: tuple[float, float, float]) -> Interval:
     return Interval(value=value, low=low, high=high)
 
 
-def vibrates(block: FeatureBlock) -> bool:
+def vibrates(interval: SteadyInterval) -> bool:
     """Whether a process shakes the axis: it speeds up and slows down for much of one interval."""
-    steady_s = sum(phase.steady_s for phase in block.phases)
-    shaken_s = min(block.accelerating.steady_s, block.braking.steady_s)
+    steady_s = sum(phase.steady_s for phase in interval.phases)
+    shaken_s = min(interval.phases[0].steady_s, interval.phases[-1].steady_s)
     return shaken_s > VIBRATING_SHARE * steady_s and shaken_s > 0.0
 
 

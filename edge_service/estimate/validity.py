@@ -61,8 +61,17 @@ class Validity:
         """End of the last interval on the axis' clock, s; 0 before the first."""
         return 0.0 if self._time_s is None else self._time_s
 
-    def update(self, block: FeatureBlock, used: bool, surprise: float | None) -> None:
-        """Take an interval; `surprise` is its normalised innovation squared if it was used."""
+    def update(
+        self,
+        block: FeatureBlock,
+        used: bool,
+        surprise: float | None,
+        used_s: float | None = None,
+    ) -> None:
+        """Take an interval; `surprise` is its normalised innovation squared if it was used.
+
+        What was used may have gathered over `used_s` instead of the interval alone, s.
+        """
         if self._time_s is not None and block.time_s < self._time_s:
             self.interrupt()
         self._time_s = block.time_s
@@ -75,7 +84,7 @@ class Validity:
         elif not block.usable:
             self._fault_names = tuple(str(fault.name).lower() for fault in block.fault & UNUSABLE)
         if used:
-            self.informative_s += block.duration_s
+            self.informative_s += block.duration_s if used_s is None else used_s
             self._last_informative_s = block.time_s
             if surprise is not None:
                 self._follow_surprise(surprise)

@@ -5,6 +5,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ...messages.samples import Floats
 from ...models.compiled import compiled
@@ -25,6 +26,7 @@ from .state import (
     Bank,
 )
 
+Rows = npt.NDArray[np.int64]
 LEVELS = tuple(f"{level:g}" for level in LEVELS_PERCENT)
 FAULTS = ("preload_loss", "lubrication", "process_force")
 TABLE_FAULTS = ("payload", "looseness")
@@ -146,7 +148,7 @@ def log_preload(bank: Bank, k: int, model: AxisModel, error_share: float) -> tup
 
 @compiled
 def _log_preloads(
-    bank: Bank, model: AxisModel, limits: Limits, rows: Floats
+    bank: Bank, model: AxisModel, limits: Limits, rows: Rows
 ) -> tuple[Floats, Floats]:
     mean, sigma = np.empty(len(rows)), np.empty(len(rows))
     for i in range(len(rows)):
@@ -210,7 +212,7 @@ def _interval(
 
 @compiled
 def _coulomb(
-    x: Floats, p: Floats, model: AxisModel, slopes: Floats, rows: Floats
+    x: Floats, p: Floats, model: AxisModel, slopes: Floats, rows: Rows
 ) -> tuple[float, float]:
     """Mean, N m, and variance of the whole dry friction; `slopes` and `rows` are room, (5,)."""
     drag = model.drag_per_percent_nm * math.exp(x[PRELOAD])
@@ -222,15 +224,15 @@ def _coulomb(
     variance = 0.0
     for i in range(len(rows)):
         for j in range(len(rows)):
-            variance += slopes[i] * slopes[j] * p[int(rows[i]), int(rows[j])]
+            variance += slopes[i] * slopes[j] * p[rows[i], rows[j]]
     return mean, max(variance, 0.0)
 
 
 @compiled
-def _drag(bank: Bank, model: AxisModel, rows: Floats, weight: Floats) -> tuple[float, float, float]:
+def _drag(bank: Bank, model: AxisModel, rows: Rows, weight: Floats) -> tuple[float, float, float]:
     """Coulomb torque of the whole axis, N m."""
     value, square = 0.0, 0.0
-    slopes, names = np.empty(5), np.empty(5)
+    slopes, names = np.empty(5), np.empty(5, dtype=np.int64)
     for i in range(len(rows)):
         k = rows[i]
         mean, variance = _coulomb(bank.mean[k], bank.covariance[k], model, slopes, names)
@@ -241,7 +243,7 @@ def _drag(bank: Bank, model: AxisModel, rows: Floats, weight: Floats) -> tuple[f
 
 
 @compiled
-def _slick(bank: Bank, model: AxisModel, limits: Limits, rows: Floats, weight: Floats) -> float:
+def _slick(bank: Bank, model: AxisModel, limits: Limits, rows: Rows, weight: Floats) -> float:
     """Probability that friction at the same preload is up by `SLICK_SHARE` of the whole."""
     total = 0.0
     guide = model.ratio_m_per_rad * model.guide_n
@@ -260,7 +262,7 @@ def _slick(bank: Bank, model: AxisModel, limits: Limits, rows: Floats, weight: F
 
 
 @compiled
-def _above(bank: Bank, rows: Floats, weight: Floats, i: int, limit: float, sign: float) -> float:
+def _above(bank: Bank, rows: Rows, weight: Floats, i: int, limit: float, sign: float) -> float:
     """Probability that an element of the state, times a sign, lies above a limit."""
     total = 0.0
     for j in range(len(rows)):
@@ -275,7 +277,7 @@ def _stiffness(
     bank: Bank,
     model: AxisModel,
     limits: Limits,
-    rows: Floats,
+    rows: Rows,
     weight: Floats,
     log_percent: Floats,
     sigma: Floats,

@@ -47,8 +47,10 @@ load, of the compliance beside the nut; and what was believed before the last su
 CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING)
 
 SINCE_SPAWN_S, STOPPED, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
-MOMENTS = 6
-"""Indices of what the bank remembers beside its hypotheses."""
+INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
+MOMENTS = 8
+"""Indices of what the bank remembers beside its hypotheses; the last two are sums over the last
+half minute of J a times the torque's error, and of its square, (N m)^2 s."""
 
 
 class AxisModel(NamedTuple):

@@ -19,6 +19,8 @@ from .state import (
     FASTEST_RAD_S,
     FORCED_S,
     GUIDE_VISCOUS,
+    INERTIA_ERROR,
+    INERTIA_TORQUE,
     LOOSENESS,
     NUT_COMPLIANCE,
     NUT_FRICTION,
@@ -48,6 +50,7 @@ _LEAST_FRICTION, _MOST_FRICTION = -0.7, 3.0
 _LEAST_LOOSENESS = -0.01
 _STRIBECK_ERROR = 0.3
 _RAPID = 0.4
+_INERTIA_S = 30.0
 
 
 class Innovation(NamedTuple):
@@ -93,16 +96,19 @@ def take(
     )
     noise = _noise_of(model, reading)
     forced_before = _force_prior(bank, process, reading)
-    leading, leader_nis, leader_force = -math.inf, 0.0, 0.0
+    leading, leader_nis, leader_force, leader_error = -math.inf, 0.0, 0.0, 0.0
     for k in range(bank.mean.shape[0]):
         if bank.alive[k] == 0:
             continue
         _drift(bank, k, model, process, reading, elapsed_s)
         compliance = _innovate(bank, k, model, process, reading, noise, two, room)
+        error_nm = room.error[0]
         nis, forced = _learn(bank, k, model, process, forced_before, compliance, two, room)
         if bank.log_weight[k] > leading:
             leading, leader_nis, leader_force = bank.log_weight[k], nis, forced
+            leader_error = error_nm
     normalise(bank, process.floor)
+    _watch_inertia(bank, model, reading, leader_error)
     bank.force[0] = leader_force
     bank.moments[SURPRISE] = leader_nis
     follow_hypotheses(bank, process, reading, elapsed_s, leader_force <= FORCED)
@@ -111,6 +117,17 @@ def take(
         return math.nan
     bank.moments[FORCED_S] = 0.0
     return leader_nis / 2.0 if two else leader_nis
+
+
+@inlined
+def _watch_inertia(bank: Bank, model: AxisModel, r: Reading, error_nm: float) -> None:
+    """Remember how far torque is from what acceleration takes, forces or not."""
+    keep = math.exp(-r.steady_s / _INERTIA_S)
+    inertia_nm = model.inertia_kg_m2 * r.acceleration_rad_s2
+    bank.moments[INERTIA_ERROR] *= keep
+    bank.moments[INERTIA_TORQUE] *= keep
+    bank.moments[INERTIA_ERROR] += error_nm * inertia_nm * r.steady_s
+    bank.moments[INERTIA_TORQUE] += inertia_nm * inertia_nm * r.steady_s
 
 
 @inlined
