@@ -72,7 +72,6 @@ class FusedPreloadEstimator:
         self._validity = Validity(self._validity_settings, self._hold_s)
         self._bank = begun(self._start, self._settings)
         self._last_s: float | None = None
-        self._stopped_s = 0.0
         self._stretch_m: float | None = None
         self._gathering = Gathering()
         self._nis = float("nan")
@@ -88,9 +87,8 @@ class FusedPreloadEstimator:
         preload may have worn, and even the nut may be another.
         """
         self._validity.interrupt()
-        self._last_s, self._stopped_s = None, max(stopped_s, 0.0)
-        self._stretch_m = None
-        go_on(self._bank, self._start, self._process, self._stopped_s)
+        self._last_s, self._stretch_m = None, None
+        go_on(self._bank, self._start, max(stopped_s, 0.0))
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
@@ -128,10 +126,10 @@ class FusedPreloadEstimator:
             return math.nan
         elapsed_s = interval.duration_s if self._last_s is None else interval.time_s - self._last_s
         if elapsed_s > SESSION_S:
-            go_on(self._bank, self._start, self._process, elapsed_s)
-        elapsed_s = max(elapsed_s + self._stopped_s, 0.0)
-        self._last_s, self._stopped_s = interval.time_s, 0.0
-        nis = take(self._bank, self._model, self._process, reading, min(elapsed_s, 1e5))
+            go_on(self._bank, self._start, elapsed_s)
+            elapsed_s = interval.duration_s
+        self._last_s = interval.time_s
+        nis = take(self._bank, self._model, self._process, reading, max(elapsed_s, 0.0))
         if not math.isnan(nis):
             self._nis = nis
         return nis
@@ -247,7 +245,6 @@ class FusedPreloadEstimator:
             "bank": bank_snapshot(self._bank),
             "gathering": self._gathering.snapshot(),
             "last_s": self._last_s,
-            "stopped_s": self._stopped_s,
             "stretch_m": self._stretch_m,
             "nis": None if math.isnan(self._nis) else self._nis,
         }
@@ -261,7 +258,6 @@ class FusedPreloadEstimator:
         self._gathering.restore(snapshot["gathering"])
         self._bank = bank
         self._last_s = snapshot["last_s"]
-        self._stopped_s = float(snapshot["stopped_s"])
         self._stretch_m = snapshot["stretch_m"]
         self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
 

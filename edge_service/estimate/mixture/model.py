@@ -20,6 +20,7 @@ from .state import (
     LOSS,
     LUBRICATION,
     MAP,
+    MAP_STATES,
     NUT_COMPLIANCE,
     NUT_FRICTION,
     OFFSET_RATE,
@@ -54,7 +55,8 @@ class MixtureSettings:
     Attributes:
         together, apart, nut_apart: how far lubrication and temperature move all frictions alike,
             each on its own, and the nut's on its own.
-        friction_s: how soon they have done so.
+        friction_s: how soon they have done so, s; more than 0.
+        start_share: how much farther they may be at the start of a session, another day's.
         wander, wander_s, wander_m: friction that wanders along the way, over the Coulomb friction;
             for how long, and over which way it is alike.
         axial: axial friction that differs from phase to phase, the same.
@@ -67,6 +69,7 @@ class MixtureSettings:
         stop_share: of stops after which lubrication, and load, are others.
         wind_up, wind_up_sigma: share of the nut's drag that winds up the screw.
         looseness, looseness_walk: of the compliance beside the nut, at the start and per sqrt(s).
+        uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
         force_n: process forces, N; `force_error` of their compliance; `force_share` and
             `rapid_share` of phases, slow and fast, in which one begins; `force_stay` to last.
@@ -77,6 +80,7 @@ class MixtureSettings:
     apart: float = 0.06
     nut_apart: float = 0.04
     friction_s: float = 600.0
+    start_share: float = 1.25
     wander: float = 0.02
     wander_s: float = 1.0
     wander_m: float = 0.03
@@ -101,6 +105,7 @@ class MixtureSettings:
     wind_up_sigma: float = 0.15
     looseness: float = 0.003
     looseness_walk: float = 3e-4
+    uneven_m: float = 3e-6
     evidence: float = 0.3
     force_n: float = 100.0
     force_error: float = 0.1
@@ -193,9 +198,10 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
             settings.wind_up_sigma,
             stretch_wander_m(model, settings),
         )
-        sigma[MAP:] = 3e-8
+        sigma[MAP:] = settings.uneven_m / np.arange(1, MAP_STATES + 1)
     covariance = np.diag(sigma**2)
-    covariance += _frictions(size, settings.together, settings.apart, settings.nut_apart)
+    spread = settings.start_share**2
+    covariance += spread * _frictions(size, settings.together, settings.apart, settings.nut_apart)
     load = np.zeros((size, size))
     load[PAYLOAD, PAYLOAD] = (settings.load * model.table_mass_kg) ** 2
     load[GUIDE_FRICTION, GUIDE_FRICTION] = 0.1**2
@@ -246,7 +252,7 @@ def process_of(
         lost_log_percent=math.log(0.02 * model.fresh_percent),
         lost_sigma=0.7,
         loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
-        wearing_log_weight=math.log(settings.wearing),
+        wearing_log_weight=_log(settings.wearing),
         evidence=settings.evidence,
         force_n=settings.force_n,
         force_error=settings.force_error,
@@ -298,5 +304,10 @@ def _priors(two: bool, settings: MixtureSettings) -> Floats:
     if two:
         shares |= {LOAD: settings.stop_share, LOOSENING: settings.loosening_hazard}
     for slot, share in shares.items():
-        priors[slot] = math.log(share)
+        priors[slot] = _log(share)
     return priors
+
+
+def _log(share: float) -> float:
+    """Logarithm of a probability; hardly anything for none."""
+    return math.log(max(share, 1e-30))

@@ -46,7 +46,7 @@ compliance."""
 _EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
 _STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVELS)
 _SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
-_HALVINGS = 40
+_HALVINGS = 26
 
 
 class Limits(NamedTuple):

@@ -2,24 +2,16 @@
 
 import math
 
-from .hypotheses import begin_challenger, believed, copy_to
+from .hypotheses import believed, copy_to
 from .model import MixtureSettings, Start
 from .state import (
-    BEFORE,
-    CHALLENGERS,
-    ENCODER_OFFSET,
-    ENCODER_SLOPE,
     LEARNING,
-    LOAD,
-    LOSS,
+    LOOSENESS,
+    PAYLOAD,
     PRELOAD,
-    SINCE_SPAWN_S,
     STEADY,
-    STOPPED,
     TORQUE_STATES,
-    WEARING,
     Bank,
-    Process,
     empty_bank,
 )
 
@@ -28,6 +20,7 @@ _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
 _WORN_PER_DAY, _MOST_DAYS = 0.05, 4.0
 _OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
+_NUT_SLOT, _LOAD_SLOT = 2, 3
 
 
 def begun(start: Start, settings: MixtureSettings) -> Bank:
@@ -48,6 +41,8 @@ def begun(start: Start, settings: MixtureSettings) -> Bank:
         if load and len(start.mean) == TORQUE_STATES:
             continue
         for share, sigma, level_share in levels:
+            if load_share * level_share <= 0.0:
+                continue
             bank.mean[slot] = start.mean
             bank.mean[slot, PRELOAD] += math.log(share)
             bank.covariance[slot] = start.covariance + load * start.load
@@ -59,37 +54,52 @@ def begun(start: Start, settings: MixtureSettings) -> Bank:
     return bank
 
 
-def go_on(bank: Bank, start: Start, process: Process, stopped_s: float) -> None:
+def go_on(bank: Bank, start: Start, stopped_s: float) -> None:
     """Go on after a stop that nobody saw, in place.
 
-    The screw has grown anew and may have worn; another load may be on the table, and even another
-    nut may be in. What friction has done meanwhile the next phase's drift tells.
+    Friction is another day's, the screw has grown anew and may have worn; another load may be on
+    the table, and even another nut may be in. As at the start, these stand for themselves until
+    the likeliest is believed.
     """
-    base = believed(bank)
-    weight = bank.log_weight[base]
     if bank.moments[LEARNING] > 0.0:
         for k in range(len(bank.alive)):
             _age(bank, k, start, stopped_s)
         return
-    copy_to(bank, STEADY, base, weight)
+    base = believed(bank)
+    copy_to(bank, STEADY, base, math.log(1.0 - _OTHER_LOAD - _OTHER_NUT))
     _age(bank, STEADY, start, stopped_s)
-    copy_to(bank, WEARING, STEADY, weight + process.wearing_log_weight)
-    for k in (*CHALLENGERS, BEFORE):
-        bank.alive[k] = 0
-    begin_challenger(bank, process, LOSS, STEADY, weight + math.log(_OTHER_NUT))
+    bank.alive[STEADY + 1 :] = 0
+    copy_to(bank, _NUT_SLOT, STEADY, math.log(_OTHER_NUT))
+    bank.mean[_NUT_SLOT, PRELOAD] = start.mean[PRELOAD]
+    _renew(bank, _NUT_SLOT, PRELOAD, start.covariance[PRELOAD, PRELOAD])
     if len(start.mean) > TORQUE_STATES:
-        begin_challenger(bank, process, LOAD, STEADY, weight + math.log(_OTHER_LOAD))
+        copy_to(bank, _LOAD_SLOT, STEADY, math.log(_OTHER_LOAD))
+        bank.mean[_LOAD_SLOT, PAYLOAD] = 0.0
+        _renew(bank, _LOAD_SLOT, PAYLOAD, 0.0)
+        bank.covariance[_LOAD_SLOT] += start.load
     bank.force[0] = 0.0
-    bank.moments[SINCE_SPAWN_S] = 0.0
-    bank.moments[STOPPED] = 0.0
+    bank.moments[:] = 0.0
+    bank.moments[LEARNING] = 1.0
 
 
 def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
-    """Widen what a stop leaves unknown."""
+    """Begin a session anew with the preload, the load and the looseness that were believed."""
+    kept = (PRELOAD, PAYLOAD, LOOSENESS) if len(start.mean) > TORQUE_STATES else (PRELOAD,)
+    mean, covariance = start.mean.copy(), start.covariance.copy()
+    for i in kept:
+        mean[i] = bank.mean[slot, i]
+        covariance[i, :] = 0.0
+        covariance[:, i] = 0.0
+    for i in kept:
+        for j in kept:
+            covariance[i, j] = bank.covariance[slot, i, j]
+    covariance[PRELOAD, PRELOAD] += _WORN_PER_DAY**2 * min(stopped_s / DAY_S, _MOST_DAYS)
+    bank.mean[slot], bank.covariance[slot] = mean, covariance
+
+
+def _renew(bank: Bank, slot: int, i: int, variance: float) -> None:
+    """Forget what an element of the state has to do with the others."""
     p = bank.covariance[slot]
-    p[PRELOAD, PRELOAD] += _WORN_PER_DAY**2 * min(stopped_s / DAY_S, _MOST_DAYS)
-    if len(start.mean) > TORQUE_STATES:
-        for i in (ENCODER_OFFSET, ENCODER_SLOPE):
-            p[i, :] = 0.0
-            p[:, i] = 0.0
-            p[i, i] = start.covariance[i, i]
+    p[i, :] = 0.0
+    p[:, i] = 0.0
+    p[i, i] = variance

@@ -31,6 +31,7 @@ from .state import (
     SPEED_ERROR_START,
     STRETCH_WANDER,
     SURPRISE,
+    TORQUE_OFFSET,
     TORQUE_STATES,
     TORQUE_WANDER,
     WIND_UP,
@@ -183,9 +184,21 @@ def _drift(
         _grow(x, p, ENCODER_SLOPE, SLOPE_RATE, grown_s)
         _fade(x, p, OFFSET_RATE, keep)
         _fade(x, p, SLOPE_RATE, keep)
-    for i in range(x.shape[0]):
-        p[i, i] += process.walk[i] * elapsed_s
+    back_s = _settled_s(process.friction_keep_s, elapsed_s)
+    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+        p[i, i] += process.walk[i] * back_s
+    p[TORQUE_OFFSET, TORQUE_OFFSET] += process.walk[TORQUE_OFFSET] * back_s
+    if x.shape[0] > TORQUE_STATES:
+        warm_s = _settled_s(process.growth_s, elapsed_s)
+        for i in range(TORQUE_STATES, x.shape[0]):
+            p[i, i] += process.walk[i] * (r.steady_s if i == LOOSENESS else warm_s)
     p[PRELOAD, PRELOAD] += process.moving_walk[k] * r.steady_s
+
+
+@inlined
+def _settled_s(keep_s: float, elapsed_s: float) -> float:
+    """Time whose noise a state holds that returns with a time constant, s: elapsed_s if short."""
+    return 0.5 * keep_s * (1.0 - math.exp(-2.0 * elapsed_s / keep_s))
 
 
 @inlined
