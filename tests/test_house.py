@@ -12,6 +12,9 @@ from pydantic import BaseModel
 from drivers.registry import driver_names, load_driver
 from edge_service.cli import cli
 from edge_service.config import EdgeConfig, load_config
+from edge_service.estimate.mixture import state
+from edge_service.estimate.mixture.model import CLEARANCE_M, MixtureSettings
+from edge_service.estimate.mixture.step import FORCED
 from edge_service.messages.topics import TOPICS
 from edge_service.models.effects.registry import effect_names, get_effect
 
@@ -107,6 +110,25 @@ def test_every_dependency_is_explained_in_the_readme() -> None:
     for requirement in PROJECT["project"]["dependencies"]:
         name = re.split(r"[<>=\[]", requirement)[0]
         assert f"| {name} |" in README, name
+
+
+def test_every_state_and_hypothesis_of_the_estimator_stands_in_the_readme() -> None:
+    counts = {"TORQUE_STATES", "MAP_STATES", "STRETCH_STATES", "HYPOTHESES", "MOMENTS"}
+    moments = {"SINCE_SPAWN_S", "STOPPED", "LEARNING", "SURPRISE", "FASTEST_RAD_S", "FORCED_S"}
+    names = {name for name, value in vars(state).items() if name.isupper() and type(value) is int}
+    for name in names - counts - moments:
+        assert f"`{name}`" in README, name
+
+
+def test_the_readme_tells_what_the_estimator_assumes() -> None:
+    said, text = MixtureSettings(), " ".join(README.split())
+    shares = f"by {said.together:.0%} all alike, {said.apart:.0%} each apart, {said.nut_apart:.0%}"
+    assert shares.replace("%", " %") in text
+    assert f"Ornstein-Uhlenbeck, {said.friction_s:g} s" in text
+    assert f"a share of {said.evidence:g} only".replace("0.", ".") in text
+    assert f"process forces of {said.force_n:g} N" in text
+    assert f"a force is above {FORCED:g} corrects".replace("0.", ".") in text
+    assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
 
 
 def test_pictures_in_the_readme_exist() -> None:

@@ -31,7 +31,7 @@ _PRELOAD_EXAMPLE: dict[str, Any] = {
     "condition": "NORMAL",
     "reasons": [],
     "mode_probability": {"10": 0.0, "7.5": 0.9, "5": 0.1},
-    "fault_probability": {"preload_loss": 0.01, "lubrication": 0.02, "backlash": 0.0},
+    "fault_probability": {"preload_loss": 0.01, "lubrication": 0.02, "looseness": 0.0},
     "measured_at": "2026-01-31T12:00:00.000Z",
     "age_s": 0.12,
 }

@@ -43,10 +43,10 @@ class PreloadEstimate(Frozen):
             estimator that does not know it.
         mode_probability: probability of each preload level of the filter bank.
         fault_probability: probability of each change since commissioning: `preload_loss` of 10 %,
-            `lubrication` (friction beside the screw's up by 20 % of the whole), `backlash` of
-            1.5 um, `misalignment` (a place along the stroke rubs more, by 10 % of the whole
-            friction), `payload` of 10 % of the table, `torque_constant` by 5 %, and that a
-            `process_force` acts; empty from an estimator that does not know them.
+            `lubrication` (friction at the same preload up by 20 % of the whole), `payload` of 10 %
+            of the table, `looseness` (coupling, bearings or screw yield more, by 10 % of the whole
+            compliance), and that a `process_force` acts now; `payload` and `looseness` with two
+            encoders only; empty from an estimator that does not know them.
         data_used_s: time of informative motion behind the estimate, s.
         nis: normalised innovation squared of the last informative interval (mean 1 if the
             model holds).

@@ -24,6 +24,8 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 
+_WARM_RAD_S = 10.0
+
 
 def load_machines(config: EdgeConfig) -> dict[str, Machine]:
     """Machine of each axis, by the axis' name. Raises ConfigError."""
@@ -77,16 +79,21 @@ def warm_up(
 ) -> None:
     """Compile the kernels before the first sample: it takes seconds on a new installation.
 
-    The motion lasts until the estimators answer: answers are compiled as well.
+    The motion lasts until the estimators answer: answers are compiled as well. A commissioned axis
+    gets the friction that it expects: what another torque teaches is that a process pushes.
 
     Args:
         machines: whose estimators run; the default one's unless given.
     """
     downsample, estimator = downsample or DownsampleConfig(), estimator or EstimatorConfig()
     time_s = np.arange(2000, dtype=np.float64) / 1e3
-    steady = SampleFrame(time_s, {TORQUE: 0.1 + 0.01 * np.sin(time_s), ANGLE: 10.0 * time_s})
     for machine in tuple(machines) or (load_machine(DEFAULT_MACHINE),):
-        warm = make_estimator(estimator, machine)
+        warm, taught = make_estimator(estimator, machine), machine.commissioned
+        friction_nm = 0.1
+        if taught is not None:
+            friction_nm = taught.coulomb_nm + _WARM_RAD_S * machine.model.viscous_nm_s_per_rad.value
+        torque_nm = friction_nm * (1.0 + 0.01 * np.sin(time_s))
+        steady = SampleFrame(time_s, {TORQUE: torque_nm, ANGLE: _WARM_RAD_S * time_s})
         for block in make_downsampler(downsample, machine).push(steady):
             warm.update(block)
             warm.estimate()

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..estimate.fused import FusedPreloadEstimator
-from ..estimate.fused_model import FusedSettings
+from ..estimate.mixture.model import MixtureSettings
 from ..messages.features import Fault, FeatureBlock, Phase
 from ..messages.samples import Floats
 from ..models.commissioned import CommissionedConfig
@@ -26,7 +26,18 @@ from .thesis_runs import ThesisCase, run_case, smoothed_preload
 
 FRESH_PERCENT = 10.0
 RATING_N = 7450.0
-SETTINGS = FusedSettings(friction_walk=0.0, force_hazard=1e-6)
+SETTINGS = MixtureSettings(
+    together=0.0,
+    apart=0.0,
+    nut_apart=0.0,
+    wander=0.0,
+    axial=0.0,
+    preload_walk=2e-4,
+    wear_walk=0.055,
+    evidence=1.0,
+    force_share=1e-6,
+    rapid_share=1e-6,
+)
 """The seed's plant has no friction but the screw's, and no process."""
 STUCK_MARGIN_NM = 0.05
 """Torque this close to the highest drag says nothing: the axis may stick."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..estimate.fused import FusedPreloadEstimator
-from ..estimate.fused_batch import FusedBatch
-from ..estimate.fused_state import PRELOAD, Mixture
+from ..estimate.mixture.batch import MixtureBatch
+from ..estimate.mixture.state import PRELOAD, Bank
 from ..messages.samples import Floats
 from .bench_figures import Figure
 from .estimator_seed import FRESH_PERCENT, SETTINGS, thesis_blocks, thesis_machine
@@ -45,8 +45,8 @@ def count_false_alarms(runs: int, first_seed: int = 1000) -> FalseAlarms:
         run, _ = run_case(ThesisCase(FRESH_PERCENT), seed)
         axes.append(phases_of(machine, thesis_blocks(run)))
     estimators = [FusedPreloadEstimator(machine, SETTINGS) for _ in axes]
-    mixtures = [estimator._mixture for estimator in estimators]
-    batch = FusedBatch((e._mixture, e._model, e._drift) for e in estimators)
+    banks = [estimator._bank for estimator in estimators]
+    batch = MixtureBatch((e._bank, e._model, e._process) for e in estimators)
     count = min(len(phases.readings) for phases in axes)
     numbers, percent = np.arange(runs), np.empty((count, runs))
     for k in range(count):
@@ -54,9 +54,8 @@ def count_false_alarms(runs: int, first_seed: int = 1000) -> FalseAlarms:
             numbers,
             np.array([phases.readings[k] for phases in axes]),
             np.array([phases.elapsed_s[k] for phases in axes]),
-            np.array([phases.spawn[k] for phases in axes]),
         )
-        percent[k] = [_preload_percent(mixture) for mixture in mixtures]
+        percent[k] = [_preload_percent(bank) for bank in banks]
     settled = percent[SETTLED_STEPS:]
     return FalseAlarms(
         settled.size,
@@ -65,10 +64,10 @@ def count_false_alarms(runs: int, first_seed: int = 1000) -> FalseAlarms:
     )
 
 
-def _preload_percent(mixture: Mixture) -> float:
-    alive = slice(0, int(mixture.alive[0]))
-    weight = np.exp(mixture.log_weight[alive])
-    return float(weight @ mixture.mean[alive, PRELOAD] / weight.sum())
+def _preload_percent(bank: Bank) -> float:
+    alive = bank.alive > 0
+    weight = np.exp(bank.log_weight[alive])
+    return float(weight @ np.exp(bank.mean[alive, PRELOAD]) / weight.sum())
 
 
 def _times_below(percent: Floats, level: float) -> int:

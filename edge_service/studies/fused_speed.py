@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimate.fused import SPAWN_S, FusedPreloadEstimator, plausible
-from ..estimate.fused_batch import FusedBatch
+from ..estimate.fused import FusedPreloadEstimator, plausible
+from ..estimate.mixture.batch import MixtureBatch
 from ..messages.features import FeatureBlock
 from ..messages.samples import Floats
 from ..models.machine import Machine
@@ -28,13 +28,12 @@ class Phases:
 
     Attributes:
         readings: (n, READING_SIZE).
-        elapsed_s, spawn: (n,).
+        elapsed_s: (n,).
         blocks: of INTERVAL_S from which they came.
     """
 
     readings: Floats
     elapsed_s: Floats
-    spawn: np.ndarray
     blocks: int
 
 
@@ -151,7 +150,7 @@ def measure_fused_speed(
         estimator.reset()
         for block in blocks:
             estimator.update(block)
-            alive.append(int(estimator._mixture.alive[0]))
+            alive.append(int(estimator._bank.alive.sum()))
 
     def answer() -> None:
         for _ in range(100):
@@ -176,19 +175,16 @@ def phases_of(machine: Machine, blocks: Sequence[FeatureBlock]) -> Phases:
     """What an estimator would hand to its kernel, but for phases that it leaves out."""
     estimator = FusedPreloadEstimator(machine)
     rows: list[tuple[float, ...]] = []
-    last_s, moved_s = blocks[0].time_s - blocks[0].duration_s, 0.0
+    last_s = blocks[0].time_s - blocks[0].duration_s
     for block in (block for block in blocks if block.usable):
         for phase in block.phases:
             reading = estimator._reading(block, phase)
             if not plausible(reading):
                 continue
-            moved_s += phase.steady_s
-            rows.append((*reading, block.time_s - last_s, float(moved_s >= SPAWN_S)))
-            last_s, moved_s = block.time_s, moved_s if moved_s < SPAWN_S else 0.0
+            rows.append((*reading, block.time_s - last_s))
+            last_s = block.time_s
     table = np.array(rows)
-    return Phases(
-        np.ascontiguousarray(table[:, :-2]), table[:, -2].copy(), table[:, -1] > 0.0, len(blocks)
-    )
+    return Phases(np.ascontiguousarray(table[:, :-1]), table[:, -1].copy(), len(blocks))
 
 
 def _batch_s(machine: Machine, phases: Phases, axes: int, repeats: int, first: int = 0) -> float:
@@ -196,7 +192,7 @@ def _batch_s(machine: Machine, phases: Phases, axes: int, repeats: int, first: i
 
     def spent_s() -> float:
         estimators = [FusedPreloadEstimator(machine) for _ in range(axes)]
-        batch = FusedBatch((e._mixture, e._model, e._drift) for e in estimators)
+        batch = MixtureBatch((e._bank, e._model, e._process) for e in estimators)
         _feed(batch, phases, slice(0, first), axes)  # compiles, if nothing else
         begun_s = time.process_time()
         _feed(batch, phases, slice(first, None), axes)
@@ -205,14 +201,13 @@ def _batch_s(machine: Machine, phases: Phases, axes: int, repeats: int, first: i
     return min(spent_s() for _ in range(repeats))
 
 
-def _feed(batch: FusedBatch, phases: Phases, rows: slice, axes: int) -> None:
+def _feed(batch: MixtureBatch, phases: Phases, rows: slice, axes: int) -> None:
     """Give some phases to every axis, interleaved as they would arrive."""
     readings = phases.readings[rows]
     batch.take(
         np.tile(np.arange(axes), len(readings)),
         np.repeat(readings, axes, axis=0),
         np.repeat(phases.elapsed_s[rows], axes),
-        np.repeat(phases.spawn[rows], axes),
     )
 
 

@@ -275,7 +275,7 @@ def other_state(text: str) -> str:
 def not_finite(text: str) -> str:
     """A state that was whole when it was written, of a filter that had failed."""
     state = json.loads(json.loads(text)["state"])
-    arrays = state["mixture"]["arrays"]
+    arrays = state["bank"]["arrays"]
     mean = np.frombuffer(base64.b64decode(arrays["mean"])).copy()
     mean[3] = np.nan
     arrays["mean"] = base64.b64encode(mean.tobytes()).decode()

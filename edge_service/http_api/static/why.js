@@ -7,11 +7,9 @@ const SYMBOLS = { ok: "✓ ok", faulty: "△ faulty at times", missing: "✕ mis
 const HISTORY_S = 3600;
 const CHANGES = {
   preload_loss: "Preload lost, more than 10 %",
-  lubrication: "Guides or bearings rub more (lubrication)",
-  backlash: "Play in the drive train",
-  misalignment: "A place along the stroke rubs more (alignment, dirt)",
+  lubrication: "More friction at the same preload (lubrication)",
   payload: "Another load on the table",
-  torque_constant: "Torque constant off by 5 %",
+  looseness: "Coupling, bearings or screw yield more",
   process_force: "A process pushes the table now",
 };
 const parts = {};
