@@ -12,6 +12,7 @@ from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 from edge_service.studies.estimator_axis import OwnAxis, downsampled
+from edge_service.studies.estimator_scores import MISLEADING_PERCENT
 
 AXIS = OwnAxis(1)
 FRESH = AXIS.fresh_percent
@@ -55,3 +56,14 @@ def numbers(estimates: Sequence[PreloadEstimate]) -> Floats:
     """Time, preload, low, high of those that have a number, (n, 4)."""
     rows = [(e.time_s, e.preload_percent, e.low, e.high) for e in estimates]
     return np.array([row for row in rows if row[1] is not None], dtype=np.float64)
+
+
+def held(told: Floats, percent: float) -> float:
+    """Share of numbers whose interval holds a preload."""
+    return float(np.mean((told[:, 2] <= percent) & (told[:, 3] >= percent)))
+
+
+def misled(told: Floats, percent: float) -> float:
+    """Share of numbers whose interval misses a preload by more than `MISLEADING_PERCENT`."""
+    away = np.maximum(told[:, 2] - percent, percent - told[:, 3])
+    return float(np.mean(away > MISLEADING_PERCENT)) if len(told) else 0.0

@@ -1,6 +1,8 @@
 """When no number of the fused estimator may stand, and when one may."""
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,11 +17,12 @@ from edge_service.messages.channels import (
     TORQUE,
 )
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.features import PHASES, Fault, FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.studies.estimator_axis import FRAME_ROWS, downsampled
 from edge_service.studies.estimator_hostile import CASES, spoiled
 
-from .production import AXIS, FRESH, RATIO, machine, numbers, production, run
+from .production import AXIS, FRESH, RATIO, held, machine, numbers, production, run
 
 
 def moved_then(table_m: Callable[[Floats], Floats], seconds: float) -> list[PreloadEstimate]:
@@ -110,6 +113,58 @@ def test_what_is_spoiled_misleads_nobody(name: str) -> None:
     told = numbers(run(spoiled(case, AXIS, machine(), 60.0).blocks))
     assert len(told) > 100
     assert np.mean((told[:, 2] <= FRESH) & (told[:, 3] >= FRESH)) > 0.94
+
+
+def without_table(block: FeatureBlock) -> FeatureBlock:
+    """As the downsampler says it when the linear encoder is missing."""
+    phases = {name: replace(getattr(block, name), table_m=math.nan) for name in PHASES}
+    return replace(block, fault=block.fault | Fault.NO_TABLE, **phases)
+
+
+def shifted(block: FeatureBlock, by_m: float) -> FeatureBlock:
+    phases = {
+        name: replace(phase, table_m=phase.table_m + by_m)
+        for name in PHASES
+        if (phase := getattr(block, name)).steady_s > 0.0
+    }
+    return replace(block, **phases)
+
+
+def test_it_goes_on_while_the_linear_encoder_is_missing_and_when_it_is_back() -> None:
+    blocks = production("healthy")
+    blocks = [without_table(b) if 20.0 < b.time_s < 40.0 else b for b in blocks]
+    told = numbers(run(blocks))
+    assert len(told) > 550
+    assert held(told, FRESH) > 0.94
+
+
+@pytest.mark.parametrize("by_m", [5e-5, -1e-3])
+def test_a_linear_encoder_that_comes_back_elsewhere_is_no_loss(by_m: float) -> None:
+    blocks = production("healthy")
+    back = next(k for k, b in enumerate(blocks) if b.time_s > 30.0)
+    moved = [without_table(b) for b in blocks[back - 20 : back]]
+    moved += [shifted(b, by_m) for b in blocks[back:]]
+    moved[20] = replace(moved[20], fault=moved[20].fault | Fault.TABLE_SHIFTED)
+    told = numbers(run([*blocks[: back - 20], *moved]))
+    assert len(told) > 550
+    assert held(told[told[:, 0] > 30.0], FRESH) > 0.94
+
+
+def test_an_axis_with_both_encoders_can_begin_without_its_table() -> None:
+    told = numbers(run([without_table(block) for block in production("healthy")]))
+    assert len(told) > 550
+    assert held(told, FRESH) > 0.94
+
+
+def test_it_goes_on_after_an_interrupt_once_motion_is_seen() -> None:
+    blocks, estimator = production("healthy"), FusedPreloadEstimator(machine())
+    before = run(blocks[:300], estimator)[-1]
+    estimator.interrupt()
+    said = run(blocks[300:], estimator)
+    back = next(e for e in said if e.preload_percent is not None)
+    assert back.time_s < 33.0
+    assert back.preload_percent == pytest.approx(before.preload_percent, abs=0.3)
+    assert back.data_used_s > 20.0
 
 
 def test_frames_of_a_case_hold_its_rows_once() -> None:
