@@ -34,6 +34,8 @@ BEARING_NM, GUIDE_N = 0.05, 60.0
 COULOMB_NM = FRESH * PER_PERCENT_NM + BEARING_NM + RATIO * GUIDE_N
 TABLE_KG, COMPLIANCE, NUT_SHARE = 20.0, 3e-8, 0.3
 STROKE_M, REFERENCE_M = 0.8, 0.4
+TORQUE_NOISE_NM, STRETCH_NOISE_M = math.sqrt(5e-7 / 0.1), math.sqrt(3e-18 / 0.1)
+"""Of a mean over 0.1 s, as commissioning found it."""
 
 
 @cache
@@ -174,10 +176,10 @@ def idle(
 
 def measured(rng: np.random.Generator, truth: Truth, r: Reading, force_n: float = 0.0) -> Reading:
     """A phase with torque and stretch, their noise, and a force on the table (stretch by C F)."""
-    torque = truth.torque(r) + RATIO * force_n + 0.004 * rng.standard_normal()
+    torque = truth.torque(r) + RATIO * force_n + TORQUE_NOISE_NM * rng.standard_normal()
     if math.isnan(r.table_m):
         return r._replace(torque_nm=torque)
-    stretch = truth.stretch(r) + COMPLIANCE * force_n + 1e-8 * rng.standard_normal()
+    stretch = truth.stretch(r) + COMPLIANCE * force_n + STRETCH_NOISE_M * rng.standard_normal()
     return r._replace(torque_nm=torque, stretch_m=stretch)
 
 
