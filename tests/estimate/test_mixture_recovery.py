@@ -97,7 +97,8 @@ def test_a_step_of_the_preload_is_told_by_both_witnesses(seed: int, percent: flo
     axis = Axis(one_encoder=False).moved(seed, 60.0, FRESH_TRUTH)
     axis.moved(10 + seed, 40.0, Truth(percent=percent))
     assert axis.holds(percent), axis.said().preload
-    assert axis.said().faults["preload_loss"] > 0.9
+    if percent < 0.7 * FRESH:
+        assert axis.said().faults["preload_loss"] > 0.9
 
 
 @pytest.mark.parametrize(
