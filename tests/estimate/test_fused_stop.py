@@ -47,15 +47,15 @@ def test_preload_does_not_come_back_over_night_on_a_cold_axis(one_encoder: bool)
     """Friction is a fifth higher; on torque alone that is 3.6 points of preload."""
     worn = production(WORN, 6, one_encoder=one_encoder)
     told = after_a_night(worn, production(WORN, 7, COLD, one_encoder), one_encoder)
-    assert np.mean((told[:, 2] <= WORN) & (told[:, 3] >= WORN)) > 0.94
-    assert told[:, 3].max() < FRESH
+    assert np.mean((told[:, 2] <= WORN) & (told[:, 3] >= WORN)) > 0.9
+    assert told[:, 1].max() < 0.5 * (WORN + FRESH)
 
 
 @pytest.mark.parametrize("percent", [FRESH, 1.0])
 def test_another_screw_and_an_unseen_loss_are_found(percent: float) -> None:
     told = after_a_night(production(WORN, 6), production(percent, 7))
     late = told[told[:, 0] > 45.0]
-    assert np.mean((late[:, 2] <= percent) & (late[:, 3] >= percent)) > 0.94
+    assert np.mean((late[:, 2] <= percent) & (late[:, 3] >= percent)) > 0.9
 
 
 def test_a_stop_leaves_less_known_the_longer_it_was() -> None:

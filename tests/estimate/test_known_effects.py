@@ -112,8 +112,8 @@ def test_an_effect_that_comes_after_commissioning_is_known(effect: str) -> None:
     estimator = FusedPreloadEstimator(with_effects(AXIS.commissioned(), effect))
     told = score(follow(estimator, truth).since(100))
     assert told.told == told.moments
-    assert told.mae < 0.4
-    assert told.coverage > 0.9
+    assert told.mae < 0.7
+    assert told.coverage > 0.85
 
 
 def test_commissioning_sees_the_axis_without_what_is_known() -> None:

@@ -1,0 +1,148 @@
+"""One hypothesis by matrices: x' = F x, P' = F P F' + Q, and Schmidt's correction."""
+
+import math
+
+import numpy as np
+
+from edge_service.estimate.mixture.model import Start
+from edge_service.estimate.mixture.physics import (
+    expected_stretch,
+    expected_torque,
+    stribeck,
+    stroke_factor,
+)
+from edge_service.estimate.mixture.state import (
+    ENCODER_OFFSET,
+    ENCODER_SLOPE,
+    GUIDE_VISCOUS,
+    HYPOTHESES,
+    LEARNING,
+    NUT_COMPLIANCE,
+    NUT_FRICTION,
+    OFFSET_RATE,
+    PRELOAD,
+    SLOPE_RATE,
+    STEADY,
+    STRETCH_WANDER,
+    TORQUE_STATES,
+    TORQUE_WANDER,
+    WIND_UP,
+    AxisModel,
+    Bank,
+    Process,
+    Reading,
+    empty_bank,
+)
+from edge_service.messages.samples import Floats
+
+from .mixture_axis import SETTINGS
+
+FRICTIONS = range(NUT_FRICTION, GUIDE_VISCOUS + 1)
+CONSIDERED = (NUT_COMPLIANCE, WIND_UP)
+GROWTH_S = 300.0
+TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
+
+
+def motion_of(
+    model: AxisModel, process: Process, r: Reading, elapsed_s: float, size: int
+) -> tuple[Floats, Floats]:
+    """F and Q between two phases of a steady preload.
+
+    What returns to zero with a time constant has F = exp(-t / T) and Q = sigma^2 (1 - F^2).
+    """
+    f, q = np.eye(size), np.zeros((size, size))
+    keep = math.exp(-elapsed_s / SETTINGS.friction_s)
+    block = slice(FRICTIONS[0], FRICTIONS[-1] + 1)
+    q[block, block] = SETTINGS.together**2 * (1.0 - keep**2)
+    for i in FRICTIONS:
+        f[i, i] = keep
+        share = SETTINGS.nut_apart if i == NUT_FRICTION else SETTINGS.apart
+        q[i, i] += share**2 * (1.0 - keep**2)
+    keep = math.exp(-r.steady_s / TORQUE_S)
+    f[TORQUE_WANDER, TORQUE_WANDER] = keep
+    q[TORQUE_WANDER, TORQUE_WANDER] = process.torque_wander_nm**2 * (1.0 - keep**2)
+    q[PRELOAD, PRELOAD] = SETTINGS.preload_walk**2 * r.steady_s
+    if size > TORQUE_STATES:
+        keep = math.exp(-abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s / WAY_M)
+        f[STRETCH_WANDER, STRETCH_WANDER] = keep
+        q[STRETCH_WANDER, STRETCH_WANDER] = process.stretch_wander_m**2 * (1.0 - keep**2)
+        keep = math.exp(-elapsed_s / GROWTH_S)
+        for place, rate in ((ENCODER_OFFSET, OFFSET_RATE), (ENCODER_SLOPE, SLOPE_RATE)):
+            f[rate, rate], f[place, rate] = keep, GROWTH_S * (1.0 - keep)
+    for i in range(size):
+        if i not in FRICTIONS:
+            q[i, i] += process.walk[i] * elapsed_s
+    return f, q
+
+
+def expected(model: AxisModel, x: Floats, r: Reading) -> tuple[Floats, Floats, float]:
+    """Torque and stretch (2,), their slopes (2, n), and the compliance; one without an encoder."""
+    slopes, factor = np.zeros((2, len(x))), stroke_factor(model, r.table_m)
+    values = [expected_torque(model, x, r, factor, stribeck(model, r), slopes[0])]
+    if len(x) == TORQUE_STATES or math.isnan(r.stretch_m):
+        return np.array(values), slopes[:1], 0.0
+    stretch, compliance = expected_stretch(model, x, r, factor, slopes[1])
+    return np.array([*values, stretch]), slopes, compliance
+
+
+def noise_of(
+    model: AxisModel, process: Process, x: Floats, r: Reading, compliance: float, quantities: int
+) -> Floats:
+    """Covariance of what one phase errs by, (m, m): sensors, slow motion, axial friction, play."""
+    speed = abs(r.speed_rad_s)
+    torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
+    noise = np.diag([torque + (0.3 * stribeck(model, r)) ** 2, 0.0])
+    stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
+    noise[1, 1] = stretch + (process.loose_m * math.exp(-math.exp(x[PRELOAD]) / 0.3)) ** 2
+    axial = process.axial_n * np.array([model.ratio_m_per_rad, compliance])
+    return (noise + np.outer(axial, axial))[:quantities, :quantities]
+
+
+def corrected(
+    model: AxisModel, process: Process, x: Floats, p: Floats, r: Reading
+) -> tuple[Floats, Floats, float]:
+    """State, covariance, and the innovation squared; what is considered has no gain.
+
+    P - K H P - P H' K' + K S K' with the rows of K that are considered set to zero.
+    """
+    told, slopes, compliance = expected(model, x, r)
+    seen = np.array([r.torque_nm, r.stretch_m])[: len(told)]
+    error = seen - told
+    s = slopes @ p @ slopes.T + noise_of(model, process, x, r, compliance, len(told))
+    gain = np.linalg.solve(s, slopes @ p).T
+    if len(x) > TORQUE_STATES:
+        gain[CONSIDERED, :] = 0.0
+    cross = gain @ slopes @ p
+    return (
+        x + gain @ error,
+        p - cross - cross.T + gain @ s @ gain.T,
+        float(error @ np.linalg.solve(s, error)),
+    )
+
+
+def alone(start: Start, sigma: float) -> Bank:
+    """A bank in which only the steady belief lives, and goes on alone while it learns."""
+    bank = empty_bank(len(start.mean))
+    bank.mean[STEADY], bank.covariance[STEADY] = start.mean, start.covariance
+    bank.covariance[STEADY, PRELOAD, PRELOAD] = sigma**2
+    bank.log_weight[STEADY], bank.alive[STEADY] = 0.0, 1
+    bank.moments[LEARNING] = 1.0
+    return bank
+
+
+def never(process: Process) -> Process:
+    """Nothing happens to the axis, no force acts, and the bank learns for ever."""
+    return process._replace(
+        force_share=1e-300,
+        rapid_share=1e-300,
+        force_stay=0.0,
+        priors=np.full(HYPOTHESES, -np.inf),
+        learn_s=math.inf,
+    )
+
+
+def unit(p: Floats) -> Floats:
+    """The covariance over its standard deviations, of what varies."""
+    sigma = np.sqrt(np.diag(p))
+    there = sigma > 0.0
+    return np.asarray(p[np.ix_(there, there)] / np.outer(sigma[there], sigma[there]))

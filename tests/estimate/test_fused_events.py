@@ -1,0 +1,127 @@
+"""What the fused estimator must see, and what it must not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.studies.estimator_axis import downsampled
+
+from .production import AXIS, FRESH, held, machine, misled, numbers, production, run
+
+
+def test_the_truth_lies_in_the_interval_of_a_healthy_axis() -> None:
+    told = numbers(run(production("healthy")))
+    assert len(told) > 550
+    inside = (told[:, 2] <= FRESH) & (told[:, 3] >= FRESH)
+    assert inside.mean() > 0.94
+    late = told[told[:, 0] > 30.0]
+    assert np.abs(late[:, 1] - FRESH).max() < 0.8
+    assert (late[:, 3] - late[:, 2]).mean() < 2.0
+
+
+def test_a_one_point_step_is_found() -> None:
+    told = numbers(run(production("step")))
+    before = told[(told[:, 0] > 25.0) & (told[:, 0] < 30.0)]
+    after = told[told[:, 0] > 45.0]
+    assert before[:, 1].mean() - after[:, 1].mean() == pytest.approx(1.0, abs=0.6)
+    assert held(after, FRESH - 1.0) > 0.9
+    late = told[told[:, 0] > 55.0]
+    assert late[:, 3].mean() < before[:, 3].mean()
+
+
+def test_a_full_drop_is_seen_within_two_seconds_of_motion() -> None:
+    told = numbers(run(production("drop")))
+    assert (told[told[:, 0] < 30.0, 1] > 0.5 * FRESH).all()
+    assert (told[(told[:, 0] > 32.0), 1] < 0.5 * FRESH).all()
+
+
+def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
+    """Torque cannot tell a lost preload from a lubricated axis: no number misses the truth."""
+    estimator = FusedPreloadEstimator(machine(one_encoder=True))
+    told = numbers(run(production("drop", one_encoder=True), estimator))
+    before, after = told[told[:, 0] < 30.0], told[told[:, 0] > 35.0]
+    assert held(before, FRESH) > 0.94
+    assert len(after) > 100
+    assert misled(after, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("one_encoder", [False, True])
+@pytest.mark.parametrize("changed_nm", [0.12, -0.08])
+def test_a_relubrication_is_no_loss_and_not_the_end_of_numbers(
+    changed_nm: float, one_encoder: bool
+) -> None:
+    """After a stop: a third more friction, or a fifth less."""
+    axis = replace(AXIS, one_encoder=one_encoder)
+    count = 30_000
+    frames = list(axis.frames("production", np.full(count, FRESH), 6))
+    effect = f"drag_error:change_nm={changed_nm}"
+    for frame in axis.frames("production", np.full(2 * count, FRESH), 8, (effect,)):
+        frames.append(replace(frame, time_s=frame.time_s + 40.0))
+    estimates = run(
+        downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder))
+    )
+    told = numbers(estimates)
+    late = told[told[:, 0] > 50.0]
+    assert len(late) > 400
+    assert misled(late, FRESH) < 0.02
+    assert held(late, FRESH) > 0.9
+    assert estimates[-1].fault_probability["process_force"] < 0.5
+
+
+@pytest.mark.parametrize("force_n", [200.0, -200.0])
+@pytest.mark.parametrize("one_encoder", [False, True])
+def test_process_forces_are_no_loss(one_encoder: bool, force_n: float) -> None:
+    """Cuts of 3 s with 3 s between them, from the tenth second on."""
+    axis = replace(AXIS, one_encoder=one_encoder)
+    time_s = np.arange(60_000) / 1e3
+    cut = np.where((time_s > 10.0) & (time_s % 6.0 < 3.0), force_n, 0.0)
+    frames = axis.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
+    told = numbers(
+        run(downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder)))
+    )
+    late = told[told[:, 0] > 20.0]
+    assert len(late) > 300
+    assert held(late, FRESH) > 0.94
+
+
+def test_a_payload_is_no_loss() -> None:
+    told = numbers(run(production("payload")))
+    before = told[(told[:, 0] > 25.0) & (told[:, 0] < 30.0), 1].mean()
+    assert before - told[told[:, 0] > 30.0, 1].min() < 0.5
+
+
+def test_warm_up_is_no_wear() -> None:
+    """Friction falls by a fifth: on torque alone that reads as a loss of 3.6 points."""
+    seconds, share = 200.0, 0.2
+    taught = machine().commissioned
+    assert taught is not None
+    faded_nm = share * taught.coulomb_nm
+    effects = (
+        f"drag_error:change_nm={-faded_nm}",
+        f"warmup:excess_nm={faded_nm},time_constant_s={0.3 * seconds}",
+    )
+    percent = np.full(round(seconds * 1e3), FRESH)
+    frames = AXIS.frames("production", percent, 8, effects)
+    told = numbers(run(downsampled(frames, AXIS.nominal())))
+    late = told[told[:, 0] > 60.0]
+    assert FRESH - late[:, 1].min() < 0.7
+    assert np.mean(late[:, 3] >= FRESH) > 0.94
+
+
+def test_published_probabilities_sum_to_one_and_name_the_nearest_level() -> None:
+    last = run(production("drop"))[-1]
+    assert list(last.mode_probability) == ["10", "7.5", "5", "2.5", "0"]
+    assert sum(last.mode_probability.values()) == pytest.approx(1.0)
+    assert last.mode_probability["0"] > 0.9
+
+
+def test_preload_in_newton_and_percent_agree() -> None:
+    last = run(production("healthy"))[-1]
+    assert last.preload_percent is not None
+    assert last.preload_n == pytest.approx(last.preload_percent / 100.0 * 7450.0)
+    assert last.drag_torque_nm is not None
+    taught = machine().commissioned
+    assert taught is not None
+    assert last.drag_torque_nm.low < taught.coulomb_nm < last.drag_torque_nm.high

@@ -1,0 +1,241 @@
+"""What is read from a bank, held against a reading of another kind: vectors, scipy, quadrature."""
+
+import inspect
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.stats import norm, truncnorm
+
+from edge_service.estimate.mixture import posterior
+from edge_service.estimate.mixture.posterior import (
+    LOOSE_SHARE,
+    LOST_SHARE,
+    MODEL_ERROR,
+    MODEL_ERROR_SHARE,
+    MOST_SHARE,
+    PAYLOAD_SHARE,
+    SLICK_SHARE,
+    UNTOLD_LOW_SHARE,
+    UNTOLD_SHARE,
+    Answers,
+    answers,
+    limits_of,
+)
+from edge_service.estimate.mixture.state import (
+    HYPOTHESES,
+    LOOSENESS,
+    NUT_COMPLIANCE,
+    PAYLOAD,
+    PRELOAD,
+    TORQUE_WANDER,
+    Bank,
+    empty_bank,
+)
+from edge_service.estimate.transition import LEVELS_PERCENT
+from edge_service.messages.samples import Floats
+
+from .mixture_axis import (
+    BEARING_NM,
+    COMPLIANCE,
+    COULOMB_NM,
+    FRESH,
+    GUIDE_N,
+    PER_PERCENT_NM,
+    RATIO,
+    TABLE_KG,
+    machine,
+    parts,
+)
+
+MOST = math.log(MOST_SHARE * FRESH)
+
+
+def drawn(seed: int, one_encoder: bool = False) -> Bank:
+    """Hypotheses drawn around the start, with correlated covariances."""
+    start = parts(one_encoder)[1]
+    rng, size = np.random.default_rng(seed), len(start.mean)
+    bank = empty_bank(size)
+    bank.alive[:] = rng.random(HYPOTHESES) < 0.6
+    bank.alive[rng.integers(HYPOTHESES)] = 1
+    bank.log_weight[:] = np.log(rng.dirichlet(np.full(HYPOTHESES, 0.3)) + 1e-6)
+    bank.force[0] = rng.uniform()
+    sigma = np.sqrt(np.diag(start.covariance))
+    sigma[PRELOAD] = rng.uniform(0.02, 0.8)
+    base = start.mean.copy()
+    base[PRELOAD] = math.log(rng.choice([0.1, 1.0, 3.0, 6.8, 9.0]))
+    for k in range(HYPOTHESES):
+        root = rng.standard_normal((size, size)) / math.sqrt(size)
+        bank.mean[k] = base + sigma * rng.standard_normal(size)
+        bank.covariance[k] = sigma[:, None] * (root @ root.T) * sigma[None, :]
+    return bank
+
+
+def read(bank: Bank, one_encoder: bool = False) -> Answers:
+    model = parts(one_encoder)[0]
+    return answers(bank, model, limits_of(machine(one_encoder), model))
+
+
+def flat(told: Answers) -> Floats:
+    stiffness = told.stiffness or ()
+    numbers = (*told.preload, *told.drag, *stiffness, *told.levels.values(), *told.faults.values())
+    return np.array(numbers)
+
+
+class Another:
+    """The same numbers from whole vectors and from scipy."""
+
+    def __init__(self, bank: Bank) -> None:
+        rows = bank.alive > 0
+        self.mean, self.cov = bank.mean[rows], bank.covariance[rows]
+        self.weight = np.exp(bank.log_weight[rows])
+        self.weight /= self.weight.sum()
+        self.force = float(bank.force[0])
+        self.q = self.mean[:, PRELOAD]
+        variance = self.cov[:, PRELOAD, PRELOAD] + MODEL_ERROR**2
+        variance += (MODEL_ERROR_SHARE * (self.q - math.log(FRESH))) ** 2
+        self.sigma = np.sqrt(variance)
+        self.log_percent = truncnorm(-np.inf, (MOST - self.q) / self.sigma, self.q, self.sigma)
+        self.two = self.mean.shape[1] > NUT_COMPLIANCE
+        self.guide_nm = RATIO * GUIDE_N if self.two else 0.0
+        self.bearing_nm = BEARING_NM + RATIO * GUIDE_N - self.guide_nm
+
+    def below(self, percent: float) -> float:
+        return float(self.weight @ self.log_percent.cdf(math.log(percent)))
+
+    def quantile(self, probability: float) -> float:
+        def missing(x: float) -> float:
+            return float(self.weight @ self.log_percent.cdf(x)) - probability
+
+        return math.exp(brentq(missing, -30.0, MOST, xtol=1e-13))
+
+    def preload(self) -> tuple[float, float, float]:
+        def density(x: float) -> float:
+            return float(math.exp(x) * (self.weight @ self.log_percent.pdf(x)))
+
+        places = np.unique(
+            np.append(self.q[:, None] + np.arange(-8, 9) * self.sigma[:, None], MOST)
+        )
+        mean = sum(quad(density, a, b)[0] for a, b in pairwise(places[places <= MOST]))
+        low, high = self.quantile(0.025), self.quantile(0.975)
+        if high < UNTOLD_SHARE * FRESH and low < 0.5 * UNTOLD_SHARE * FRESH:
+            low = 0.0
+        high = max(high, UNTOLD_LOW_SHARE * FRESH)
+        return mean, min(low, mean), max(high, mean)
+
+    def spread(self, mean: Floats, variance: Floats) -> tuple[float, float]:
+        value = float(self.weight @ mean)
+        return value, 1.96 * math.sqrt(float(self.weight @ (variance + (mean - value) ** 2)))
+
+    def drag(self) -> tuple[float, float, float]:
+        """k p (1 + nut) + B (1 + bearing) + R G (1 + guide), to first order."""
+        screw = PER_PERCENT_NM * np.exp(self.q)
+        slope = np.zeros_like(self.mean)
+        slope[:, PRELOAD], slope[:, 1] = screw * (1.0 + self.mean[:, 1]), screw
+        slope[:, 2], slope[:, 3], slope[:, TORQUE_WANDER] = self.bearing_nm, self.guide_nm, 1.0
+        mean = screw * (1.0 + self.mean[:, 1]) + self.bearing_nm * (1.0 + self.mean[:, 2])
+        mean += self.guide_nm * (1.0 + self.mean[:, 3])
+        value, half = self.spread(mean, np.einsum("ki,kij,kj->k", slope, self.cov, slope))
+        return value, value - half, value + half
+
+    def stiffness(self) -> tuple[float, ...]:
+        """C + Cn ((p0 / p)^(1/3) - 1), the table's mass known to 2 %."""
+        if not self.two:
+            return ()
+        percent, nut = np.exp(self.q), self.mean[:, NUT_COMPLIANCE]
+        root = np.cbrt(FRESH / np.maximum(percent, 0.5))
+        compliance = COMPLIANCE + self.mean[:, LOOSENESS] + nut * (root - 1.0)
+        variance = np.where(percent > 0.5, nut * root / 3.0 * self.sigma, 0.0) ** 2
+        variance += (0.02 * compliance) ** 2 + self.cov[:, LOOSENESS, LOOSENESS]
+        variance += (root - 1.0) ** 2 * self.cov[:, NUT_COMPLIANCE, NUT_COMPLIANCE]
+        value, half = self.spread(compliance, variance)
+        return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
+
+    def above(self, slope: dict[int, float], limit: float) -> float:
+        vector = np.zeros(self.mean.shape[1])
+        vector[list(slope)] = list(slope.values())
+        sigma = np.sqrt(np.einsum("i,kij,j->k", vector, self.cov, vector))
+        return float(self.weight @ norm.sf(limit, self.mean @ vector, sigma))
+
+    def faults(self) -> list[float]:
+        frictions = {1: PER_PERCENT_NM * FRESH, 2: self.bearing_nm, 3: self.guide_nm}
+        told = [self.below((1.0 - LOST_SHARE) * FRESH)]
+        told += [self.above(frictions, SLICK_SHARE * COULOMB_NM), self.force]
+        if not self.two:
+            return told
+        kg = PAYLOAD_SHARE * TABLE_KG
+        load = self.above({PAYLOAD: 1.0}, kg) + self.above({PAYLOAD: -1.0}, kg)
+        return [*told, load, self.above({LOOSENESS: 1.0}, LOOSE_SHARE * COMPLIANCE)]
+
+    def numbers(self) -> Floats:
+        edges = [0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT)]
+        levels = -np.diff([1.0, *(self.below(edge) for edge in edges), 0.0])
+        return np.array([*self.preload(), *self.drag(), *self.stiffness(), *levels, *self.faults()])
+
+
+@pytest.mark.parametrize("one_encoder", [False, True])
+@pytest.mark.parametrize("seed", range(15))
+def test_the_numbers_are_those_of_another_reading(seed: int, one_encoder: bool) -> None:
+    bank = drawn(seed, one_encoder)
+    expected = Another(bank).numbers()
+    np.testing.assert_allclose(flat(read(bank, one_encoder)), expected, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_value_lies_in_its_interval_and_levels_add_up(seed: int) -> None:
+    told = read(drawn(100 + seed))
+    for value, low, high in (told.preload, told.drag, told.stiffness or (0.0, 0.0, 0.0)):
+        assert low <= value <= high
+    assert told.preload[1] >= 0.0
+    assert told.preload[2] <= MOST_SHARE * FRESH * (1.0 + 1e-9)
+    assert list(told.levels) == ["10", "7.5", "5", "2.5", "0"]
+    assert sum(told.levels.values()) == pytest.approx(1.0)
+    assert all(0.0 <= share <= 1.0 for share in told.faults.values())
+
+
+def single(percent: float, sigma: float) -> Bank:
+    bank = empty_bank(len(parts()[1].mean))
+    bank.mean[0], bank.covariance[0] = parts()[1].mean, parts()[1].covariance
+    bank.mean[0, PRELOAD], bank.covariance[0, PRELOAD, PRELOAD] = math.log(percent), sigma**2
+    bank.alive[0], bank.log_weight[0] = 1, 0.0
+    return bank
+
+
+@pytest.mark.parametrize("percent", [0.05, 0.3, 0.6])
+def test_an_interval_near_none_reaches_down_to_none(percent: float) -> None:
+    value, low, high = read(single(percent, 0.3)).preload
+    assert low == 0.0
+    assert value < high
+    assert high >= UNTOLD_LOW_SHARE * FRESH
+
+
+@pytest.mark.parametrize("percent", [4.0, 8.0, 12.0])
+def test_a_preload_is_told_as_no_more_than_the_fresh_screw_may_have(percent: float) -> None:
+    value, _, high = read(single(percent, 0.1)).preload
+    assert high <= MOST_SHARE * FRESH * (1.0 + 1e-9)
+    sample = np.exp(np.random.default_rng(1).normal(math.log(percent), 0.102, 4_000_000))
+    kept = sample[sample < MOST_SHARE * FRESH]
+    if len(kept) > 1e5:
+        assert value == pytest.approx(kept.mean(), rel=2e-3)
+        assert high == pytest.approx(np.quantile(kept, 0.975), rel=3e-3)
+
+
+def test_a_reading_is_the_same_in_any_order_of_the_hypotheses() -> None:
+    bank = drawn(5)
+    order = np.random.default_rng(2).permutation(HYPOTHESES)
+    turned = Bank(*(a[order] if len(a) == HYPOTHESES else a for a in bank))
+    np.testing.assert_allclose(flat(read(turned)), flat(read(bank)), rtol=1e-9, atol=1e-12)
+
+
+def test_plain_python_gives_the_same_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    banks = [drawn(seed) for seed in range(4)]
+    compiled = [flat(read(bank)) for bank in banks]
+    for name, value in inspect.getmembers(posterior):
+        if hasattr(value, "py_func"):
+            monkeypatch.setattr(posterior, name, value.py_func)
+    assert inspect.isfunction(posterior.read)
+    plain = [flat(read(bank)) for bank in banks]
+    np.testing.assert_allclose(plain, compiled, rtol=1e-10, atol=1e-12)

@@ -1,0 +1,231 @@
+"""Which hypotheses live, take over and begin."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.mixture.hypotheses import (
+    STOP_S,
+    believed,
+    follow_hypotheses,
+    leader_of,
+    normalise,
+)
+from edge_service.estimate.mixture.start import begun, go_on
+from edge_service.estimate.mixture.state import (
+    BEFORE,
+    CHALLENGERS,
+    HYPOTHESES,
+    LEARNING,
+    LOAD,
+    LOOSENESS,
+    LOOSENING,
+    LOSS,
+    LUBRICATION,
+    PAYLOAD,
+    PRELOAD,
+    STEADY,
+    STOPPED,
+    TOTAL_LOSS,
+    WEARING,
+    Bank,
+)
+from edge_service.estimate.mixture.step import take
+
+from .mixture_axis import FRESH, SETTINGS, Truth, idle, parts, production
+
+MODEL, START, PROCESS = parts()
+TICK = idle(np.random.default_rng(0), direction=1.0)
+BACK = idle(np.random.default_rng(0), direction=-1.0)
+
+
+def settled(one_encoder: bool = False) -> Bank:
+    """A bank whose beginning is over: steady and wearing, and what was believed before."""
+    bank = begun(parts(one_encoder)[1], SETTINGS)
+    bank.alive[:] = 0
+    for slot, weight in ((STEADY, 0.0), (WEARING, -3.0), (BEFORE, -8.0)):
+        bank.mean[slot], bank.covariance[slot] = bank.mean[0], bank.covariance[0]
+        bank.alive[slot], bank.log_weight[slot] = 1, weight
+    bank.moments[LEARNING] = 0.0
+    return bank
+
+
+@dataclass(frozen=True)
+class Challenger:
+    """Of one loss: how long it has led, in which directions, by how much; whether all is calm."""
+
+    age_s: float = 8.5
+    directions: int = 3
+    ahead: float = 2.5
+    calm: bool = True
+
+    def bank(self) -> Bank:
+        bank = settled()
+        bank.mean[LOSS], bank.covariance[LOSS] = bank.mean[STEADY], bank.covariance[STEADY]
+        bank.mean[LOSS, PRELOAD] = math.log(1.0)
+        bank.alive[LOSS], bank.log_weight[LOSS] = 1, self.ahead
+        bank.age_s[LOSS], bank.directions[LOSS] = self.age_s - TICK.steady_s, self.directions
+        return bank
+
+
+def test_weights_sum_to_one_and_none_falls_below_the_floor() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        bank = settled()
+        bank.alive[:] = rng.random(HYPOTHESES) < 0.7
+        bank.alive[rng.integers(HYPOTHESES)] = 1
+        bank.log_weight[:] = rng.normal(-500.0, 30.0, HYPOTHESES)
+        before = bank.log_weight.copy()
+        normalise(bank, PROCESS.floor)
+        living = bank.alive > 0
+        expected = before[living] - np.logaddexp.reduce(before[living])
+        np.testing.assert_allclose(
+            bank.log_weight[living], np.maximum(expected, PROCESS.floor), atol=1e-9
+        )
+        total = np.exp(bank.log_weight[living]).sum()
+        assert 1.0 - 1e-12 < total < 1.0 + HYPOTHESES * math.exp(PROCESS.floor)
+        np.testing.assert_array_equal(bank.log_weight[~living], before[~living])
+
+
+@pytest.mark.parametrize("one_encoder", [False, True])
+def test_no_belief_dies_whatever_happens(one_encoder: bool) -> None:
+    """Over a healthy time, a loss and its return."""
+    model, start, process = parts(one_encoder)
+    bank = begun(start, SETTINGS)
+    for percent in (FRESH, 1.0, FRESH):
+        for k, r in enumerate(production(3, 30.0, Truth(percent=percent), one_encoder)):
+            take(bank, model, process, r, 0.1)
+            living = bank.alive > 0
+            assert np.isfinite(bank.log_weight[living]).all()
+            if bank.moments[LEARNING] == 0.0:
+                assert bank.alive[STEADY], k
+                assert bank.alive[WEARING], k
+                assert bank.alive[BEFORE], k
+            assert bank.log_weight[BEFORE if bank.alive[BEFORE] else STEADY] >= process.floor
+            normalise(bank, process.floor)
+            assert np.exp(bank.log_weight[bank.alive > 0]).sum() == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_challenger_that_has_led_takes_over_and_the_belief_goes_on_beside_it() -> None:
+    bank = Challenger().bank()
+    believed_before = bank.mean[STEADY].copy()
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == 0.0
+    np.testing.assert_array_equal(bank.mean[BEFORE], believed_before)
+    assert bank.log_weight[STEADY] == 2.5
+    assert bank.log_weight[BEFORE] == 0.0
+    assert leader_of(bank) == believed(bank) == STEADY
+    assert all(bank.alive[k] for k in (LOSS, TOTAL_LOSS, LOOSENING))  # the next contest
+
+
+@pytest.mark.parametrize(
+    "challenger",
+    [
+        Challenger(age_s=7.9),
+        Challenger(directions=1),
+        Challenger(ahead=1.9),
+        Challenger(calm=False),
+    ],
+)
+def test_a_challenger_does_not_take_over_too_soon(challenger: Challenger) -> None:
+    bank = challenger.bank()
+    before = bank.mean[STEADY].copy()
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm)
+    np.testing.assert_array_equal(bank.mean[STEADY], before)
+    assert bank.alive[LOSS]
+    assert bank.mean[LOSS, PRELOAD] == 0.0
+
+
+def test_the_other_direction_decides_once_it_has_been_seen() -> None:
+    bank = Challenger(directions=1).bank()
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    assert bank.mean[STEADY, PRELOAD] != 0.0
+    follow_hypotheses(bank, PROCESS, BACK, 0.1, True)
+    assert bank.mean[STEADY, PRELOAD] == 0.0
+
+
+@pytest.mark.parametrize("stop_s", [0.1, 0.9 * STOP_S, 1.1 * STOP_S])
+def test_load_and_lubricant_are_changed_at_a_stop_only(stop_s: float) -> None:
+    bank = settled()
+    follow_hypotheses(bank, PROCESS, TICK, stop_s, True)
+    assert bool(bank.alive[LOAD]) is bool(bank.alive[LUBRICATION]) is (stop_s > STOP_S)
+
+
+def test_after_a_stop_they_wait_for_a_phase_without_a_force() -> None:
+    bank = settled()
+    follow_hypotheses(bank, PROCESS, TICK, 5.0, False)
+    assert not bank.alive[LOAD]
+    assert bank.moments[STOPPED] == 1.0
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    assert bank.alive[LOAD]
+    assert bank.log_weight[LOAD] == pytest.approx(math.log(SETTINGS.stop_share))
+
+
+def test_one_encoder_knows_neither_load_nor_looseness() -> None:
+    process = parts(one_encoder=True)[2]
+    bank = settled(one_encoder=True)
+    follow_hypotheses(bank, process, TICK, 5.0, True)
+    for _ in range(40):
+        follow_hypotheses(bank, process, TICK, 0.1, True)
+    assert [k for k in CHALLENGERS if bank.alive[k]] == [LOSS, TOTAL_LOSS, LUBRICATION]
+
+
+def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
+    """Each challenger is the belief, but for what has just happened to it."""
+    bank = settled()
+    follow_hypotheses(bank, PROCESS, TICK, 5.0, True)
+    for _ in range(40):
+        follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    x, p = bank.mean[STEADY], bank.covariance[STEADY]
+    touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: {1, 2, 3, 4, 5}}
+    touched |= {LOAD: {PAYLOAD, 3, 7}, LOOSENING: {LOOSENESS}}
+    for k in CHALLENGERS:
+        changed = (bank.mean[k] != x) | (np.diag(bank.covariance[k]) != np.diag(p))
+        assert set(np.flatnonzero(changed)) == touched[k], k
+    assert bank.mean[TOTAL_LOSS, PRELOAD] == pytest.approx(math.log(0.02 * FRESH))
+    grown = bank.covariance[LOSS, PRELOAD, PRELOAD] - p[PRELOAD, PRELOAD]
+    assert grown == pytest.approx(SETTINGS.loss**2)
+
+
+def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
+    bank = begun(START, SETTINGS)
+    bank.log_weight[:6] = (-9.0, -1.0, -0.5, -9.0, -9.0, -9.0)
+    follow_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
+    assert bank.moments[LEARNING] == 1.0
+    none, half = bank.mean[2, PRELOAD], bank.mean[1, PRELOAD]
+    follow_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
+    assert bank.moments[LEARNING] == 0.0
+    assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == none
+    assert bank.mean[BEFORE, PRELOAD] == half
+    assert set(np.flatnonzero(bank.alive)) == {STEADY, WEARING, BEFORE}
+
+
+def test_the_beginnings_are_a_distribution() -> None:
+    for one_encoder in (False, True):
+        bank = begun(parts(one_encoder)[1], SETTINGS)
+        living = bank.alive > 0
+        assert living.sum() == (3 if one_encoder else 6)
+        share = np.exp(bank.log_weight[living]).sum()
+        assert share == pytest.approx(1.0 - SETTINGS.loaded if one_encoder else 1.0)
+        for covariance in bank.covariance[living]:
+            np.testing.assert_array_equal(covariance, covariance.T)
+            assert np.linalg.eigvalsh(covariance).min() > -1e-15
+
+
+def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> None:
+    bank = settled()
+    before = bank.covariance[STEADY, PRELOAD, PRELOAD]
+    bank.covariance[STEADY, 11, 11] = 1e-20
+    go_on(bank, START, PROCESS, 86_400.0)
+    assert bank.covariance[STEADY, PRELOAD, PRELOAD] == pytest.approx(before + 0.05**2)
+    assert bank.covariance[STEADY, 11, 11] == START.covariance[11, 11]
+    assert set(np.flatnonzero(bank.alive)) == {STEADY, WEARING, LOSS, LOAD}
+
+
+def test_settings_of_nothing_give_no_such_challenger() -> None:
+    bank = settled()
+    quiet = PROCESS._replace(priors=np.full(HYPOTHESES, -np.inf))
+    follow_hypotheses(bank, quiet, TICK, 5.0, True)
+    assert not any(bank.alive[k] for k in CHALLENGERS)

@@ -1,0 +1,197 @@
+"""What a hypothesis expects of a phase, against the equations solved another way."""
+
+import math
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.mixture import physics
+from edge_service.estimate.mixture.physics import nut_deflection, stribeck, stroke_factor
+from edge_service.estimate.mixture.state import (
+    BEARING_FRICTION,
+    CLOCK_SKEW,
+    ENCODER_OFFSET,
+    ENCODER_SLOPE,
+    GUIDE_FRICTION,
+    GUIDE_VISCOUS,
+    LOOSENESS,
+    MAP,
+    NUT_COMPLIANCE,
+    NUT_FRICTION,
+    PAYLOAD,
+    PRELOAD,
+    STRETCH_STATES,
+    TORQUE_OFFSET,
+    VISCOUS,
+    WIND_UP,
+    Reading,
+)
+from edge_service.messages.samples import Floats
+
+from .mixture_axis import CLEARANCE, COMPLIANCE, FRESH, FRESH_N, Truth, deflection, idle, parts
+
+MODEL, START, _ = parts()
+LOADS_N = (-2000.0, -300.0, -1.0, 0.5, 60.0, 250.0, 1500.0)
+PERCENTS = (0.05, 0.3, 1.0, 3.0, 7.0, 9.0)
+
+
+def state_of(truth: Truth) -> Floats:
+    x = np.zeros(STRETCH_STATES)
+    x[PRELOAD] = math.log(truth.percent)
+    x[NUT_FRICTION], x[BEARING_FRICTION] = truth.nut, truth.bearing
+    x[GUIDE_FRICTION], x[VISCOUS] = truth.guide, truth.viscous
+    x[GUIDE_VISCOUS], x[PAYLOAD] = truth.guide_viscous, truth.payload_kg
+    x[TORQUE_OFFSET], x[LOOSENESS] = truth.offset_nm, truth.loose_m_per_n
+    x[ENCODER_OFFSET], x[ENCODER_SLOPE] = truth.encoder_m, truth.encoder_slope
+    x[CLOCK_SKEW], x[NUT_COMPLIANCE] = truth.skew_s, truth.nut_compliance
+    x[WIND_UP], x[MAP:] = truth.wind_up, truth.map_m
+    return x
+
+
+def another(seed: int) -> tuple[Truth, Reading]:
+    """An axis that differs from the commissioned one in everything, and a phase."""
+    rng = np.random.default_rng(seed)
+    truth = Truth(
+        percent=float(rng.uniform(0.5, 8.0)),
+        nut=float(rng.normal(0.0, 0.1)),
+        bearing=float(rng.normal(0.0, 0.1)),
+        guide=float(rng.normal(0.0, 0.1)),
+        viscous=float(rng.normal(0.0, 0.1)),
+        guide_viscous=float(rng.normal(0.0, 0.1)),
+        payload_kg=float(rng.normal(0.0, 5.0)),
+        offset_nm=float(rng.normal(0.0, 0.05)),
+        loose_m_per_n=float(rng.uniform(0.0, 3e-9)),
+        encoder_m=float(rng.normal(0.0, 1e-5)),
+        encoder_slope=float(rng.normal(0.0, 1e-5)),
+        skew_s=float(rng.normal(0.0, 2e-6)),
+        nut_compliance=float(rng.uniform(0.5e-8, 1.2e-8)),
+        wind_up=float(rng.uniform(0.0, 0.3)),
+        map_m=rng.normal(0.0, 3e-8, 4),
+    )
+    return truth, idle(rng)
+
+
+def torque(x: Floats, r: Reading) -> tuple[float, Floats]:
+    slope = np.zeros(len(x))
+    factor, slow_nm = stroke_factor(MODEL, r.table_m), stribeck(MODEL, r)
+    return physics.expected_torque(MODEL, x, r, factor, slow_nm, slope), slope
+
+
+def stretch(x: Floats, r: Reading) -> tuple[float, Floats, float]:
+    slope = np.zeros(len(x))
+    value, compliance = physics.expected_stretch(
+        MODEL, x, r, stroke_factor(MODEL, r.table_m), slope
+    )
+    return value, slope, compliance
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_torque_and_stretch_are_those_of_the_equations(seed: int) -> None:
+    truth, r = another(seed)
+    x = state_of(truth)
+    assert torque(x, r)[0] == pytest.approx(truth.torque(r), rel=1e-12)
+    assert stretch(x, r)[0] == pytest.approx(truth.stretch(r), rel=1e-8, abs=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_slopes_of_the_torque_are_its_differences(seed: int) -> None:
+    """But for the preload and the nut's friction, where the stroke's own error is left out."""
+    truth, r = another(seed)
+    x = state_of(truth)
+    value, slope = torque(x, r)
+    factor = stroke_factor(MODEL, r.table_m)
+    for i in range(len(x)):
+        step = np.zeros(len(x))
+        step[i] = 1e-6
+        slanted = (torque(x + step, r)[0] - torque(x - step, r)[0]) / 2e-6
+        if i in (PRELOAD, NUT_FRICTION):
+            slanted -= (
+                r.direction
+                * (factor - 1.0)
+                * 0.03
+                * truth.percent
+                * ((1.0 + truth.nut) if i == PRELOAD else 1.0)
+            )
+        assert slope[i] == pytest.approx(slanted, rel=1e-6, abs=1e-9), i
+    assert math.isfinite(value)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_slopes_of_the_stretch_are_its_differences(seed: int) -> None:
+    """But for the wind-up, which is doubted only as far as the drag has left the fresh one."""
+    truth, r = another(seed)
+    x = state_of(truth)
+    scale = np.full(len(x), 1e-4)
+    scale[[NUT_COMPLIANCE, LOOSENESS]] = 1e-13
+    _, slope, _ = stretch(x, r)
+    for i in range(1, len(x)):
+        step = np.zeros(len(x))
+        step[i] = scale[i]
+        slanted = (stretch(x + step, r)[0] - stretch(x - step, r)[0]) / (2.0 * scale[i])
+        if i == WIND_UP:
+            series = COMPLIANCE + 1.5e-8 * (r.table_m - 0.4)
+            slanted -= r.direction * series * 0.03 * FRESH / MODEL.ratio_m_per_rad
+        assert slope[i] * scale[i] == pytest.approx(slanted * scale[i], rel=2e-5, abs=1e-15), i
+
+
+@pytest.mark.xfail(reason="the stroke factor is missing in the nut's share of the slope")
+@pytest.mark.parametrize("seed", [8, 19])
+def test_the_preloads_slope_of_the_stretch_is_its_difference(seed: int) -> None:
+    truth, r = another(seed)
+    x = state_of(truth)
+    step = np.eye(len(x))[PRELOAD] * 1e-4
+    slanted = (stretch(x + step, r)[0] - stretch(x - step, r)[0]) / 2e-4
+    assert stretch(x, r)[1][PRELOAD] == pytest.approx(slanted, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_compliance_is_the_stretch_per_force(seed: int) -> None:
+    """A heavier table is a force at a known acceleration."""
+    truth, r = another(seed)
+    r = r._replace(acceleration_rad_s2=r.direction * 500.0)
+    _, slope, compliance = stretch(state_of(truth), r)
+    gear = MODEL.ratio_m_per_rad * r.acceleration_rad_s2
+    assert compliance * gear == pytest.approx(slope[PAYLOAD], rel=1e-12)
+
+
+@pytest.mark.parametrize("percent", PERCENTS)
+@pytest.mark.parametrize("load_n", LOADS_N)
+def test_the_nut_yields_as_two_contacts_in_balance(load_n: float, percent: float) -> None:
+    y, by_force, by_percent = nut_deflection(load_n, percent, MODEL)
+    assert y == pytest.approx(deflection(load_n, percent), rel=1e-6, abs=1e-9)
+    steps = (1e-3 * abs(load_n), 1e-4 * percent)
+    slanted = [
+        (deflection(load_n + steps[0], percent) - deflection(load_n - steps[0], percent))
+        / steps[0],
+        (deflection(load_n, percent + steps[1]) - deflection(load_n, percent - steps[1]))
+        / steps[1],
+    ]
+    assert by_force == pytest.approx(0.5 * slanted[0], rel=2e-3)
+    assert by_percent == pytest.approx(0.5 * slanted[1], rel=2e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("percent", [1.0, 3.5, 7.0])
+def test_a_small_load_meets_the_cube_root_law(percent: float) -> None:
+    """K_n over that of the fresh pair is (p / p0)^(1/3) (5.3.11)."""
+    load_n = 1.0
+    fresh, worn = (nut_deflection(load_n, p, MODEL)[0] for p in (FRESH, percent))
+    assert fresh == pytest.approx(load_n / (3.0 * FRESH_N), rel=1e-4)
+    assert fresh / worn == pytest.approx(np.cbrt(percent / FRESH), rel=2e-3)
+
+
+def test_without_preload_the_pair_crosses_its_clearance_before_it_bears() -> None:
+    left = (0.02 / FRESH) ** (2.0 / 3.0)
+    y, _, _ = nut_deflection(1e-3, 0.0, MODEL)
+    assert y == pytest.approx(CLEARANCE - left, abs=1e-3)
+    heavy, _, _ = nut_deflection(FRESH_N, 0.0, MODEL)
+    assert heavy == pytest.approx(CLEARANCE - left + 1.0, rel=1e-3)  # a single Hertz contact
+
+
+def test_the_compiled_physics_are_the_plain_ones() -> None:
+    x, r = START.mean.copy(), another(3)[1]
+    slopes = np.zeros((2, len(x)))
+    args = (MODEL, x, r, 1.02)
+    fast = physics.expected_stretch(*args, slopes[0])
+    plain = physics.expected_stretch.py_func(*args, slopes[1])  # type: ignore[attr-defined]
+    assert fast == pytest.approx(plain, rel=1e-12)
+    np.testing.assert_allclose(slopes[0], slopes[1], rtol=1e-12)
