@@ -39,7 +39,7 @@ WILDEST = (1e4, 1e6, 1e4, 5e-3)
 next that none shows."""
 SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
-INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.12
+INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
 """From how much acceleration, and from which share off, torque and motion contradict each other."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..estimate.fused import FusedPreloadEstimator, plausible
+from ..estimate.gathering import SteadyInterval
 from ..estimate.mixture.batch import MixtureBatch
 from ..messages.features import FeatureBlock
 from ..messages.samples import Floats
@@ -178,7 +179,7 @@ def phases_of(machine: Machine, blocks: Sequence[FeatureBlock]) -> Phases:
     last_s = blocks[0].time_s - blocks[0].duration_s
     for block in (block for block in blocks if block.usable):
         for phase in block.phases:
-            reading = estimator._reading(block, phase)
+            reading = estimator._reading(SteadyInterval.of(block), phase)
             if not plausible(reading):
                 continue
             rows.append((*reading, block.time_s - last_s))
