@@ -253,13 +253,19 @@ class FusedPreloadEstimator:
         """Go on from a snapshot; ValueError if it is none of this axis', and nothing is changed."""
         if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
-        bank = restored_bank(snapshot["bank"], self._bank)
-        self._validity.restore(snapshot["validity"])
-        self._gathering.restore(snapshot["gathering"])
-        self._bank = bank
-        self._last_s = snapshot["last_s"]
-        self._stretch_m = snapshot["stretch_m"]
-        self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
+        try:
+            bank = restored_bank(snapshot["bank"], self._bank)
+            gathering = Gathering()
+            gathering.restore(snapshot["gathering"])
+            validity = Validity(self._validity_settings, self._hold_s)
+            validity.restore(snapshot["validity"])
+            numbers = [snapshot[name] for name in ("last_s", "stretch_m", "nis")]
+            last_s, stretch_m, nis = (None if n is None else float(n) for n in numbers)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"a damaged snapshot: {error!r}") from error
+        self._bank, self._gathering, self._validity = bank, gathering, validity
+        self._last_s, self._stretch_m = last_s, stretch_m
+        self._nis = float("nan") if nis is None else nis
 
 
 def _interval(told: tuple[float, float, float]) -> Interval:

@@ -12,9 +12,8 @@ preload p = exp(PRELOAD)::
 
 The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
 (4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
-share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). The stroke map m(x) is taken off
-and never learned from: its own errors would pass for preload. The functions run compiled; their
-plain Python (`.py_func`) gives the same numbers.
+share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). The functions run compiled;
+their plain Python (`.py_func`) gives the same numbers.
 """
 
 import math
@@ -127,8 +126,8 @@ def expected_torque(
     drag = model.drag_per_percent_nm * math.exp(x[PRELOAD])
     for i in range(slope.shape[0]):
         slope[i] = 0.0
-    slope[PRELOAD] = s * drag * (1.0 + x[NUT_FRICTION])
-    slope[NUT_FRICTION] = s * drag
+    slope[PRELOAD] = s * drag * factor * (1.0 + x[NUT_FRICTION])
+    slope[NUT_FRICTION] = s * drag * factor
     slope[BEARING_FRICTION] = s * model.bearing_nm
     slope[GUIDE_FRICTION] = s * ratio * model.guide_n
     slope[VISCOUS] = model.viscous_nm_s * r.speed_rad_s
@@ -140,7 +139,6 @@ def expected_torque(
         slope[SPEED_ERROR_START] = -slope[SPEED_ERROR_END]
     value = model.inertia_kg_m2 * r.acceleration_rad_s2
     value += s * (slow_nm + model.bearing_nm + ratio * model.guide_n)
-    value += s * drag * (1.0 + x[NUT_FRICTION]) * (factor - 1.0)
     value += model.viscous_nm_s * r.speed_rad_s + model.asymmetry_nm_s * abs(r.speed_rad_s)
     value += slope[PRELOAD]
     for i in range(BEARING_FRICTION, SPEED_ERROR_END + 1):
@@ -169,7 +167,7 @@ def expected_stretch(
     drag_share = percent * (1.0 + x[NUT_FRICTION])
     for i in range(slope.shape[0]):
         slope[i] = 0.0
-    slope[PRELOAD] = nut_m * x[NUT_COMPLIANCE] * by_percent * percent
+    slope[PRELOAD] = nut_m * x[NUT_COMPLIANCE] * by_percent * percent * factor
     slope[PRELOAD] += wound * x[WIND_UP] * drag_share
     slope[NUT_FRICTION] = wound * x[WIND_UP] * percent
     slope[GUIDE_FRICTION] = compliance * guide

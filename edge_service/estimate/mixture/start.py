@@ -5,6 +5,7 @@ import math
 from .hypotheses import believed, copy_to
 from .model import MixtureSettings, Start
 from .state import (
+    CHALLENGERS,
     LEARNING,
     LOOSENESS,
     PAYLOAD,
@@ -36,20 +37,20 @@ def begun(start: Start, settings: MixtureSettings) -> Bank:
         (_NONE, _NONE_SIGMA, settings.none),
     )
     loads = ((0.0, 1.0 - settings.loaded), (1.0, settings.loaded))
-    slot = 0
+    slots = iter((STEADY, *CHALLENGERS))
     for load, load_share in loads:
         if load and len(start.mean) == TORQUE_STATES:
             continue
         for share, sigma, level_share in levels:
             if load_share * level_share <= 0.0:
                 continue
+            slot = next(slots)
             bank.mean[slot] = start.mean
             bank.mean[slot, PRELOAD] += math.log(share)
             bank.covariance[slot] = start.covariance + load * start.load
             bank.covariance[slot, PRELOAD, PRELOAD] = sigma**2
             bank.log_weight[slot] = math.log(load_share * level_share)
             bank.alive[slot] = 1
-            slot += 1
     bank.moments[LEARNING] = 1.0
     return bank
 

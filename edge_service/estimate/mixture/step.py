@@ -403,6 +403,7 @@ def _correct(
     both = size > TORQUE_STATES
     kept = (x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE]) if both else (0.0, 0.0)
     wound = (x[WIND_UP], p[WIND_UP, WIND_UP]) if both else (0.0, 0.0)
+    shared = p[NUT_COMPLIANCE, WIND_UP] if both else 0.0
     for i in range(size):
         first[i] /= left
         x[i] += first[i] * step
@@ -423,6 +424,8 @@ def _correct(
     if both:
         x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE] = kept
         x[WIND_UP], p[WIND_UP, WIND_UP] = wound
+        p[NUT_COMPLIANCE, WIND_UP] = shared
+        p[WIND_UP, NUT_COMPLIANCE] = shared
         x[LOOSENESS] = max(x[LOOSENESS], _LEAST_LOOSENESS * model.compliance_m_per_n)
     most = math.log(_MOST_SHARE * model.fresh_percent)
     x[PRELOAD] = min(max(x[PRELOAD], math.log(_LEAST_PERCENT)), most)
