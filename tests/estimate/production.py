@@ -55,7 +55,8 @@ def run(
 def numbers(estimates: Sequence[PreloadEstimate]) -> Floats:
     """Time, preload, low, high of those that have a number, (n, 4)."""
     rows = [(e.time_s, e.preload_percent, e.low, e.high) for e in estimates]
-    return np.array([row for row in rows if row[1] is not None], dtype=np.float64)
+    told = [row for row in rows if row[1] is not None]
+    return np.array(told, dtype=np.float64).reshape(-1, 4)
 
 
 def held(told: Floats, percent: float) -> float:

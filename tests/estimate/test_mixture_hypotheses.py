@@ -13,7 +13,7 @@ from edge_service.estimate.mixture.hypotheses import (
     leader_of,
     normalise,
 )
-from edge_service.estimate.mixture.start import begun, go_on
+from edge_service.estimate.mixture.start import LOAD_SLOT, NUT_SLOT, begun, go_on
 from edge_service.estimate.mixture.state import (
     BEFORE,
     CHALLENGERS,
@@ -191,10 +191,10 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
 
 def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
     bank = begun(START, SETTINGS)
-    bank.log_weight[:6] = (-9.0, -1.0, -0.5, -9.0, -9.0, -9.0)
+    bank.log_weight[[STEADY, *CHALLENGERS]] = (-9.0, -1.0, -0.5, -9.0, -9.0, -9.0)
     follow_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
     assert bank.moments[LEARNING] == 1.0
-    none, half = bank.mean[2, PRELOAD], bank.mean[1, PRELOAD]
+    none, half = bank.mean[TOTAL_LOSS, PRELOAD], bank.mean[LOSS, PRELOAD]
     follow_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
     assert bank.moments[LEARNING] == 0.0
     assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == none
@@ -218,10 +218,13 @@ def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> N
     bank = settled()
     before = bank.covariance[STEADY, PRELOAD, PRELOAD]
     bank.covariance[STEADY, 11, 11] = 1e-20
-    go_on(bank, START, PROCESS, 86_400.0)
+    go_on(bank, START, 86_400.0)
     assert bank.covariance[STEADY, PRELOAD, PRELOAD] == pytest.approx(before + 0.05**2)
     assert bank.covariance[STEADY, 11, 11] == START.covariance[11, 11]
-    assert set(np.flatnonzero(bank.alive)) == {STEADY, WEARING, LOSS, LOAD}
+    assert bank.alive.sum() == 3
+    assert bank.mean[NUT_SLOT, PRELOAD] == START.mean[PRELOAD]
+    assert bank.covariance[LOAD_SLOT, PAYLOAD, PAYLOAD] == START.load[PAYLOAD, PAYLOAD]
+    assert bank.moments[LEARNING] == 1.0
 
 
 def test_settings_of_nothing_give_no_such_challenger() -> None:

@@ -90,13 +90,16 @@ def test_it_begins_at_the_commissioned_axis() -> None:
     assert deviation == pytest.approx(0.1 * NUT_SHARE * COMPLIANCE)
 
 
-def test_frictions_begin_as_they_are_after_a_long_time() -> None:
+def test_frictions_begin_a_stated_share_wider_than_after_a_long_time() -> None:
     covariance = parts()[1].covariance
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
         share = SETTINGS.nut_apart if i == NUT_FRICTION else SETTINGS.apart
-        assert covariance[i, i] == pytest.approx(SETTINGS.together**2 + share**2)
+        spread = SETTINGS.start_share**2
+        assert covariance[i, i] == pytest.approx(spread * (SETTINGS.together**2 + share**2))
         for j in range(NUT_FRICTION, i):
-            assert covariance[i, j] == covariance[j, i] == pytest.approx(SETTINGS.together**2)
+            assert (
+                covariance[i, j] == covariance[j, i] == pytest.approx(spread * SETTINGS.together**2)
+            )
 
 
 @pytest.mark.parametrize("larger", [0.5, 3.0])

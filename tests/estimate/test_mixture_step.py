@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture import hypotheses, physics, step
+from edge_service.estimate.mixture.hypotheses import leader_of
 from edge_service.estimate.mixture.start import begun
 from edge_service.estimate.mixture.state import (
     FORCED_S,
@@ -101,7 +102,6 @@ def test_what_is_considered_is_never_changed_by_data() -> None:
             assert bank.covariance[k, i, i] == start.covariance[i, i]
 
 
-@pytest.mark.xfail(reason="the covariance between both is corrected as if they were learned")
 def test_data_say_nothing_of_how_what_is_considered_hangs_together() -> None:
     model, start, process = parts()
     bank = begun(start, SETTINGS)
@@ -127,13 +127,10 @@ def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool) -> Non
         sigma = np.sqrt(np.diag(covariance)) + 1e-30
         np.testing.assert_allclose(bank.mean[STEADY] / sigma, mean / sigma, atol=1e-3, rtol=1e-6)
         away = (bank.covariance[STEADY] - covariance) / np.outer(sigma, sigma)
-        if not one_encoder:  # tested below
-            away[NUT_COMPLIANCE, WIND_UP] = away[WIND_UP, NUT_COMPLIANCE] = 0.0
         np.testing.assert_allclose(away, 0.0, atol=1e-3)
         assert not np.array_equal(before, bank.mean[STEADY])
 
 
-@pytest.mark.xfail(reason="without the stroke factor in its slope the torque drags preload away")
 @pytest.mark.parametrize("seed", [3, 5, 7])
 def test_one_hypothesis_stays_at_the_preload_that_its_step_has_found(seed: int) -> None:
     model, start, process = parts()
@@ -161,7 +158,9 @@ def test_a_phase_under_a_force_teaches_nothing(one_encoder: bool) -> None:
     assert bank.force[0] > 0.99
     assert bank.moments[FORCED_S] == r.steady_s
     f, q = motion_of(model, process, r, 0.1, len(start.mean))
-    for k in np.flatnonzero(bank.alive):
+    for k in [
+        leader_of(bank)
+    ]:  # one that knows the axis less may take the force for something else
         np.testing.assert_allclose(bank.mean[k], f @ means[k], rtol=1e-9, atol=1e-15)
         sigma = np.sqrt(np.diag(covariances[k])) + 1e-30
         q[PRELOAD, PRELOAD] = process.moving_walk[k] * r.steady_s
@@ -173,12 +172,7 @@ def test_a_phase_under_a_force_teaches_nothing(one_encoder: bool) -> None:
     "step_s",
     [
         10.0,
-        pytest.param(
-            20_000.0,
-            marks=pytest.mark.xfail(
-                reason="what frictions do each on their own is added as a walk over the whole time"
-            ),
-        ),
+        20_000.0,
     ],
 )
 def test_frictions_have_their_stationary_covariance_after_a_long_time(step_s: float) -> None:

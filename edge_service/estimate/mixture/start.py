@@ -21,7 +21,7 @@ _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
 _WORN_PER_DAY, _MOST_DAYS = 0.05, 4.0
 _OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
-_NUT_SLOT, _LOAD_SLOT = 2, 3
+NUT_SLOT, LOAD_SLOT = 2, 3
 
 
 def begun(start: Start, settings: MixtureSettings) -> Bank:
@@ -70,14 +70,14 @@ def go_on(bank: Bank, start: Start, stopped_s: float) -> None:
     copy_to(bank, STEADY, base, math.log(1.0 - _OTHER_LOAD - _OTHER_NUT))
     _age(bank, STEADY, start, stopped_s)
     bank.alive[STEADY + 1 :] = 0
-    copy_to(bank, _NUT_SLOT, STEADY, math.log(_OTHER_NUT))
-    bank.mean[_NUT_SLOT, PRELOAD] = start.mean[PRELOAD]
-    _renew(bank, _NUT_SLOT, PRELOAD, start.covariance[PRELOAD, PRELOAD])
+    copy_to(bank, NUT_SLOT, STEADY, math.log(_OTHER_NUT))
+    bank.mean[NUT_SLOT, PRELOAD] = start.mean[PRELOAD]
+    _renew(bank, NUT_SLOT, PRELOAD, start.covariance[PRELOAD, PRELOAD])
     if len(start.mean) > TORQUE_STATES:
-        copy_to(bank, _LOAD_SLOT, STEADY, math.log(_OTHER_LOAD))
-        bank.mean[_LOAD_SLOT, PAYLOAD] = 0.0
-        _renew(bank, _LOAD_SLOT, PAYLOAD, 0.0)
-        bank.covariance[_LOAD_SLOT] += start.load
+        copy_to(bank, LOAD_SLOT, STEADY, math.log(_OTHER_LOAD))
+        bank.mean[LOAD_SLOT, PAYLOAD] = 0.0
+        _renew(bank, LOAD_SLOT, PAYLOAD, 0.0)
+        bank.covariance[LOAD_SLOT] += start.load
     bank.force[0] = 0.0
     bank.moments[:] = 0.0
     bank.moments[LEARNING] = 1.0
