@@ -17,6 +17,7 @@ from edge_service.estimate.mixture.state import (
     GUIDE_VISCOUS,
     HYPOTHESES,
     LEARNING,
+    LOOSENESS,
     NUT_COMPLIANCE,
     NUT_FRICTION,
     OFFSET_RATE,
@@ -71,8 +72,16 @@ def motion_of(
             f[rate, rate], f[place, rate] = keep, GROWTH_S * (1.0 - keep)
     for i in range(size):
         if i not in FRICTIONS:
-            q[i, i] += process.walk[i] * elapsed_s
+            q[i, i] += process.walk[i] * _walked_s(i, r.steady_s, elapsed_s)
     return f, q
+
+
+def _walked_s(i: int, steady_s: float, elapsed_s: float) -> float:
+    """Time over which an element's walk is summed: a thermal one settles, as int exp(-2 t / T)."""
+    if i == LOOSENESS:
+        return steady_s
+    time_s = GROWTH_S if i >= TORQUE_STATES else SETTINGS.friction_s
+    return 0.5 * time_s * -math.expm1(-2.0 * elapsed_s / time_s)
 
 
 def expected(model: AxisModel, x: Floats, r: Reading) -> tuple[Floats, Floats, float]:
