@@ -12,6 +12,7 @@ from .state import (
     PRELOAD,
     STEADY,
     TORQUE_STATES,
+    WEARING,
     Bank,
     empty_bank,
 )
@@ -27,7 +28,8 @@ NUT_SLOT, LOAD_SLOT = 2, 3
 def begun(start: Start, settings: MixtureSettings) -> Bank:
     """Hypotheses of what the axis may be at the start: its preload, and its load.
 
-    For the first seconds these stand for themselves; then the likeliest is believed.
+    For the first seconds these stand for themselves, one of them free to wander (the half that is
+    left, in the slot of wear); then the likeliest is believed.
     """
     bank = empty_bank(len(start.mean))
     fresh = 1.0 - settings.half - settings.none
@@ -37,7 +39,7 @@ def begun(start: Start, settings: MixtureSettings) -> Bank:
         (_NONE, _NONE_SIGMA, settings.none),
     )
     loads = ((0.0, 1.0 - settings.loaded), (1.0, settings.loaded))
-    slots = iter((STEADY, *CHALLENGERS))
+    slots = iter((STEADY, WEARING, *CHALLENGERS))
     for load, load_share in loads:
         if load and len(start.mean) == TORQUE_STATES:
             continue
