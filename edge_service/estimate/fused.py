@@ -87,7 +87,7 @@ class FusedPreloadEstimator:
         preload may have worn, and even the nut may be another.
         """
         self._validity.interrupt()
-        self._last_s, self._stretch_m = None, None
+        self._last_s, self._stretch_m, self._gathering = None, None, Gathering()
         go_on(self._bank, self._start, max(stopped_s, 0.0))
 
     def update(self, block: FeatureBlock) -> None:
