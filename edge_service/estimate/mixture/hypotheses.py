@@ -24,6 +24,7 @@ from .state import (
     STOPPED,
     SURPRISE,
     TOTAL_LOSS,
+    WEAR_RATE,
     WEARING,
     Bank,
     Process,
@@ -36,6 +37,7 @@ _SURPRISE = 9.0
 _SOON_S, _SOON_FORCED_S = 0.3, 0.6
 _LEAST_SHARE = math.log(1e-3)
 _ALIVE = 2.0
+_GAINED = 1.0
 _BOTH = 3
 
 
@@ -73,10 +75,10 @@ def follow_hypotheses(
     oldest = 0.0
     for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
-            bank.age_s[k] += motion_s
-            oldest = max(oldest, bank.age_s[k])
             if calm:
+                bank.age_s[k] += motion_s
                 bank.directions[k] |= side
+            oldest = max(oldest, bank.age_s[k])
     if moments[LEARNING] > 0.0:
         if oldest >= process.learn_s:
             _settle(bank, process)
@@ -140,12 +142,14 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
 
 @compiled
 def _take_over(bank: Bank, process: Process, leader: int, base: int) -> None:
-    weight = bank.log_weight[leader]
-    if leader != BEFORE:
-        copy_to(bank, BEFORE, base, max(bank.log_weight[base], process.floor))
+    mean, covariance = bank.mean[base].copy(), bank.covariance[base].copy()
+    weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.floor)
     copy_to(bank, STEADY, leader, weight)
-    copy_to(bank, WEARING, leader, weight + process.wearing_log_weight)
+    begin_wear(bank, process, STEADY)
+    copy_to(bank, WEARING, STEADY, weight + process.wearing_log_weight)
     bank.alive[leader] = 0
+    bank.mean[BEFORE], bank.covariance[BEFORE] = mean, covariance
+    copy_to(bank, BEFORE, BEFORE, left)
     bank.moments[SINCE_SPAWN_S] = process.spawn_s
 
 
@@ -164,11 +168,21 @@ def _settle(bank: Bank, process: Process) -> None:
     else:
         copy_to(bank, STEADY, best, top)
         copy_to(bank, BEFORE, second, weight)
+    begin_wear(bank, process, STEADY)
     copy_to(bank, WEARING, STEADY, top + process.wearing_log_weight)
     for k in CHALLENGERS:
         bank.alive[k] = 0
     bank.moments[LEARNING] = 0.0
     bank.moments[SINCE_SPAWN_S] = process.spawn_s
+
+
+@compiled
+def begin_wear(bank: Bank, process: Process, slot: int) -> None:
+    """Let the preload change at a rate that is not known yet."""
+    bank.mean[slot, WEAR_RATE] = 0.0
+    bank.covariance[slot, WEAR_RATE, :] = 0.0
+    bank.covariance[slot, :, WEAR_RATE] = 0.0
+    bank.covariance[slot, WEAR_RATE, WEAR_RATE] = process.wear_rate_per_s**2
 
 
 @compiled
@@ -183,11 +197,16 @@ def _level(bank: Bank, slot: int, other: int) -> None:
 def _challenge(
     bank: Bank, process: Process, slot: int, base: int, leader: int, log_time: float
 ) -> None:
-    """Begin a challenger beside what is believed, unless one of its kind is in the running."""
+    """Begin a challenger beside what is believed, unless one of its kind is in the running.
+
+    A step of the preload shows within seconds; the others run on for as long as they gain.
+    """
     prior = process.priors[slot] + log_time
-    running = bank.alive[slot] and (
-        slot == leader or bank.log_weight[slot] > bank.log_weight[base] - _ALIVE
-    )
+    ahead = bank.log_weight[slot] - bank.log_weight[base]
+    gains = ahead > prior + _GAINED
+    if slot in (LOSS, TOTAL_LOSS):
+        gains = gains and bank.age_s[slot] < process.spawn_s
+    running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or gains)
     if not running and prior > -math.inf:
         begin_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
 

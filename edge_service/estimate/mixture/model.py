@@ -26,15 +26,17 @@ from .state import (
     OFFSET_RATE,
     PAYLOAD,
     PRELOAD,
+    REVERSAL,
     SLOPE_RATE,
     STRETCH_STATES,
     STRETCH_WANDER,
+    TABLE_MASS,
     TORQUE_OFFSET,
     TORQUE_STATES,
     TORQUE_WANDER,
     TOTAL_LOSS,
+    WEAR_RATE,
     WEARING,
-    WIND_UP,
     AxisModel,
     Process,
 )
@@ -53,40 +55,43 @@ class MixtureSettings:
     commissioning found, lengths from its noise and compliance.
 
     Attributes:
-        together, apart, nut_apart: how far lubrication and temperature move all frictions alike,
-            each on its own, and the nut's on its own.
+        together, apart: how far lubrication and temperature move all frictions alike, and each on
+            its own.
         friction_s: how soon they have done so, s; more than 0.
         start_share: how much farther they may be at the start of a session, another day's.
         wander, wander_s, wander_m: friction that wanders along the way, over the Coulomb friction;
             for how long, and over which way it is alike.
         axial: axial friction that differs from phase to phase, the same.
-        preload_walk, wear_walk: of ln(preload) per sqrt(s) of motion: steady, and wearing.
+        preload_walk, wear_walk: of ln(preload) per sqrt(s) of motion: steady, and wearing fast.
+        wear_rate, rate_walk: of ln(preload) per s of motion, and how soon it changes, per sqrt(s).
         wearing: probability that the axis wears fast at the start.
         start: of ln(preload) at the start; half of it is lost with probability `half`, all with
             `none`; the load is another with `loaded`.
         loss, lubricated, lubricated_apart, load, loosened: how large steps are.
         loss_hazard, total_hazard, loosening_hazard: per second of motion.
         stop_share: of stops after which lubrication, and load, are others.
-        wind_up, wind_up_sigma: share of the nut's drag that winds up the screw.
-        looseness, looseness_walk: of the compliance beside the nut, at the start and per sqrt(s).
+        reversal: how far what parts the directions in the stretch moves, as the frictions do.
+        looseness: of the compliance beside the nut, at the start.
         uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
-        force_n: process forces, N; `force_error` of their compliance; `force_share` and
-            `rapid_share` of phases, slow and fast, in which one begins; `force_stay` to last.
-        stretch_doubt: variance of the stretch over that of the residuals in commissioning.
+        most_nats: most that a phase says against a hypothesis: any may be spoiled.
+        force: process forces over the dynamic load rating; `force_error` of their compliance;
+            `force_share` and `rapid_share` of phases, slow and fast, in which one begins;
+            `force_stay` to last.
     """
 
     together: float = 0.10
-    apart: float = 0.06
-    nut_apart: float = 0.04
+    apart: float = 0.07
     friction_s: float = 600.0
     start_share: float = 1.25
     wander: float = 0.02
     wander_s: float = 1.0
     wander_m: float = 0.03
-    axial: float = 0.02
-    preload_walk: float = 0.004
+    axial: float = 0.007
+    preload_walk: float = 0.005
     wear_walk: float = 0.06
+    wear_rate: float = 1e-3
+    rate_walk: float = 1e-4
     wearing: float = 0.1
     start: float = 0.3
     half: float = 0.2
@@ -97,22 +102,20 @@ class MixtureSettings:
     lubricated_apart: float = 0.08
     load: float = 0.4
     loosened: float = 0.1
-    loss_hazard: float = 1e-4
-    total_hazard: float = 1e-5
+    loss_hazard: float = 3e-4
+    total_hazard: float = 1e-4
     loosening_hazard: float = 1e-5
     stop_share: float = 1e-3
-    wind_up: float = 0.15
-    wind_up_sigma: float = 0.15
+    reversal: float = 0.1
     looseness: float = 0.003
-    looseness_walk: float = 3e-4
     uneven_m: float = 3e-6
     evidence: float = 0.3
-    force_n: float = 100.0
+    most_nats: float = 3.0
+    force: float = 0.125
     force_error: float = 0.1
-    force_share: float = 0.05
+    force_share: float = 0.03
     rapid_share: float = 0.005
-    force_stay: float = 0.9
-    stretch_doubt: float = 2.0
+    force_stay: float = 0.8
 
 
 def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
@@ -126,7 +129,7 @@ def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
     t, ratio = taught.transmission, machine.transmission_ratio_m_per_rad
     compliance = t.stretch_per_acceleration_s2 / mass_kg if t else 0.0
     fresh_nm = per_percent * fresh
-    guide_n = max(t.reversal_force_n - settings.wind_up * fresh_nm / ratio, 0.0) if t else 0.0
+    guide_n = min(t.reversal_force_n, (taught.coulomb_nm - fresh_nm) / ratio) if t else 0.0
     deflection_m = 3.0 * preload.value * t.nut_share * compliance if t else 1.0
     return AxisModel(
         ratio_m_per_rad=ratio,
@@ -153,7 +156,7 @@ def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
         torque_density=taught.noise_density_nm2_s,
         torque_slow_rad_s=taught.noise_slow_rad_s,
         edge_rad2_s2=taught.edge_noise_rad2_s2,
-        stretch_density=settings.stretch_doubt * t.noise_density_m2_s if t else 1.0,
+        stretch_density=t.noise_density_m2_s if t else 1.0,
         stretch_slow_rad_s=t.noise_slow_rad_s if t else 0.0,
     )
 
@@ -184,29 +187,35 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     mean[PRELOAD], sigma[PRELOAD] = math.log(model.fresh_percent), settings.start
     mean[TORQUE_OFFSET] = taught.torque_offset_nm
     drifts = settings.together > 0.0
+    sigma[WEAR_RATE] = settings.wear_rate
     sigma[TORQUE_OFFSET] = 0.03 * taught.coulomb_nm * drifts
     sigma[TORQUE_WANDER] = settings.wander * taught.coulomb_nm
     sigma[PAYLOAD] = 0.01 * model.table_mass_kg * drifts
     if t:
-        mean[CLOCK_SKEW], mean[WIND_UP] = t.clock_skew_s, settings.wind_up
+        mean[CLOCK_SKEW] = t.clock_skew_s
         mean[NUT_COMPLIANCE] = t.nut_share * model.compliance_m_per_n
         sigma[ENCODER_OFFSET], sigma[ENCODER_SLOPE] = 1e-4, 1e-4
         sigma[OFFSET_RATE], sigma[SLOPE_RATE], sigma[CLOCK_SKEW] = 2e-8, 5e-8, 2e-6
         sigma[NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
         sigma[LOOSENESS] = settings.looseness * model.compliance_m_per_n
-        sigma[WIND_UP], sigma[STRETCH_WANDER] = (
-            settings.wind_up_sigma,
-            stretch_wander_m(model, settings),
-        )
+        sigma[TABLE_MASS] = mass_share_sigma(machine)
+        sigma[REVERSAL] = settings.reversal
+        sigma[STRETCH_WANDER] = stretch_wander_m(model, settings)
         sigma[MAP:] = settings.uneven_m / np.arange(1, MAP_STATES + 1)
     covariance = np.diag(sigma**2)
     spread = settings.start_share**2
-    covariance += spread * _frictions(size, settings.together, settings.apart, settings.nut_apart)
+    covariance += spread * _frictions(size, settings.together, settings.apart)
     load = np.zeros((size, size))
     load[PAYLOAD, PAYLOAD] = (settings.load * model.table_mass_kg) ** 2
     load[GUIDE_FRICTION, GUIDE_FRICTION] = 0.1**2
     load[TORQUE_OFFSET, TORQUE_OFFSET] = (0.1 * taught.coulomb_nm) ** 2
     return Start(mean, covariance, load)
+
+
+def mass_share_sigma(machine: Machine) -> float:
+    """Standard deviation of the commissioned table mass over its value."""
+    mass = machine.model.table_mass_kg
+    return mass.sigma / mass.value if mass is not None else 0.0
 
 
 def stretch_wander_m(model: AxisModel, settings: MixtureSettings) -> float:
@@ -215,13 +224,13 @@ def stretch_wander_m(model: AxisModel, settings: MixtureSettings) -> float:
     return math.hypot(noise_m, model.compliance_m_per_n * settings.wander * model.guide_n)
 
 
-def _frictions(size: int, together: float, apart: float, nut_apart: float) -> Floats:
+def _frictions(size: int, together: float, apart: float) -> Floats:
     """Covariance (n, n) of the frictions that move alike and apart."""
     covariance = np.zeros((size, size))
     block = slice(FRICTIONS[0], FRICTIONS[-1] + 1)
     covariance[block, block] = together**2
     for i in FRICTIONS:
-        covariance[i, i] += (nut_apart if i == NUT_FRICTION else apart) ** 2
+        covariance[i, i] += apart**2
     return covariance
 
 
@@ -231,6 +240,8 @@ def process_of(
     """What may happen to the axis between two phases."""
     taught = machine.commissioned
     assert taught is not None
+    rating = machine.axis.dynamic_load_rating_n
+    assert rating is not None
     size, coulomb = len(start.mean), taught.coulomb_nm
     two = size > TORQUE_STATES
     moving_walk = np.full(HYPOTHESES, settings.preload_walk**2)
@@ -238,6 +249,8 @@ def process_of(
     return Process(
         walk=_walk(size, coulomb, model, settings),
         moving_walk=moving_walk,
+        rate_walk=settings.rate_walk**2,
+        wear_rate_per_s=settings.wear_rate,
         together=2.0 * settings.together**2 / settings.friction_s,
         friction_keep_s=settings.friction_s,
         torque_wander_nm=settings.wander * coulomb,
@@ -254,7 +267,8 @@ def process_of(
         loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
         wearing_log_weight=_log(settings.wearing),
         evidence=settings.evidence,
-        force_n=settings.force_n,
+        most_nats=settings.most_nats,
+        force_n=settings.force * rating,
         force_error=settings.force_error,
         force_share=settings.force_share,
         rapid_share=settings.rapid_share,
@@ -271,14 +285,13 @@ def _walk(size: int, coulomb_nm: float, model: AxisModel, settings: MixtureSetti
     """Variance per second that each element of the state gains, (n,)."""
     walk = np.zeros(size)
     for i in FRICTIONS:
-        share = settings.nut_apart if i == NUT_FRICTION else settings.apart
-        walk[i] = 2.0 * share**2 / settings.friction_s
+        walk[i] = 2.0 * settings.apart**2 / settings.friction_s
     walk[TORQUE_OFFSET] = (5e-4 * coulomb_nm) ** 2 * (settings.together > 0.0)
     if size > TORQUE_STATES:
         walk[ENCODER_OFFSET], walk[ENCODER_SLOPE] = 3e-8**2, 6e-8**2
         walk[OFFSET_RATE], walk[SLOPE_RATE] = 1e-8**2, 2.5e-8**2
-        walk[LOOSENESS] = (settings.looseness_walk * model.compliance_m_per_n) ** 2
         walk[MAP:] = 1e-8**2
+        walk[REVERSAL] = 2.0 * settings.reversal**2 / settings.friction_s
     return walk
 
 
@@ -286,8 +299,7 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     """Covariance that a step of each hypothesis adds, (HYPOTHESES, n, n)."""
     jumps = np.zeros((HYPOTHESES, size, size))
     jumps[LOSS, PRELOAD, PRELOAD] = settings.loss**2
-    apart = settings.lubricated_apart
-    jumps[LUBRICATION] = _frictions(size, settings.lubricated, apart, apart)
+    jumps[LUBRICATION] = _frictions(size, settings.lubricated, settings.lubricated_apart)
     jumps[LOAD] = start.load
     if size > TORQUE_STATES:
         loosened = settings.loosened * model.compliance_m_per_n

@@ -7,12 +7,14 @@ preload p = exp(PRELOAD)::
               + D (1 + viscous) v + A |v| + offset + s wander + J (w1 - w0) / T
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + skew R v + wander
               + (c0 + c1 (x - x0) - cn + loose) F + 3 F0 cn y(F, m(x) p)
-              + s chi (c0 + c1 (x - x0)) k p (1 + nut) / R
-              F = (M0 + M) R a + s G (1 + guide) + V (1 + guide viscous) R v
+              + s (c0 + c1 (x - x0)) G reversal
+              F = (M0 + (1 - table mass) M) R a + s G (1 + guide) + V (1 + guide viscous) R v
 
 The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
 (4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
-share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). The functions run compiled;
+share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). What else differs between the
+directions (wind-up of the screw under the nut's drag, seals, play) no recording of a healthy axis
+can split: it is a state of its own that takes nothing from the preload. The functions run compiled;
 their plain Python (`.py_func`) gives the same numbers.
 """
 
@@ -34,13 +36,14 @@ from .state import (
     NUT_FRICTION,
     PAYLOAD,
     PRELOAD,
+    REVERSAL,
     SPEED_ERROR_END,
     SPEED_ERROR_START,
     STRETCH_WANDER,
+    TABLE_MASS,
     TORQUE_OFFSET,
     TORQUE_WANDER,
     VISCOUS,
-    WIND_UP,
     AxisModel,
     Reading,
 )
@@ -156,29 +159,28 @@ def expected_stretch(
     speed = model.ratio_m_per_rad * r.speed_rad_s
     percent = math.exp(x[PRELOAD])
     guide = s * model.guide_n
-    load = (model.table_mass_kg + x[PAYLOAD]) * gear + guide * (1.0 + x[GUIDE_FRICTION])
+    load = (model.table_mass_kg + x[PAYLOAD] * (1.0 - x[TABLE_MASS])) * gear
+    load += guide * (1.0 + x[GUIDE_FRICTION])
     load += model.guide_viscous_n_s * (1.0 + x[GUIDE_VISCOUS]) * speed
     y, by_force, by_percent = nut_deflection(load, percent * factor, model)
     nut_m = 3.0 * model.fresh_preload_n
     series = model.compliance_m_per_n + model.compliance_slope_per_n * away
     rest = max(series - x[NUT_COMPLIANCE] + x[LOOSENESS], 1e-12)
     compliance = rest + nut_m * x[NUT_COMPLIANCE] * by_force
-    wound = s * series * model.drag_per_percent_nm / model.ratio_m_per_rad
-    drag_share = percent * (1.0 + x[NUT_FRICTION])
+    reversal = s * series * model.guide_n
     for i in range(slope.shape[0]):
         slope[i] = 0.0
     slope[PRELOAD] = nut_m * x[NUT_COMPLIANCE] * by_percent * percent * factor
-    slope[PRELOAD] += wound * x[WIND_UP] * drag_share
-    slope[NUT_FRICTION] = wound * x[WIND_UP] * percent
     slope[GUIDE_FRICTION] = compliance * guide
     slope[GUIDE_VISCOUS] = compliance * model.guide_viscous_n_s * speed
-    slope[PAYLOAD] = compliance * gear
+    slope[PAYLOAD] = compliance * gear * (1.0 - x[TABLE_MASS])
     slope[NUT_COMPLIANCE] = nut_m * y - load
     slope[LOOSENESS] = load
-    slope[WIND_UP] = wound * (drag_share - model.fresh_percent)
+    slope[TABLE_MASS] = -compliance * x[PAYLOAD] * gear
+    slope[REVERSAL] = reversal
     slope[ENCODER_OFFSET], slope[ENCODER_SLOPE] = 1.0, away
     slope[CLOCK_SKEW], slope[STRETCH_WANDER] = speed, 1.0
-    value = wound * x[WIND_UP] * drag_share + rest * load + nut_m * x[NUT_COMPLIANCE] * y
+    value = reversal * x[REVERSAL] + rest * load + nut_m * x[NUT_COMPLIANCE] * y
     value += x[ENCODER_OFFSET] + x[ENCODER_SLOPE] * away + x[CLOCK_SKEW] * speed
     value += x[STRETCH_WANDER]
     value += mapped(model.lead_map_m, model.stroke_m, r.table_m)

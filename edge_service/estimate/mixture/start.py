@@ -8,9 +8,11 @@ from .state import (
     CHALLENGERS,
     LEARNING,
     LOOSENESS,
+    NUT_COMPLIANCE,
     PAYLOAD,
     PRELOAD,
     STEADY,
+    TABLE_MASS,
     TORQUE_STATES,
     WEARING,
     Bank,
@@ -23,6 +25,8 @@ DAY_S = 86_400.0
 _WORN_PER_DAY, _MOST_DAYS = 0.05, 4.0
 _OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
+KEPT = (PRELOAD, PAYLOAD, LOOSENESS, NUT_COMPLIANCE, TABLE_MASS)
+"""What a session knows of the one before; what is considered errs alike in all of them."""
 
 
 def begun(start: Start, settings: MixtureSettings) -> Bank:
@@ -87,7 +91,7 @@ def go_on(bank: Bank, start: Start, stopped_s: float) -> None:
 
 def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
     """Begin a session anew with the preload, the load and the looseness that were believed."""
-    kept = (PRELOAD, PAYLOAD, LOOSENESS) if len(start.mean) > TORQUE_STATES else (PRELOAD,)
+    kept = KEPT if len(start.mean) > TORQUE_STATES else (PRELOAD,)
     mean, covariance = start.mean.copy(), start.covariance.copy()
     for i in kept:
         mean[i] = bank.mean[slot, i]

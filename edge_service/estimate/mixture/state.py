@@ -7,13 +7,13 @@ import numpy.typing as npt
 
 from ...messages.samples import Floats
 
-PRELOAD = 0
-NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, VISCOUS, GUIDE_VISCOUS = range(1, 6)
-PAYLOAD, TORQUE_OFFSET, TORQUE_WANDER, SPEED_ERROR_START, SPEED_ERROR_END = range(6, 11)
-TORQUE_STATES = 11
-ENCODER_OFFSET, ENCODER_SLOPE, OFFSET_RATE, SLOPE_RATE, CLOCK_SKEW = range(11, 16)
-NUT_COMPLIANCE, LOOSENESS, WIND_UP, STRETCH_WANDER = range(16, 20)
-MAP = 20
+PRELOAD, WEAR_RATE = range(2)
+NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, VISCOUS, GUIDE_VISCOUS = range(2, 7)
+PAYLOAD, TORQUE_OFFSET, TORQUE_WANDER, SPEED_ERROR_START, SPEED_ERROR_END = range(7, 12)
+TORQUE_STATES = 12
+ENCODER_OFFSET, ENCODER_SLOPE, OFFSET_RATE, SLOPE_RATE, CLOCK_SKEW = range(12, 17)
+NUT_COMPLIANCE, TABLE_MASS, LOOSENESS, REVERSAL, STRETCH_WANDER = range(17, 22)
+MAP = 22
 MAP_STATES = 4
 STRETCH_STATES = MAP + MAP_STATES
 """Indices of the state, torque's first; an axis with one encoder has TORQUE_STATES of them.
@@ -21,6 +21,7 @@ STRETCH_STATES = MAP + MAP_STATES
 | state | unit | meaning |
 |---|---|---|
 | PRELOAD | - | natural logarithm of the preload in percent of the dynamic load rating |
+| WEAR_RATE | 1/s | growth of PRELOAD per second of motion |
 | NUT_ ... GUIDE_VISCOUS | - | change of each friction since commissioning, as a share of it |
 | PAYLOAD | kg | on the table beyond commissioning |
 | TORQUE_OFFSET | N m | gravity, offset of the amplifier |
@@ -30,8 +31,9 @@ STRETCH_STATES = MAP + MAP_STATES
 | OFFSET_RATE, SLOPE_RATE | m/s, 1/s | how fast those two grow with the screw's temperature |
 | CLOCK_SKEW | s | of the linear encoder against the rotary one |
 | NUT_COMPLIANCE | m/N | of the fresh nut; considered, never learned (see below) |
+| TABLE_MASS | - | error of the commissioned table mass, as a share; considered |
 | LOOSENESS | m/N | what coupling, bearings and screw yield beyond commissioning |
-| WIND_UP | - | share of the nut's drag that winds up the screw; considered |
+| REVERSAL | - | change of the stretch between the directions, over what the guide made it |
 | STRETCH_WANDER | m | difference of the encoders that wanders along the way |
 | MAP | m | coefficients of cos(j pi x / stroke), j = 2, 3, ...: uneven growth |
 
@@ -92,6 +94,8 @@ class Process(NamedTuple):
 
     walk: Floats  # (n,), per second of time
     moving_walk: Floats  # (HYPOTHESES,), of PRELOAD per second of motion
+    rate_walk: float  # of WEAR_RATE per second of motion
+    wear_rate_per_s: float  # standard deviation with which wear begins
     together: float  # of the five frictions alike
     friction_keep_s: float  # time constant with which friction returns to what was commissioned
     torque_wander_nm: float  # standard deviation
@@ -108,6 +112,7 @@ class Process(NamedTuple):
     loosened_m_per_n: float  # mean of a loosening
     wearing_log_weight: float
     evidence: float  # share of a phase's log-likelihood that counts
+    most_nats: float  # most that one phase says against a hypothesis
     force_n: float  # standard deviation of process forces
     force_error: float  # error of their compliance, as a share
     force_share: float  # of phases in which a force begins

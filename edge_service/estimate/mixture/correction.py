@@ -1,0 +1,74 @@
+"""What a hypothesis learns from a phase."""
+
+import math
+
+from ...models.compiled import inlined
+from .innovation import Innovation
+from .state import (
+    GUIDE_VISCOUS,
+    LOOSENESS,
+    NUT_COMPLIANCE,
+    NUT_FRICTION,
+    PRELOAD,
+    TABLE_MASS,
+    TORQUE_STATES,
+    AxisModel,
+    Bank,
+)
+
+_LEAST_PERCENT, _MOST_SHARE = 0.02, 1.3
+_LEAST_FRICTION, _MOST_FRICTION = -0.7, 3.0
+_LEAST_LOOSENESS = -0.01
+
+
+@inlined
+def correct(
+    bank: Bank,
+    k: int,
+    model: AxisModel,
+    uu: float,
+    ss: float,
+    us: float,
+    two: bool,
+    room: Innovation,
+) -> None:
+    """Kalman correction with the innovation's covariance; what is considered stays as it was."""
+    x, p = bank.mean[k], bank.covariance[k]
+    size = x.shape[0]
+    first, second, e = room.gains[0], room.gains[1], room.error
+    left = math.sqrt(uu)
+    step = e[0] / left
+    below = us / left
+    right = math.sqrt(ss - below * below)
+    other = (e[1] - below * step) / right
+    both = size > TORQUE_STATES
+    nut = (x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE]) if both else (0.0, 0.0)
+    mass = (x[TABLE_MASS], p[TABLE_MASS, TABLE_MASS]) if both else (0.0, 0.0)
+    shared = p[NUT_COMPLIANCE, TABLE_MASS] if both else 0.0
+    for i in range(size):
+        first[i] /= left
+        x[i] += first[i] * step
+    if two:
+        for i in range(size):
+            second[i] = (second[i] - below * first[i]) / right
+            x[i] += second[i] * other
+    for i in range(size):
+        a, b = first[i], second[i] if two else 0.0
+        if a == 0.0 and b == 0.0:
+            continue
+        if two:
+            for j in range(size):
+                p[i, j] -= a * first[j] + b * second[j]
+        else:
+            for j in range(size):
+                p[i, j] -= a * first[j]
+    if both:
+        x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE] = nut
+        x[TABLE_MASS], p[TABLE_MASS, TABLE_MASS] = mass
+        p[NUT_COMPLIANCE, TABLE_MASS] = shared
+        p[TABLE_MASS, NUT_COMPLIANCE] = shared
+        x[LOOSENESS] = max(x[LOOSENESS], _LEAST_LOOSENESS * model.compliance_m_per_n)
+    most = math.log(_MOST_SHARE * model.fresh_percent)
+    x[PRELOAD] = min(max(x[PRELOAD], math.log(_LEAST_PERCENT)), most)
+    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+        x[i] = min(max(x[i], _LEAST_FRICTION), _MOST_FRICTION)

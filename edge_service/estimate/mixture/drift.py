@@ -1,0 +1,115 @@
+"""How a hypothesis drifts between two phases."""
+
+import math
+
+from ...messages.samples import Floats
+from ...models.compiled import inlined
+from .state import (
+    ENCODER_OFFSET,
+    ENCODER_SLOPE,
+    GUIDE_VISCOUS,
+    NUT_FRICTION,
+    OFFSET_RATE,
+    PRELOAD,
+    REVERSAL,
+    SLOPE_RATE,
+    SPEED_ERROR_END,
+    SPEED_ERROR_START,
+    STRETCH_WANDER,
+    TORQUE_OFFSET,
+    TORQUE_STATES,
+    TORQUE_WANDER,
+    WEAR_RATE,
+    AxisModel,
+    Bank,
+    Process,
+    Reading,
+)
+
+
+@inlined
+def drift(
+    bank: Bank, k: int, model: AxisModel, process: Process, r: Reading, elapsed_s: float
+) -> None:
+    """Let a hypothesis drift over the time since the phase before."""
+    x, p = bank.mean[k], bank.covariance[k]
+    keep = math.exp(-elapsed_s / process.friction_keep_s)
+    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+        _fade(x, p, i, keep)
+    spread = process.together * (1.0 - keep * keep) / 2.0 * process.friction_keep_s
+    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+        for j in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+            p[i, j] += spread
+    if x.shape[0] > TORQUE_STATES:
+        _fade(x, p, REVERSAL, keep)
+    keep = math.exp(-r.steady_s / process.torque_wander_s)
+    _fade(x, p, TORQUE_WANDER, keep)
+    p[TORQUE_WANDER, TORQUE_WANDER] += process.torque_wander_nm**2 * (1.0 - keep * keep)
+    if model.edge_rad2_s2 > 0.0:
+        _pass_on(x, p, model.edge_rad2_s2, r.follows)
+    if x.shape[0] > TORQUE_STATES:
+        way_m = abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s
+        keep = math.exp(-way_m / process.stretch_wander_way_m)
+        _fade(x, p, STRETCH_WANDER, keep)
+        p[STRETCH_WANDER, STRETCH_WANDER] += process.stretch_wander_m**2 * (1.0 - keep * keep)
+        keep = math.exp(-elapsed_s / process.growth_s)
+        grown_s = process.growth_s * (1.0 - keep)
+        _grow(x, p, ENCODER_OFFSET, OFFSET_RATE, grown_s)
+        _grow(x, p, ENCODER_SLOPE, SLOPE_RATE, grown_s)
+        _fade(x, p, OFFSET_RATE, keep)
+        _fade(x, p, SLOPE_RATE, keep)
+    back_s = _settled_s(process.friction_keep_s, elapsed_s)
+    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+        p[i, i] += process.walk[i] * back_s
+    p[TORQUE_OFFSET, TORQUE_OFFSET] += process.walk[TORQUE_OFFSET] * back_s
+    if x.shape[0] > TORQUE_STATES:
+        warm_s = _settled_s(process.growth_s, elapsed_s)
+        for i in range(TORQUE_STATES, x.shape[0]):
+            p[i, i] += process.walk[i] * (back_s if i == REVERSAL else warm_s)
+    if p[WEAR_RATE, WEAR_RATE] > 0.0:
+        _grow(x, p, PRELOAD, WEAR_RATE, r.steady_s)
+        p[WEAR_RATE, WEAR_RATE] += process.rate_walk * r.steady_s
+    p[PRELOAD, PRELOAD] += process.moving_walk[k] * r.steady_s
+
+
+@inlined
+def _settled_s(keep_s: float, elapsed_s: float) -> float:
+    """Time whose noise a state holds that returns with a time constant, s: elapsed_s if short."""
+    return 0.5 * keep_s * (1.0 - math.exp(-2.0 * elapsed_s / keep_s))
+
+
+@inlined
+def _fade(x: Floats, p: Floats, i: int, keep: float) -> None:
+    """Let an element of the state return to zero by a factor."""
+    x[i] *= keep
+    for j in range(x.shape[0]):
+        p[i, j] *= keep
+    for j in range(x.shape[0]):
+        p[j, i] *= keep
+
+
+@inlined
+def _grow(x: Floats, p: Floats, i: int, rate: int, time_s: float) -> None:
+    """Let an element of the state run at its rate."""
+    x[i] += time_s * x[rate]
+    for j in range(x.shape[0]):
+        p[i, j] += time_s * p[rate, j]
+    for j in range(x.shape[0]):
+        p[j, i] += time_s * p[j, rate]
+
+
+@inlined
+def _pass_on(x: Floats, p: Floats, edge_rad2_s2: float, follows: bool) -> None:
+    """Begin a phase with the speed's error at the end of the one before, or with a new one."""
+    first, last = SPEED_ERROR_START, SPEED_ERROR_END
+    x[first] = x[last] if follows else 0.0
+    x[last] = 0.0
+    for j in range(x.shape[0]):
+        p[first, j] = p[last, j] if follows else 0.0
+    for j in range(x.shape[0]):
+        p[j, first] = p[j, last] if follows else 0.0
+    p[first, first] = p[last, last] if follows else edge_rad2_s2
+    for j in range(x.shape[0]):
+        p[last, j] = 0.0
+        p[j, last] = 0.0
+    p[last, last] = edge_rad2_s2

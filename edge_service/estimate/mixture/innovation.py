@@ -1,0 +1,135 @@
+"""What a phase says against a hypothesis: innovation of torque and stretch."""
+
+import math
+from typing import NamedTuple
+
+from ...messages.samples import Floats
+from ...models.compiled import inlined
+from .physics import expected_stretch, expected_torque, stribeck, stroke_factor
+from .state import (
+    PRELOAD,
+    AxisModel,
+    Bank,
+    Process,
+    Reading,
+)
+
+_STRAIGHT = 0.05
+_FARTHEST = 1.5
+_STRIBECK_ERROR = 0.3
+
+
+class Innovation(NamedTuple):
+    """Of torque and stretch, in arrays to be filled again.
+
+    `slopes` are H and `gains` P H', (2, n); `error` (2,) and `covariance` S (2, 2).
+    """
+
+    slopes: Floats
+    gains: Floats
+    error: Floats
+    covariance: Floats
+    at: Floats  # (n,), state around which the stretch is linear
+
+
+class Noise(NamedTuple):
+    """What a phase errs by, whatever the hypothesis says."""
+
+    factor: float  # m(x)
+    slow_nm: float  # St(v)
+    torque_var: float
+    stretch_var: float
+
+
+@inlined
+def noise_of(model: AxisModel, r: Reading) -> Noise:
+    speed = max(abs(r.speed_rad_s), 1e-3)
+    slow_nm = stribeck(model, r)
+    torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
+    stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
+    return Noise(
+        stroke_factor(model, r.table_m),
+        slow_nm,
+        torque + (_STRIBECK_ERROR * slow_nm) ** 2,
+        stretch,
+    )
+
+
+@inlined
+def innovate(
+    bank: Bank,
+    k: int,
+    model: AxisModel,
+    process: Process,
+    r: Reading,
+    noise: Noise,
+    two: bool,
+    room: Innovation,
+) -> float:
+    """Fill `room`; the compliance at the phase, m/N.
+
+    The stretch is linear around where the correction leads, if the preload is too uncertain for
+    one step. Axial friction that differs from phase to phase acts on torque and stretch alike.
+    """
+    x, p, at = bank.mean[k], bank.covariance[k], room.at
+    size = x.shape[0]
+    ratio = model.ratio_m_per_rad
+    e, s = room.error, room.covariance
+    axial = process.axial_n * process.axial_n
+    compliance = 0.0
+    for i in range(size):
+        at[i] = x[i]
+    straight = not two or p[PRELOAD, PRELOAD] < _STRAIGHT * _STRAIGHT
+    for turn in range(1 if straight else 3):
+        e[0] = r.torque_nm - expected_torque(
+            model, at, r, noise.factor, noise.slow_nm, room.slopes[0]
+        )
+        s[0, 0] = noise.torque_var + axial * ratio * ratio
+        s[1, 1], s[0, 1], e[1] = 1.0, 0.0, 0.0
+        if two:
+            stretch, compliance = expected_stretch(model, at, r, noise.factor, room.slopes[1])
+            e[1] = r.stretch_m - stretch
+            loose = process.loose_m * math.exp(-math.exp(at[PRELOAD]) / 0.3)
+            s[1, 1] = noise.stretch_var + axial * compliance * compliance + loose * loose
+            s[0, 1] = axial * ratio * compliance
+        for i in range(size):
+            away = x[i] - at[i]
+            e[0] -= room.slopes[0, i] * away
+            if two:
+                e[1] -= room.slopes[1, i] * away
+        _project(p, room.slopes[0], room.gains[0])
+        s[0, 0] += _along(room.slopes[0], room.gains[0])
+        if two:
+            _project(p, room.slopes[1], room.gains[1])
+            s[1, 1] += _along(room.slopes[1], room.gains[1])
+            s[0, 1] += _along(room.slopes[1], room.gains[0])
+        s[1, 0] = s[0, 1]
+        if straight or turn == 2:
+            break
+        det = s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1]
+        a = (s[1, 1] * e[0] - s[0, 1] * e[1]) / det
+        b = (s[0, 0] * e[1] - s[0, 1] * e[0]) / det
+        for i in range(size):
+            at[i] = x[i] + room.gains[0, i] * a + room.gains[1, i] * b
+        at[PRELOAD] = min(max(at[PRELOAD], x[PRELOAD] - _FARTHEST), x[PRELOAD] + _FARTHEST)
+    return compliance
+
+
+@inlined
+def _project(p: Floats, slope: Floats, gain: Floats) -> None:
+    """P H' of one quantity, from the rows on which it depends."""
+    for j in range(gain.shape[0]):
+        gain[j] = 0.0
+    for i in range(gain.shape[0]):
+        weight = slope[i]
+        if weight != 0.0:
+            for j in range(gain.shape[0]):
+                gain[j] += weight * p[i, j]
+
+
+@inlined
+def _along(slope: Floats, gain: Floats) -> float:
+    total = 0.0
+    for i in range(slope.shape[0]):
+        total += slope[i] * gain[i]
+    return total
