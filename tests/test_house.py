@@ -123,11 +123,13 @@ def test_every_state_and_hypothesis_of_the_estimator_stands_in_the_readme() -> N
 
 def test_the_readme_tells_what_the_estimator_assumes() -> None:
     said, text = MixtureSettings(), " ".join(README.split())
-    shares = f"by {said.together:.0%} all alike, {said.apart:.0%} each apart, {said.nut_apart:.0%}"
+    shares = f"by {said.together:.0%} all alike, {said.apart:.0%} each apart"
     assert shares.replace("%", " %") in text
     assert f"Ornstein-Uhlenbeck, {said.friction_s:g} s" in text
     assert f"a share of {said.evidence:g} only".replace("0.", ".") in text
-    assert f"process forces of {said.force_n:g} N" in text
+    force = f"process forces of {said.force:g} of the dynamic load rating"
+    assert force.replace("0.", ".") in text
+    assert f"no phase says more than {said.most_nats:g} nats" in text
     assert f"a force is above {FORCED:g} corrects".replace("0.", ".") in text
     assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
 

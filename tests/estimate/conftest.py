@@ -77,7 +77,7 @@ def make_problem() -> Callable[..., Problem]:
 
 KNOWN_LIMITS = {
     "test_fused_events.py": "one encoder: what changes by itself can pass for a process force",
-    "test_mixture_recovery.py": "some losses and new nuts are told late, or shared with friction",
+    "test_mixture_recovery.py": "one encoder: a new nut is taken for lubrication for minutes",
     "test_fused_stop.py": "another nut after a night is told only in part",
 }
 """What the estimator does not do yet (README, Limits), by the file of its cases."""
@@ -85,19 +85,11 @@ LIMITED_CASES = (
     "test_what_is_there_from_the_first_sample_is_no_loss[torque_gain_error:excess_share=0.1]",
     "test_what_the_model_does_not_know_is_not_taken_for_a_loss",
     "test_preload_that_was_lost_before_the_first_sample_is_told[0.25]",
-    "test_a_screw_that_is_warm_at_the_start_is_no_loss",
-    "test_each_change_is_told_by_its_name[compliance:level_m_per_n=4e-9-looseness]",
-    "test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open",
-    "test_a_relubrication_is_no_loss_and_not_the_end_of_numbers[0.12-True]",
     "test_a_relubrication_is_no_loss_and_not_the_end_of_numbers[-0.08-True]",
-    "test_process_forces_are_no_loss[False-200.0]",
     "test_preload_does_not_come_back_over_night_on_a_cold_axis[True]",
-    "test_another_screw_and_an_unseen_loss_are_found",
-    "test_an_effect_that_comes_after_commissioning_is_known[torque_ripple",
-    "test_a_loss_that_ends_by_itself_is_believed_and_given_up[2-4.0-False]",
-    "test_a_new_nut_is_found_without_being_told",
-    "test_a_step_of_the_preload_is_told_by_both_witnesses[2-4.0]",
-    "test_another_change_after_a_stop_is_no_loss[change4]",
+    "test_a_new_nut_is_found_without_being_told[0.5-False-True]",
+    "test_a_new_nut_is_found_without_being_told[2.0-False-True]",
+    "test_a_one_point_step_is_found",
 )
 
 

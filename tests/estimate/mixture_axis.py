@@ -47,7 +47,7 @@ def machine(one_encoder: bool = False, edge_rad2_s2: float = 0.0) -> Machine:
         stretch_slope_s2_per_m=TABLE_KG * 1.5e-8,
         nut_share=NUT_SHARE,
         nut_share_sigma=0.1 * NUT_SHARE,
-        reversal_force_n=GUIDE_N + SETTINGS.wind_up * FRESH * PER_PERCENT_NM / RATIO,
+        reversal_force_n=GUIDE_N,
         guide_viscous_n_s_per_m=20.0,
         clock_skew_s=1e-6,
         lead_map_m=(0.0, 2e-6, 1e-6),
@@ -104,7 +104,9 @@ class Truth:
     encoder_slope: float = 0.0
     skew_s: float = 1e-6
     nut_compliance: float = NUT_SHARE * COMPLIANCE
-    wind_up: float = 0.15
+    reversal: float = 0.0
+    mass_error: float = 0.0
+    wind_up: float = 0.0  # that the model does not know; commissioning has seen the fresh screw's
     map_m: Floats = field(default_factory=lambda: np.zeros(4))
 
     def torque(self, r: Reading) -> float:
@@ -123,13 +125,14 @@ class Truth:
         turn, away = 2.0 * math.pi * r.table_m / STROKE_M, r.table_m - REFERENCE_M
         percent = self.percent * (1.0 + 0.05 * math.cos(turn) + 0.02 * math.sin(turn))
         series = COMPLIANCE + 1.5e-8 * away
-        load = (TABLE_KG + self.payload_kg) * RATIO * r.acceleration_rad_s2
+        load = TABLE_KG + self.payload_kg * (1.0 - self.mass_error)
+        load *= RATIO * r.acceleration_rad_s2
         load += r.direction * GUIDE_N * (1.0 + self.guide)
         load += 20.0 * (1.0 + self.guide_viscous) * RATIO * r.speed_rad_s
         spring = (series - self.nut_compliance + self.loose_m_per_n) * load
         spring += 3.0 * FRESH_N * self.nut_compliance * deflection(load, percent)
-        drag_n = PER_PERCENT_NM * self.percent * (1.0 + self.nut) / RATIO
-        wound = r.direction * self.wind_up * series * drag_n
+        drag_n = PER_PERCENT_NM * (self.percent * (1.0 + self.nut) - FRESH) / RATIO
+        wound = r.direction * series * (self.wind_up * drag_n + self.reversal * GUIDE_N)
         lead = np.interp(r.table_m, (0.0, 0.5 * STROKE_M, STROKE_M), (0.0, 2e-6, 1e-6))
         odd = r.direction * np.interp(r.table_m, (0.0, STROKE_M), (0.0, 3e-8))
         growth = self.encoder_m + self.encoder_slope * away + lead + odd

@@ -17,17 +17,18 @@ from edge_service.estimate.mixture.state import (
     GUIDE_VISCOUS,
     HYPOTHESES,
     LEARNING,
-    LOOSENESS,
     NUT_COMPLIANCE,
     NUT_FRICTION,
     OFFSET_RATE,
     PRELOAD,
+    REVERSAL,
     SLOPE_RATE,
     STEADY,
     STRETCH_WANDER,
+    TABLE_MASS,
     TORQUE_STATES,
     TORQUE_WANDER,
-    WIND_UP,
+    WEAR_RATE,
     AxisModel,
     Bank,
     Process,
@@ -39,7 +40,7 @@ from edge_service.messages.samples import Floats
 from .mixture_axis import SETTINGS
 
 FRICTIONS = range(NUT_FRICTION, GUIDE_VISCOUS + 1)
-CONSIDERED = (NUT_COMPLIANCE, WIND_UP)
+CONSIDERED = (NUT_COMPLIANCE, TABLE_MASS)
 GROWTH_S = 300.0
 TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
 
@@ -57,30 +58,30 @@ def motion_of(
     q[block, block] = SETTINGS.together**2 * (1.0 - keep**2)
     for i in FRICTIONS:
         f[i, i] = keep
-        share = SETTINGS.nut_apart if i == NUT_FRICTION else SETTINGS.apart
-        q[i, i] += share**2 * (1.0 - keep**2)
+        q[i, i] += SETTINGS.apart**2 * (1.0 - keep**2)
     keep = math.exp(-r.steady_s / TORQUE_S)
     f[TORQUE_WANDER, TORQUE_WANDER] = keep
     q[TORQUE_WANDER, TORQUE_WANDER] = process.torque_wander_nm**2 * (1.0 - keep**2)
+    f[PRELOAD, WEAR_RATE] = r.steady_s
     q[PRELOAD, PRELOAD] = SETTINGS.preload_walk**2 * r.steady_s
+    q[WEAR_RATE, WEAR_RATE] = SETTINGS.rate_walk**2 * r.steady_s
     if size > TORQUE_STATES:
         keep = math.exp(-abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s / WAY_M)
         f[STRETCH_WANDER, STRETCH_WANDER] = keep
         q[STRETCH_WANDER, STRETCH_WANDER] = process.stretch_wander_m**2 * (1.0 - keep**2)
+        f[REVERSAL, REVERSAL] = math.exp(-elapsed_s / SETTINGS.friction_s)
         keep = math.exp(-elapsed_s / GROWTH_S)
         for place, rate in ((ENCODER_OFFSET, OFFSET_RATE), (ENCODER_SLOPE, SLOPE_RATE)):
             f[rate, rate], f[place, rate] = keep, GROWTH_S * (1.0 - keep)
     for i in range(size):
         if i not in FRICTIONS:
-            q[i, i] += process.walk[i] * _walked_s(i, r.steady_s, elapsed_s)
+            q[i, i] += process.walk[i] * _walked_s(i, elapsed_s)
     return f, q
 
 
-def _walked_s(i: int, steady_s: float, elapsed_s: float) -> float:
+def _walked_s(i: int, elapsed_s: float) -> float:
     """Time over which an element's walk is summed: a thermal one settles, as int exp(-2 t / T)."""
-    if i == LOOSENESS:
-        return steady_s
-    time_s = GROWTH_S if i >= TORQUE_STATES else SETTINGS.friction_s
+    time_s = GROWTH_S if i >= TORQUE_STATES and i != REVERSAL else SETTINGS.friction_s
     return 0.5 * time_s * -math.expm1(-2.0 * elapsed_s / time_s)
 
 

@@ -17,10 +17,6 @@ from edge_service.estimate.mixture.state import (
     SPEED_ERROR_END,
     SPEED_ERROR_START,
     STEADY,
-    TORQUE_STATES,
-    WIND_UP,
-    AxisModel,
-    Reading,
 )
 from edge_service.estimate.mixture.step import take
 from edge_service.messages.samples import Floats
@@ -60,16 +56,6 @@ def normal(rng: np.random.Generator, covariance: Floats) -> Floats:
     return np.asarray(scale * (root @ rng.standard_normal(len(sigma))))
 
 
-def shown(model: AxisModel, x: Floats, taught: Floats, r: Reading) -> tuple[Floats, float]:
-    """What a state shows; commissioning has absorbed the wind-up of the fresh drag."""
-    if len(x) == TORQUE_STATES:
-        return expected(model, x, r)[::2]
-    as_taught = x.copy()
-    as_taught[WIND_UP] = taught[WIND_UP]
-    values, slopes, compliance = expected(model, as_taught, r)
-    return values + slopes[:, WIND_UP] * (x[WIND_UP] - taught[WIND_UP]), compliance
-
-
 @cache
 def errors(one_encoder: bool) -> Errors:
     nees, preload_nees, nis = [], [], []
@@ -86,7 +72,7 @@ def errors(one_encoder: bool) -> Errors:
             f, q = motion_of(model, process, r, elapsed_s, size)
             x = f @ x + normal(rng, q)
             r = r._replace(stretch_m=np.nan if one_encoder else 0.0)
-            values, compliance = shown(model, x, start.mean, r)
+            values, _, compliance = expected(model, x, r)
             noise = noise_of(model, process, x, r, compliance, len(values))
             values = values + normal(rng, noise)
             r = r._replace(torque_nm=values[0], stretch_m=values[-1] if len(values) > 1 else np.nan)

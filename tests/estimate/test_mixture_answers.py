@@ -26,9 +26,12 @@ from edge_service.estimate.mixture.posterior import (
     limits_of,
 )
 from edge_service.estimate.mixture.state import (
+    BEARING_FRICTION,
+    GUIDE_FRICTION,
     HYPOTHESES,
     LOOSENESS,
     NUT_COMPLIANCE,
+    NUT_FRICTION,
     PAYLOAD,
     PRELOAD,
     TORQUE_WANDER,
@@ -134,10 +137,12 @@ class Another:
         """k p (1 + nut) + B (1 + bearing) + R G (1 + guide), to first order."""
         screw = PER_PERCENT_NM * np.exp(self.q)
         slope = np.zeros_like(self.mean)
-        slope[:, PRELOAD], slope[:, 1] = screw * (1.0 + self.mean[:, 1]), screw
-        slope[:, 2], slope[:, 3], slope[:, TORQUE_WANDER] = self.bearing_nm, self.guide_nm, 1.0
-        mean = screw * (1.0 + self.mean[:, 1]) + self.bearing_nm * (1.0 + self.mean[:, 2])
-        mean += self.guide_nm * (1.0 + self.mean[:, 3])
+        nut, bearing = self.mean[:, NUT_FRICTION], self.mean[:, BEARING_FRICTION]
+        slope[:, PRELOAD], slope[:, NUT_FRICTION] = screw * (1.0 + nut), screw
+        slope[:, BEARING_FRICTION], slope[:, GUIDE_FRICTION] = self.bearing_nm, self.guide_nm
+        slope[:, TORQUE_WANDER] = 1.0
+        mean = screw * (1.0 + nut) + self.bearing_nm * (1.0 + bearing)
+        mean += self.guide_nm * (1.0 + self.mean[:, GUIDE_FRICTION])
         value, half = self.spread(mean, np.einsum("ki,kij,kj->k", slope, self.cov, slope))
         return value, value - half, value + half
 
@@ -161,7 +166,11 @@ class Another:
         return float(self.weight @ norm.sf(limit, self.mean @ vector, sigma))
 
     def faults(self) -> list[float]:
-        frictions = {1: PER_PERCENT_NM * FRESH, 2: self.bearing_nm, 3: self.guide_nm}
+        frictions = {
+            NUT_FRICTION: PER_PERCENT_NM * FRESH,
+            BEARING_FRICTION: self.bearing_nm,
+            GUIDE_FRICTION: self.guide_nm,
+        }
         told = [self.below((1.0 - LOST_SHARE) * FRESH)]
         told += [self.above(frictions, SLICK_SHARE * COULOMB_NM), self.force]
         if not self.two:

@@ -17,6 +17,8 @@ from edge_service.estimate.mixture.start import LOAD_SLOT, NUT_SLOT, begun, go_o
 from edge_service.estimate.mixture.state import (
     BEFORE,
     CHALLENGERS,
+    GUIDE_FRICTION,
+    GUIDE_VISCOUS,
     HYPOTHESES,
     LEARNING,
     LOAD,
@@ -24,10 +26,12 @@ from edge_service.estimate.mixture.state import (
     LOOSENING,
     LOSS,
     LUBRICATION,
+    NUT_FRICTION,
     PAYLOAD,
     PRELOAD,
     STEADY,
     STOPPED,
+    TORQUE_OFFSET,
     TOTAL_LOSS,
     WEARING,
     Bank,
@@ -179,8 +183,9 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     for _ in range(40):
         follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
-    touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: {1, 2, 3, 4, 5}}
-    touched |= {LOAD: {PAYLOAD, 3, 7}, LOOSENING: {LOOSENESS}}
+    frictions = set(range(NUT_FRICTION, GUIDE_VISCOUS + 1))
+    touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: frictions}
+    touched |= {LOAD: {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}, LOOSENING: {LOOSENESS}}
     for k in CHALLENGERS:
         changed = (bank.mean[k] != x) | (np.diag(bank.covariance[k]) != np.diag(p))
         assert set(np.flatnonzero(changed)) == touched[k], k

@@ -27,7 +27,6 @@ from edge_service.estimate.mixture.state import (
     TORQUE_STATES,
     TORQUE_WANDER,
     TOTAL_LOSS,
-    WIND_UP,
 )
 from edge_service.models.machine import Machine
 
@@ -65,7 +64,7 @@ def test_the_model_has_compliance_and_clearance_in_metres() -> None:
     assert model.compliance_slope_per_n == pytest.approx(1.5e-8)
     deflection_m = 3.0 * FRESH_N * NUT_SHARE * COMPLIANCE
     assert model.clearance_share * deflection_m == pytest.approx(0.5 * CLEARANCE_M)
-    assert model.stretch_density == pytest.approx(SETTINGS.stretch_doubt * 3e-18)
+    assert model.stretch_density == pytest.approx(3e-18)
 
 
 def test_one_encoder_leaves_the_torques_states() -> None:
@@ -84,8 +83,7 @@ def test_it_begins_at_the_commissioned_axis() -> None:
     assert start.mean[TORQUE_OFFSET] == 0.01
     assert start.mean[CLOCK_SKEW] == 1e-6
     assert start.mean[NUT_COMPLIANCE] == pytest.approx(NUT_SHARE * COMPLIANCE)
-    assert start.mean[WIND_UP] == SETTINGS.wind_up
-    assert np.count_nonzero(start.mean) == 5
+    assert np.count_nonzero(start.mean) == 4
     deviation = math.sqrt(start.covariance[NUT_COMPLIANCE, NUT_COMPLIANCE])
     assert deviation == pytest.approx(0.1 * NUT_SHARE * COMPLIANCE)
 
@@ -93,7 +91,7 @@ def test_it_begins_at_the_commissioned_axis() -> None:
 def test_frictions_begin_a_stated_share_wider_than_after_a_long_time() -> None:
     covariance = parts()[1].covariance
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
-        share = SETTINGS.nut_apart if i == NUT_FRICTION else SETTINGS.apart
+        share = SETTINGS.apart
         spread = SETTINGS.start_share**2
         assert covariance[i, i] == pytest.approx(spread * (SETTINGS.together**2 + share**2))
         for j in range(NUT_FRICTION, i):
@@ -146,7 +144,7 @@ def test_what_may_happen_is_what_the_encoders_can_tell() -> None:
 
 
 def test_an_axis_whose_friction_never_moves_knows_no_lubrication() -> None:
-    settings = MixtureSettings(together=0.0, apart=0.0, nut_apart=0.0)
+    settings = MixtureSettings(together=0.0, apart=0.0)
     model = axis_model(machine(), settings)
     start = start_of(machine(), model, settings)
     process = process_of(machine(), model, start, settings)
@@ -160,6 +158,8 @@ def test_an_axis_whose_friction_never_moves_knows_no_lubrication() -> None:
 def test_steps_add_to_what_they_are_named_for() -> None:
     jumps = parts()[2].jumps
     assert np.flatnonzero(jumps[LOSS]).tolist() == [0]
-    assert set(np.flatnonzero(jumps[LUBRICATION].any(axis=0))) == {1, 2, 3, 4, 5}
+    assert set(np.flatnonzero(jumps[LUBRICATION].any(axis=0))) == set(
+        range(NUT_FRICTION, GUIDE_VISCOUS + 1)
+    )
     for k in (LOSS, LUBRICATION, LOAD, LOOSENING):
         assert np.linalg.eigvalsh(jumps[k]).min() > -1e-18

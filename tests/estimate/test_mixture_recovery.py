@@ -84,7 +84,7 @@ def test_a_new_nut_is_found_without_being_told(
 ) -> None:
     axis = Axis(one_encoder).moved(1, 120.0, Truth(percent=percent))
     if unseen:
-        go_on(axis.bank, axis.start, axis.process, 3600.0)
+        go_on(axis.bank, axis.start, 3600.0)
     axis.moved(2, BACK_S, FRESH_TRUTH, 3600.0 if unseen else 300.0)
     value, low, high = axis.said().preload
     assert low <= FRESH <= high
@@ -132,3 +132,32 @@ def test_a_healthy_axis_is_never_doubted_for_long() -> None:
         assert math.isfinite(value)
     assert np.mean(outside) <= 0.05
     assert not any(lost)
+
+
+@pytest.mark.parametrize("wind_up", [0.0, 0.15, 0.3])
+@pytest.mark.parametrize("percent", [0.6 * FRESH, FRESH])
+def test_a_screw_that_winds_up_is_read_as_one_that_does_not(wind_up: float, percent: float) -> None:
+    """How far the nut's drag winds up the screw no healthy axis tells."""
+    truth = Truth(percent=percent, wind_up=wind_up, nut=-0.2, bearing=-0.2, guide=-0.2)
+    axis = Axis(one_encoder=False).moved(3, 180.0, truth)
+    value, low, high = axis.said().preload
+    assert low <= percent <= high
+    assert value == pytest.approx(percent, abs=0.15 * FRESH)
+
+
+def test_a_slow_loss_is_followed_without_much_lag() -> None:
+    axis = Axis(one_encoder=False).moved(1, 60.0, FRESH_TRUTH)
+    for k in range(30):
+        percent = FRESH * (1.0 - 0.01 * k)
+        axis.moved(100 + k, 15.0, Truth(percent=percent))
+    value, low, high = axis.said().preload
+    assert low <= percent <= high
+    assert value == pytest.approx(percent, abs=0.1 * FRESH)
+
+
+@pytest.mark.parametrize("error", [-0.02, 0.02])
+def test_an_error_of_the_tables_mass_is_no_loss_under_a_payload(error: float) -> None:
+    truth = Truth(payload_kg=10.0, mass_error=error)
+    axis = Axis(one_encoder=False).moved(5, 120.0, truth)
+    _, low, high = axis.said().preload
+    assert low <= FRESH <= high

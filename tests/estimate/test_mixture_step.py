@@ -14,8 +14,8 @@ from edge_service.estimate.mixture.state import (
     NUT_COMPLIANCE,
     PRELOAD,
     STEADY,
+    TABLE_MASS,
     TORQUE_STATES,
-    WIND_UP,
     Bank,
 )
 
@@ -94,10 +94,10 @@ def test_covariances_stay_covariances(encoder: str) -> None:
 def test_what_is_considered_is_never_changed_by_data() -> None:
     model, start, process = parts()
     bank = begun(start, SETTINGS)
-    for r in production(3, 120.0, Truth(percent=3.0, wind_up=0.3)):
+    for r in production(3, 120.0, Truth(percent=3.0, reversal=0.3, mass_error=0.05)):
         step.take(bank, model, process, r, 0.1)
     for k in np.flatnonzero(bank.alive):
-        for i in (NUT_COMPLIANCE, WIND_UP):
+        for i in (NUT_COMPLIANCE, TABLE_MASS):
             assert bank.mean[k, i] == start.mean[i]
             assert bank.covariance[k, i, i] == start.covariance[i, i]
 
@@ -107,7 +107,7 @@ def test_data_say_nothing_of_how_what_is_considered_hangs_together() -> None:
     bank = begun(start, SETTINGS)
     for r in production(3, 120.0, Truth()):
         step.take(bank, model, process, r, 0.1)
-    assert bank.covariance[STEADY, NUT_COMPLIANCE, WIND_UP] == 0.0
+    assert bank.covariance[STEADY, NUT_COMPLIANCE, TABLE_MASS] == 0.0
 
 
 @pytest.mark.parametrize("one_encoder", [False, True])
@@ -179,15 +179,14 @@ def test_frictions_have_their_stationary_covariance_after_a_long_time(step_s: fl
     """together^2 between any two, and apart^2 of each on its own, however time is cut."""
     model, start, process = parts(one_encoder=True)
     bank, rng = alone(start, 0.3), np.random.default_rng(8)
-    bank.covariance[STEADY, 1:6, 1:6] = 4.0 * np.eye(5)
+    first, last = FRICTIONS[0], FRICTIONS[-1] + 1
+    bank.covariance[STEADY, first:last, first:last] = 4.0 * np.eye(5)
     process = process._replace(learn_s=math.inf)
     for _ in range(round(20_000.0 / step_s)):
         slow = idle(rng, one_encoder=True)._replace(speed_rad_s=5.0, direction=1.0)
         step.take(bank, model, process, measured(rng, Truth(), slow, 1000.0), step_s)
     assert bank.force[0] > 0.99
-    apart = np.full(5, SETTINGS.apart)
-    apart[0] = SETTINGS.nut_apart
-    stationary = SETTINGS.together**2 + np.diag(apart**2)
+    stationary = SETTINGS.together**2 + SETTINGS.apart**2 * np.eye(5)
     rows = slice(FRICTIONS[0], FRICTIONS[-1] + 1)
     found = bank.covariance[STEADY, rows, rows]
     np.testing.assert_allclose(found, stationary, rtol=0.02)
@@ -196,3 +195,17 @@ def test_frictions_have_their_stationary_covariance_after_a_long_time(step_s: fl
 def test_indices_of_torque_come_first() -> None:
     assert PRELOAD < TORQUE_STATES <= NUT_COMPLIANCE < len(parts()[1].mean)
     assert len(parts(one_encoder=True)[1].mean) == TORQUE_STATES
+
+
+def test_no_phase_alone_condemns_a_hypothesis() -> None:
+    """However wild a phase is, weights part by no more than its share of the most it may say."""
+    model, start, process = parts()
+    bank, rng = begun(start, SETTINGS), np.random.default_rng(9)
+    for r in production(3, 5.0, Truth()):
+        step.take(bank, model, process, r, 0.1)
+    rows = bank.alive > 0
+    before = bank.log_weight[rows].copy()
+    r = measured(rng, Truth(), idle(rng), 0.0)
+    step.take(bank, model, process, r._replace(torque_nm=r.torque_nm + 0.3), 0.1)
+    moved = (bank.log_weight[rows] - before)[before > process.floor + 3.0]
+    assert 0.0 < np.ptp(moved) <= process.evidence * process.most_nats + 1e-9
