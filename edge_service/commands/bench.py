@@ -93,7 +93,7 @@ def bench_estimator(
 
     Parts: own, foreign, thesis and spoiled are single recordings with aims; life is many sessions
     over months, rates is wear of any speed, healthy counts false conditions, second-plant runs a
-    benchmark that lies beside the checkout.
+    benchmark that lies beside the checkout, ablation takes the estimator's parts away one by one.
     """
     from ..studies.estimator_bench import run_estimator_bench
     from ..studies.estimator_tasks import BenchSettings

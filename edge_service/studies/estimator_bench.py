@@ -11,6 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from typing import Any
 
+from .ablation import ablation_section, run_ablation
 from .bench_figures import PipelineBench
 from .bench_sections import Drawn, Section
 from .estimator_parts import TABLE
@@ -33,6 +34,7 @@ _SECTIONS: _Sections = {
     "rates": (rate_section, rate_pictures),
     "healthy": (healthy_section, healthy_pictures),
     "second-plant": (plant_section, plant_pictures),
+    "ablation": (ablation_section, lambda _: []),
 }
 
 
@@ -78,6 +80,8 @@ def run_estimator_bench(
     settings, say = settings or BenchSettings(), progress or (lambda _: None)
     found = _run(tasks_of(settings), settings.processes, say)
     unmeasured = _run_second_plant(settings, found, say)
+    if "ablation" in settings.parts:
+        found["ablation"] = _ablation(settings, say)
     named = [name for name in _SECTIONS if found.get(name)]
     table = [part for name in TABLE for part in found.get(name, [])]
     return EstimatorBench(
@@ -120,6 +124,15 @@ def _run_second_plant(
         parts = run_second_plant(folder, seed, settings.quick, settings.processes, say)
         found.setdefault("second-plant", []).extend(parts)
     return ()
+
+
+def _ablation(settings: BenchSettings, say: Progress) -> list[Any]:
+    seeds = range(settings.seed, settings.seed + settings.seeds)
+    return list(
+        run_ablation(
+            settings.tests, settings.second_plant, seeds, settings.quick, settings.processes, say
+        )
+    )
 
 
 def _speed(quick: bool, say: Progress) -> PipelineBench:

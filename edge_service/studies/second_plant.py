@@ -88,11 +88,8 @@ def run_second_plant(
     parts: list[PlantPart] = []
     with tempfile.TemporaryDirectory(prefix="second-plant-") as home:
         out = Path(home) / "recordings"
-        extent = ["--set", "small" if quick else "full", "--jobs", str(processes)]
-        if minutes is not None:
-            extent += ["--minutes", str(minutes)]
         say(f"second plant, seed {seed}: making recordings")
-        _run([str(folder / MAKE), str(out), "--seed", str(seed), *extent], say)
+        make_recordings(folder, out, seed, quick, processes, say, minutes)
         for sheet in (False, True):
             name = f"second plant, seed {seed}, {'data sheet' if sheet else 'no data sheet'}"
             answers = Path(home) / ANSWERS
@@ -101,6 +98,22 @@ def run_second_plant(
             _run(command, partial(_told, say, name))
             parts += read_answers(json.loads(answers.read_text("utf-8")), out, seed, sheet)
     return parts
+
+
+def make_recordings(
+    folder: Path,
+    out: Path,
+    seed: int,
+    quick: bool,
+    processes: int,
+    say: Progress,
+    minutes: float | None = None,
+) -> None:
+    """Make its recordings of one seed in a new folder. Raises SecondPlantError if it fails."""
+    extent = ["--set", "small" if quick else "full", "--jobs", str(processes)]
+    if minutes is not None:
+        extent += ["--minutes", str(minutes)]
+    _run([str(folder / MAKE), str(out), "--seed", str(seed), *extent], say)
 
 
 def _told(say: Progress, name: str, line: str) -> None:

@@ -117,7 +117,7 @@ def test_the_table_counts_each_confidently_wrong_number_once() -> None:
 
 def test_parts_and_axes_are_chosen() -> None:
     every = tasks_of(BenchSettings(quick=True))
-    assert {task.part for task in every} == {*PARTS} - {"speed", "second-plant"}
+    assert {task.part for task in every} == {*PARTS} - {"speed", "second-plant", "ablation"}
     few = tasks_of(BenchSettings(quick=True, parts=("rates",), seed=7, seeds=2))
     assert [task.name for task in few] == [
         f"wear axis {axis}, {state}" for state in ("cold", "warming up") for axis in (7, 8)

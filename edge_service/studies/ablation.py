@@ -1,0 +1,181 @@
+"""What each state, hypothesis and constant of the estimator is worth on plants it was not set on.
+
+Every recording is followed once as the estimator is, and once for each part taken away or changed.
+"""
+
+import multiprocessing
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..config import DEFAULT_CONFIG, EdgeConfig, load_config, load_machine
+from ..estimate.fused import FusedPreloadEstimator
+from ..estimate.mixture.model import MixtureSettings
+from ..models.machine import Machine
+from ..nodes.columns import column_maps
+from ..nodes.commission import commission_to_file
+from ..nodes.convert import controller_axis
+from ..nodes.pipeline import make_downsampler
+from ..trace.reader import open_trace
+from .bench_sections import Section
+from .estimator_foreign import (
+    commissioned_machine,
+    foreign_plant,
+    has_foreign_plant,
+    recorded,
+    scenarios,
+)
+from .estimator_scores import Recorded, Score, follow, pooled, score
+from .second_plant import has_second_plant, make_recordings
+
+WHOLE = "the estimator as it is"
+_NEVER = 1e-30
+VARIANTS: Mapping[str, Mapping[str, float]] = {
+    WHOLE: {},
+    "no REVERSAL": {"reversal": 0.0},
+    "no WEAR_RATE": {"wear_rate": 0.0, "rate_walk": 0.0},
+    "no WEARING": {"wear_walk": 0.005},
+    "no LOSS": {"loss_hazard": _NEVER},
+    "no TOTAL_LOSS": {"total_hazard": _NEVER},
+    "no LUBRICATION, no LOAD": {"stop_share": _NEVER},
+    "no LOOSENING": {"loosening_hazard": _NEVER},
+    "no process forces": {"force_share": _NEVER, "rapid_share": _NEVER},
+    "one beginning": {"half": 0.0, "none": 0.0, "loaded": 0.0},
+    "no LOOSENESS at the start": {"looseness": 0.0},
+    "nothing wanders": {"wander": 0.0},
+    "no axial friction": {"axial": 0.0},
+    "a phase may say anything": {"most_nats": 1e3},
+    "all evidence counts": {"evidence": 1.0},
+    "half the drift of friction": {"together": 0.05, "apart": 0.035},
+    "twice the drift of friction": {"together": 0.2, "apart": 0.14},
+    "half the memory of friction": {"friction_s": 300.0},
+    "twice the memory of friction": {"friction_s": 1200.0},
+    "a fifth of the process forces": {"force": 0.025},
+    "losses ten times as likely": {"loss_hazard": 3e-3, "total_hazard": 1e-3},
+    "losses a tenth as likely": {"loss_hazard": 3e-5, "total_hazard": 1e-5},
+}
+FOREIGN, SECOND = "foreign", "second"
+FOREIGN_AXES = (3, 4, 5)
+EVERY = 5
+_ONE_ENCODER = "one_encoder"
+_FIGURES: tuple[tuple[str, Callable[[Score], float]], ...] = (
+    ("MAE", lambda of: of.mae),
+    ("wrong", lambda of: of.wrong),
+    ("score", lambda of: of.interval_score),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Ablated:
+    """How one recording of a plant was followed by one variant."""
+
+    plant: str
+    variant: str
+    score: Score
+
+
+def run_ablation(
+    tests: Path,
+    second_plant: Path,
+    seeds: Sequence[int],
+    quick: bool,
+    processes: int,
+    say: Callable[[str], None],
+) -> list[Ablated]:
+    """All variants over the foreign plant and, where its commands are, the second plant.
+
+    Args:
+        seeds: of the second plant.
+    """
+    found: list[Ablated] = []
+    context = multiprocessing.get_context("spawn")
+    with (
+        tempfile.TemporaryDirectory(prefix="ablation-") as home,
+        ProcessPoolExecutor(processes, context) as pool,
+    ):
+        running = []
+        if has_foreign_plant(tests):
+            axes = FOREIGN_AXES[: 1 if quick else None]
+            running = [pool.submit(on_foreign_axis, tests, axis, quick) for axis in axes]
+        for seed in seeds if has_second_plant(second_plant) else ():
+            out = Path(home) / str(seed)
+            say(f"ablation: making recordings of the second plant, seed {seed}")
+            make_recordings(second_plant, out, seed, quick, processes, say)
+            for folder in sorted(out.glob("machine-*")):
+                running += [pool.submit(on_second_axis, folder, sheet) for sheet in (False, True)]
+        for number, future in enumerate(running, start=1):
+            found += future.result()
+            say(f"ablation: {number} of {len(running)} axes")
+    return found
+
+
+def on_foreign_axis(tests: Path, axis_seed: int, quick: bool) -> list[Ablated]:
+    """All variants over the scenarios of one axis."""
+    plant, machine = foreign_plant(tests), commissioned_machine(tests, axis_seed)
+    every: list[Ablated] = []
+    for given in scenarios(plant, quick).values():
+        kwargs = {name: value for name, value in given.items() if name != "loss"}
+        case = plant.axis_case(seed=100 + axis_seed, axis_seed=axis_seed, **kwargs)
+        every += _variants(FOREIGN, machine, recorded(tests, case))
+    return every
+
+
+def on_second_axis(folder: Path, sheet: bool) -> list[Ablated]:
+    """All variants over the recordings of one machine, commissioned as a stranger would."""
+    config = load_config(DEFAULT_CONFIG)
+    every: list[Ablated] = []
+    machines: dict[bool, Machine] = {}
+    for one_encoder in (False, True):
+        nominal = folder / ("nominal_sheet.toml" if sheet else "nominal.toml")
+        healthy = folder / ("commissioning_one_encoder" if one_encoder else "commissioning")
+        out = folder / f"taught-{sheet:d}-{one_encoder:d}.toml"
+        commission_to_file(nominal, sorted(healthy.glob("*.csv")), out, config)
+        machines[one_encoder] = load_machine(out)
+    for trace in sorted((folder / "traces").glob("*.csv")):
+        machine = machines[trace.stem == _ONE_ENCODER]
+        truth_file = folder.parent / "hidden" / f"{folder.name}-{trace.stem}.npz"
+        every += _variants(SECOND, machine, read_recorded(trace, truth_file, machine, config))
+    return every
+
+
+def read_recorded(trace: Path, truth_file: Path, machine: Machine, config: EdgeConfig) -> Recorded:
+    """A recording of the second plant with its truth."""
+    downsampler = make_downsampler(config.downsample, machine)
+    with open_trace(trace, column_maps(machine), controller_axis(machine)) as frames:
+        blocks = [block for frame in frames for block in downsampler.push(frame)]
+    with np.load(truth_file) as known:
+        truth = known["truth"]
+    return Recorded(blocks, truth[:, 0], truth[:, 1])
+
+
+def _variants(plant: str, machine: Machine, case: Recorded) -> Iterator[Ablated]:
+    for name, given in VARIANTS.items():
+        estimator = FusedPreloadEstimator(machine, MixtureSettings(**given))
+        yield Ablated(plant, name, score(follow(estimator, case, EVERY)))
+
+
+def ablation_section(parts: Sequence[Ablated]) -> Section:
+    """One row for each variant, its figures on each plant."""
+    plants = list(dict.fromkeys(part.plant for part in parts))
+    rows = []
+    for variant in dict.fromkeys(part.variant for part in parts):
+        row: list[object] = []
+        for plant in plants:
+            mine = [p.score for p in parts if (p.plant, p.variant) == (plant, variant)]
+            whole = pooled(mine)
+            row += [figure(whole) for _, figure in _FIGURES]
+        rows.append((variant, tuple(row)))
+    heads = tuple(f"{name}, {plant}" for plant in plants for name, _ in _FIGURES)
+    cases = {plant: len({id(p) for p in parts if p.plant == plant}) for plant in plants}
+    each = ", ".join(f"{plant} {cases[plant] // max(len(rows), 1)}" for plant in plants)
+    return Section(
+        name="ablation",
+        title="one part taken away or changed",
+        heads=heads,
+        rows=tuple(rows),
+        notes=(f"recordings: {each}; MAE in points, wrong: share confidently wrong",),
+    )

@@ -1,0 +1,69 @@
+"""The table of ablations: each row changes what it says, and every plant has its own figures."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from edge_service.estimate.mixture.model import MixtureSettings
+from edge_service.studies import ablation
+from edge_service.studies.ablation import (
+    VARIANTS,
+    WHOLE,
+    Ablated,
+    ablation_section,
+    on_foreign_axis,
+    run_ablation,
+)
+from edge_service.studies.estimator_foreign import CHECKOUT_TESTS
+from edge_service.studies.estimator_scores import Score
+
+
+def of(mae: float) -> Score:
+    return Score(10, 10, mae=mae, wrong=0.1, interval_score=2.0)
+
+
+def test_each_variant_changes_settings_that_there_are() -> None:
+    usual = asdict(MixtureSettings())
+    assert VARIANTS[WHOLE] == {}
+    for name, given in VARIANTS.items():
+        assert all(usual[key] != value for key, value in given.items()), name
+    assert len({tuple(sorted(given.items())) for given in VARIANTS.values()}) == len(VARIANTS)
+
+
+def test_a_row_has_the_figures_of_every_plant() -> None:
+    parts = [
+        Ablated(plant, variant, of(mae))
+        for plant, variant, mae in (
+            ("foreign", WHOLE, 0.1),
+            ("foreign", WHOLE, 0.3),
+            ("foreign", "no LOSS", 0.5),
+            ("second", WHOLE, 0.4),
+            ("second", "no LOSS", 0.6),
+        )
+    ]
+    section = ablation_section(parts)
+    assert section.heads[0] == "MAE, foreign"
+    assert section.heads[3] == "MAE, second"
+    rows = dict(section.rows)
+    assert rows[WHOLE][0] == pytest.approx(0.2)
+    assert rows["no LOSS"][3] == pytest.approx(0.6)
+    assert [row["row"] for row in section.as_dict()["rows"]] == [WHOLE, "no LOSS"]
+
+
+def test_the_variants_follow_the_foreign_plant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short healthy recording; one that knows no drift is surer than one that knows much."""
+    changed = {"none": {"together": 0.001, "apart": 0.001}, "much": {"together": 0.3}}
+    monkeypatch.setattr(ablation, "VARIANTS", changed)
+    short = {"healthy": {"duration_s": 15.0}}
+    monkeypatch.setattr(ablation, "scenarios", lambda *_: short)
+    parts = on_foreign_axis(CHECKOUT_TESTS, 3, True)
+    assert [part.variant for part in parts] == ["none", "much"]
+    assert all(part.score.told > 20 for part in parts)
+    assert parts[0].score.interval_score < parts[1].score.interval_score
+
+
+def test_nothing_is_made_up_where_there_is_no_plant(tmp_path: Path) -> None:
+    said: list[str] = []
+    assert run_ablation(tmp_path, tmp_path, (3,), True, 1, said.append) == []
+    assert not said
