@@ -166,12 +166,11 @@ def ablation_section(parts: Sequence[Ablated]) -> Section:
         row: list[object] = []
         for plant in plants:
             mine = [p.score for p in parts if (p.plant, p.variant) == (plant, variant)]
-            whole = pooled(mine)
-            row += [figure(whole) for _, figure in _FIGURES]
+            row += [figure(pooled(mine)) for _, figure in _FIGURES]
         rows.append((variant, tuple(row)))
     heads = tuple(f"{name}, {plant}" for plant in plants for name, _ in _FIGURES)
-    cases = {plant: len({id(p) for p in parts if p.plant == plant}) for plant in plants}
-    each = ", ".join(f"{plant} {cases[plant] // max(len(rows), 1)}" for plant in plants)
+    whole = [part.plant for part in parts if part.variant == parts[0].variant]
+    each = ", ".join(f"{plant} {whole.count(plant)}" for plant in plants)
     return Section(
         name="ablation",
         title="one part taken away or changed",

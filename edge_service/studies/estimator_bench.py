@@ -115,11 +115,11 @@ def _run_second_plant(
     settings: BenchSettings, found: dict[str, list[Any]], say: Progress
 ) -> tuple[str, ...]:
     """Add its recordings; why there are none, where there are none."""
-    if "second-plant" not in settings.parts:
-        return ()
-    folder = settings.second_plant
-    if not has_second_plant(folder):
+    folder, wanted = settings.second_plant, {"second-plant", "ablation"} & {*settings.parts}
+    if wanted and not has_second_plant(folder):
         return (f"second plant: not measured, there is none in {folder} (--second-plant)",)
+    if "second-plant" not in wanted:
+        return ()
     for seed in range(settings.seed, settings.seed + settings.seeds):
         parts = run_second_plant(folder, seed, settings.quick, settings.processes, say)
         found.setdefault("second-plant", []).extend(parts)

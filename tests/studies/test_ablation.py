@@ -15,8 +15,10 @@ from edge_service.studies.ablation import (
     on_foreign_axis,
     run_ablation,
 )
+from edge_service.studies.estimator_bench import run_estimator_bench
 from edge_service.studies.estimator_foreign import CHECKOUT_TESTS
 from edge_service.studies.estimator_scores import Score
+from edge_service.studies.estimator_tasks import BenchSettings
 
 
 def of(mae: float) -> Score:
@@ -49,6 +51,7 @@ def test_a_row_has_the_figures_of_every_plant() -> None:
     assert rows[WHOLE][0] == pytest.approx(0.2)
     assert rows["no LOSS"][3] == pytest.approx(0.6)
     assert [row["row"] for row in section.as_dict()["rows"]] == [WHOLE, "no LOSS"]
+    assert "recordings: foreign 2, second 1;" in section.notes[0]
 
 
 def test_the_variants_follow_the_foreign_plant(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,3 +70,10 @@ def test_nothing_is_made_up_where_there_is_no_plant(tmp_path: Path) -> None:
     said: list[str] = []
     assert run_ablation(tmp_path, tmp_path, (3,), True, 1, said.append) == []
     assert not said
+
+
+def test_a_plant_that_is_not_there_is_said_to_be_missing(tmp_path: Path) -> None:
+    settings = BenchSettings(parts=("ablation",), second_plant=tmp_path, tests=tmp_path)
+    found = run_estimator_bench(settings)
+    assert found.sections == ()
+    assert "not measured" in found.unmeasured[0]
