@@ -61,7 +61,7 @@ class Answers(NamedTuple):
     """What is known of one axis: values with 95 % intervals, and probabilities.
 
     Attributes:
-        preload: percent.
+        preload: percent; the median of the mixture.
         drag: Coulomb torque of the whole axis, N m.
         stiffness: series stiffness at the reference, N/m; None with one encoder.
         levels: probability that each of the thesis' levels is the nearest.
@@ -110,7 +110,7 @@ def read(bank: Bank, model: AxisModel, limits: Limits) -> Floats:
     weight /= weight.sum()
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(MOST_SHARE * model.fresh_percent)
-    said[0] = _mean_percent(weight, mean, sigma, most)
+    said[0] = _quantile(0.5, weight, mean, sigma, most)
     said[1], said[2] = _interval(weight, mean, sigma, most, model.fresh_percent)
     said[1], said[2] = min(said[1], said[0]), max(said[2], said[0])
     said[3], said[4], said[5] = _drag(bank, model, rows, weight)
@@ -168,18 +168,6 @@ def _below(x: float, weight: Floats, mean: Floats, sigma: Floats, most: float) -
     for k in range(len(weight)):
         whole = max(_normal((most - mean[k]) / sigma[k]), 1e-12)
         total += weight[k] * min(_normal((min(x, most) - mean[k]) / sigma[k]) / whole, 1.0)
-    return total
-
-
-@compiled
-def _mean_percent(weight: Floats, mean: Floats, sigma: Floats, most: float) -> float:
-    """Mean of the truncated log-normal mixture, %."""
-    total = 0.0
-    for k in range(len(weight)):
-        s = sigma[k]
-        whole = max(_normal((most - mean[k]) / s), 1e-12)
-        part = _normal((most - mean[k] - s * s) / s) / whole
-        total += weight[k] * min(math.exp(mean[k] + 0.5 * s * s) * part, math.exp(most))
     return total
 
 
