@@ -13,8 +13,8 @@ from drivers.registry import driver_names, load_driver
 from edge_service.cli import cli
 from edge_service.config import EdgeConfig, load_config
 from edge_service.estimate.mixture import state
+from edge_service.estimate.mixture.force import FORCED, OUTLIER
 from edge_service.estimate.mixture.model import CLEARANCE_M, MixtureSettings
-from edge_service.estimate.mixture.step import FORCED
 from edge_service.messages.topics import TOPICS
 from edge_service.models.effects.registry import effect_names, get_effect
 
@@ -114,7 +114,7 @@ def test_every_dependency_is_explained_in_the_readme() -> None:
 
 def test_every_state_and_hypothesis_of_the_estimator_stands_in_the_readme() -> None:
     counts = {"TORQUE_STATES", "MAP_STATES", "STRETCH_STATES", "HYPOTHESES", "MOMENTS"}
-    moments = {"SINCE_SPAWN_S", "STOPPED", "LEARNING", "SURPRISE", "FASTEST_RAD_S", "FORCED_S"}
+    moments = {"SINCE_SPAWN_S", "STOPPED_S", "LEARNING", "SURPRISE", "FASTEST_RAD_S", "FORCED_S"}
     moments |= {"INERTIA_ERROR", "INERTIA_TORQUE"}
     names = {name for name, value in vars(state).items() if name.isupper() and type(value) is int}
     for name in names - counts - moments:
@@ -129,8 +129,8 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"a share of {said.evidence:g} only".replace("0.", ".") in text
     force = f"process forces of {said.force:g} of the dynamic load rating"
     assert force.replace("0.", ".") in text
-    assert f"no phase says more than {said.most_nats:g} nats" in text
     assert f"a force is above {FORCED:g} corrects".replace("0.", ".") in text
+    assert f"an innovation squared above {OUTLIER:g}" in text
     assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
 
 

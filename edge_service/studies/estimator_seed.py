@@ -31,7 +31,6 @@ SETTINGS = MixtureSettings(
     apart=0.0,
     wear_rate=0.0,
     rate_walk=0.0,
-    most_nats=1e3,
     wander=0.0,
     axial=0.0,
     preload_walk=2e-4,

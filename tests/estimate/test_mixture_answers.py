@@ -64,7 +64,7 @@ def drawn(seed: int, one_encoder: bool = False) -> Bank:
     bank.alive[:] = rng.random(HYPOTHESES) < 0.6
     bank.alive[rng.integers(HYPOTHESES)] = 1
     bank.log_weight[:] = np.log(rng.dirichlet(np.full(HYPOTHESES, 0.3)) + 1e-6)
-    bank.force[0] = rng.uniform()
+    bank.force[:] = rng.random(HYPOTHESES)
     sigma = np.sqrt(np.diag(start.covariance))
     sigma[PRELOAD] = rng.uniform(0.02, 0.8)
     base = start.mean.copy()
@@ -95,7 +95,7 @@ class Another:
         self.mean, self.cov = bank.mean[rows], bank.covariance[rows]
         self.weight = np.exp(bank.log_weight[rows])
         self.weight /= self.weight.sum()
-        self.force = float(bank.force[0])
+        self.force = float(self.weight @ bank.force[rows])
         self.q = self.mean[:, PRELOAD]
         variance = self.cov[:, PRELOAD, PRELOAD] + MODEL_ERROR**2
         variance += (MODEL_ERROR_SHARE * (self.q - math.log(FRESH))) ** 2

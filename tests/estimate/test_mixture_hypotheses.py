@@ -30,7 +30,7 @@ from edge_service.estimate.mixture.state import (
     PAYLOAD,
     PRELOAD,
     STEADY,
-    STOPPED,
+    STOPPED_S,
     TORQUE_OFFSET,
     TOTAL_LOSS,
     WEARING,
@@ -157,14 +157,18 @@ def test_load_and_lubricant_are_changed_at_a_stop_only(stop_s: float) -> None:
     assert bool(bank.alive[LOAD]) is bool(bank.alive[LUBRICATION]) is (stop_s > STOP_S)
 
 
-def test_after_a_stop_they_wait_for_a_phase_without_a_force() -> None:
+@pytest.mark.parametrize("calm", [False, True])
+@pytest.mark.parametrize(("stop_s", "counted_s"), [(5.0, 5.0), (50.0, 50.0), (5000.0, 100.0)])
+def test_the_longer_a_stop_the_likelier_is_another_load(
+    stop_s: float, counted_s: float, calm: bool
+) -> None:
+    """Even where the phase after it passes for one under a force: that may be the other load."""
     bank = settled()
-    follow_hypotheses(bank, PROCESS, TICK, 5.0, False)
-    assert not bank.alive[LOAD]
-    assert bank.moments[STOPPED] == 1.0
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
-    assert bank.alive[LOAD]
-    assert bank.log_weight[LOAD] == pytest.approx(math.log(SETTINGS.stop_share))
+    follow_hypotheses(bank, PROCESS, TICK, stop_s, calm)
+    for slot in (LOAD, LUBRICATION):
+        expected = math.log(SETTINGS.stop_hazard * counted_s)
+        assert bank.log_weight[slot] - bank.log_weight[STEADY] == pytest.approx(expected)
+    assert bank.moments[STOPPED_S] == 0.0
 
 
 def test_one_encoder_knows_neither_load_nor_looseness() -> None:

@@ -8,6 +8,7 @@ answer is contested for as long as it stands.
 import math
 
 from ...models.compiled import compiled
+from .force import FORCED
 from .state import (
     BEFORE,
     CHALLENGERS,
@@ -21,7 +22,7 @@ from .state import (
     PRELOAD,
     SINCE_SPAWN_S,
     STEADY,
-    STOPPED,
+    STOPPED_S,
     SURPRISE,
     TOTAL_LOSS,
     WEAR_RATE,
@@ -33,6 +34,7 @@ from .state import (
 
 STOP_S = 1.0
 """Loads and lubricants are changed while the axis stands, for at least this long."""
+_LONGEST_STOP_S = 100.0
 _SURPRISE = 9.0
 _SOON_S, _SOON_FORCED_S = 0.3, 0.6
 _LEAST_SHARE = math.log(1e-3)
@@ -70,7 +72,7 @@ def follow_hypotheses(
     moments, motion_s = bank.moments, reading.steady_s
     moments[SINCE_SPAWN_S] += motion_s
     if elapsed_s > STOP_S:
-        moments[STOPPED] = 1.0
+        moments[STOPPED_S] = min(elapsed_s, _LONGEST_STOP_S)
     side = 1 if reading.direction > 0.0 else 2
     oldest = 0.0
     for k in range(bank.alive.shape[0]):
@@ -88,10 +90,11 @@ def follow_hypotheses(
     if _wins(bank, process, leader, base, calm):
         _take_over(bank, process, leader, base)
         leader = base = STEADY
-    if moments[STOPPED] > 0.0 and calm:
-        moments[STOPPED] = 0.0
-        _challenge(bank, process, LUBRICATION, base, leader, 0.0)
-        _challenge(bank, process, LOAD, base, leader, 0.0)
+    if moments[STOPPED_S] > 0.0:
+        log_time = math.log(moments[STOPPED_S])
+        moments[STOPPED_S] = 0.0
+        _challenge(bank, process, LUBRICATION, base, leader, log_time)
+        _challenge(bank, process, LOAD, base, leader, log_time)
     since = moments[SINCE_SPAWN_S]
     soon = _SOON_S if calm else _SOON_FORCED_S
     if since >= process.spawn_s or (moments[SURPRISE] > _SURPRISE and since >= soon):
@@ -135,6 +138,8 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
         bank.mean[slot] = bank.mean[source]
         bank.covariance[slot] = bank.covariance[source]
     bank.log_weight[slot] = log_weight
+    bank.force[slot] = bank.force[source]
+    bank.force_n[slot] = bank.force_n[source]
     bank.alive[slot] = 1
     bank.age_s[slot] = 0.0
     bank.directions[slot] = 0
@@ -199,14 +204,16 @@ def _challenge(
 ) -> None:
     """Begin a challenger beside what is believed, unless one of its kind is in the running.
 
-    A step of the preload shows within seconds; the others run on for as long as they gain.
+    A step of the preload shows within seconds; the others run on for as long as they gain, and
+    each while it explains what the likeliest takes for a force.
     """
     prior = process.priors[slot] + log_time
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     gains = ahead > prior + _GAINED
     if slot in (LOSS, TOTAL_LOSS):
         gains = gains and bank.age_s[slot] < process.spawn_s
-    running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or gains)
+    explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
+    running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or gains or explains)
     if not running and prior > -math.inf:
         begin_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
 
@@ -215,6 +222,7 @@ def _challenge(
 def begin_challenger(bank: Bank, process: Process, slot: int, base: int, log_weight: float) -> None:
     """Begin a hypothesis whose step has just happened to another."""
     copy_to(bank, slot, base, log_weight)
+    bank.force[slot] = 0.0
     x, p = bank.mean[slot], bank.covariance[slot]
     if slot == TOTAL_LOSS:
         _reopen(bank, slot, PRELOAD, process.lost_log_percent, process.lost_sigma)

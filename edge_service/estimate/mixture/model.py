@@ -69,12 +69,11 @@ class MixtureSettings:
             `none`; the load is another with `loaded`.
         loss, lubricated, lubricated_apart, load, loosened: how large steps are.
         loss_hazard, total_hazard, loosening_hazard: per second of motion.
-        stop_share: of stops after which lubrication, and load, are others.
+        stop_hazard: per second of a stop after which lubrication, or load, is another.
         reversal: how far what parts the directions in the stretch moves, as the frictions do.
         looseness: of the compliance beside the nut, at the start.
         uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
-        most_nats: most that a phase says against a hypothesis: any may be spoiled.
         force: process forces over the dynamic load rating; `force_error` of their compliance;
             `force_share` and `rapid_share` of phases, slow and fast, in which one begins;
             `force_stay` to last.
@@ -102,15 +101,14 @@ class MixtureSettings:
     lubricated_apart: float = 0.08
     load: float = 0.4
     loosened: float = 0.1
-    loss_hazard: float = 3e-4
-    total_hazard: float = 1e-4
+    loss_hazard: float = 1e-4
+    total_hazard: float = 3e-5
     loosening_hazard: float = 1e-5
-    stop_share: float = 1e-3
+    stop_hazard: float = 1e-3
     reversal: float = 0.1
     looseness: float = 0.003
     uneven_m: float = 3e-6
     evidence: float = 0.3
-    most_nats: float = 3.0
     force: float = 0.125
     force_error: float = 0.1
     force_share: float = 0.03
@@ -267,7 +265,6 @@ def process_of(
         loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
         wearing_log_weight=_log(settings.wearing),
         evidence=settings.evidence,
-        most_nats=settings.most_nats,
         force_n=settings.force * rating,
         force_error=settings.force_error,
         force_share=settings.force_share,
@@ -308,13 +305,13 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
 
 
 def _priors(two: bool, settings: MixtureSettings) -> Floats:
-    """Log-probability of each step, per second of motion or per stop, (HYPOTHESES,)."""
+    """Log-probability of each step, per second of motion or of a stop, (HYPOTHESES,)."""
     priors = np.full(HYPOTHESES, -np.inf)
     shares = {LOSS: settings.loss_hazard, TOTAL_LOSS: settings.total_hazard}
     if settings.together > 0.0:
-        shares[LUBRICATION] = settings.stop_share
+        shares[LUBRICATION] = settings.stop_hazard
     if two:
-        shares |= {LOAD: settings.stop_share, LOOSENING: settings.loosening_hazard}
+        shares |= {LOAD: settings.stop_hazard, LOOSENING: settings.loosening_hazard}
     for slot, share in shares.items():
         priors[slot] = _log(share)
     return priors

@@ -124,7 +124,7 @@ def read(bank: Bank, model: AxisModel, limits: Limits) -> Floats:
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
     said[_FAULT] = _below(lost, weight, mean, sigma, most)
     said[_FAULT + 1] = _slick(bank, model, limits, rows, weight)
-    said[_FAULT + 2] = bank.force[0]
+    said[_FAULT + 2] = (weight * bank.force[rows]).sum()
     said[_FAULT + 3], said[_FAULT + 4] = math.nan, math.nan
     if bank.mean.shape[1] > TORQUE_STATES:
         limit = PAYLOAD_SHARE * model.table_mass_kg

@@ -48,7 +48,7 @@ def _check(bank: Bank) -> None:
         raise ValueError("a damaged snapshot: no hypothesis lives")
     rows = alive > 0
     numbers = (bank.log_weight[rows], bank.mean[rows], bank.covariance[rows], bank.age_s[rows])
-    whole = (bank.force, bank.moments)
+    whole = (bank.force, bank.force_n, bank.moments)
     if not all(np.isfinite(array).all() for array in (*numbers, *whole)):
         raise ValueError("a damaged snapshot: it holds what is not finite")
     if not np.isin(bank.directions, (0, 1, 2, 3)).all():

@@ -84,7 +84,8 @@ def go_on(bank: Bank, start: Start, stopped_s: float) -> None:
         bank.mean[LOAD_SLOT, PAYLOAD] = 0.0
         _renew(bank, LOAD_SLOT, PAYLOAD, 0.0)
         bank.covariance[LOAD_SLOT] += start.load
-    bank.force[0] = 0.0
+    bank.force[:] = 0.0
+    bank.force_n[:] = 0.0
     bank.moments[:] = 0.0
     bank.moments[LEARNING] = 1.0
 

@@ -48,11 +48,12 @@ HYPOTHESES = 8
 load, of the compliance beside the nut; and what was believed before the last such step."""
 CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING)
 
-SINCE_SPAWN_S, STOPPED, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
+SINCE_SPAWN_S, STOPPED_S, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
 INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
 MOMENTS = 8
-"""Indices of what the bank remembers beside its hypotheses; the last two are sums over the last
-half minute of J a times the torque's error, and of its square, (N m)^2 s."""
+"""Indices of what the bank remembers beside its hypotheses: STOPPED_S is of a stop after which
+another load and lubricant are still to be tried; the last two are sums over the last half minute
+of J a times the torque's error, and of its square, (N m)^2 s."""
 
 
 class AxisModel(NamedTuple):
@@ -106,13 +107,12 @@ class Process(NamedTuple):
     loose_m: float  # clearance of a nut without preload
     growth_s: float  # time constant of a warming screw
     jumps: Floats  # (HYPOTHESES, n, n), covariance that a step adds
-    priors: Floats  # (HYPOTHESES,), log-probability per second, or per stop of LUBRICATION, LOAD
+    priors: Floats  # (HYPOTHESES,), log-probability per second, of a stop for LUBRICATION, LOAD
     lost_log_percent: float  # ln of the preload of a total loss, in percent
     lost_sigma: float
     loosened_m_per_n: float  # mean of a loosening
     wearing_log_weight: float
     evidence: float  # share of a phase's log-likelihood that counts
-    most_nats: float  # most that one phase says against a hypothesis
     force_n: float  # standard deviation of process forces
     force_error: float  # error of their compliance, as a share
     force_share: float  # of phases in which a force begins
@@ -147,7 +147,8 @@ class Bank(NamedTuple):
     alive: npt.NDArray[np.int64]  # (HYPOTHESES,)
     age_s: Floats  # (HYPOTHESES,), motion since its step
     directions: npt.NDArray[np.int64]  # (HYPOTHESES,), 1 forward, 2 backward, 3 both seen since
-    force: Floats  # (1,), probability that a process force acts
+    force: Floats  # (HYPOTHESES,), probability that a process force acts
+    force_n: Floats  # (HYPOTHESES,), the force it would be, N
     moments: Floats  # (MOMENTS,)
 
 
@@ -160,6 +161,7 @@ def empty_bank(size: int) -> Bank:
         np.zeros(HYPOTHESES, dtype=np.int64),
         np.zeros(HYPOTHESES),
         np.zeros(HYPOTHESES, dtype=np.int64),
-        np.zeros(1),
+        np.zeros(HYPOTHESES),
+        np.zeros(HYPOTHESES),
         np.zeros(MOMENTS),
     )

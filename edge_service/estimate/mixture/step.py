@@ -8,17 +8,17 @@ import math
 
 import numpy as np
 
-from ...messages.samples import Floats
 from ...models.compiled import compiled, inlined
 from .correction import correct
 from .drift import drift
+from .force import FORCED, OUTLIER, Verdicts, force_begins, judge, no_verdicts
 from .hypotheses import follow_hypotheses, leader_of, normalise
 from .innovation import Innovation, innovate, noise_of
 from .state import (
-    FASTEST_RAD_S,
     FORCED_S,
     INERTIA_ERROR,
     INERTIA_TORQUE,
+    STOPPED_S,
     SURPRISE,
     TORQUE_STATES,
     AxisModel,
@@ -27,10 +27,6 @@ from .state import (
     Reading,
 )
 
-FORCED = 0.2
-"""Probability of a process force above which a phase teaches nothing."""
-_OUTLIER = 20.0
-_RAPID = 0.4
 _INERTIA_S = 30.0
 
 
@@ -54,42 +50,74 @@ def take(
         np.zeros((2, size)), np.zeros((2, size)), np.zeros(2), np.eye(2), np.zeros(size)
     )
     noise = noise_of(model, reading)
-    forced_before = _force_prior(bank, process, reading)
+    begins = force_begins(bank, process, reading)
     hypotheses = bank.mean.shape[0]
-    said, error_nm = np.full(hypotheses, -math.inf), np.zeros(hypotheses)
-    nis, forced = np.zeros(hypotheses), np.zeros(hypotheses)
+    told, error_nm = no_verdicts(hypotheses), np.zeros(hypotheses)
     for k in range(hypotheses):
         if bank.alive[k] == 0:
             continue
         drift(bank, k, model, process, reading, elapsed_s)
         compliance = innovate(bank, k, model, process, reading, noise, two, room)
         error_nm[k] = room.error[0]
-        nis[k], forced[k], said[k] = _learn(
-            bank, k, model, process, forced_before, compliance, two, room
-        )
-    _weigh(bank, process, said)
+        extra = judge(bank, k, model, process, begins, compliance, two, room, told)
+        _learn(bank, k, model, told, extra, two, room)
+    _weigh(bank, process, told)
     leader = leader_of(bank)
     _watch_inertia(bank, model, reading, error_nm[leader])
-    calm = bool(forced[leader] <= FORCED)
-    bank.force[0] = forced[leader]
-    bank.moments[SURPRISE] = nis[leader]
+    calm = bool(told.forced[leader] <= FORCED)
+    bank.moments[SURPRISE] = told.nis[leader]
     follow_hypotheses(bank, process, reading, elapsed_s, calm)
+    _count_forced(bank, process, reading, calm)
     if not calm:
-        bank.moments[FORCED_S] += reading.steady_s
         return math.nan
-    bank.moments[FORCED_S] = 0.0
-    return float(nis[leader] / 2.0 if two else nis[leader])
+    return float(told.nis[leader] / 2.0 if two else told.nis[leader])
 
 
 @inlined
-def _weigh(bank: Bank, process: Process, said: Floats) -> None:
-    """Weigh the hypotheses by what they expected of a phase; no phase alone condemns one."""
-    most = -math.inf
-    for k in range(said.shape[0]):
-        most = max(most, said[k])
-    for k in range(said.shape[0]):
+def _learn(
+    bank: Bank,
+    k: int,
+    model: AxisModel,
+    told: Verdicts,
+    extra: tuple[float, float, float],
+    two: bool,
+    room: Innovation,
+) -> None:
+    """Correct a hypothesis by a phase that no force has spoiled, and that it can explain."""
+    forced, s = told.forced[k], room.covariance
+    if forced > FORCED or told.nis[k] > OUTLIER:
+        return
+    correct(
+        bank,
+        k,
+        model,
+        s[0, 0] + forced * extra[0],
+        s[1, 1] + forced * extra[1],
+        s[0, 1] + forced * extra[2],
+        two,
+        room,
+    )
+
+
+@inlined
+def _weigh(bank: Bank, process: Process, told: Verdicts) -> None:
+    """Weigh the hypotheses by what they expected of a phase.
+
+    A phase that all take for one under a force says nothing: how an axis yields to a force is
+    known too badly. While a force lasts, only what does not fit it counts, not how closely a
+    rival that learns from the phase expects it.
+    """
+    most, least = -math.inf, 1.0
+    for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
-            bank.log_weight[k] += process.evidence * max(said[k], most - process.most_nats)
+            most, least = max(most, told.said[k]), min(least, told.forced[k])
+    if least > FORCED:
+        return
+    for k in range(bank.alive.shape[0]):
+        if bank.alive[k]:
+            behind = most - told.said[k]
+            behind -= told.lasts[k] * max(behind - told.misfit[k], 0.0)
+            bank.log_weight[k] -= process.evidence * behind
     normalise(bank, process.floor)
 
 
@@ -105,71 +133,13 @@ def _watch_inertia(bank: Bank, model: AxisModel, r: Reading, error_nm: float) ->
 
 
 @inlined
-def _force_prior(bank: Bank, process: Process, r: Reading) -> float:
-    """Probability that a process force acts: it lasts, and hardly begins in a rapid."""
-    speed = abs(r.speed_rad_s)
-    fastest = max(bank.moments[FASTEST_RAD_S], speed)
-    bank.moments[FASTEST_RAD_S] = fastest
-    begins = process.rapid_share if speed > _RAPID * fastest else process.force_share
-    return float(process.force_stay * bank.force[0] + (1.0 - bank.force[0]) * begins)
-
-
-@inlined
-def _learn(
-    bank: Bank,
-    k: int,
-    model: AxisModel,
-    process: Process,
-    forced_before: float,
-    compliance: float,
-    two: bool,
-    room: Innovation,
-) -> tuple[float, float, float]:
-    """Weigh a hypothesis with and without a process force, and correct it unless one acts.
-
-    A force F on the table shows as R F in the torque and as F times the compliance in the stretch.
-
-    Returns:
-        Innovation squared without a force, the probability of one, and the log-likelihood.
-    """
-    e, s = room.error, room.covariance
-    ratio, force_var = model.ratio_m_per_rad, process.force_n * process.force_n
-    uu, ss, us = s[0, 0], s[1, 1], s[0, 1]
-    calm, nis = _log_likelihood(e, uu, ss, us)
-    seen_n = e[0] / ratio
-    if two:
-        a, b = ss * ratio - us * compliance, uu * compliance - us * ratio
-        seen_n = (a * e[0] + b * e[1]) / (a * ratio + b * compliance)
-    doubt_m = process.force_error * seen_n * compliance
-    extra_uu, extra_us = force_var * ratio * ratio, force_var * ratio * compliance
-    extra_ss = force_var * compliance * compliance + doubt_m * doubt_m
-    pushed, forced_nis = _log_likelihood(e, uu + extra_uu, ss + extra_ss, us + extra_us)
-    calm += math.log(1.0 - forced_before)
-    pushed += math.log(forced_before)
-    top = max(calm, pushed)
-    both = top + math.log(math.exp(calm - top) + math.exp(pushed - top))
-    forced = math.exp(pushed - both)
-    if forced <= FORCED:
-        scale = (1.0 - forced) * max(1.0, nis / _OUTLIER)
-        scale += forced * max(1.0, forced_nis / _OUTLIER)
-        correct(
-            bank,
-            k,
-            model,
-            scale * (uu + forced * extra_uu),
-            scale * (ss + forced * extra_ss),
-            scale * (us + forced * extra_us),
-            two,
-            room,
-        )
-    return nis, forced, both
-
-
-@inlined
-def _log_likelihood(e: Floats, uu: float, ss: float, us: float) -> tuple[float, float]:
-    """Log-likelihood with tails that an outlier does not outrun, and the innovation squared."""
-    det = uu * ss - us * us
-    nis = (ss * e[0] * e[0] - 2.0 * us * e[0] * e[1] + uu * e[1] * e[1]) / det
-    if nis > _OUTLIER:
-        return -0.5 * (_OUTLIER * (1.0 + math.log(nis / _OUTLIER)) + math.log(det)), nis
-    return -0.5 * (nis + math.log(det)), nis
+def _count_forced(bank: Bank, process: Process, r: Reading, calm: bool) -> None:
+    """Count how long a force has lasted; every so often it is doubted, as if the axis had stopped:
+    another load or lubricant may be what looks like it."""
+    if calm:
+        bank.moments[FORCED_S] = 0.0
+        return
+    before_s = bank.moments[FORCED_S]
+    bank.moments[FORCED_S] = before_s + r.steady_s
+    if bank.moments[FORCED_S] % process.learn_s < before_s % process.learn_s:
+        bank.moments[STOPPED_S] = max(bank.moments[STOPPED_S], 1.0)

@@ -1,0 +1,99 @@
+"""Process forces: what passes is left out and says nothing; what stays is no force."""
+
+import math
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.mixture.force import FORCED
+from edge_service.estimate.mixture.hypotheses import leader_of
+from edge_service.estimate.mixture.start import begun
+from edge_service.estimate.mixture.state import LOSS, PRELOAD, STEADY, TOTAL_LOSS, Bank, Reading
+from edge_service.estimate.mixture.step import take
+
+from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, Truth, parts, production
+
+FORCE_N = 400.0
+
+
+def settled(one_encoder: bool = False) -> Bank:
+    """A healthy axis after a minute."""
+    model, start, process = parts(one_encoder)
+    bank = begun(start, SETTINGS)
+    for r in production(11, 60.0, Truth(), one_encoder):
+        take(bank, model, process, r, 0.1)
+    assert leader_of(bank) == STEADY
+    return bank
+
+
+def percent(bank: Bank) -> float:
+    return math.exp(bank.mean[leader_of(bank), PRELOAD])
+
+
+def pushed(r: Reading, force_n: float, yields: float = 1.0) -> Reading:
+    """A phase under a force on the table that yields otherwise than the axis was commissioned."""
+    return r._replace(
+        torque_nm=r.torque_nm + RATIO * force_n,
+        stretch_m=r.stretch_m + yields * COMPLIANCE * force_n,
+    )
+
+
+@pytest.mark.parametrize("yields", [0.8, 1.0, 1.3])
+@pytest.mark.parametrize("force_n", [FORCE_N, -FORCE_N, 60.0, -60.0])
+def test_a_cut_of_seconds_is_no_loss(force_n: float, yields: float) -> None:
+    """Constant forces, one after the other: a lost preload would explain what one of them does."""
+    model, _, process = parts()
+    bank = settled()
+    readings = production(12, 60.0, Truth())
+    for k, r in enumerate(readings):
+        cuts = k % 40 < 20
+        share = 1.0 + 0.3 * (k // 40 % 3)
+        take(bank, model, process, pushed(r, share * force_n, yields) if cuts else r, 0.1)
+        assert percent(bank) > 0.85 * FRESH, k
+
+
+def test_what_all_take_for_a_force_says_nothing_of_them() -> None:
+    model, _, process = parts()
+    bank = settled()
+    before = bank.log_weight.copy()
+    r = pushed(next(iter(production(13, 0.1, Truth()))), FORCE_N)
+    assert math.isnan(take(bank, model, process, r, 0.1))
+    there = (bank.alive > 0) & (bank.age_s > 0.0)
+    assert (bank.force[there] > FORCED).all()
+    np.testing.assert_array_equal(bank.log_weight[there], before[there])
+
+
+@pytest.mark.parametrize("left", [0.02, 0.3, 0.5])
+def test_a_drop_is_no_force_that_lasts(left: float) -> None:
+    """It does to torque and stretch what no force does: told within two seconds of motion."""
+    model, _, process = parts()
+    bank = settled()
+    for r in production(14, 2.0, Truth(percent=left * FRESH)):
+        take(bank, model, process, r, 0.1)
+    assert leader_of(bank) in (LOSS, TOTAL_LOSS)
+    assert percent(bank) < 0.7 * FRESH
+
+
+def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
+    """In the middle of motion, by a third: doubted after a while, and then it teaches again.
+
+    What the change of all friction does to the preload stays below a point."""
+    model, _, process = parts()
+    bank = settled()
+    truth = Truth(nut=0.35, bearing=0.35, guide=0.35)
+    told = [take(bank, model, process, r, 0.1) for r in production(15, 60.0, truth)]
+    assert np.isfinite(told[-100:]).mean() > 0.9
+    assert abs(percent(bank) - FRESH) < 1.0
+
+
+def test_with_one_encoder_no_force_is_known_again() -> None:
+    """A torque alone fits any force: as long as it is one, every phase counts as new."""
+    model, _, process = parts(one_encoder=True)
+    bank = settled(one_encoder=True)
+    shifted = [
+        r._replace(torque_nm=r.torque_nm + RATIO * FORCE_N)
+        for r in production(16, 3.0, Truth(), one_encoder=True)
+    ]
+    for r in shifted:
+        take(bank, model, process, r, 0.1)
+    assert percent(bank) == pytest.approx(FRESH, rel=0.15)
