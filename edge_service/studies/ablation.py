@@ -53,6 +53,7 @@ VARIANTS: Mapping[str, Mapping[str, float]] = {
     "twice the drift of friction": {"together": 0.2, "apart": 0.14},
     "half the memory of friction": {"friction_s": 300.0},
     "twice the memory of friction": {"friction_s": 1200.0},
+    "no force lasts": {"force_stay": 0.0},
     "a fifth of the process forces": {"force": 0.025},
     "losses ten times as likely": {"loss_hazard": 3e-3, "total_hazard": 1e-3},
     "losses a tenth as likely": {"loss_hazard": 3e-5, "total_hazard": 1e-5},
