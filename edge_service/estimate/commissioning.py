@@ -4,6 +4,7 @@ Both regressions run on phases of steady motion (messages.features.Phase), with 
 momentum (4.3.4) and the series stiffness under inertia force (5.3.1) as models.
 """
 
+import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -71,18 +72,28 @@ def _model(
 ) -> ModelConfig:
     """The baseline with what was learned; Coulomb friction beyond the screw's is shared out."""
     ratio = machine.transmission_ratio_m_per_rad
-    other_nm = _other_drag_nm(machine, torque)
-    guide_n = other_nm / ratio if transmission is None else transmission.reversal_force_n
-    guide_n = min(guide_n, other_nm / ratio)
+    reversal_n = math.inf if transmission is None else transmission.reversal_force_n
+    guide_n, bearing_nm = shared_out(_other_drag_nm(machine, torque), ratio, reversal_n)
     return machine.model.model_copy(
         update={
             "inertia_kg_m2": _taught(torque.inertia_kg_m2, torque.inertia_sigma),
             "viscous_nm_s_per_rad": _taught(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
             "guide_force_n": _taught(guide_n, max(torque.coulomb_sigma / ratio, 0.02 * guide_n)),
-            "bearing_drag_nm": _taught(other_nm - ratio * guide_n, torque.coulomb_sigma),
+            "bearing_drag_nm": _taught(bearing_nm, torque.coulomb_sigma),
             "table_mass_kg": _taught(*mass_kg),
         }
     )
+
+
+def shared_out(other_nm: float, ratio_m_per_rad: float, reversal_n: float) -> tuple[float, float]:
+    """Friction beyond the screw's own as force of the guide, N, and torque of the bearings, N m.
+
+    Args:
+        reversal_n: what the linear encoder shows of the guide; infinite without one, and then all
+            of it counts as the guide's.
+    """
+    guide_n = min(reversal_n, other_nm / ratio_m_per_rad)
+    return guide_n, max(other_nm - ratio_m_per_rad * guide_n, 0.0)
 
 
 def _other_drag_nm(machine: Machine, torque: TorqueTaught) -> float:

@@ -168,7 +168,10 @@ class FusedPreloadEstimator:
         if status is EstimateStatus.ESTIMATED and (doubt := self._implausible()):
             status, reasons = EstimateStatus.INVALID, (doubt, *reasons)
         if status is EstimateStatus.INSUFFICIENT_EXCITATION and self._forced:
-            reasons = (*reasons, self._forced)
+            reasons = (
+                self._forced,
+                *(reason for reason in reasons if _code(reason) != "no_motion"),
+            )
         if status is not EstimateStatus.ESTIMATED:
             return PreloadEstimate(
                 time_s=self._validity.time_s,
@@ -284,3 +287,7 @@ def plausible(reading: Reading) -> bool:
     """Whether an axis can move as a phase says."""
     told = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
     return all(abs(value) <= most for value, most in zip(told, WILDEST, strict=False))
+
+
+def _code(reason: str) -> str:
+    return reason.partition(":")[0]

@@ -19,7 +19,7 @@ _SEVERITY = {
 }
 _NO_NUMBER = {
     EstimateStatus.UNESTIMATED: "no_number: the data cannot tell the preload yet",
-    EstimateStatus.INSUFFICIENT_EXCITATION: "no_number: the axis has not moved enough to tell",
+    EstimateStatus.INSUFFICIENT_EXCITATION: "no_number: recent motion cannot tell the preload",
     EstimateStatus.INVALID: "no_number: model and data disagree, or the data are faulty",
 }
 _Verdict = tuple[AxisCondition, tuple[str, ...]]

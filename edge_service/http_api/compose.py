@@ -1,5 +1,6 @@
 """From the board to the answers."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..health.board import Board
@@ -46,12 +47,19 @@ def preload_answer(board: Board, axis: str, now_ns: int) -> PreloadAnswer:
         drag_torque_nm=estimate.drag_torque_nm,
         stiffness_n_per_m=estimate.stiffness_n_per_m,
         condition=health.condition,
-        reasons=list(dict.fromkeys((*health.reasons, *estimate.reasons))),
+        reasons=_together(health.reasons, estimate.reasons),
         mode_probability=estimate.mode_probability,
         fault_probability=estimate.fault_probability,
         measured_at=None if reading.measured_ns is None else rfc3339(reading.measured_ns),
         age_s=reading.age_s,
     )
+
+
+def _together(judged: Sequence[str], told: Sequence[str]) -> list[str]:
+    """What is told now, after what is judged of it: never one thing of two moments."""
+    codes = {reason.partition(":")[0] for reason in told}
+    held = [reason for reason in judged if reason.partition(":")[0] not in codes]
+    return list(dict.fromkeys((*held, *told)))
 
 
 def health_answer(board: Board, axis: str, now_ns: int) -> HealthAnswer:

@@ -1,11 +1,12 @@
 """Commissioning recovers what the plant is made of, and refuses what cannot tell it."""
 
+import math
 from functools import cache
 
 import numpy as np
 import pytest
 
-from edge_service.estimate.commissioning import CommissioningError, commissioned
+from edge_service.estimate.commissioning import CommissioningError, commissioned, shared_out
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
@@ -192,6 +193,17 @@ def test_less_friction_than_the_fresh_screw_alone_is_refused() -> None:
     model = NOMINAL.model.model_copy(update={"preload_drag_nm": drag})
     with pytest.raises(CommissioningError, match="less than the fresh screw"):
         commissioned([rigid((10.0, 30.0, 60.0))], NOMINAL.model_copy(update={"model": model}))
+
+
+@pytest.mark.parametrize("reversal_n", [math.inf, 1e3])
+def test_no_rounding_makes_friction_of_bearings_negative(reversal_n: float) -> None:
+    """A file with -3e-17 N m could be written and not read again."""
+    rng = np.random.default_rng(5)
+    for other_nm, ratio in rng.uniform(1e-3, 1.0, (1000, 2)) * (1.0, 1e-2):
+        guide_n, bearing_nm = shared_out(other_nm, ratio, reversal_n)
+        assert guide_n >= 0.0
+        assert bearing_nm >= 0.0
+        assert ratio * guide_n + bearing_nm == pytest.approx(other_nm)
 
 
 def test_intervals_with_a_fault_teach_nothing() -> None:

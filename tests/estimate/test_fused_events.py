@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.messages.estimate import EstimateStatus
 from edge_service.studies.estimator_axis import downsampled
 
 from .production import AXIS, FRESH, held, machine, misled, numbers, production, run
@@ -84,6 +85,15 @@ def test_process_forces_are_no_loss(one_encoder: bool, force_n: float) -> None:
     late = told[told[:, 0] > 20.0]
     assert len(late) > 300
     assert held(late, FRESH) > 0.94
+
+
+def test_an_axis_that_only_cuts_says_so_and_not_that_it_stands() -> None:
+    time_s = np.arange(60_000) / 1e3
+    cut = np.where(time_s > 30.0, 300.0, 0.0)
+    frames = AXIS.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
+    last = run(downsampled(frames, AXIS.nominal()))[-1]
+    assert last.status is EstimateStatus.INSUFFICIENT_EXCITATION
+    assert [reason.split(":")[0] for reason in last.reasons] == ["process_force"]
 
 
 def test_a_payload_is_no_loss() -> None:

@@ -3,6 +3,7 @@
 import { clock, lasting, words } from "./dom.js";
 
 const BY_REASON = [
+  ["process_force", "Let the axis move without cutting for a few seconds: rapids or a warm-up program will do."],
   ["no_motion", "Move the axis: at rest nobody can tell its preload."],
   ["learning", "Let the axis go on moving for a few seconds."],
   ["insufficient_excitation", "Move the axis: at rest nobody can tell its preload."],

@@ -6,7 +6,7 @@ import { whatChanged, whatToDo } from "./advice.js";
 const TITLES = { NORMAL: "is all right", WARNING: "needs attention", FAULT: "is not all right", UNAVAILABLE: "cannot be judged" };
 const STATUS_WORDS = {
   unestimated: "No estimate yet",
-  insufficient_excitation: "The axis has not moved enough to tell",
+  insufficient_excitation: "Recent motion cannot tell the preload",
   invalid: "Model and data disagree: no number",
 };
 let parts = null;
