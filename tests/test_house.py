@@ -131,6 +131,7 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert force.replace("0.", ".") in text
     assert f"a force is above {FORCED:g} corrects".replace("0.", ".") in text
     assert f"an innovation squared above {OUTLIER:g}" in text
+    assert f"No phase says more than {said.most_nats:g} nats" in text
     assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
 
 

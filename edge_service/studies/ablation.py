@@ -48,6 +48,7 @@ VARIANTS: Mapping[str, Mapping[str, float]] = {
     "no LOOSENESS at the start": {"looseness": 0.0},
     "nothing wanders": {"wander": 0.0},
     "no axial friction": {"axial": 0.0},
+    "a phase may say anything": {"most_nats": 1e3},
     "all evidence counts": {"evidence": 1.0},
     "half the drift of friction": {"together": 0.05, "apart": 0.035},
     "twice the drift of friction": {"together": 0.2, "apart": 0.14},

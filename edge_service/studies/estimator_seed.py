@@ -33,6 +33,7 @@ SETTINGS = MixtureSettings(
     rate_walk=0.0,
     wander=0.0,
     axial=0.0,
+    most_nats=1e3,
     preload_walk=2e-4,
     wear_walk=0.055,
     evidence=1.0,

@@ -96,6 +96,19 @@ def test_an_axis_that_only_cuts_says_so_and_not_that_it_stands() -> None:
     assert [reason.split(":")[0] for reason in last.reasons] == ["process_force"]
 
 
+@pytest.mark.parametrize("force_n", [400.0, -400.0])
+def test_a_cut_of_a_minute_ends_without_a_loss(force_n: float) -> None:
+    """Nothing is taught for so long that the first phases after it fit badly."""
+    time_s = np.arange(100_000) / 1e3
+    cut = np.where((time_s > 25.0) & (time_s < 90.0), force_n, 0.0)
+    frames = AXIS.frames("production", np.full(len(time_s), FRESH), 3, external_force_n=cut)
+    told = numbers(run(downsampled(frames, AXIS.nominal())))
+    late = told[told[:, 0] > 90.0]
+    assert len(late) > 30
+    assert misled(late, FRESH) == 0.0
+    assert late[:, 1].min() > 0.85 * FRESH
+
+
 def test_a_payload_is_no_loss() -> None:
     told = numbers(run(production("payload")))
     before = told[(told[:, 0] > 25.0) & (told[:, 0] < 30.0), 1].mean()

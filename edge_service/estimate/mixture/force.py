@@ -17,8 +17,8 @@ from .state import FASTEST_RAD_S, AxisModel, Bank, Process, Reading
 FORCED = 0.2
 """Probability of a process force above which a phase teaches nothing."""
 OUTLIER = 20.0
-"""Innovation squared beyond which a hypothesis has no explanation: the phase teaches it nothing,
-and its likelihood has a tail that is flatter than a normal distribution's."""
+"""Innovation squared beyond which a hypothesis has no explanation: its likelihood has a tail
+that is flatter than a normal distribution's, and the phase teaches it nothing or little."""
 _RAPID = 0.4
 _ALIKE = 0.5
 _NEVER = 1e-12

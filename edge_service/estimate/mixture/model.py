@@ -74,6 +74,7 @@ class MixtureSettings:
         looseness: of the compliance beside the nut, at the start.
         uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
+        most_nats: most that a phase says against a hypothesis: any may be spoiled.
         force: process forces over the dynamic load rating; `force_error` of their compliance;
             `force_share` and `rapid_share` of phases, slow and fast, in which one begins;
             `force_stay` to last.
@@ -109,6 +110,7 @@ class MixtureSettings:
     looseness: float = 0.003
     uneven_m: float = 3e-6
     evidence: float = 0.3
+    most_nats: float = 10.0
     force: float = 0.125
     force_error: float = 0.1
     force_share: float = 0.03
@@ -265,6 +267,7 @@ def process_of(
         loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
         wearing_log_weight=_log(settings.wearing),
         evidence=settings.evidence,
+        most_nats=settings.most_nats,
         force_n=settings.force * rating,
         force_error=settings.force_error,
         force_share=settings.force_share,

@@ -113,6 +113,7 @@ class Process(NamedTuple):
     loosened_m_per_n: float  # mean of a loosening
     wearing_log_weight: float
     evidence: float  # share of a phase's log-likelihood that counts
+    most_nats: float  # most that one phase says against a hypothesis
     force_n: float  # standard deviation of process forces
     force_error: float  # error of their compliance, as a share
     force_share: float  # of phases in which a force begins

@@ -83,17 +83,23 @@ def _learn(
     two: bool,
     room: Innovation,
 ) -> None:
-    """Correct a hypothesis by a phase that no force has spoiled, and that it can explain."""
+    """Correct a hypothesis by a phase that no force has spoiled.
+
+    What it cannot explain teaches it nothing, but for the likeliest: that gives way by a little, or
+    it would stand still where it errs, as after a long cut.
+    """
     forced, s = told.forced[k], room.covariance
-    if forced > FORCED or told.nis[k] > OUTLIER:
+    wild = told.nis[k] > OUTLIER
+    if forced > FORCED or (wild and k != leader_of(bank)):
         return
+    scale = max(1.0, told.nis[k] / OUTLIER)
     correct(
         bank,
         k,
         model,
-        s[0, 0] + forced * extra[0],
-        s[1, 1] + forced * extra[1],
-        s[0, 1] + forced * extra[2],
+        scale * (s[0, 0] + forced * extra[0]),
+        scale * (s[1, 1] + forced * extra[1]),
+        scale * (s[0, 1] + forced * extra[2]),
         two,
         room,
     )
@@ -101,7 +107,7 @@ def _learn(
 
 @inlined
 def _weigh(bank: Bank, process: Process, told: Verdicts) -> None:
-    """Weigh the hypotheses by what they expected of a phase.
+    """Weigh the hypotheses by what they expected of a phase; no phase alone condemns one.
 
     A phase that all take for one under a force says nothing: how an axis yields to a force is
     known too badly. While a force lasts, only what does not fit it counts, not how closely a
@@ -115,7 +121,7 @@ def _weigh(bank: Bank, process: Process, told: Verdicts) -> None:
         return
     for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
-            behind = most - told.said[k]
+            behind = min(most - told.said[k], process.most_nats)
             behind -= told.lasts[k] * max(behind - told.misfit[k], 0.0)
             bank.log_weight[k] -= process.evidence * behind
     normalise(bank, process.floor)
