@@ -43,7 +43,7 @@ class DriverMisconfiguredError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class DriverContext:
-    """What a driver is told about the axis that it serves."""
+    """Name and machine file of the axis that a driver serves."""
 
     axis: str
     machine: Machine
@@ -51,7 +51,7 @@ class DriverContext:
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """What a driver can say without starting to read: its channels, rate and a description."""
+    """Channels, rate and description of a source, as told without starting to read."""
 
     description: str
     channels: tuple[str, ...]
@@ -68,7 +68,7 @@ class Driver(Protocol):
 
     config_model: ClassVar[type[DriverConfig]]
     paced: bool
-    """Whether `frames` keeps time by itself; if not, the caller sets the pace."""
+    """True if `frames` keeps time by itself; if not, the caller sets the pace."""
 
     @property
     def counters(self) -> dict[str, int]:

@@ -14,7 +14,7 @@ _PARQUET_MAGIC = b"PAR1"
 
 @dataclass(frozen=True, slots=True)
 class _Look:
-    """How a file looked, and since when: size, time of change, on the watcher's clock."""
+    """Size and time of change of a file, and since when it has had them on the watcher's clock."""
 
     size: int
     changed_ns: int
@@ -73,7 +73,7 @@ class Arrivals:
 
 
 def has_proper_end(path: Path) -> bool:
-    """Whether a file ends as its form demands: closing tag, magic bytes, end of a line."""
+    """Tell whether a file ends as its form demands: closing tag, magic bytes, end of a line."""
     try:
         with path.open("rb") as file:
             head = file.read(_TAIL_BYTES)

@@ -1,4 +1,4 @@
-"""What a user says of a watched folder."""
+"""Settings of a watched folder."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from ..base import DriverConfig
 
 
 class FolderConfig(DriverConfig):
-    """What a user sets.
+    """Settings of a watched folder.
 
     Attributes:
         folder: where traces appear: CSV, Parquet, SINUMERIK trace XML.

@@ -87,7 +87,7 @@ class FolderDriver:
                 await self._sleep(config.poll_s)
 
     async def probe(self) -> Probe:
-        """What the folder holds. Raises like `open`."""
+        """Describe what the folder holds. Raises like `open`."""
         await asyncio.to_thread(self._open)
         return Probe(f"traces in {self._config.folder}", await self._channels(), None)
 

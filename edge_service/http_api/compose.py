@@ -56,7 +56,7 @@ def preload_answer(board: Board, axis: str, now_ns: int) -> PreloadAnswer:
 
 
 def _together(judged: Sequence[str], told: Sequence[str]) -> list[str]:
-    """What is told now, after what is judged of it: never one thing of two moments."""
+    """Reasons of both, without those judged of an earlier moment than the same is told of now."""
     codes = {reason.partition(":")[0] for reason in told}
     held = [reason for reason in judged if reason.partition(":")[0] not in codes]
     return list(dict.fromkeys((*held, *told)))

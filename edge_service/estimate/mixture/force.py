@@ -25,7 +25,7 @@ _NEVER = 1e-12
 
 
 class Verdicts(NamedTuple):
-    """What the hypotheses make of a phase, each (HYPOTHESES,).
+    """Judgements of one phase by all hypotheses, each (HYPOTHESES,).
 
     Attributes:
         nis: innovation squared without a force.
@@ -44,7 +44,7 @@ class Verdicts(NamedTuple):
 
 @compiled
 def no_verdicts(size: int) -> Verdicts:
-    """Room to be filled."""
+    """Judgements to be filled in, of `size` hypotheses."""
     return Verdicts(
         np.zeros(size),
         np.zeros(size),
