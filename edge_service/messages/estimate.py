@@ -16,7 +16,7 @@ class EstimateStatus(StrEnum):
 
     ESTIMATED = "estimated"
     UNESTIMATED = "unestimated"  # not enough data yet, or the data cannot tell
-    INSUFFICIENT_EXCITATION = "insufficient_excitation"  # the axis has not moved enough lately
+    INSUFFICIENT_EXCITATION = "insufficient_excitation"  # too little motion without a force lately
     INVALID = "invalid"  # model and data disagree, or the data are faulty
 
 

@@ -86,14 +86,22 @@ def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
     assert abs(percent(bank) - FRESH) < 1.0
 
 
-def test_with_one_encoder_no_force_is_known_again() -> None:
-    """A torque alone fits any force: as long as it is one, every phase counts as new."""
-    model, _, process = parts(one_encoder=True)
-    bank = settled(one_encoder=True)
-    shifted = [
-        r._replace(torque_nm=r.torque_nm + RATIO * FORCE_N)
-        for r in production(16, 3.0, Truth(), one_encoder=True)
-    ]
-    for r in shifted:
+SLIGHT_N = 5.0
+
+
+@pytest.mark.parametrize("one_encoder", [True, False])
+def test_a_force_is_known_again_by_two_encoders_only(one_encoder: bool) -> None:
+    """A torque alone fits any force, so with one encoder the force before says nothing."""
+    model, _, process = parts(one_encoder)
+    r = pushed(next(iter(production(16, 0.1, Truth(), one_encoder))), SLIGHT_N)
+    forced = []
+    for force_n in (SLIGHT_N, -SLIGHT_N):
+        bank = settled(one_encoder)
+        bank.force[:], bank.force_n[:] = 0.5, force_n
         take(bank, model, process, r, 0.1)
-    assert percent(bank) == pytest.approx(FRESH, rel=0.15)
+        forced.append(bank.force[leader_of(bank)])
+    like, unlike = forced
+    if one_encoder:
+        assert 0.0 < like == pytest.approx(unlike)
+    else:
+        assert like > 0.9 and unlike < 0.5
