@@ -8,6 +8,8 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -30,13 +32,18 @@ from .estimator_foreign import (
     scenarios,
 )
 from .estimator_scores import Recorded, Score, follow, pooled, score
+from .life_bench import KeptEstimator, drawn_life
+from .life_plants import plant_of
+from .life_scores import life_score
 from .second_plant import has_second_plant, make_recordings
 
 WHOLE = "the estimator as it is"
 _NEVER = 1e-30
+_USUAL = MixtureSettings()
 VARIANTS: Mapping[str, Mapping[str, float]] = {
     WHOLE: {},
     "no REVERSAL": {"reversal": 0.0},
+    "no TABLE_MASS beyond the data sheet's": {"twist": 0.0},
     "no WEAR_RATE": {"wear_rate": 0.0, "rate_walk": 0.0},
     "no WEARING": {"wear_walk": 0.005},
     "no LOSS": {"loss_hazard": _NEVER},
@@ -46,6 +53,7 @@ VARIANTS: Mapping[str, Mapping[str, float]] = {
     "no process forces": {"force_share": _NEVER, "rapid_share": _NEVER},
     "one beginning": {"half": 0.0, "none": 0.0, "loaded": 0.0},
     "no LOOSENESS at the start": {"looseness": 0.0},
+    "three times the LOOSENESS at the start": {"looseness": 3.0 * _USUAL.looseness},
     "nothing wanders": {"wander": 0.0},
     "no axial friction": {"axial": 0.0},
     "a phase may say anything": {"most_nats": 1e3},
@@ -56,11 +64,18 @@ VARIANTS: Mapping[str, Mapping[str, float]] = {
     "twice the memory of friction": {"friction_s": 1200.0},
     "no force lasts": {"force_stay": 0.0},
     "a fifth of the process forces": {"force": 0.025},
-    "losses ten times as likely": {"loss_hazard": 3e-3, "total_hazard": 1e-3},
-    "losses a tenth as likely": {"loss_hazard": 3e-5, "total_hazard": 1e-5},
+    "losses ten times as likely": {
+        "loss_hazard": 10.0 * _USUAL.loss_hazard,
+        "total_hazard": 10.0 * _USUAL.total_hazard,
+    },
+    "losses a tenth as likely": {
+        "loss_hazard": 0.1 * _USUAL.loss_hazard,
+        "total_hazard": 0.1 * _USUAL.total_hazard,
+    },
 }
-FOREIGN, SECOND = "foreign", "second"
+FOREIGN, SECOND, LIVES = "foreign", "second", "lives"
 FOREIGN_AXES = (3, 4, 5)
+LIFE_AXES, LIFE_SHAPES = (4, 5), ("healthy", "linear", "sudden step")
 EVERY = 5
 _ONE_ENCODER = "one_encoder"
 _FIGURES: tuple[tuple[str, Callable[[Score], float]], ...] = (
@@ -102,6 +117,8 @@ def run_ablation(
         if has_foreign_plant(tests):
             axes = FOREIGN_AXES[: 1 if quick else None]
             running = [pool.submit(on_foreign_axis, tests, axis, quick) for axis in axes]
+            lives = list(product(LIFE_AXES, LIFE_SHAPES))[: 1 if quick else None]
+            running += [pool.submit(on_life, tests, axis, shape, quick) for axis, shape in lives]
         for seed in seeds if has_second_plant(second_plant) else ():
             out = Path(home) / str(seed)
             say(f"ablation: making recordings of the second plant, seed {seed}")
@@ -122,6 +139,21 @@ def on_foreign_axis(tests: Path, axis_seed: int, quick: bool) -> list[Ablated]:
         kwargs = {name: value for name, value in given.items() if name != "loss"}
         case = plant.axis_case(seed=100 + axis_seed, axis_seed=axis_seed, **kwargs)
         every += _variants(FOREIGN, machine, recorded(tests, case))
+    return every
+
+
+def on_life(tests: Path, axis_seed: int, shape: str, quick: bool) -> list[Ablated]:
+    """All variants over a life on the foreign plant, the state kept between its sessions."""
+    axis = plant_of(FOREIGN, tests, axis_seed)
+    life = drawn_life(axis, shape, axis_seed, quick)
+    recordings = [axis.recorded(session) for session in life.sessions]
+    machine = commissioned_machine(tests, axis_seed)
+    every: list[Ablated] = []
+    for name, given in VARIANTS.items():
+        settings = MixtureSettings(**given)
+        kept = KeptEstimator(partial(FusedPreloadEstimator, machine, settings))
+        tracks = [kept.follow(recorded) for recorded in recordings]
+        every.append(Ablated(LIVES, name, life_score(life, tracks).rows))
     return every
 
 

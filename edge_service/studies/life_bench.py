@@ -15,7 +15,7 @@ from ..nodes.offline import UNKNOWN_STOP_S
 from .bench_sections import Drawn, Section, mean_of
 from .estimator_scores import Recorded, Score, Track, follow, pooled
 from .life_cases import SHAPES, Life, draw_life
-from .life_plants import plant_of
+from .life_plants import LifePlant, plant_of
 from .life_scores import LifeScore, joined, life_score
 
 SESSIONS, QUICK_SESSIONS = 16, 6
@@ -83,11 +83,16 @@ def follow_life(
 def live(tests: Path, plant: str, shape: str, axis_seed: int, quick: bool) -> Iterator[LifePart]:
     """One life in both ways."""
     axis = plant_of(plant, tests, axis_seed)
-    count, session_s = (QUICK_SESSIONS, QUICK_SESSION_S) if quick else (SESSIONS, SESSION_S)
-    life = draw_life(shape, axis_seed, axis.fresh_percent, count, session_s)
+    life = drawn_life(axis, shape, axis_seed, quick)
     recordings = (axis.recorded(session) for session in life.sessions)
     for way, tracks in follow_life(axis.estimator, recordings).items():
         yield LifePart(plant, life, way, life_score(life, tracks), joined(life, tracks))
+
+
+def drawn_life(axis: LifePlant, shape: str, axis_seed: int, quick: bool) -> Life:
+    """Sessions of one axis; fewer and shorter if `quick`."""
+    count, session_s = (QUICK_SESSIONS, QUICK_SESSION_S) if quick else (SESSIONS, SESSION_S)
+    return draw_life(shape, axis_seed, axis.fresh_percent, count, session_s)
 
 
 def shapes(quick: bool) -> Sequence[str]:

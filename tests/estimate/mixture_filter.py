@@ -25,7 +25,6 @@ from edge_service.estimate.mixture.state import (
     SLOPE_RATE,
     STEADY,
     STRETCH_WANDER,
-    TABLE_MASS,
     TORQUE_STATES,
     TORQUE_WANDER,
     WEAR_RATE,
@@ -40,7 +39,7 @@ from edge_service.messages.samples import Floats
 from .mixture_axis import SETTINGS
 
 FRICTIONS = range(NUT_FRICTION, GUIDE_VISCOUS + 1)
-CONSIDERED = (NUT_COMPLIANCE, TABLE_MASS)
+CONSIDERED = (NUT_COMPLIANCE,)
 GROWTH_S = 300.0
 TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
 

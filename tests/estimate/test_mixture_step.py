@@ -27,7 +27,7 @@ from edge_service.estimate.mixture.state import (
     Bank,
 )
 
-from .mixture_axis import RATIO, SETTINGS, Truth, idle, measured, parts, production
+from .mixture_axis import FRESH, RATIO, SETTINGS, Truth, idle, measured, parts, production
 from .mixture_filter import FRICTIONS, alone, corrected, motion_of, never, unit
 
 FORCE_N = 300.0
@@ -105,17 +105,27 @@ def test_what_is_considered_is_never_changed_by_data() -> None:
     for r in production(3, 120.0, Truth(percent=3.0, reversal=0.3, mass_error=0.05)):
         step.take(bank, model, process, r, 0.1)
     for k in np.flatnonzero(bank.alive):
-        for i in (NUT_COMPLIANCE, TABLE_MASS):
-            assert bank.mean[k, i] == start.mean[i]
-            assert bank.covariance[k, i, i] == start.covariance[i, i]
+        i = NUT_COMPLIANCE
+        assert bank.mean[k, i] == start.mean[i]
+        assert bank.covariance[k, i, i] == start.covariance[i, i]
 
 
-def test_data_say_nothing_of_how_what_is_considered_hangs_together() -> None:
+def test_another_payload_tells_what_of_the_stretch_is_the_tables() -> None:
+    """A screw that twists under its own inertia yields less to a payload than was commissioned."""
     model, start, process = parts()
     bank = begun(start, SETTINGS)
-    for r in production(3, 120.0, Truth()):
+    before = start.covariance[TABLE_MASS, TABLE_MASS]
+    for r in production(3, 120.0, Truth(mass_error=0.2)):
         step.take(bank, model, process, r, 0.1)
-    assert bank.covariance[STEADY, NUT_COMPLIANCE, TABLE_MASS] == 0.0
+    k = leader_of(bank)
+    assert bank.covariance[k, TABLE_MASS, TABLE_MASS] > 0.95 * before
+    loaded = Truth(mass_error=0.2, payload_kg=10.0)
+    for n, r in enumerate(production(4, 120.0, loaded)):
+        step.take(bank, model, process, r, 60.0 if n == 0 else 0.1)
+    k = leader_of(bank)
+    assert 0.1 < bank.mean[k, TABLE_MASS] < 0.3
+    assert bank.covariance[k, TABLE_MASS, TABLE_MASS] < 0.5 * before
+    assert math.exp(bank.mean[k, PRELOAD]) == pytest.approx(FRESH, rel=0.1)
 
 
 @pytest.mark.parametrize("one_encoder", [False, True])
@@ -205,7 +215,7 @@ def test_indices_of_torque_come_first() -> None:
     assert len(parts(one_encoder=True)[1].mean) == TORQUE_STATES
 
 
-@pytest.mark.parametrize("wild_nm", [0.3, -0.3, 5.0, -1e3])
+@pytest.mark.parametrize("wild_nm", [0.3, -0.3, 5.0])
 def test_no_phase_alone_condemns_a_hypothesis(wild_nm: float) -> None:
     """However wild a phase is, weights part by no more than its share of the most it may say."""
     model, start, process = parts()

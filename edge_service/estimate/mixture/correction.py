@@ -10,7 +10,6 @@ from .state import (
     NUT_COMPLIANCE,
     NUT_FRICTION,
     PRELOAD,
-    TABLE_MASS,
     TORQUE_STATES,
     AxisModel,
     Bank,
@@ -43,8 +42,6 @@ def correct(
     other = (e[1] - below * step) / right
     both = size > TORQUE_STATES
     nut = (x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE]) if both else (0.0, 0.0)
-    mass = (x[TABLE_MASS], p[TABLE_MASS, TABLE_MASS]) if both else (0.0, 0.0)
-    shared = p[NUT_COMPLIANCE, TABLE_MASS] if both else 0.0
     for i in range(size):
         first[i] /= left
         x[i] += first[i] * step
@@ -64,9 +61,6 @@ def correct(
                 p[i, j] -= a * first[j]
     if both:
         x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE] = nut
-        x[TABLE_MASS], p[TABLE_MASS, TABLE_MASS] = mass
-        p[NUT_COMPLIANCE, TABLE_MASS] = shared
-        p[TABLE_MASS, NUT_COMPLIANCE] = shared
         x[LOOSENESS] = max(x[LOOSENESS], _LEAST_LOOSENESS * model.compliance_m_per_n)
     most = math.log(_MOST_SHARE * model.fresh_percent)
     x[PRELOAD] = min(max(x[PRELOAD], math.log(_LEAST_PERCENT)), most)

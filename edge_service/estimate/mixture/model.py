@@ -72,6 +72,7 @@ class MixtureSettings:
         stop_hazard: per second of a stop after which lubrication, or load, is another.
         reversal: how far what parts the directions in the stretch moves, as the frictions do.
         looseness: of the compliance beside the nut, at the start.
+        twist: of the mass behind the commissioned compliance: a screw twists by its own inertia.
         uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
         most_nats: most that a phase says against a hypothesis: any may be spoiled.
@@ -101,13 +102,14 @@ class MixtureSettings:
     lubricated: float = 0.15
     lubricated_apart: float = 0.08
     load: float = 0.4
-    loosened: float = 0.1
+    loosened: float = 0.15
     loss_hazard: float = 1e-4
     total_hazard: float = 3e-5
     loosening_hazard: float = 1e-5
     stop_hazard: float = 1e-3
     reversal: float = 0.1
-    looseness: float = 0.003
+    looseness: float = 0.001
+    twist: float = 0.07
     uneven_m: float = 3e-6
     evidence: float = 0.3
     most_nats: float = 10.0
@@ -198,7 +200,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         sigma[OFFSET_RATE], sigma[SLOPE_RATE], sigma[CLOCK_SKEW] = 2e-8, 5e-8, 2e-6
         sigma[NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
         sigma[LOOSENESS] = settings.looseness * model.compliance_m_per_n
-        sigma[TABLE_MASS] = mass_share_sigma(machine)
+        sigma[TABLE_MASS] = math.hypot(mass_share_sigma(machine), settings.twist)
         sigma[REVERSAL] = settings.reversal
         sigma[STRETCH_WANDER] = stretch_wander_m(model, settings)
         sigma[MAP:] = settings.uneven_m / np.arange(1, MAP_STATES + 1)

@@ -31,7 +31,7 @@ STRETCH_STATES = MAP + MAP_STATES
 | OFFSET_RATE, SLOPE_RATE | m/s, 1/s | how fast those two grow with the screw's temperature |
 | CLOCK_SKEW | s | of the linear encoder against the rotary one |
 | NUT_COMPLIANCE | m/N | of the fresh nut; considered, never learned (see below) |
-| TABLE_MASS | - | error of the commissioned table mass, as a share; considered |
+| TABLE_MASS | - | error of the mass behind the commissioned compliance, as a share |
 | LOOSENESS | m/N | what coupling, bearings and screw yield beyond commissioning |
 | REVERSAL | - | change of the stretch between the directions, over what the guide made it |
 | STRETCH_WANDER | m | difference of the encoders that wanders along the way |
