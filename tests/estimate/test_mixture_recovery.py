@@ -11,7 +11,7 @@ import pytest
 
 from edge_service.estimate.mixture.posterior import Answers, answers, limits_of
 from edge_service.estimate.mixture.start import begun, go_on
-from edge_service.estimate.mixture.state import Bank
+from edge_service.estimate.mixture.state import SINCE_SPAWN_S, Bank
 from edge_service.estimate.mixture.step import take
 
 from .mixture_axis import FRESH, SETTINGS, Truth, machine, parts, production
@@ -132,6 +132,17 @@ def test_a_healthy_axis_is_never_doubted_for_long() -> None:
         assert math.isfinite(value)
     assert np.mean(outside) <= 0.05
     assert not any(lost)
+
+
+@pytest.mark.parametrize("stop_s", [2.0, 3.0, 5.0])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_loss_that_happens_at_a_stop_is_not_taken_for_grease(seed: int, stop_s: float) -> None:
+    """Whatever may have changed at a stop is weighed from the first phase after it."""
+    axis = Axis(one_encoder=False).moved(seed, 60.0, FRESH_TRUTH)
+    axis.bank.moments[SINCE_SPAWN_S] = 0.05
+    value, _, high = axis.moved(10 + seed, 5.0, Truth(percent=0.5 * FRESH), stop_s).said().preload
+    assert value < 0.7 * FRESH
+    assert high < 0.8 * FRESH
 
 
 @pytest.mark.parametrize("wind_up", [0.0, 0.15, 0.3])
