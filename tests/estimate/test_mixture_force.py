@@ -105,3 +105,18 @@ def test_a_force_is_known_again_by_two_encoders_only(one_encoder: bool) -> None:
         assert 0.0 < like == pytest.approx(unlike)
     else:
         assert like > 0.9 and unlike < 0.5
+
+
+@pytest.mark.parametrize("one_encoder", [True, False])
+def test_probabilities_stay_probabilities_where_no_force_lasts(one_encoder: bool) -> None:
+    """Sums of probabilities round to a little over one; none may end as a number that is none."""
+    model, _, process = parts(one_encoder)
+    bank = settled(one_encoder)
+    for n, r in enumerate(production(21, 60.0, Truth(), one_encoder)):
+        cuts = n % 30 < 20
+        pushed_r = pushed(r, FORCE_N * (1.0 + 0.2 * math.sin(n))) if cuts else r
+        take(bank, model, process._replace(force_stay=0.0), pushed_r, 0.1)
+        alive = bank.alive > 0
+        assert np.all((bank.force[alive] >= 0.0) & (bank.force[alive] <= 1.0))
+    assert np.all(np.isfinite(bank.mean[bank.alive > 0]))
+    assert abs(percent(bank) - FRESH) < 2.0

@@ -104,13 +104,13 @@ def judge(
         e[0] - a, e[1] - b, uu + share * a * a, ss + 2.0 * share * b * b, us + share * a * b
     )
     calm += math.log(1.0 - starts - alike)
-    new += math.log(starts)
+    new += math.log(max(starts, _NEVER))
     same += math.log(max(alike, _NEVER))
     top = max(calm, new, same)
     said = top + math.log(math.exp(calm - top) + math.exp(new - top) + math.exp(same - top))
     told.nis[k], told.said[k] = nis, said
     told.lasts[k] = math.exp(same - said)
-    told.forced[k] = told.lasts[k] + math.exp(new - said)
+    told.forced[k] = min(told.lasts[k] + math.exp(new - said), 1.0)
     told.misfit[k] = max(0.5 * nis_same - 1.0, 0.0)
     bank.force[k], bank.force_n[k] = told.forced[k], seen_n
     return extra_uu, extra_ss, extra_us
