@@ -95,7 +95,8 @@ def follow_hypotheses(
         moments[STOPPED_S] = 0.0
         _challenge(bank, process, LUBRICATION, base, leader, log_time)
         _challenge(bank, process, LOAD, base, leader, log_time)
-        moments[SINCE_SPAWN_S] = process.spawn_s
+        for k in (LOSS, TOTAL_LOSS):
+            _challenge(bank, process, k, base, leader, math.log(process.spawn_s))
     since = moments[SINCE_SPAWN_S]
     soon = _SOON_S if calm else _SOON_FORCED_S
     if since >= process.spawn_s or (moments[SURPRISE] > _SURPRISE and since >= soon):
