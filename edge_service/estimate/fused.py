@@ -27,7 +27,7 @@ from .mixture.state import (
 from .mixture.step import take
 from .validity import Validity, ValiditySettings
 
-_SNAPSHOT_SCHEMA = "fused-preload/6"
+_SNAPSHOT_SCHEMA = "fused-preload/7"
 VIBRATING_SHARE = 0.25
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""

@@ -6,7 +6,7 @@ Every recording is followed once as the estimator is, and once for each part tak
 import multiprocessing
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -55,6 +55,7 @@ VARIANTS: Mapping[str, Mapping[str, float]] = {
     "no LOOSENESS at the start": {"looseness": 0.0},
     "three times the LOOSENESS at the start": {"looseness": 3.0 * _USUAL.looseness},
     "nothing wanders": {"wander": 0.0},
+    "growth of the screw is smooth": {"uneven_share": 0.0},
     "no axial friction": {"axial": 0.0},
     "a phase may say anything": {"most_nats": 1e3},
     "all evidence counts": {"evidence": 1.0},
@@ -125,9 +126,11 @@ def run_ablation(
             make_recordings(second_plant, out, seed, quick, processes, say)
             for folder in sorted(out.glob("machine-*")):
                 running += [pool.submit(on_second_axis, folder, sheet) for sheet in (False, True)]
-        for number, future in enumerate(running, start=1):
+        for number, future in enumerate(as_completed(running), start=1):
+            future.result()
+            say(f"ablation: {number} of {len(running)} axes, {len(VARIANTS)} variants each")
+        for future in running:
             found += future.result()
-            say(f"ablation: {number} of {len(running)} axes")
     return found
 
 

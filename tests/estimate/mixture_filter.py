@@ -45,12 +45,13 @@ TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
 
 
 def motion_of(
-    model: AxisModel, process: Process, r: Reading, elapsed_s: float, size: int
+    model: AxisModel, process: Process, r: Reading, elapsed_s: float, x: Floats
 ) -> tuple[Floats, Floats]:
-    """F and Q between two phases of a steady preload.
+    """F and Q between two phases of a steady preload, from the state before.
 
     What returns to zero with a time constant has F = exp(-t / T) and Q = sigma^2 (1 - F^2).
     """
+    size = len(x)
     f, q = np.eye(size), np.zeros((size, size))
     keep = math.exp(-elapsed_s / SETTINGS.friction_s)
     block = slice(FRICTIONS[0], FRICTIONS[-1] + 1)
@@ -67,7 +68,9 @@ def motion_of(
     if size > TORQUE_STATES:
         keep = math.exp(-abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s / WAY_M)
         f[STRETCH_WANDER, STRETCH_WANDER] = keep
-        q[STRETCH_WANDER, STRETCH_WANDER] = process.stretch_wander_m**2 * (1.0 - keep**2)
+        finer_m = SETTINGS.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
+        wander_m2 = process.stretch_wander_m**2 + finer_m**2
+        q[STRETCH_WANDER, STRETCH_WANDER] = wander_m2 * (1.0 - keep**2)
         f[REVERSAL, REVERSAL] = math.exp(-elapsed_s / SETTINGS.friction_s)
         keep = math.exp(-elapsed_s / GROWTH_S)
         for place, rate in ((ENCODER_OFFSET, OFFSET_RATE), (ENCODER_SLOPE, SLOPE_RATE)):

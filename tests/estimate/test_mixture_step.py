@@ -135,10 +135,9 @@ def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool) -> Non
     process = never(process)
     bank = alone(start, 0.03)
     mean, covariance = bank.mean[STEADY].copy(), bank.covariance[STEADY].copy()
-    size = len(mean)
     for k, r in enumerate(production(4, 3.0, Truth(), one_encoder)):
         before, elapsed_s = bank.mean[STEADY].copy(), 0.1
-        f, q = motion_of(model, process, r, elapsed_s, size)
+        f, q = motion_of(model, process, r, elapsed_s, mean)
         mean, covariance, nis = corrected(model, process, f @ mean, f @ covariance @ f.T + q, r)
         told = step.take(bank, model, process, r, elapsed_s)
         assert told == pytest.approx(nis / (1 if one_encoder else 2), rel=1e-3), k
@@ -175,15 +174,13 @@ def test_a_phase_under_a_force_teaches_nothing(one_encoder: bool) -> None:
     assert math.isnan(step.take(bank, model, process, r, 0.1))
     assert bank.force[leader_of(bank)] > 0.99
     assert bank.moments[FORCED_S] == r.steady_s
-    f, q = motion_of(model, process, r, 0.1, len(start.mean))
-    for k in [
-        leader_of(bank)
-    ]:  # one that knows the axis less may take the force for something else
-        np.testing.assert_allclose(bank.mean[k], f @ means[k], rtol=1e-9, atol=1e-15)
-        sigma = np.sqrt(np.diag(covariances[k])) + 1e-30
-        q[PRELOAD, PRELOAD] = process.moving_walk[k] * r.steady_s
-        away = (bank.covariance[k] - f @ covariances[k] @ f.T - q) / np.outer(sigma, sigma)
-        np.testing.assert_allclose(away, 0.0, atol=1e-5)
+    k = leader_of(bank)  # one that knows the axis less may take the force for something else
+    f, q = motion_of(model, process, r, 0.1, means[k])
+    np.testing.assert_allclose(bank.mean[k], f @ means[k], rtol=1e-9, atol=1e-15)
+    sigma = np.sqrt(np.diag(covariances[k])) + 1e-30
+    q[PRELOAD, PRELOAD] = process.moving_walk[k] * r.steady_s
+    away = (bank.covariance[k] - f @ covariances[k] @ f.T - q) / np.outer(sigma, sigma)
+    np.testing.assert_allclose(away, 0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize(

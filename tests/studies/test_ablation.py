@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 
 from edge_service.estimate.mixture.model import MixtureSettings
-from edge_service.studies import ablation
+from edge_service.studies import ablation, life_bench
 from edge_service.studies.ablation import (
     VARIANTS,
     WHOLE,
     Ablated,
     ablation_section,
     on_foreign_axis,
+    on_life,
     run_ablation,
 )
 from edge_service.studies.estimator_bench import run_estimator_bench
@@ -62,6 +63,18 @@ def test_the_variants_follow_the_foreign_plant(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(ablation, "scenarios", lambda *_: short)
     parts = on_foreign_axis(CHECKOUT_TESTS, 3, True)
     assert [part.variant for part in parts] == ["none", "much"]
+    assert all(part.score.told > 20 for part in parts)
+    assert parts[0].score.interval_score < parts[1].score.interval_score
+
+
+def test_the_variants_follow_a_life_with_the_state_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two short sessions; one that expects more to change is less sure."""
+    changed = {"usual": {}, "wide": {"start": 1.0, "together": 0.4}}
+    monkeypatch.setattr(ablation, "VARIANTS", changed)
+    monkeypatch.setattr(life_bench, "QUICK_SESSIONS", 2)
+    monkeypatch.setattr(life_bench, "QUICK_SESSION_S", 12.0)
+    parts = on_life(CHECKOUT_TESTS, 4, "healthy", True)
+    assert [(part.plant, part.variant) for part in parts] == [("lives", "usual"), ("lives", "wide")]
     assert all(part.score.told > 20 for part in parts)
     assert parts[0].score.interval_score < parts[1].score.interval_score
 

@@ -51,7 +51,9 @@ def drift(
         way_m = abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s
         keep = math.exp(-way_m / process.stretch_wander_way_m)
         _fade(x, p, STRETCH_WANDER, keep)
-        p[STRETCH_WANDER, STRETCH_WANDER] += process.stretch_wander_m**2 * (1.0 - keep * keep)
+        uneven_m = process.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
+        wander_m2 = process.stretch_wander_m**2 + uneven_m**2
+        p[STRETCH_WANDER, STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
         keep = math.exp(-elapsed_s / process.growth_s)
         grown_s = process.growth_s * (1.0 - keep)
         _grow(x, p, ENCODER_OFFSET, OFFSET_RATE, grown_s)

@@ -74,6 +74,7 @@ class MixtureSettings:
         looseness: of the compliance beside the nut, at the start.
         twist: of the mass behind the commissioned compliance: a screw twists by its own inertia.
         uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
+        uneven_share: what is finer than these, over the growth along the stroke.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
         most_nats: most that a phase says against a hypothesis: any may be spoiled.
         force: process forces over the dynamic load rating; `force_error` of their compliance;
@@ -111,6 +112,7 @@ class MixtureSettings:
     looseness: float = 0.001
     twist: float = 0.07
     uneven_m: float = 3e-6
+    uneven_share: float = 0.01
     evidence: float = 0.3
     most_nats: float = 10.0
     force: float = 0.125
@@ -259,6 +261,7 @@ def process_of(
         torque_wander_s=settings.wander_s,
         stretch_wander_m=stretch_wander_m(model, settings) if two else 0.0,
         stretch_wander_way_m=settings.wander_m,
+        uneven_share=settings.uneven_share,
         axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
         loose_m=1e-6 if two else 0.0,
         growth_s=300.0,

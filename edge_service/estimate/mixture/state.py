@@ -103,6 +103,7 @@ class Process(NamedTuple):
     torque_wander_s: float
     stretch_wander_m: float
     stretch_wander_way_m: float
+    uneven_share: float  # of the screw's growth since commissioning that wanders with it
     axial_n: float  # standard deviation of axial friction from phase to phase
     loose_m: float  # clearance of a nut without preload
     growth_s: float  # time constant of a warming screw
