@@ -33,7 +33,7 @@ GREATEST_LAG_S = 1.0
 
 
 class ReplayConfig(DriverConfig):
-    """What a user sets.
+    """Settings of the replay driver.
 
     Attributes:
         path: the trace, CSV or Parquet; the machine file maps its columns.
@@ -186,7 +186,7 @@ class ReplayDriver:
 
 
 class _Pace:
-    """When a frame is due, against one fixed start so that nothing drifts."""
+    """Schedule of the frames against one fixed start, so that nothing drifts."""
 
     def __init__(self, speed: float, clock: Callable[[], float]) -> None:
         self._speed = speed

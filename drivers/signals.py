@@ -18,7 +18,7 @@ JOINT_CHANNELS = (TORQUE, ANGLE, TABLE_POSITION)
 
 
 class SignalConfig(BaseModel):
-    """What a user says of one signal. Value in `unit` = `scale` * raw + `offset`.
+    """Settings of one signal. Value in `unit` = `scale` * raw + `offset`.
 
     Attributes:
         channel: the channel that it becomes.
@@ -116,5 +116,5 @@ class Scaling:
         return value, Quality.GOOD
 
     def raw(self, value: float) -> float:
-        """What a device would have to say for a value in SI units."""
+        """Raw value that a device would report for a value in SI units."""
         return (value - self.offset) / self.factor

@@ -36,7 +36,7 @@ _ACCELEROMETER = AccelerometerSettings()
 
 
 class SimulatedConfig(DriverConfig):
-    """What a user sets. The defaults are the axis of the machine file, wearing out in 5 minutes.
+    """Settings of the simulated drive: by default the machine file's axis, worn out in 5 minutes.
 
     Attributes:
         scenario: how the preload is lost; `healthy` keeps the machine file's fresh preload.

@@ -20,7 +20,7 @@ ENTRY_POINT_GROUP = "edge_service.stubs"
 
 
 class FaultKind(IntEnum):
-    """What a stub can do wrong."""
+    """Kinds of fault that a stub can simulate."""
 
     NONE = 0
     DELAY = 1  # answers late, by `amount` seconds

@@ -1,4 +1,4 @@
-"""Which files of a folder are traces that are complete."""
+"""Detection of complete traces among the files of a folder."""
 
 import hashlib
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What has been read, on disk: a trace is read once, even across restarts."""
+"""Record on disk of what has been read: a trace is read once, even across restarts."""
 
 import json
 from dataclasses import asdict, dataclass

@@ -1,4 +1,4 @@
-"""What a user says of a Modbus device: where it is, and its register map."""
+"""User configuration of a Modbus device: network address and register map."""
 
 from itertools import pairwise
 from typing import Literal
@@ -65,7 +65,7 @@ class RegisterConfig(SignalConfig):
 
 
 class ModbusConfig(DriverConfig):
-    """What a user sets.
+    """Settings of the Modbus driver.
 
     Attributes:
         host, port: of the device or gateway.
@@ -140,5 +140,5 @@ class ModbusConfig(DriverConfig):
         return register.group or next(iter(self.poll_groups))
 
     def key_of(self, register: RegisterConfig) -> str:
-        """Where a register stands in the configuration."""
+        """Key of a register in the configuration."""
         return f"registers[{self.registers.index(register)}]"

@@ -17,7 +17,7 @@ from .reading import RegisterReader
 from .requests import ReadRequest
 
 ANSWERED = (Quality.GOOD, Quality.DEVICE_EXCEPTION)
-"""What a device that is there says."""
+"""Qualities of a reply from a device that is present."""
 LATE_SHARE = 0.5
 """A read that takes longer than this share of its period says too little of when it was."""
 
@@ -62,7 +62,7 @@ class ModbusDriver:
 
     @property
     def readings(self) -> dict[str, float]:
-        """How long the latest poll of the fastest group took, s."""
+        """Duration of the latest poll of the fastest group, s."""
         return {"poll_s": self._span_s} if self._span_s else {}
 
     async def open(self) -> None:

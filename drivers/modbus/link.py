@@ -22,7 +22,7 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What came of one read.
+    """Outcome of one read.
 
     Attributes:
         words: the registers; empty unless `quality` is good.
@@ -39,7 +39,7 @@ class Reply:
 
     @property
     def midpoint_s(self) -> float:
-        """When the device read its registers: half way between request and reply."""
+        """Time at which the device read its registers: half way between request and reply."""
         return 0.5 * (self.sent_s + self.received_s)
 
 
@@ -59,7 +59,7 @@ class ModbusLink:
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection."""
+        """True while the connection is up."""
         return self._client is not None and self._client.connected
 
     async def connect(self) -> None:
@@ -129,7 +129,7 @@ class ModbusLink:
         return await read(request.address, count=request.count, device_id=self._device_id)
 
     def _vet(self, sending: bool, packet: bytes) -> bytes:
-        """What the library may see of the bytes: a whole reply to the request, or nothing yet."""
+        """Bytes that the library may see: a whole reply to the request, or nothing yet."""
         if sending:
             self._asked = Asked.of_packet(packet)
             return packet

@@ -1,4 +1,4 @@
-"""When each poll group is due."""
+"""Schedule of the poll groups."""
 
 import math
 from dataclasses import dataclass

@@ -71,7 +71,7 @@ class RegisterReader:
         )
 
     def _guard(self, register: RegisterConfig, number: float, now_s: float) -> Quality:
-        """What a constant or a heartbeat says of the values beside it."""
+        """Quality that a constant or a heartbeat implies for the values beside it."""
         if register.equals is not None:
             right = math.isclose(number, register.equals, rel_tol=CONSTANT_TOLERANCE)
             return Quality.GOOD if right else Quality.WRONG_CONSTANT

@@ -1,4 +1,4 @@
-"""Which registers are read together."""
+"""Grouping of registers into read requests."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

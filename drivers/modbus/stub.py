@@ -91,7 +91,7 @@ class ModbusStub:
         registers: list[int],
         written: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        """What the library asks before it answers: bring the registers up to date, or misbehave."""
+        """Callback of the library before a reply: bring the registers up to date, or misbehave."""
         if written:
             asyncio.get_running_loop().call_soon(self._obey, registers, start)
             return None

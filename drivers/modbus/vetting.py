@@ -1,4 +1,4 @@
-"""Whether received bytes are the reply to a request: what the library does not check.
+"""Vetting of received bytes as the reply to a request: checks that the library does not make.
 
 It takes a reply of another function code, with another number of registers, with transaction id 0
 or with bytes left over, and it fails with a traceback in the event loop where a reply cannot be
@@ -18,7 +18,7 @@ _LONGEST = 254
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What was asked: transaction id, unit, function code, number of registers."""
+    """Read request that was sent: transaction id, unit, function code, number of registers."""
 
     transaction: int
     unit: int
@@ -33,7 +33,7 @@ class Asked:
 
 
 class Verdict(Enum):
-    """What is known of the bytes so far."""
+    """Verdict on the bytes received so far."""
 
     INCOMPLETE = "incomplete"
     REPLY = "reply"

@@ -1,4 +1,4 @@
-"""What a user says of an OPC UA server: where it is, how to get in, and its variables."""
+"""User configuration of an OPC UA server: endpoint, access, and variables."""
 
 from pathlib import Path
 from typing import Literal
@@ -41,7 +41,7 @@ class NodeConfig(SignalConfig):
 
 
 class OpcuaConfig(DriverConfig):
-    """What a user sets.
+    """Settings of the OPC UA driver.
 
     Attributes:
         url: of the server's endpoint.
@@ -111,7 +111,7 @@ class OpcuaConfig(DriverConfig):
 
     @property
     def has_heartbeat(self) -> bool:
-        """Whether a variable tells old values from new ones."""
+        """True if a variable tells old values from new ones."""
         return any(signal.heartbeat for signal in self.signals)
 
     @property

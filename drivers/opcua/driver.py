@@ -67,7 +67,7 @@ class OpcuaDriver:
 
     @property
     def readings(self) -> dict[str, float]:
-        """What the server gave of what was asked: intervals, queue, limits."""
+        """Parameters that the server granted on request: intervals, queue, limits."""
         return {} if self._granted is None else self._granted.as_readings()
 
     async def open(self) -> None:

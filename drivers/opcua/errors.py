@@ -17,7 +17,7 @@ from asyncua.ua.uaerrors import (
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 
 FAILURES = (OSError, TimeoutError, UaError)
-"""What the library raises where a server cannot be talked to, or refuses."""
+"""Errors raised by the library when communication with a server fails, or the server refuses."""
 NOT_THERE = (
     BadBrowseNameInvalid,
     BadNoMatch,
@@ -26,7 +26,7 @@ NOT_THERE = (
     UaStringParsingError,
     ValueError,
 )
-"""What comes of a variable that the server does not have, or of a name that is none."""
+"""Errors raised for a variable that the server does not have, or for an invalid name."""
 _REFUSED = {
     StatusCodes.BadUserAccessDenied: "user",
     StatusCodes.BadIdentityTokenRejected: "user",

@@ -1,4 +1,4 @@
-"""What a server gives of what was asked for, and the limits that it names."""
+"""Parameters that a server grants on request, and the limits that it names."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from asyncua.ua.object_ids import ObjectIds
 
 @dataclass(frozen=True, slots=True)
 class Granted:
-    """What the server gives: intervals in s, values that it queues, limits that it names."""
+    """Granted parameters: intervals in s, values that the server queues, limits that it names."""
 
     publishing_s: float
     sampling_s: float

@@ -10,7 +10,7 @@ _NSU = re.compile(r"^nsu=[^;]*;")
 
 
 def is_path(name: str) -> bool:
-    """Whether a name is a path of browse names, and no node id."""
+    """Tell whether a name is a path of browse names and not a node id."""
     return name.startswith("{") or "=" not in name.partition(";")[0]
 
 

@@ -98,7 +98,7 @@ class RowMaker:
         return [(time_s, self._row(time_s))]
 
     def _row(self, time_s: float) -> Values:
-        """What is held, or its staleness; a heartbeat counts from the first row on."""
+        """Held values, or all marked stale; a heartbeat counts from the first row on."""
         if self._beat_s is None:
             self._beat_s = time_s
         if time_s - self._beat_s > self._stale_after_s:

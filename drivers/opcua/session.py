@@ -25,7 +25,7 @@ logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 SESSION_S = 20.0
 """A server keeps the session of a client that vanished for so long; it has few to give away."""
 GOODBYE_S = 1.0
-"""How long a server may take to let us go."""
+"""Longest time a server may take to close a session."""
 
 
 class OpcuaSession:
@@ -38,7 +38,7 @@ class OpcuaSession:
 
     @property
     def connected(self) -> bool:
-        """Whether there is a session that nobody has seen die."""
+        """True while a session is open and no loss of it has been noticed."""
         return self._client is not None and not self._lost.is_set()
 
     @property
@@ -75,7 +75,7 @@ class OpcuaSession:
             await _leave(client)
 
     async def limits(self) -> dict[str, float]:
-        """What the server says of itself, as far as it does."""
+        """Limits that the server states, as far as it states any."""
         nodes = {
             name: (ua.NodeId(ua.Int32(which)), factor) for name, (which, factor) in LIMITS.items()
         }

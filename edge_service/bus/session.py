@@ -29,7 +29,7 @@ class BusConfigurationError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class BusSettings:
-    """How a process takes part in the bus.
+    """Settings with which a process takes part in the bus.
 
     Attributes:
         endpoint: `tcp/<loopback address>:<port>`; port 0 takes any free one.

@@ -1,4 +1,4 @@
-"""What several commands are asked with, and the complaint where it makes no sense."""
+"""Options and arguments that several commands share, and the error for bad input."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What commands say while they work."""
+"""Messages of commands while they work."""
 
 import logging
 import os

@@ -38,7 +38,7 @@ def fingerprint(
 @MACHINE
 @click.option("--json", "as_json", is_flag=True, help="One JSON object: channel -> RMS.")
 def gap(traces: tuple[Path, ...], machine: Path, as_json: bool) -> None:
-    """How far model and machine are apart: torque in motion, and table against motor."""
+    """Measure the gap between model and machine: torque in motion, and table against motor."""
     from ..studies.machine_gap import gap as measure_gap
 
     found = measure_gap(machine, traces, progress)

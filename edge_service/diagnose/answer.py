@@ -1,4 +1,4 @@
-"""What a diagnosis says: a verdict, the gap, where it lives, and the effects that cause it."""
+"""Result of a diagnosis: a verdict, the gap, where it lives, and the effects that cause it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

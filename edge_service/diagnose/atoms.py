@@ -33,11 +33,11 @@ class Atom(Protocol):
 
     @property
     def form(self) -> str:
-        """What tells it from atoms of the same name that are no mere other shapes of it."""
+        """Label that tells it from atoms of the same name that are no mere other shapes of it."""
 
     @property
     def size(self) -> int:
-        """How many columns it has."""
+        """Number of its columns."""
 
     def columns(self, session: Session, channel: str) -> Floats:
         """Signatures at unit strength in a channel, (n, size)."""
@@ -127,7 +127,7 @@ def atoms_of(effect: Effect, session: Session) -> Iterator[EntryAtom]:
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """What a recording covers."""
+    """Ranges that a recording covers."""
 
     fastest_rad_s: float
     duration_s: float

@@ -1,4 +1,4 @@
-"""Which effects: material ones, a posterior over sets of them, and what cannot be told apart."""
+"""Choice of effects: material ones, a posterior over sets of them, and indistinguishable ones."""
 
 import itertools
 import math
@@ -23,7 +23,7 @@ LEAST_RISE_BESIDE_ALIKE = 0.22
 LEAST_RISE_OF_COMPLIANCE = 0.15
 """The same for compliance, which is small beside any play."""
 BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
-"""What gives between motor and table shows between their encoders, whatever else it does."""
+"""Effects that give between motor and table show between their encoders, whatever else they do."""
 ALIKE = (
     frozenset({"backlash", "compliance", "presliding"}),
     frozenset({"stribeck", "presliding", "quadratic_friction"}),
@@ -133,7 +133,7 @@ def _is_material(
     noise: Noise,
     limits: Mapping[str, tuple[float, float]],
 ) -> bool:
-    """Whether it adds to a gap what nothing else that is named can replace."""
+    """Tell whether an effect adds to a gap what nothing else that is named can replace."""
     if name in limits and _excess(dictionary, whole, name, *limits[name]) <= MATERIAL_TOLERANCES:
         return False
     rises = _rises(dictionary, whole, name, noise)
@@ -160,7 +160,7 @@ def _is_material(
 
 
 def _rises(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> dict[str, float]:
-    """What an effect adds to each channel's gap, as a root mean square.
+    """Contribution of an effect to each channel's gap, as a root mean square.
 
     What is tolerated stays as it is meanwhile: it must not stretch to hide a cause.
     """

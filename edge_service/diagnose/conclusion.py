@@ -28,7 +28,7 @@ LEAST_GAIN = 0.004
 NEEDED_GAIN = 0.5
 """Share of the gap's energy from which on an effect counts although it shrinks no gap alone."""
 LEAST_PROBABILITY = 0.02
-"""What is less likely than this is not named at all."""
+"""Probability below which an effect is not named at all."""
 ALL_MOTIONS = "full"
 """Motion that decides what none shorter is known to decide."""
 
@@ -150,7 +150,7 @@ def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosi
 
 
 def _is_unknown(weighed: Weighed, judged: Judged, named: frozenset[str]) -> bool:
-    """Whether something that the library lacks is the better part of the cause."""
+    """Tell whether something that the library lacks is the better part of the cause."""
     return (
         UNKNOWN in weighed.causes.best.material
         or has_impostor(judged.claims, judged.entries.channel_of)
@@ -164,7 +164,7 @@ def _suspects(weighed: Weighed) -> list[str]:
 
 
 def _nearest(found: Sequence[NamedEffect], suspects: Sequence[str]) -> str | None:
-    """What comes nearest to a cause that nobody knows, even where it was refused."""
+    """Nearest effect to a cause that nobody knows, even where it was refused."""
     return next(iter([*(each.name for each in found), *suspects]), None)
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a recording before anything is fitted to it: units, signs, cover, faults."""
+"""Check of a recording before anything is fitted to it: units, signs, cover, faults."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -133,7 +133,7 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
 
 
 def _gaps(runs: Sequence[Run]) -> list[str]:
-    """How much of the time between first and last rows is there, where it is not all of it."""
+    """Remark on how much of the time between first and last rows is there, if not all of it is."""
     files: dict[int, list[Run]] = {}
     for run in runs:
         files.setdefault(run.recording, []).append(run)

@@ -175,7 +175,7 @@ class Dictionary:
         return list(range(self.tolerated, len(self.atoms)))
 
     def modelled(self, channel: str, atoms: Sequence[int], coefficients: Floats) -> Floats:
-        """What atoms say of the gap in a channel, (n,)."""
+        """Gap in a channel as atoms model it, (n,)."""
         return self.columns[channel][:, self.indices(atoms)].astype(np.float64) @ coefficients
 
 

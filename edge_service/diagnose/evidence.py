@@ -1,4 +1,4 @@
-"""How well a set of atoms explains the gap, on equal terms for all."""
+"""Score of a set of atoms as an explanation of the gap, on equal terms for all."""
 
 import functools
 import math
@@ -23,7 +23,7 @@ _PINNED = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What a fit cannot explain, by channel.
+    """Noise that a fit cannot explain, by channel.
 
     Attributes:
         floor: root mean square that a healthy axis leaves.

@@ -38,7 +38,7 @@ class Weighed:
     unexplained: Mapping[str, float]
 
     def left_by_forms(self) -> dict[str, Floats]:
-        """What the best set leaves of the gap with all forms that bear a name, (n,)."""
+        """Residual that the best set leaves of the gap with all forms that bear a name, (n,)."""
         best = self.causes.best.fit
         return {
             name: rows.gap - self.dictionary.modelled(name, best.atoms, best.coefficients)
@@ -70,7 +70,7 @@ class Explained:
         return {name: float(np.sqrt(np.mean(each**2))) for name, each in self.left.items()}
 
     def left_of_tolerated(self) -> dict[str, Floats]:
-        """What is left when what is tolerated is taken away too, by channel, (n,)."""
+        """Residual when what is tolerated is taken away too, by channel, (n,)."""
         problem = self.values.problem
         return {name: each - problem.fixed[name] @ problem.mean for name, each in self.left.items()}
 
@@ -100,7 +100,7 @@ def _values(weighed: Weighed, named: frozenset[str]) -> Values:
 
 
 def _part(session: Session, name: str, values: Values) -> dict[str, Floats]:
-    """What the entries of an effect make of the gap, by channel."""
+    """Contribution of the entries of an effect to the gap, by channel."""
     mine = [k for k, atom in enumerate(values.atoms) if atom.name == name]
     return {
         channel: sum(

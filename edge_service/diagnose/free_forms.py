@@ -51,7 +51,7 @@ class FreeForm:
 
     @property
     def size(self) -> int:
-        """How many columns it has."""
+        """Number of its columns."""
         return len(self.curves)
 
     def columns(self, session: Session, channel: str) -> Floats:

@@ -1,4 +1,4 @@
-"""What the named effects make of each block of time by values fitted on all other blocks."""
+"""Prediction of each block of time by the named effects, with values fitted on all other blocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -49,7 +49,7 @@ def by_blocks(values: Values) -> tuple[Part, ...]:
 
 
 def predicted(parts: Sequence[Part], name: str, channel: str) -> Floats:
-    """What an effect makes of a channel's gap, (n,), each row by the values of other folds."""
+    """Contribution of an effect to a channel's gap, (n,), each row by the values of other folds."""
     found = np.zeros(len(parts[0].rows[channel]))
     for part in parts:
         rows, values = part.rows[channel], part.values
@@ -60,7 +60,7 @@ def predicted(parts: Sequence[Part], name: str, channel: str) -> Floats:
 
 
 def at_pace(values: Values, name: str, channel: str, pace: float) -> Floats | None:
-    """What an effect that follows time would make of a channel where its clock went at `pace`.
+    """Contribution to a channel of an effect that follows time, were its clock to go at `pace`.
 
     None for an effect without a time constant.
     """

@@ -1,4 +1,4 @@
-"""Whether a named effect is the cause, or the nearest relation of one that nobody knows."""
+"""Test whether a named effect is the cause, or the nearest relation of one that nobody knows."""
 
 import math
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ MOST_STRAIN = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What an effect has in the channel that it affects most, as shares of the gap's energy.
+    """Claim of an effect in the channel that it affects most, as shares of the gap's energy.
 
     Attributes:
         gain: what leaving it out would bring back.
@@ -111,7 +111,7 @@ def _missed(left: Mapping[str, Floats], structure: Mapping[str, Floats]) -> dict
 
 
 def has_impostor(found: Mapping[str, Claim], channel_of: Mapping[str, str]) -> bool:
-    """Whether what explains most of a channel is more likely an impostor than not."""
+    """Tell whether what explains most of a channel is more likely an impostor than not."""
     leaders: dict[str, Claim] = {}
     for effect, claim in found.items():
         channel = channel_of[effect]

@@ -1,4 +1,4 @@
-"""What a motion could tell apart, before anything is measured."""
+"""Isolability of effects: what a motion could tell apart, before anything is measured."""
 
 import functools
 import math
@@ -33,7 +33,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """What a motion says of two effects.
+    """Separation of two effects by a motion.
 
     Attributes:
         rival: None stands for a healthy axis.
@@ -84,7 +84,7 @@ def separations(
     names: Sequence[str],
     values: Mapping[str, Mapping[str, float]] | None = None,
 ) -> list[Separation]:
-    """How well a motion tells each of some effects from each other one.
+    """Separations of some effects, each from each other one, by a motion.
 
     Args:
         values: of the effects; those of a typical fault unless given, or where given values make
@@ -139,7 +139,7 @@ def strength_told(separation: Separation) -> float:
 
 
 def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str, Rows]:
-    """What a fault adds to the gap of each channel."""
+    """Contribution of a fault to the gap of each channel."""
     effect = get_effect(name)
     values = effect.complete(given)
     baseline = session.baseline

@@ -1,4 +1,4 @@
-"""Which effects a session could show at all."""
+"""Effects that a session could show at all."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def not_judged(session: Session) -> list[str]:
 
 
 def _shows(name: str, session: Session) -> bool:
-    """Whether the first atom of each form, or its last, has a signature."""
+    """Tell whether the first atom of each form, or its last, has a signature."""
     forms: dict[str, Atom] = {}
     for atom in atoms_of(effects()[name], session):
         forms.setdefault(atom.form, atom)

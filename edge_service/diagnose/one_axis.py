@@ -1,4 +1,4 @@
-"""Whether recordings can be of one axis: what neither warming up nor oil nor a load changes."""
+"""Check that recordings can be of one axis, by what neither warm-up nor oil nor a load changes."""
 
 import itertools
 import math
@@ -31,7 +31,7 @@ _OTHER = -99
 
 @dataclass(frozen=True, slots=True)
 class Travel:
-    """How far the motor went in a file, and how table and setpoint went along.
+    """Travel of the motor in a file, and that of table and setpoint along with it.
 
     Attributes:
         lead, setpoint_lead: of table and setpoint over that of the machine file; NaN if unknown.
@@ -53,7 +53,7 @@ class Travel:
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """What the torque of a file says.
+    """Inertia and friction of an axis, as the torque of a file shows them.
 
     Attributes:
         inertia_kg_m2: with its standard deviation `sigma_kg_m2`.
@@ -68,7 +68,7 @@ class Dynamics:
 
 @dataclass(frozen=True, slots=True)
 class FileFit:
-    """What one file says of its axis; no dynamics without a torque or without variety."""
+    """Findings of one file about its axis; no dynamics without a torque or without variety."""
 
     recording: int
     travel: Travel
@@ -87,7 +87,7 @@ def fits_of(runs: Sequence[Run], ratio_m_per_rad: float) -> list[FileFit]:
 
 
 def strangers(fits: Sequence[FileFit], lead_m: float, name: Callable[[int], str]) -> str | None:
-    """Why two of the files cannot be of one axis, in a line; None if all can be.
+    """Reason why two of the files cannot be of one axis, in a line; None if all can be.
 
     Args:
         lead_m: of the machine file.

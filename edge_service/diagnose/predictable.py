@@ -1,4 +1,4 @@
-"""How much of what is left a free form foretells on motion that it was not fitted to.
+"""Part of the residual that a free form predicts on motion that it was not fitted to.
 
 What a library leaves may be noise, or structure that no entry has. Smooth functions of speed,
 acceleration, position, angle, torque and time, each by direction, claim nothing but that the same
@@ -19,7 +19,7 @@ _RIDGES = (3e-4, 1e-2, 0.3)
 
 
 def foretold(session: Session, left: Mapping[str, Floats]) -> dict[str, Floats]:
-    """What free forms predict of `left` on the blocks that they were not fitted to, by channel."""
+    """Prediction of `left` by free forms on the blocks that they were not fitted to, by channel."""
     return {name: _foretold(session.channels[name], name, each) for name, each in left.items()}
 
 

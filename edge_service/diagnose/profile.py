@@ -13,7 +13,7 @@ from .refine import Problem
 RISE_90 = 2.706
 """Rise of twice the negative log-likelihood at the ends of a 90 % interval (Wilks, 1938)."""
 LEANING = 4.0
-"""What an approximate entry leaves is no noise: it leans one way, and pulls its values along."""
+"""Variance factor: an approximate entry leaves bias, not noise, and it pulls the values along."""
 _SLOPE_STEP = 0.02
 _FIRST_STEP = 0.01
 _DOUBLINGS = 11
@@ -25,7 +25,7 @@ Slopes = Mapping[str, Mapping[str, Floats]]
 
 
 def slopes_of(problem: Problem, atom: EntryAtom, coefficients: Floats) -> Slopes:
-    """How what an entry says changes with each of its shapes, per relative change of the shape."""
+    """Sensitivity of what an entry says to each of its shapes, per relative change of the shape."""
     found = {}
     for parameter in atom.effect.parameters:
         value = dict(atom.shape).get(parameter.name, 0.0)
@@ -105,7 +105,7 @@ def _whole_interval(
 
 
 def _end(rise: Callable[[float], float], value: float, unit: float, parameter: Parameter) -> float:
-    """Where the rise reaches `RISE_90` on one side: steps that double, then halve."""
+    """Value at which the rise reaches `RISE_90` on one side: steps that double, then halve."""
     inside, step = 0.0, _FIRST_STEP
     for _ in range(_DOUBLINGS):
         if _at(value, step, unit, parameter) == _at(value, inside, unit, parameter):

@@ -38,7 +38,7 @@ class Proposal:
 
     @property
     def decides(self) -> bool:
-        """Whether every pair is told apart."""
+        """True if every pair is told apart."""
         return self.evidence >= DECISIVE
 
 

@@ -75,7 +75,7 @@ def _open(
 
 
 def _is_load(atom: Atom) -> bool:
-    """Whether it says what loads a spring: the difference of two loads could be any."""
+    """Tell whether an atom says what loads a spring: the difference of two loads could be any."""
     return atom.name == "compliance" and atom.form != "late"
 
 

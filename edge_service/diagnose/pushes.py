@@ -26,7 +26,7 @@ class Push:
 
     @property
     def form(self) -> str:
-        """Whether it turns with the motion."""
+        """Name of the form: `against` if the force turns with the motion, otherwise `steady`."""
         return "against" if self.against_motion else "steady"
 
     def columns(self, session: Session, channel: str) -> Floats:

@@ -169,7 +169,7 @@ def _moved(
 
 
 def _span(atom: EntryAtom, parameter: Parameter) -> float:
-    """How far a place or a time is moved: by the width or the length of what is there."""
+    """Span by which a place or a time is moved: the width or the length of what is there."""
     shape = dict(atom.shape)
     return shape.get("width_m", shape.get("duration_s", 0.1 * abs(parameter.faulty)))
 

@@ -53,7 +53,7 @@ class ReplayedGap:
 
     @property
     def unexplained_rms(self) -> float:
-        """What is left beyond the floor, root mean square."""
+        """Residual beyond the floor, root mean square."""
         return math.sqrt(max(self.after_rms**2 - self.floor**2, 0.0))
 
 

@@ -92,7 +92,7 @@ class Run:
 
     @property
     def has_torque(self) -> bool:
-        """Whether the torque was recorded."""
+        """True if the torque was recorded."""
         return bool(np.isfinite(self.motion.torque_nm).all())
 
     def resting_zero(self, values: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""How far the gap shrinks on motion that was not used for fitting."""
+"""Shrinkage of the gap on motion that was not used for fitting."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from .values import Values
 
 LEVEL = 0.9
 PACES = (0.5, 2.0)
-"""How fast another session may warm the axis: heat comes from motion (assumption)."""
+"""Paces at which another session may warm the axis: heat comes from motion (assumption)."""
 _SPEED_CLASSES = 4
 _REGIMES = 4 * _SPEED_CLASSES
 _SHAPE = 0.5
@@ -105,7 +105,7 @@ def _drawn(rows: Rows, regime: Integers, series: Floats, proportions: Floats) ->
 
 
 def _block_weights(count: int) -> Floats:
-    """How often each block is drawn, (k, count); the same draws in every call."""
+    """Number of times that each block is drawn, (k, count); the same draws in every call."""
     random = np.random.default_rng(7)
     weights: Floats = random.multinomial(count, np.full(count, 1.0 / count), _RESAMPLES).astype(
         np.float64

@@ -1,4 +1,4 @@
-"""What a healthy axis may have: parameters within their tolerance, and a trace of everything."""
+"""Deviations that a healthy axis may have: parameters within tolerance, a trace of everything."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

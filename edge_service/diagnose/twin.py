@@ -67,7 +67,7 @@ def _gap_of(session: Session, machine: Machine) -> HealthyGap:
 
 
 def tolerated_fit(session: Session, machine: Machine) -> dict[str, float]:
-    """What a session's gap leaves when only what is tolerated is fitted, by channel."""
+    """Residual of a session's gap when only what is tolerated is fitted, by channel."""
     period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
     prior = tolerated(machine, period_s, session.baseline.coulomb_nm)
     dictionary = Dictionary.of_session(session, prior, ())

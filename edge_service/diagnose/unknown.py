@@ -1,4 +1,4 @@
-"""When the best explanation is none: how much it leaves, and what it had to bend for it."""
+"""Doubt of a best explanation that is none: how much it leaves, and what it had to bend for it."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ UNKNOWN_SHARE = 0.15
 UNKNOWN_ENTRY_SHARE = 0.6
 """The same of what the entries alone leave, without the forms that an effect takes beside them."""
 LEFT_OVER_FLOOR = 1.5
-"""What is left counts from this many healthy floors on."""
+"""Number of healthy floors from which on a residual counts."""
 MOST_CAUSES = 3
 """It takes more than this many causes at once only where none of them is the true one."""
 MOST_STRETCH = 6.0
@@ -24,7 +24,7 @@ MOST_STRETCH = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """What is doubted of the causes in one channel: `confidence` scales their probabilities."""
+    """Doubt about the causes in one channel: `confidence` scales their probabilities."""
 
     is_unknown: bool
     confidence: float
@@ -73,7 +73,7 @@ def doubts_of(
 def is_stretched(
     dictionary: Dictionary, best: Fit, parameters: Collection[str], named: Collection[str]
 ) -> bool:
-    """Whether a parameter that is not named has to leave its tolerance for the fit."""
+    """Tell whether a parameter that is not named has to leave its tolerance for the fit."""
     for k in range(dictionary.tolerated):
         name = dictionary.atoms[k].name
         if name in parameters and name not in named:

@@ -62,7 +62,7 @@ class Values:
         return found
 
     def is_at_bound(self, name: str) -> bool:
-        """Whether a shape of an effect has gone as far up as the library lets it."""
+        """Tell whether a shape of an effect has gone as far up as the library lets it."""
         highest = {p.name: p.high for p in get_effect(name).parameters if not p.whole}
         return any(
             value >= 0.99 * highest.get(shape, math.inf)
@@ -111,7 +111,7 @@ class Values:
         return shown
 
     def _weight(self, k: int) -> float:
-        """How much of the gap an entry makes, in whichever channel it makes most."""
+        """Contribution of an entry to the gap, in the channel where it is greatest."""
         return max(
             float(np.mean((column @ self.coefficients(k)) ** 2)) * self.problem.weights[name] ** 2
             for name, column in self.columns[k].items()

@@ -1,4 +1,4 @@
-"""What each named effect makes of the gap: its columns, its channel, the steps of a waterfall."""
+"""Contribution of each named effect to the gap: columns, channel, and the steps of a waterfall."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Where the gap lives: over which variables it is a function, and in which intervals."""
+"""Location of the gap: over which variables it is a function, and in which intervals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Whether the linear encoder goes the way of the screw, up to what a sound axis may hide."""
+"""Agreement of the linear encoder with the way of the screw, up to what a sound axis may hide."""
 
 from dataclasses import astuple, dataclass, replace
 from typing import Any
@@ -40,7 +40,7 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class Roughness:
-    """What the channels themselves add.
+    """Contribution of the channels themselves to the parting of the encoders.
 
     Attributes:
         noise_m: of their difference from row to row.
@@ -69,13 +69,13 @@ def chunks_of(rows: Floats, limits: ChannelLimits) -> list[Chunk]:
 
 
 def rests(chunk: Chunk, limits: ChannelLimits) -> bool:
-    """Whether the screw stands still."""
+    """Tell whether the screw stands still."""
     return abs(chunk.speed_m_s) <= RESTING_RAD_S * limits.ratio_m_per_rad
 
 
 @dataclass(slots=True)
 class Contact:
-    """Whether the nut is known to push the table with the same flank all the while.
+    """Follows whether the nut is known to push the table with the same flank all the while.
 
     Attributes:
         pushed_from_m: way of the screw at which it began to push; NaN while it does not.
@@ -130,7 +130,7 @@ class Agreement:
 
     @property
     def closed(self) -> bool:
-        """Whether no play can hide between the encoders now."""
+        """True while no play can hide between the encoders."""
         return self._contact.closed
 
     def parted_m(self, chunk: Chunk, rough: Roughness) -> float:
@@ -147,7 +147,7 @@ class Agreement:
         return 0.0
 
     def is_elsewhere(self, chunk: Chunk, rough: Roughness) -> bool:
-        """Whether a piece lies at another level than the last that agreed."""
+        """Tell whether a piece lies at another level than the last that agreed."""
         return any(
             abs(chunk.parted_m - anchor.parted_m)
             > self._limits.play_m + self.allowed_m(anchor, chunk, rough)

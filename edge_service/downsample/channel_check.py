@@ -1,4 +1,4 @@
-"""Which of torque, motor angle and linear encoder are to be believed, from interval to interval.
+"""Credibility of torque, motor angle and linear encoder, from interval to interval.
 
 A channel that fails is doubted at once; the linear encoder is believed again after it has gone the
 way of the screw for a while, and its level counts as new then.
@@ -30,7 +30,7 @@ LOST_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What an interval may be read for.
+    """Verdict on an interval: its faults, and what it may be read for.
 
     Attributes:
         fault: bits of Fault.
@@ -48,7 +48,7 @@ _MISSING = Verdict(Fault.NONE, False, False)
 
 @dataclass(slots=True)
 class _Trial:
-    """How far a doubted encoder has come. `needed_s` is 0 while it is believed."""
+    """Progress of a doubted encoder's trial. `needed_s` is 0 while it is believed."""
 
     needed_s: float = 0.0
     agreed_s: float = 0.0
@@ -122,7 +122,7 @@ class ChannelCheck:
         return verdict
 
     def torque_stays(self, torque: Floats, stuck: bool) -> bool:
-        """Whether torque (n,) of an interval goes on with the value that it was stuck at."""
+        """Tell whether torque (n,) of an interval goes on with the value that it was stuck at."""
         goes_on = bool(torque[0] == self._stuck_torque_nm)
         whole = goes_on and bool((torque == torque[0]).all())
         self._stuck_torque_nm = float(torque[-1]) if stuck or whole else np.nan

@@ -1,4 +1,4 @@
-"""How far the encoders of a sound axis may part: limits from the machine, not from one axis."""
+"""Limits to the parting of a sound axis' encoders, from the machine and not from one axis."""
 
 import math
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ LONGEST_SCREW_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ChannelLimits:
-    """What may lie between the encoders of a sound axis.
+    """Limits of what may lie between the encoders of a sound axis.
 
     Attributes:
         ratio_m_per_rad: table travel per radian of the screw.
@@ -51,7 +51,7 @@ class ChannelLimits:
 
     @property
     def periodic_m(self) -> float:
-        """What returns with each turn of the screw, m."""
+        """Error that returns with each turn of the screw, m."""
         return PERIODIC_PER_LEAD * 2.0 * math.pi * self.ratio_m_per_rad
 
     def stretch_m(self, torque_span_nm: float) -> float:

@@ -34,7 +34,7 @@ _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short 
 
 @dataclass(frozen=True, slots=True)
 class DownsampleSettings:
-    """How samples become intervals.
+    """Settings for the reduction of samples to intervals.
 
     Attributes:
         interval_s: length of an interval, s.

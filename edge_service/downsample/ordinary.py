@@ -1,4 +1,4 @@
-"""What is ordinary for a channel: the step it makes and how long it holds a value."""
+"""Ordinary behaviour of a channel: the step it makes and how long it holds a value."""
 
 import math
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class Ordinary:
 
 @dataclass(slots=True)
 class Manners:
-    """How the channels of position behave while they are believed."""
+    """Behaviour of the position channels while they are believed."""
 
     table: Ordinary
     angle: Ordinary
@@ -73,7 +73,7 @@ class Manners:
         return 4.0 * (self.table.way_m(speed_m_s) + self.angle.way_m(speed_m_s))
 
     def lag_s(self, period_s: float) -> float:
-        """How far a channel slower than the rows stays behind, s."""
+        """Lag of a channel slower than the rows, s."""
         held = [each.hold_s for each in (self.table, self.angle) if each.hold_s > _HELD * period_s]
         return sum(held)
 

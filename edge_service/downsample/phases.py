@@ -13,7 +13,7 @@ from .rows import THETA, T, U, X
 
 @dataclass(frozen=True, slots=True)
 class PhaseSettings:
-    """Which rows move steadily.
+    """Criteria for rows of steady motion.
 
     Attributes:
         gate_s: time after a reversal or a start that is left out (presliding, wind-up).

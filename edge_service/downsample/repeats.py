@@ -28,7 +28,7 @@ class OpenRun:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far another channel went while one stood still, m.
+    """Travel of another channel while one stood still, m.
 
     Attributes:
         caught_up_m: at most, in runs that the rows end in or that end in a leap as far.

@@ -114,7 +114,7 @@ class RowScreen:
         return parts
 
     def _is_faultless(self, rows: Floats) -> bool:
-        """Whether nothing has to be set aside or told: by far the most frequent case."""
+        """Tell whether nothing has to be set aside or told: by far the most frequent case."""
         time_s = rows[:, T]
         rising = time_s[0] > self._newest_s and bool((np.diff(time_s) > 0.0).all())
         return rising and not self._pending and not np.isnan(rows[:, self._required]).any()

@@ -41,7 +41,7 @@ MOVED_SETPOINT_M = 100e-6
 
 @dataclass(frozen=True, slots=True)
 class MotionHistory:
-    """What the rows before an interval say about the motion at its start."""
+    """Motion at the start of an interval, as told by the rows before it."""
 
     direction: float = 0.0  # last known direction of motion, -1, 0 or 1
     moving_since_s: float = np.inf  # start of the unbroken motion; inf at standstill
@@ -213,7 +213,7 @@ def _table_statistics(
 
 
 def _wild_steps(rows: Floats, max_speed_rad_s: float) -> Fault:
-    """Whether the angle steps faster than any axis, in or beside the interval."""
+    """Fault if the angle steps faster than any axis, in or beside the interval."""
     speed = np.diff(rows[:, THETA]) / np.diff(rows[:, T])
     return Fault.IMPLAUSIBLE if np.abs(speed).max() > max_speed_rad_s else Fault.NONE
 
@@ -245,7 +245,7 @@ def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
 
 
 def _others_moved(inside: Floats, settings: PlausibilitySettings) -> bool:
-    """Whether setpoint or speed say that the axis moved; the linear encoder is asked elsewhere."""
+    """True if setpoint or speed say that the axis moved; the linear encoder is asked elsewhere."""
     with np.errstate(invalid="ignore"):
         setpoint = np.ptp(inside[:, SET]) > MOVED_SETPOINT_M
         speed = np.abs(np.mean(inside[:, OMEGA])) > 10.0 * settings.standstill_speed_rad_s

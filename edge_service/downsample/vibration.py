@@ -18,16 +18,16 @@ from ..messages.vibration import OrderPeak, VibrationFeatures
 from ..messages.waveform import Waveform
 
 PATIENCE_S = 0.5
-"""How long the angle of an interval is waited for: it comes another way than the signal."""
+"""Longest wait for the angle of an interval, which comes another way than the signal."""
 _GAP = 1.5
 """Periods without a value that part a signal."""
 _SIDES = np.concatenate([np.linspace(-2.8, -1.0, 7), np.linspace(1.0, 2.8, 7)])
-"""Where the surroundings of an order are looked at, in units of how far its own peak reaches."""
+"""Evaluation points of an order's surroundings, in units of how far its own peak reaches."""
 
 
 @dataclass(frozen=True, slots=True)
 class VibrationSettings:
-    """How a signal is reduced.
+    """Settings for the reduction of a signal.
 
     Attributes:
         interval_s: length of an interval, s.

@@ -49,7 +49,7 @@ class LinearStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BankOutput:
-    """What the bank says after one step.
+    """Output of the bank after one step.
 
     Attributes:
         mode_probability: mu_j (4.4.19), (r,).

@@ -1,4 +1,4 @@
-"""What is said of channels that are not believed: `code: sentence`, also beside a number."""
+"""Reasons given for distrusted channels: `code: sentence`, also beside a number."""
 
 from ..messages.features import Fault
 
@@ -28,7 +28,7 @@ _SHIFTED = "table_shifted: the linear encoder may have come back at another leve
 
 
 def channel_reasons(fault: Fault) -> tuple[str, ...]:
-    """What to keep in mind of the channels of an interval; of the table the first that fits."""
+    """Caveats on the channels of an interval; for the table, the first that applies."""
     said = [sentence for kind, sentence in _REASONS if kind in fault]
     said += [sentence for kind, sentence in _OF_TABLE if kind in fault][:1]
     if Fault.TABLE_SHIFTED in fault:

@@ -1,4 +1,4 @@
-"""What a healthy, cold axis teaches: friction, inertia, stretch and their noise, by regression.
+"""Commissioning of a healthy, cold axis: friction, inertia, stretch and their noise by regression.
 
 Both regressions run on phases of steady motion (messages.features.Phase), with the exact balance of
 momentum (4.3.4) and the series stiffness under inertia force (5.3.1) as models.

@@ -1,4 +1,4 @@
-"""What recordings cannot determine, or what contradicts the machine file, and is refused.
+"""Refusal of recordings that leave a quantity undetermined or contradict the machine file.
 
 A wrong number with a narrow interval is worse than none: every estimate rests on it.
 """

@@ -1,4 +1,4 @@
-"""Which intervals say something about friction, and when too few have come."""
+"""Criteria for intervals that inform on friction, and for too few of them."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from ..messages.features import FeatureBlock
 
 @dataclass(frozen=True, slots=True)
 class ExcitationSettings:
-    """When motion carries information on drag.
+    """Criteria for motion that carries information on drag.
 
     Attributes:
         reversal_gate_s: time after a reversal or a start that is left out (presliding, wind-up).
@@ -21,7 +21,7 @@ class ExcitationSettings:
 
 
 def informative(block: FeatureBlock, settings: ExcitationSettings) -> bool:
-    """Whether the interval is good data of steady motion in one direction."""
+    """Tell whether the interval is good data of steady motion in one direction."""
     if not block.usable or abs(block.direction_mean) < 0.999:
         return False
     if block.since_reversal_s < settings.reversal_gate_s:

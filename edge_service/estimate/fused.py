@@ -33,7 +33,7 @@ SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""
 FORCED_SAID_S = 5.0
 WORST = 1000.0
-"""What an interval counts with while model and data disagree, as normalised innovation squared."""
+"""Cap on an interval's normalised innovation squared while model and data disagree."""
 WILDEST = (1e4, 1e6, 1e4, 5e-3)
 """Torque N m, acceleration rad/s^2, speed rad/s that no axis has; stretch m from one phase to the
 next that none shows."""
@@ -113,7 +113,7 @@ class FusedPreloadEstimator:
             self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
 
     def _follows(self, interval: SteadyInterval) -> bool:
-        """Whether an interval begins where the last that was taken has ended."""
+        """Tell whether an interval begins where the last that was taken has ended."""
         if self._last_s is None:
             return False
         return abs(interval.time_s - interval.duration_s - self._last_s) < 0.1 * interval.duration_s
@@ -163,7 +163,7 @@ class FusedPreloadEstimator:
         return stretch_m
 
     def estimate(self) -> PreloadEstimate:
-        """What is known after the last interval."""
+        """Estimate after the last interval."""
         status, reasons = self._validity.status()
         if status is EstimateStatus.ESTIMATED and (doubt := self._implausible()):
             status, reasons = EstimateStatus.INVALID, (doubt, *reasons)
@@ -201,7 +201,7 @@ class FusedPreloadEstimator:
 
     @property
     def _forced(self) -> str | None:
-        """Why motion that is seen teaches nothing; None if it does."""
+        """Reason why the motion seen teaches nothing; None if it does."""
         if self._bank.moments[FORCED_S] < FORCED_SAID_S:
             return None
         return (
@@ -210,7 +210,7 @@ class FusedPreloadEstimator:
         )
 
     def _implausible(self) -> str | None:
-        """Why no axis can be as the leading hypothesis says; None if one can."""
+        """Reason why no axis can be as the leading hypothesis says; None if one can."""
         moments = self._bank.moments
         if moments[INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
             off = float(moments[INERTIA_ERROR] / moments[INERTIA_TORQUE])
@@ -277,14 +277,14 @@ def _interval(told: tuple[float, float, float]) -> Interval:
 
 
 def vibrates(interval: SteadyInterval) -> bool:
-    """Whether a process shakes the axis: it speeds up and slows down for much of one interval."""
+    """True if a process shakes the axis: it speeds up and slows down for much of one interval."""
     steady_s = sum(phase.steady_s for phase in interval.phases)
     shaken_s = min(interval.phases[0].steady_s, interval.phases[-1].steady_s)
     return shaken_s > VIBRATING_SHARE * steady_s and shaken_s > 0.0
 
 
 def plausible(reading: Reading) -> bool:
-    """Whether an axis can move as a phase says."""
+    """Tell whether an axis can move as a phase says."""
     told = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
     return all(abs(value) <= most for value, most in zip(told, WILDEST, strict=False))
 

@@ -56,7 +56,7 @@ class SteadyInterval:
         )
 
     def continues(self, before: "SteadyInterval") -> bool:
-        """Whether it goes on where another has ended, in the same direction."""
+        """Tell whether this interval begins where another has ended, in the same direction."""
         gap_s = abs(self.time_s - self.duration_s - before.time_s)
         return self.direction == before.direction and gap_s < 0.1 * self.duration_s
 
@@ -100,7 +100,7 @@ class Gathering:
         return [] if waiting is None else [waiting]
 
     def snapshot(self) -> list[Any] | None:
-        """What waits, as JSON-able values."""
+        """Waiting interval as JSON-able values."""
         if self._waiting is None:
             return None
         w = self._waiting

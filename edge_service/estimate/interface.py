@@ -1,4 +1,4 @@
-"""What every estimator of preload can do."""
+"""Interface common to all preload estimators."""
 
 from typing import Any, Protocol
 
@@ -16,7 +16,7 @@ class PreloadEstimator(Protocol):
         """Take the next interval."""
 
     def estimate(self) -> PreloadEstimate:
-        """What is known now."""
+        """Current estimate."""
 
     def interrupt(self) -> None:
         """Nothing was heard for longer than a number may stand: none stands until motion comes."""

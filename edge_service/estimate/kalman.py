@@ -21,7 +21,7 @@ _NO_LIKELIHOOD = "an innovation covariance is not positive definite, or an innov
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BankStart:
-    """Where a run starts: state (n,), covariance (n, n), mode probability (r,)."""
+    """Initial values of a run: state (n,), covariance (n, n), mode probability (r,)."""
 
     state: Floats
     covariance: Floats

@@ -23,7 +23,7 @@ TINY_PROBABILITY = 1e-200
 
 
 class Model(NamedTuple):
-    """What the steps of a run have in common (see LinearStep), and the rule for the gain.
+    """Parameters common to the steps of a run (see LinearStep), and the rule for the gain.
 
     With `sliding`, the gains are those of the sliding innovation filter (4.4.10), from C^+ and
     delta; otherwise Kalman gains (4.4.4).

@@ -1,4 +1,4 @@
-"""What a machine file's `[[effects]]` do to the phases of a motion, taken off them again.
+"""Influence of a machine file's `[[effects]]` on the phases of a motion, and its removal.
 
 A known effect is no change of the axis: commissioning and estimate see the axis without it. What
 changes in time (warmth, growth, process forces) stays in, for the estimate follows it by itself,
@@ -120,7 +120,7 @@ def _flank(one: ActiveEffect, motion: Motion, baseline: Baseline) -> float:
 
 
 def _steady(one: ActiveEffect) -> bool:
-    """Whether means over a phase say what the effect does to them."""
+    """Tell whether means over a phase determine the effect's influence on them."""
     return one.effect.name != DRAG and not any(map(_fleeting, one.contributions))
 
 

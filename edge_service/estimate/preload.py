@@ -116,7 +116,7 @@ class ImmPreloadEstimator:
         self._validity.update(block, used, self._surprise() if used else None)
 
     def _surprise(self) -> float:
-        """How badly even the best level fits: about 1 is expected, much more is a misfit."""
+        """Lack of fit of even the best level: about 1 is expected, much more is a misfit."""
         drag, sigma = self._drag.drag_nm, self._drag.sigma_nm
         if self._per_percent is None:
             return max(0.0, -drag / sigma) ** 2 if sigma > 0.0 else 0.0
@@ -149,7 +149,7 @@ class ImmPreloadEstimator:
             self._recent.popleft()
 
     def estimate(self) -> PreloadEstimate:
-        """What is known after the last interval."""
+        """Estimate after the last interval."""
         status, reasons = self._validity.status()
         time_s = self._validity.time_s
         if status is not EstimateStatus.ESTIMATED:

@@ -17,7 +17,7 @@ SLOW_RAD_S = (0.0, 1.0, 2.0, 4.0, 7.0, 12.0, 20.0, 35.0, 60.0)
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What a mean over a phase errs by: variance density (1 + (slow / |v|)^2) / steady time.
+    """Error of a mean over a phase: variance density (1 + (slow / |v|)^2) / steady time.
 
     Friction that changes along the way (cogging, Stribeck) averages out the worse the slower the
     axis moves.

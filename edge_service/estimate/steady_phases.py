@@ -80,7 +80,7 @@ def _numbers(phase: Phase) -> tuple[float, ...]:
 
 
 def observed_limits(recordings: Sequence[Sequence[FeatureBlock]]) -> SteadyLimits:
-    """What counts as steady on an axis that moves as fast as in these recordings.
+    """Limits of steady motion for an axis that moves as fast as in these recordings.
 
     Its fastest speed and its strongest acceleration are those of whole intervals, so that no
     noise of the encoder passes for them.

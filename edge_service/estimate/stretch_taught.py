@@ -1,4 +1,4 @@
-"""What a healthy axis with two encoders teaches about its stretch under inertia force (5.3.1)."""
+"""Stretch under inertia force, identified on a healthy axis with two encoders (5.3.1)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Beside:
-    """What shifts the table without force: clocks, warmth, errors of the lead.
+    """Shifts of the table without force: clocks, warmth, errors of the lead.
 
     Attributes:
         columns, sigma: with their priors, (n, q) and (q,).

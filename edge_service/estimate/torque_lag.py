@@ -1,4 +1,4 @@
-"""How much later torque comes than the acceleration it makes, from phases that touch.
+"""Lag of the torque behind the acceleration it makes, from phases that touch.
 
 A torque that is late by tau reads J (a(t - tau)): its mean over a phase misses
 J tau (a_end - a_begin) / steady_s, where the accelerations at both borders come from the phases
@@ -22,7 +22,7 @@ _TOUCHING = 0.3
 
 @dataclass(frozen=True, slots=True)
 class TorqueLag:
-    """How much later torque comes than the motion it makes, and its standard deviation, s."""
+    """Lag of the torque behind the motion it makes, and its standard deviation, s."""
 
     value_s: float
     sigma_s: float
@@ -51,7 +51,7 @@ def _in_order(phases: SteadyPhases) -> SteadyPhases:
 
 
 def _jerk(phases: SteadyPhases) -> tuple[npt.NDArray[np.bool_], Floats]:
-    """Which phases touch others at both ends, and their mean jerk, rad/s3, (n,) each."""
+    """Mask of phases that touch others at both ends, and their mean jerk, rad/s3, (n,) each."""
     inner = np.zeros(len(phases), dtype=bool)
     if len(phases) < 3:
         return inner, np.zeros(len(phases))
@@ -64,7 +64,7 @@ def _jerk(phases: SteadyPhases) -> tuple[npt.NDArray[np.bool_], Floats]:
 
 
 def _touching(phases: SteadyPhases) -> npt.NDArray[np.bool_]:
-    """Whether a phase goes on in the next one, (n - 1,)."""
+    """Mask of phases that continue in the next one, (n - 1,)."""
     way = 0.5 * np.abs(phases.speed_rad_s) * phases.steady_s
     expected = way[:-1] + way[1:]
     same = (np.diff(phases.run) == 0.0) & (np.diff(phases.direction) == 0.0)

@@ -1,4 +1,4 @@
-"""What a healthy axis teaches about its torque balance: friction and inertia (4.3.4)."""
+"""Torque balance identified on a healthy axis: friction and inertia (4.3.4)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ def _unexplained(fit: RobustFit, phases: SteadyPhases) -> float:
 
 
 def _harmonics(phases: SteadyPhases, machine: Machine) -> int:
-    """How many waves along the stroke the recording can tell."""
+    """Number of harmonics along the stroke that the recording can resolve."""
     stroke = machine.axis.stroke_m
     mapped = stroke is not None and not np.isnan(phases.table_m).any()
     spread = float(np.ptp(phases.table_m)) if mapped else 0.0

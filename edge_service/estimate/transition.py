@@ -1,4 +1,4 @@
-"""How preload levels follow one another, and how that scales with the length of a step."""
+"""Transitions between preload levels, and their scaling with the length of a step."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What no healthy recording tells: the table's share of the inertia, the nut's of the stretch."""
+"""Shares that no healthy recording tells: the table's of the inertia, the nut's of the stretch."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Whether an estimate may be read, and if not, why: with hysteresis."""
+"""Validity of an estimate, with hysteresis, and the reasons where it may not be read."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -90,7 +90,7 @@ class Validity:
                 self._follow_surprise(surprise)
 
     def interrupt(self) -> None:
-        """What was seen before is of unknown age: no number stands on it until motion is seen."""
+        """Treat earlier data as of unknown age: no number stands on it until motion is seen."""
         self._last_informative_s = None
         self._last_usable_s = None
         self._first_s = None

@@ -34,7 +34,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisFingerprint:
-    """What recordings of one session tell of an axis.
+    """Fingerprint of an axis from the recordings of one session.
 
     Attributes:
         machine: name of the axis.
@@ -156,7 +156,7 @@ def _points(
 
 
 def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:
-    """What all recordings hold, together."""
+    """Contents of all recordings together."""
     return tuple(itertools.chain.from_iterable(parts.values()))
 
 

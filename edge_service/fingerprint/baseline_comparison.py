@@ -1,4 +1,4 @@
-"""What changed between two fingerprints of one axis, by how much, and whether that matters."""
+"""Changes between two fingerprints of one axis: their size, and whether they matter."""
 
 import math
 from collections.abc import Mapping
@@ -117,7 +117,7 @@ def _sigmas(change: Identified) -> float:
 
 
 def _discoveries(sigmas: np.ndarray) -> np.ndarray:
-    """Which of the deviates (n,) are discoveries."""
+    """Mask of the deviates (n,) that are discoveries."""
     if not sigmas.size:
         return np.zeros(0, dtype=bool)
     adjusted = stats.false_discovery_control(2.0 * stats.norm.sf(np.abs(sigmas)))

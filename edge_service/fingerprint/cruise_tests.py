@@ -1,4 +1,4 @@
-"""What constant speed tells beside friction: evenness of the torque, order spectrum."""
+"""Tests at constant speed beside friction: evenness of the torque, order spectrum."""
 
 import math
 from collections import defaultdict

@@ -26,7 +26,7 @@ _KNOWN_FACTORS = {
 
 
 class Verdict(StrEnum):
-    """What a check says."""
+    """Verdict of a check."""
 
     FITS = "fits"
     DOUBTFUL = "doubtful"

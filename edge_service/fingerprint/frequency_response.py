@@ -84,7 +84,7 @@ class FrequencyResponse:
 
 @dataclass(frozen=True, slots=True)
 class ResponseSettings:
-    """How a response is estimated.
+    """Settings for the estimation of a response.
 
     Attributes:
         resolution_hz: distance of its frequencies.
@@ -187,7 +187,7 @@ def _responses(
 
 
 def sampling_correction(frequency_hz: Floats, period_s: float, hold: bool) -> Complexes:
-    """What turns differences of the angle over sampled torque into speed over torque, (n,).
+    """Factor from differences of the angle over sampled torque to speed over torque, (n,).
 
     First differences stand for the speed by (1 - z^-1) / (s T). Where the torque is held between
     samples, those of an inertia J follow it by T (z + 1) / (2 J z (z - 1)) exactly, and not by

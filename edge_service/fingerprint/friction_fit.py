@@ -21,7 +21,7 @@ _REACH = 10.0
 
 
 class FrictionForm(StrEnum):
-    """Which equation describes the curve."""
+    """Equation that describes the curve."""
 
     PRINTED = "printed"  # (5.3.12)-(5.3.15): smooth, with sqrt(2 e) and tanh
     EXPONENTIAL = "exponential"  # Armstrong-Helouvry, 1991: peak at rest, with a sign

@@ -18,7 +18,7 @@ TREND_HZ = 10.0
 
 @dataclass(frozen=True, slots=True)
 class CruiseSettings:
-    """What counts as constant speed.
+    """Criteria for constant speed.
 
     Attributes:
         speed_change: greatest relative change of speed in `over_s`.
@@ -59,7 +59,7 @@ class FrictionPoint:
 
     @property
     def forward(self) -> bool:
-        """Whether it moved in the positive direction."""
+        """True if the axis moved in the positive direction."""
         return self.speed_rad_s > 0.0
 
 

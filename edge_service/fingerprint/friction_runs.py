@@ -1,4 +1,4 @@
-"""What changed from friction test to friction test: the seed's warm-up study (Figure 5.11)."""
+"""Changes from friction test to friction test: the seed's warm-up study (Figure 5.11)."""
 
 import itertools
 from collections.abc import Mapping, Sequence

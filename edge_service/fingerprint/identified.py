@@ -1,4 +1,4 @@
-"""What an identification says of one quantity: a value, where it may lie, and why not."""
+"""Result of identifying one quantity: value, interval, and the reason if undetermined."""
 
 import math
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Identified:
 
     @property
     def determined(self) -> bool:
-        """Whether both bounds are finite."""
+        """True if both bounds are finite."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
     @property
@@ -40,7 +40,7 @@ class Identified:
         return (self.high - self.low) / (2.0 * normal_quantile())
 
     def holds(self, truth: float) -> bool:
-        """Whether the interval holds `truth`."""
+        """Tell whether the interval holds `truth`."""
         return self.low <= truth <= self.high
 
     def scaled(self, factor: float, unit: str) -> "Identified":

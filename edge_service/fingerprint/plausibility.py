@@ -90,7 +90,7 @@ def _lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
 
 
 def _misread_angle(ratio: float) -> str:
-    """What is wrong with the angle if the table is right; nothing where it may be the lead."""
+    """Description of the angle's error if the table is right; nothing where it may be the lead."""
     reason = usual_mistake(abs(1.0 / ratio), ANGLE)
     if ratio > 0.0 and not reason:
         return ""
@@ -98,7 +98,7 @@ def _misread_angle(ratio: float) -> str:
 
 
 def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
-    """Whether the linear encoder agrees with the setpoints."""
+    """Tell whether the linear encoder agrees with the setpoints."""
     try:
         return _setpoint(machine, recordings).verdict is Verdict.FITS
     except ValueError:
@@ -171,7 +171,7 @@ def _torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
 
 
 def _angle_is_wrong(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
-    """Whether the rotary encoder contradicts a linear one that agrees with the setpoints."""
+    """Tell whether the rotary encoder contradicts a linear one that agrees with the setpoints."""
     try:
         misread = _lead(machine, recordings).sentence.startswith(ANGLE)
     except ValueError:

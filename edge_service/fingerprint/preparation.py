@@ -43,7 +43,7 @@ CUTOFF_SHARE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class PreparationSettings:
-    """How recordings are filtered.
+    """Settings for the filtering of recordings.
 
     Attributes:
         ratio_m_per_rad: R_t of (4.3.5); a recording without a rotary encoder gets x / R_t.
@@ -274,7 +274,7 @@ def _moving(speed_rad_s: Floats, settings: PreparationSettings, period_s: float)
 
 
 def _held(values: Floats, samples: float) -> Floats:
-    """What a drive that holds its torque for a period gives on average around each sample, (n,).
+    """Mean torque around each sample of a drive that holds its torque for a period, (n,).
 
     The commands shifted later by `samples`, a spline between them, and the mean over a period:
     1 - (w T)^2 / 24, which the second difference has.

@@ -223,7 +223,7 @@ class _Profile:
         )
 
     def _bound(self, index: int, direction: float) -> float | None:
-        """Where the profile leaves the limit on one side; None if it never does."""
+        """Point at which the profile leaves the limit on one side; None if it never does."""
         start, end = float(self.best[index]), 1.0 if direction > 0.0 else 0.0
         root = math.sqrt(self.limit)
 
@@ -260,7 +260,7 @@ class _Profile:
         return least
 
     def _predicted(self, index: int, at: float) -> Floats:
-        """Where the minimum lies with one coordinate held, by the curvature at the optimum."""
+        """Predicted minimum with one coordinate held, by the curvature at the optimum."""
         own = float(self.spread[index, index])
         if not own > 0.0:
             return self.best
@@ -277,7 +277,7 @@ def _crossing(
     above: float,
     accuracy: float,
 ) -> float:
-    """Where a function that rises from `below` to `above` passes 0 (regula falsi, Illinois)."""
+    """Zero of a function that rises from `below` to `above` (regula falsi, Illinois)."""
     while True:
         at = (inside * above - outside * below) / (above - below)
         value = function(at)

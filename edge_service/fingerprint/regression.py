@@ -274,7 +274,7 @@ def _silent(design: Floats, noise_rms: Floats | None) -> Booleans:
 
 
 def _null_notes(names: Sequence[str], null: Floats, silent: Booleans) -> dict[str, str]:
-    """Why regressors are undetermined; `null` (k, p) spans what the scaled data does not show."""
+    """Notes on undetermined regressors; `null` (k, p) spans what the scaled data does not show."""
     notes = {}
     share = np.sum(null**2, axis=0) if len(null) else np.zeros(len(names))
     for index, name in enumerate(names):

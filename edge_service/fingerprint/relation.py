@@ -1,4 +1,4 @@
-"""How one channel follows another: factor, lag and what the mechanics put between."""
+"""Relation of one channel to another: factor, lag and what the mechanics put between."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ def relate(
 
 
 def _moves(values: Floats) -> bool:
-    """Whether a series is more than its noise: noise in a regressor would pull the factor to 0."""
+    """Tell whether a series exceeds its noise: noise in a regressor would pull the factor to 0."""
     return float(np.std(values)) > LEAST_MOTION * white_noise_rms(values)
 
 

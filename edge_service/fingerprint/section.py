@@ -15,7 +15,7 @@ SPEED_DIGITS = 2
 
 
 class Status(StrEnum):
-    """Whether the recordings determine a section."""
+    """Status of a section: determined by the recordings or not."""
 
     DETERMINED = "determined"
     UNDETERMINED = "undetermined"

@@ -122,7 +122,7 @@ class SegmentSpectra:
 
     @property
     def segments(self) -> int:
-        """How many there are."""
+        """Number of segments."""
         return sum(place.segments for place in self._places.values())
 
     @property

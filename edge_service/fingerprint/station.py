@@ -1,4 +1,4 @@
-"""What the stretch tells at one place of the stroke: stiffness, resonance, lost motion, play."""
+"""Findings from the stretch at one place of the stroke: stiffness, resonance, lost motion, play."""
 
 import math
 from dataclasses import dataclass, replace

@@ -32,7 +32,7 @@ _CROSSED = "there is play, and it cannot be told from the guides' wind-up"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StiffnessFit:
-    """What the stretch tells.
+    """Quantities identified from the stretch.
 
     Attributes:
         stations: along the stroke.
@@ -145,7 +145,7 @@ def _rows(
 
 
 def _load(run: PreparedRun, table_mass_kg: Quantity | None) -> Floats:
-    """What the spring carries beside the guides' friction, (n,): N; m/s^2 without the mass."""
+    """Load of the spring beside the guides' friction, (n,): N; m/s^2 without the mass."""
     acceleration = run.rate(TABLE_POSITION, 2)
     if table_mass_kg is None:
         return acceleration

@@ -14,7 +14,7 @@ LEAST_REPEATS = 10
 LIMIT_SHARE = 0.995
 """A torque that stays this close to its greatest stands at its limit."""
 MOVED = {ANGLE: 0.02, TABLE_POSITION: 20e-6, SETPOINT: 100e-6}
-"""What another channel travels, rad or m, when the axis has moved."""
+"""Travel of another channel, rad or m, above which the axis has moved."""
 _STEPS = 3.0
 """Smallest steps of a channel that it must have missed."""
 
@@ -51,7 +51,7 @@ def _repeats(values: Floats, time_s: Floats) -> list[tuple[int, int]]:
 
 
 def _moved(channels: Mapping[str, Floats], name: str, start: int, end: int) -> bool:
-    """Whether another channel says that the axis moved meanwhile."""
+    """Tell whether another channel shows that the axis moved meanwhile."""
     for other, least in MOVED.items():
         values = channels.get(other)
         if other == name or values is None:

@@ -173,7 +173,7 @@ def _from_stiffness(
 
 
 def shakes(frame: SampleFrame) -> bool:
-    """Whether a recording moves the axis coherently at high frequencies: chirp or multisine."""
+    """True if a recording moves the axis coherently at high frequencies: chirp or multisine."""
     try:
         response: FrequencyResponse = drive_response([frame])
     except ValueError:  # a channel is missing, or the run is too short

@@ -50,7 +50,7 @@ class TwoMasses(NamedTuple):
         return added
 
     def slowed(self, s: Complexes, flexible: Complexes) -> Complexes:
-        """What viscous friction makes of `flexible`, as a factor: it brakes the spring too.
+        """Factor that viscous friction applies to `flexible`: it brakes the spring too.
 
         With d = D / J and N / D(s) = 1 + s flexible, 1 / (J s D(s) / N + D) less 1 / (J s + D) is
         flexible / J over (1 + d/s) (1 + d/s N/D(s)).
@@ -71,7 +71,7 @@ class TwoMasses(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """How responses at n frequencies show a model: sampled, windowed, and averaged over the way.
+    """View of a model in responses at n frequencies: sampled, windowed, and averaged over the way.
 
     A Hann window's power spectrum has a variance of a third of a bin squared, as the weights 1/6,
     2/3, 1/6 of neighbouring bins have; unless it is allowed for, a resonance seems to be damped
@@ -111,7 +111,7 @@ class Sight:
         return cls(s, differences, np.tile(turned, len(parts)), period_s, len(frequency))
 
     def response(self, model: TwoMasses) -> Complexes:
-        """What a measurement without noise would be, rad/(s N m), (n,)."""
+        """Response that a measurement without noise would give, rad/(s N m), (n,)."""
         flexible = model.flexible(self.s, self.turned_rad)
         seen = flexible if self.period_s == 0.0 else self._held(model)
         slowed = np.mean(seen * model.slowed(self.s, flexible), axis=0)

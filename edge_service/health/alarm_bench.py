@@ -45,7 +45,7 @@ class AlarmSettings:
 
 
 class SuddenDrop:
-    """Whether the preload fell, beyond doubt, by more than a limit within a short time."""
+    """Detector of a fall of the preload, beyond doubt, by more than a limit within a short time."""
 
     def __init__(self, limit_percent: float, within_s: float) -> None:
         self._limit_percent = limit_percent

@@ -10,7 +10,7 @@ from .input_watch import NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class AlarmRule:
-    """How one kind of alarm behaves.
+    """Behaviour of one kind of alarm.
 
     Attributes:
         severity: of its events.
@@ -43,7 +43,7 @@ class AlarmLatch:
 
     @property
     def active(self) -> bool:
-        """Whether its cause holds, after the delays."""
+        """True while its cause holds, after the delays."""
         return self._alarm is not None and self._alarm.active
 
     def update(self, cause: bool | None, message: str, now_ns: int) -> tuple[Event, ...]:
@@ -97,7 +97,7 @@ class AlarmLatch:
         return (self._event("unshelved", Severity.INFO, f"unshelved by {user}", now_ns, note),)
 
     def shown(self) -> Alarm | None:
-        """What a person should see; None if there is nothing."""
+        """Alarm that a person should see; None if there is none."""
         if self._alarm is None:
             return None
         return self._alarm.model_copy(update={"shelved_until_ns": self._shelved_until_ns})

@@ -1,4 +1,4 @@
-"""What is known of one axis, and what of it may be read now."""
+"""Data known of one axis, and the part of them that may be read now."""
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisHealth
@@ -10,7 +10,7 @@ from .settings import AxisLimits
 
 
 class AxisBoard:
-    """What is known of one axis."""
+    """Data known of one axis."""
 
     def __init__(
         self, axis: str, limits: AxisLimits | None, settings: BoardSettings, keeping: Keeping
@@ -25,7 +25,7 @@ class AxisBoard:
         self.health: AxisHealth | None = None
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
-        """Why nothing current can be said; empty if it can."""
+        """Reasons why nothing current can be said; empty if it can."""
         reasons = (_missing_preload(self.preload_input, now_ns), _missing_health(self, now_ns))
         return tuple(reason for reason in reasons if reason is not None)
 

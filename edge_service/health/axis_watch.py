@@ -32,7 +32,7 @@ _RISES = 20
 
 @dataclass(frozen=True, slots=True)
 class AxisFacts:
-    """What the machine file tells of one axis.
+    """Facts about one axis from its machine file.
 
     Attributes:
         fresh_percent: preload of the fresh screw, percent of the load rating; None if unknown.
@@ -126,14 +126,14 @@ class AxisWatch:
         )
 
     def trend_is_due(self, now_ns: int) -> bool:
-        """Whether there is something new to tell."""
+        """Tell whether there is something new to report."""
         time_s = self._series.points()[0]
         span_s = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
         period_s = min(max(_PERIOD_SHARE * span_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
         return abs(now_ns - self._trend_ns) >= period_s * NS_PER_S
 
     def trend_work(self) -> Callable[[], Trend]:
-        """What makes the trend of what is known now: some ten milliseconds, for any thread."""
+        """Work that makes the trend of what is known now: some ten milliseconds, for any thread."""
         return partial(trend_of, *self._series.points(), self._limits_percent)
 
     def take_trend(self, trend: Trend, now_ns: int) -> None:

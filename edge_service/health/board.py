@@ -24,7 +24,7 @@ from .stroke import StrokeModel
 
 @dataclass(frozen=True, slots=True)
 class PreloadReading:
-    """What may be shown of the preload of one axis now.
+    """Preload reading of one axis, as it may be shown now.
 
     Attributes:
         estimate: numbers are None unless its status is `estimated` and it is fresh.
@@ -128,7 +128,7 @@ class Board:
             self._components.on_report(report, now_ns)
 
     def preload(self, axis: str, now_ns: int) -> PreloadReading:
-        """What may be shown of the preload of an axis now; KeyError for an unknown axis."""
+        """Preload of an axis as it may be shown now; KeyError for an unknown axis."""
         board = self._axes[axis]
         header = board.preload_input.header
         return PreloadReading(
@@ -164,7 +164,7 @@ class Board:
         return self._axes[axis].limits
 
     def stroke(self, axis: str) -> StrokeModel | None:
-        """What is known of an axis along its stroke."""
+        """Stroke model of an axis: what is known of it along its stroke."""
         return self._strokes.get(axis)
 
     def history(self, axis: str, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
@@ -197,7 +197,7 @@ class Board:
         return {PRELOAD.name: board.preload_input.lost, HEALTH.name: board.health_input.lost}
 
     def unready(self, now_ns: int) -> tuple[str, ...]:
-        """Why the service cannot answer for every axis; empty if it can."""
+        """Reasons why the service cannot answer for every axis; empty if it can."""
         if not self._axes:
             return ("no_axis: no axis is configured",)
         return tuple(

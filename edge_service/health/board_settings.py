@@ -29,7 +29,7 @@ class BoardSettings:
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What outlives the process; by default nothing does.
+    """Data that outlive the process; by default none do.
 
     Attributes:
         archives: history of each axis; one that is absent keeps its history in memory.

@@ -64,7 +64,7 @@ class ComponentStatusMachine:
         counters: Mapping[str, int] | None = None,
         readings: Mapping[str, float] | None = None,
     ) -> ComponentHealth:
-        """What the component says about itself."""
+        """Report of the component about itself."""
         return ComponentHealth(
             component=self.component,
             axis=self.axis,

@@ -1,4 +1,4 @@
-"""Whether an axis still does what it did when it was learned: innovations over sustained motion.
+"""Consistency of an axis with its behaviour when it was learned: innovations over sustained motion.
 
 Two channels are watched: torque, and table against motor. Of each a linear model is learned from
 ordinary work; afterwards the normalised innovation squared of every stretch of motion is held
@@ -155,7 +155,7 @@ class ConsistencyWatch:
         return None
 
     def snapshot(self) -> dict[str, Any]:
-        """What was learned, for JSON."""
+        """Snapshot of what was learned, for JSON."""
         return {
             name: {
                 "gram": each.gram.tolist(),
@@ -180,7 +180,7 @@ class ConsistencyWatch:
 
 
 def _onset_s(recent: list[tuple[float, float]]) -> float:
-    """When innovations (time s, normalised square) began to be large: the foot of their sum.
+    """Onset of large innovations (time s, normalised square), s: the foot of their sum.
 
     What a stretch fits anew smears a change over the whole of it; half of the level that holds in
     the end parts before from after.

@@ -42,7 +42,7 @@ class EventLog:
         return tuple(logged for logged in self._events if logged.id > last_id)
 
     def holds_all_after(self, last_id: int) -> bool:
-        """Whether nothing after `last_id` was dropped from the log since its start."""
+        """Tell whether nothing after `last_id` was dropped from the log since its start."""
         return last_id >= self._dropped_id
 
     def between(self, start_ns: int, end_ns: int, axis: str) -> tuple[LoggedEvent, ...]:

@@ -15,7 +15,7 @@ from .event_log import LoggedEvent
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What a reader has not seen yet.
+    """Events and changes that a reader has not seen yet.
 
     Attributes:
         lost: events dropped because the reader was too slow.
@@ -29,7 +29,7 @@ class Batch:
 
 
 def concerns(event: Event, axis: str | None) -> bool:
-    """Whether an event is for readers of `axis` (None: of all axes)."""
+    """Tell whether an event is for readers of `axis` (None: of all axes)."""
     return axis is None or event.axis in ("", axis)
 
 

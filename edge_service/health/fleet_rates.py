@@ -1,4 +1,4 @@
-"""Which axis of a fleet wears faster than the others, beyond doubt."""
+"""Search for the axis of a fleet that wears faster than the others, beyond doubt."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

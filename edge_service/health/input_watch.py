@@ -1,4 +1,4 @@
-"""Whether one input is fresh, and in which order its payloads came."""
+"""Freshness of one input, and the order in which its payloads came."""
 
 from ..messages.header import Header
 
@@ -46,7 +46,7 @@ class InputWatch:
         return max(now_ns - self.header.source_time_ns, now_ns - self._arrival_ns, 0) / NS_PER_S
 
     def is_stale(self, now_ns: int) -> bool:
-        """Whether there is no payload that may still be read as present."""
+        """Tell whether there is no payload that may still be read as present."""
         if self.header is None or self._silent(now_ns):
             return True
         return now_ns - self.header.source_time_ns > self._stale_after_ns

@@ -17,7 +17,7 @@ class PreloadBounds:
 
 
 class LimitLatch:
-    """Whether preload lies below one limit.
+    """Latch that tells whether preload lies below one limit.
 
     It switches when the whole interval has been beyond the limit for `delay_s`, or the value for
     `doubt_delay_s`. So a clear drop shows within a few estimates, while a doubtful one (the limit
@@ -107,7 +107,7 @@ class LimitTracker:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the condition is not NORMAL."""
+        """Reasons why the condition is not NORMAL."""
         if self.condition is AxisCondition.FAULT:
             return (self._reason("below_fault", self._fault),)
         if self.condition is AxisCondition.WARNING:

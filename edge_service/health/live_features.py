@@ -1,4 +1,4 @@
-"""What an axis does right now: the newest interval, the last minutes, and each channel's state."""
+"""Current behaviour of an axis: the newest interval, the last minutes, each channel's state."""
 
 import math
 from collections import deque

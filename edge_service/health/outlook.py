@@ -22,7 +22,7 @@ _WIDE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class OutlookSettings:
-    """When a trend is told.
+    """Conditions under which a trend is told.
 
     Attributes:
         level: of every interval and band.

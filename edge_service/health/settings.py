@@ -1,4 +1,4 @@
-"""What the judgement of an axis is set by."""
+"""Settings of the judgement of an axis."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What is asked about an axis along its stroke, of whoever knows its physics."""
+"""Queries about an axis along its stroke, to whoever knows its physics."""
 
 from typing import Protocol
 
@@ -23,7 +23,7 @@ class StrokeModel(Protocol):
 
     @property
     def knows_stiffness(self) -> bool:
-        """Whether `stiffness` can be asked."""
+        """True if `stiffness` can be asked."""
         ...
 
     def preload(self, percent: float, low: float, high: float) -> StrokeBand:

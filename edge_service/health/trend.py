@@ -53,7 +53,7 @@ class TrendDraws:
         return float(np.mean(self.slope > 0.0))
 
     def way_to(self, limit_percent: float) -> _Draws:
-        """How much more s each line needs to reach the limit, (n,); inf if it never does."""
+        """Additional s that each line needs to reach the limit, (n,); inf if it never does."""
         gap = self.level_percent - limit_percent
         with np.errstate(divide="ignore", invalid="ignore"):
             way = np.where(self.slope < 0.0, -gap / self.slope, np.inf)

@@ -1,4 +1,4 @@
-"""What the screw has done: way, hours, reversals, load spectrum, and where along the stroke."""
+"""Use of the screw: travel, hours, reversals, load spectrum, and where along the stroke."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _PARTS = 40
 
 @dataclass(frozen=True, slots=True)
 class ScrewGeometry:
-    """What turns angles and torques into ways and forces.
+    """Geometry that turns angles and torques into travel and forces.
 
     Attributes:
         ratio_m_per_rad: way per angle of the motor, m/rad.
@@ -60,7 +60,7 @@ class UseMeter:
             self._force_way_m[min(int(part), self._force_way_m.size - 1)] += way_m
 
     def use(self) -> Use:
-        """What was counted."""
+        """Use counted so far."""
         return Use(
             since_time_ns=self._since_ns,
             moving_s=self._moving_s,

@@ -48,7 +48,7 @@ def transmission_row(
 
 
 def _place(phase: Phase, ratio_m_per_rad: float) -> float:
-    """Where the table is; the angle, whose zero a restart may shift, stands in for it."""
+    """Position of the table; the angle, whose zero a restart may shift, stands in for it."""
     known = math.isfinite(phase.table_m)
     return (phase.table_m if known else phase.angle_rad * ratio_m_per_rad) / _POSITION_M
 

@@ -1,4 +1,4 @@
-"""What the JSON routes answer."""
+"""Answers of the JSON routes."""
 
 from typing import Annotated, Any
 
@@ -120,7 +120,7 @@ class AlarmAnswer(Answer):
 
 
 class CrossingAnswer(Answer):
-    """When a limit will be reached, if the wear goes on as it does."""
+    """Time at which a limit will be reached, if the wear goes on as it does."""
 
     limit: str = Field(examples=["fault"])
     limit_percent: float
@@ -150,7 +150,7 @@ _TREND_EXAMPLE: dict[str, Any] = {
 
 
 class TrendAnswer(Answer):
-    """How the preload changes since the part came into use, or since it last jumped."""
+    """Trend of the preload since the part came into use, or since it last jumped."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [_TREND_EXAMPLE]})
 
@@ -174,7 +174,7 @@ _CONSISTENCY_EXAMPLE: dict[str, Any] = {
 
 
 class ConsistencyAnswer(Answer):
-    """Whether the axis still does what it did when it was learned."""
+    """Consistency of the axis with its behaviour when it was learned."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [_CONSISTENCY_EXAMPLE]})
 
@@ -251,7 +251,7 @@ class SpreadAnswer(Answer):
 
 
 class BucketAnswer(Answer):
-    """What a span of time held; numbers are null where there was no estimate."""
+    """Summary of a span of time; numbers are null where there was no estimate."""
 
     time: Timestamp = Field(description="Start of the bucket.")
     samples: int = Field(description="Estimates kept inside, with or without a number.")

@@ -35,7 +35,7 @@ work_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"], responses=d
 
 
 async def send_command_of(request: Request) -> SendCommand | None:
-    """Where commands go; None if this service takes none."""
+    """Sender of commands; None if this service takes none."""
     send: SendCommand | None = request.app.state.send_command
     return send
 

@@ -47,7 +47,7 @@ def traces_answer(board: Board, axis: str, since_ns: int) -> TracesAnswer:
 
 
 def use_answer(board: Board, axis: str, now_ns: int) -> UseAnswer | None:
-    """What the screw has done; None before anything was heard."""
+    """Use of the screw; None before anything was heard."""
     use = board.health(axis, now_ns).use
     if use is None:
         return None
@@ -56,7 +56,7 @@ def use_answer(board: Board, axis: str, now_ns: int) -> UseAnswer | None:
 
 
 def stroke_answer(board: Board, axis: str, now_ns: int) -> StrokeAnswer | None:
-    """What the estimate implies along the stroke; None where the axis is not commissioned."""
+    """Stroke profiles that the estimate implies; None where the axis is not commissioned."""
     stroke = board.stroke(axis)
     if stroke is None:
         return None

@@ -1,4 +1,4 @@
-"""What the routes ask for: the board, the time, and parameters that make sense."""
+"""Dependencies of the routes: the board, the time, and parameters that make sense."""
 
 from collections.abc import Callable
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Why model and axis disagree: asked for with a trace, answered by a job."""
+"""Diagnosis of why model and axis disagree: asked for with a trace, answered by a job."""
 
 import json
 from collections.abc import AsyncIterator

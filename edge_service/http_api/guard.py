@@ -1,4 +1,4 @@
-"""What stands before every route: the check of the Host header, and the security headers."""
+"""Guard before every route: the check of the Host header, and the security headers."""
 
 from collections.abc import Iterable
 
@@ -59,7 +59,7 @@ class Guard:
 
 
 def _same_origin(headers: Headers, host: str) -> bool:
-    """Whether a request comes from our own page, or from no page at all."""
+    """Tell whether a request comes from our own page, or from no page at all."""
     origin = headers.get("origin")
     site = headers.get("sec-fetch-site", "none")
     return site in ("none", "same-origin") and (origin is None or _host_of(origin) == host)

@@ -28,7 +28,7 @@ job_router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=documented(404
 
 
 async def desk_of(request: Request) -> JobDesk:
-    """Who keeps recordings and runs jobs."""
+    """Desk that keeps recordings and runs jobs."""
     desk: JobDesk | None = request.app.state.desk
     if desk is None:
         raise HTTPException(503, "this service runs no jobs")

@@ -1,4 +1,4 @@
-"""What the routes of recordings and jobs ask of whoever keeps and runs them."""
+"""Interface of the routes of recordings and jobs to whoever keeps and runs them."""
 
 from collections.abc import AsyncIterator
 from enum import StrEnum
@@ -11,14 +11,14 @@ from .answers import Answer, Timestamp
 
 
 class JobKind(StrEnum):
-    """What can be made of recordings."""
+    """Kind of result that can be made of recordings."""
 
     FINGERPRINT = "fingerprint"
     DIAGNOSE = "diagnose"
 
 
 class JobState(StrEnum):
-    """How far a job is."""
+    """Progress of a job."""
 
     RUNNING = "running"
     DONE = "done"
@@ -41,7 +41,7 @@ class RecordingsAnswer(Answer):
 
 
 class JobBody(Answer):
-    """What is to be made of which recordings."""
+    """Request for a job: what is to be made of which recordings."""
 
     model_config = ConfigDict(
         json_schema_extra={

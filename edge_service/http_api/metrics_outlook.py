@@ -13,7 +13,7 @@ _PREFIX = "edge_service"
 
 
 class OutlookCollector(Collector):
-    """What the judgement of every axis adds to its condition, as of one moment."""
+    """Metrics that the judgement of every axis adds to its condition, as of one moment."""
 
     def __init__(self, board: Board, now_ns: int) -> None:
         self._board = board

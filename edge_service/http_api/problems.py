@@ -14,7 +14,7 @@ PROBLEM_TYPE = "application/problem+json"
 
 
 class ParameterProblem(BaseModel):
-    """What is wrong with one parameter of a request."""
+    """Problem with one parameter of a request."""
 
     parameter: str = Field(examples=["from"])
     detail: str = Field(examples=["'noon' is no time"])

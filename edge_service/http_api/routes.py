@@ -31,13 +31,13 @@ axis_router = APIRouter(prefix="/api/v1", tags=["axes"])
 
 @service_router.get("/healthz", response_model=AliveAnswer)
 async def alive() -> AliveAnswer:
-    """Whether the process answers."""
+    """Tell whether the process answers."""
     return AliveAnswer()
 
 
 @service_router.get("/readyz", response_model=ReadyAnswer, responses=documented(503))
 async def ready(request: Request, board: BoardDep, now_ns: NowDep) -> ReadyAnswer | Response:
-    """Whether every axis has fresh input; 503 with reasons if not."""
+    """Tell whether every axis has fresh input; 503 with reasons if not."""
     reasons = board.unready(now_ns)
     if not reasons:
         return ReadyAnswer()

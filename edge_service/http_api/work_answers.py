@@ -1,4 +1,4 @@
-"""What the routes about the work of one axis take and answer."""
+"""Requests and answers of the routes about the work of one axis."""
 
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ class LogAnswer(Answer):
 
 
 class UseAnswer(Answer):
-    """What the screw has done since the part is in use; null before anything was heard."""
+    """Use of the screw since the part was put into service; null before anything was heard."""
 
     axis: str
     since: Timestamp
@@ -129,7 +129,7 @@ class TracesAnswer(Answer):
 
 
 class CommandBody(BaseModel):
-    """What a person asks."""
+    """Command given by a person."""
 
     model_config = ConfigDict(
         extra="forbid",

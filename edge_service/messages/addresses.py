@@ -1,4 +1,4 @@
-"""Which addresses stay on this machine."""
+"""Addresses that stay on this machine."""
 
 import ipaddress
 import re
@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 
 def is_loopback(host: str) -> bool:
-    """Whether `host` is a loopback address, or `localhost`."""
+    """Tell whether `host` is a loopback address, or `localhost`."""
     try:
         return host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:

@@ -1,4 +1,4 @@
-"""What asks for a person, and what a person answers."""
+"""Alarms that call for a person, and the commands with which a person answers."""
 
 from enum import StrEnum
 from typing import Literal
@@ -10,7 +10,7 @@ from .event import Severity
 
 
 class AlarmKind(StrEnum):
-    """What an alarm is about."""
+    """Subject of an alarm."""
 
     PRELOAD_LOW = "preload_low"  # below the warning limit
     PRELOAD_LOST = "preload_lost"  # below the fault limit
@@ -42,7 +42,7 @@ class Alarm(Frozen):
 
 
 class Command(Frozen):
-    """What a person asks of the judgement of one axis.
+    """Command given by a person to the judgement of one axis.
 
     Attributes:
         action: `acknowledge`, `shelve` or `unshelve` an alarm; write a `note`; say that a part

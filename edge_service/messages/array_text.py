@@ -15,5 +15,5 @@ def encoded(array: npt.NDArray[Any]) -> str:
 
 
 def decoded(text: str, dtype: "type[_Scalar] | np.dtype[_Scalar]") -> npt.NDArray[_Scalar]:
-    """What was encoded, (n,), to be written to. Raises ValueError."""
+    """Array that was encoded, (n,), to be written to. Raises ValueError."""
     return np.frombuffer(b64decode(text, validate=True), dtype=dtype).copy()

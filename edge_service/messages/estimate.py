@@ -1,4 +1,4 @@
-"""What an estimator says."""
+"""Output of an estimator."""
 
 from enum import StrEnum
 
@@ -12,7 +12,7 @@ class Frozen(BaseModel):
 
 
 class EstimateStatus(StrEnum):
-    """Whether the numbers of an estimate may be read."""
+    """Validity of an estimate: whether its numbers may be read."""
 
     ESTIMATED = "estimated"
     UNESTIMATED = "unestimated"  # not enough data yet, or the data cannot tell

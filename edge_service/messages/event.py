@@ -6,7 +6,7 @@ from .estimate import Frozen
 
 
 class Severity(StrEnum):
-    """How much attention an event asks for."""
+    """Level of attention that an event asks for."""
 
     INFO = "info"
     WARNING = "warning"

@@ -1,4 +1,4 @@
-"""What the downsampling node says about one interval of one axis."""
+"""Report of the downsampling node on one interval of one axis."""
 
 import math
 from dataclasses import dataclass, fields
@@ -118,7 +118,7 @@ class FeatureBlock:
 
     @property
     def usable(self) -> bool:
-        """Whether an estimator may read this interval as good data."""
+        """True if an estimator may read this interval as good data."""
         return not self.fault & UNUSABLE
 
     @property

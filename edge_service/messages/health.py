@@ -46,7 +46,7 @@ class ComponentHealth(Frozen):
 
 
 class ConsistencyState(StrEnum):
-    """Whether an axis still does what it did when it was learned."""
+    """State of the check that an axis still does what it did when it was learned."""
 
     LEARNING = "learning"
     AGREES = "agrees"

@@ -1,4 +1,4 @@
-"""Where the preload is going, and what the screw has done so far."""
+"""Outlook for the preload, and use of the screw so far."""
 
 from enum import StrEnum
 
@@ -6,7 +6,7 @@ from .estimate import Frozen, Interval
 
 
 class TrendStatus(StrEnum):
-    """Whether a trend can be told."""
+    """Status of a trend; `too_early` while none can be told."""
 
     TOO_EARLY = "too_early"  # too little history since the trend began
     STEADY = "steady"  # no change can be told from none
@@ -15,7 +15,7 @@ class TrendStatus(StrEnum):
 
 
 class Crossing(Frozen):
-    """When a limit will be reached, if the wear goes on as it does.
+    """Time at which a limit will be reached, if the wear goes on as it does.
 
     Attributes:
         limit: `warning` or `fault`.
@@ -32,7 +32,7 @@ class Crossing(Frozen):
 
 
 class Trend(Frozen):
-    """How the preload changes, since when, and when it reaches its limits.
+    """Trend of the preload: how it changes, since when, and when it reaches its limits.
 
     Attributes:
         reason: one sentence for people.
@@ -55,7 +55,7 @@ class Trend(Frozen):
 
 
 class Use(Frozen):
-    """What the screw has done since the part is in use.
+    """Use of the screw since the part was put into service.
 
     Attributes:
         since_time_ns: when the part came into use, UNIX ns.

@@ -1,4 +1,4 @@
-"""How good one sample is: good, uncertain or bad, with a reason."""
+"""Quality of one sample: good, uncertain or bad, with a reason."""
 
 from enum import IntEnum, StrEnum
 
@@ -12,7 +12,7 @@ _UNCERTAIN_FROM, _BAD_FROM = 64, 128
 
 
 class Level(StrEnum):
-    """What a reader may do with a sample: use it, use it with doubt, not use it."""
+    """Usability of a sample to a reader: use it, use it with doubt, not use it."""
 
     GOOD = "good"
     UNCERTAIN = "uncertain"
@@ -48,10 +48,10 @@ class Quality(IntEnum):
 
 
 def is_bad(codes: Qualities) -> npt.NDArray[np.bool_]:
-    """Which samples must not be read, shape (n,)."""
+    """Mask of the samples that must not be read, shape (n,)."""
     return np.asarray(codes >= _BAD_FROM)
 
 
 def is_uncertain(codes: Qualities) -> npt.NDArray[np.bool_]:
-    """Which samples may be read with doubt only, shape (n,)."""
+    """Mask of the samples that may be read with doubt only, shape (n,)."""
     return np.asarray((codes >= _UNCERTAIN_FROM) & (codes < _BAD_FROM))

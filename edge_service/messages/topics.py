@@ -5,7 +5,7 @@ from enum import StrEnum
 
 
 class Keep(StrEnum):
-    """What a publisher keeps for late comers."""
+    """Payloads that a publisher keeps for late comers."""
 
     LAST = "last"  # the last payload is answered by a queryable on the same key
     NONE = "none"

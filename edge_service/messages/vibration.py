@@ -1,4 +1,4 @@
-"""What is left of a fast sensor's signal at the edge."""
+"""Features that are left of a fast sensor's signal at the edge."""
 
 from .estimate import Frozen
 

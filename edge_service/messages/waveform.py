@@ -29,7 +29,7 @@ class Waveform:
 
     @property
     def end_s(self) -> float:
-        """When the value after the last one is due, s."""
+        """Time at which the value after the last one is due, s."""
         return self.start_s + len(self) * self.period_s
 
     @property

@@ -41,7 +41,7 @@ def lead_angle(lead_m: float, ball_circle_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class BallPassOrders:
-    """How often things meet per revolution of the screw in a nut that does not turn.
+    """Ball pass orders: events per revolution of the screw in a nut that does not turn.
 
     Attributes:
         on_nut: balls pass a point of the nut's track, and enter its circuit.

@@ -1,4 +1,4 @@
-"""What a physical constant may be: the one line that refuses it otherwise."""
+"""Bounds of a physical constant: the one line that refuses it otherwise."""
 
 import math
 

@@ -75,12 +75,12 @@ class ComponentDrive:
 
     @property
     def input_inertia_kg_m2(self) -> float:
-        """What turns with the rotary encoder, kg m^2."""
+        """Inertia turning with the rotary encoder, kg m^2."""
         return self.motor_inertia_kg_m2 + 0.5 * self.shaft_inertia_kg_m2
 
     @property
     def moved_mass_kg(self) -> float:
-        """What moves with the linear encoder, kg: platform, and the shaft's end through R_t."""
+        """Mass moving with the linear encoder, kg: platform, and the shaft's end through R_t."""
         return self.platform_mass_kg + 0.5 * self.shaft_inertia_kg_m2 / self.ratio_m_per_rad**2
 
     def derivative(self, state: Floats, torque_nm: float, force_n: float) -> Floats:

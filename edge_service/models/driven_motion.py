@@ -29,7 +29,7 @@ TORQUE, STRETCH = 0, 1
 
 
 class Way(NamedTuple):
-    """What the motor does, and what acts meanwhile, (n,) each; names as in `plant.Load`.
+    """Motion of the motor, and what acts meanwhile, (n,) each; names as in `plant.Load`.
 
     `place_m` is the table's position along the screw, for the stiffness.
     """

@@ -1,4 +1,4 @@
-"""What the encoders and the drive report of a plant's state: noise, steps, misreading, skew."""
+"""Readings of a plant's state by the encoders and the drive: noise, steps, misreading, skew."""
 
 import math
 from typing import NamedTuple

@@ -123,7 +123,7 @@ class TwoMassDrive:
 
     @classmethod
     def of_plant(cls, plant: Plant, position_m: float, preload_percent: float) -> "TwoMassDrive":
-        """What the plant is around a position and preload when its dry friction is left out."""
+        """Model of the plant around a position and preload when its dry friction is left out."""
         ratio = plant.ratio_m_per_rad
         return cls(
             motor_inertia_kg_m2=plant.motor_inertia_kg_m2,

@@ -192,7 +192,7 @@ class Machine(_Table):
         return 100.0 * preload.value / rating
 
     def missing_for_percent(self) -> str | None:
-        """Which key is missing for preload in percent, or None if all are there."""
+        """Key that is missing for preload in percent, or None if all are there."""
         if self.axis.dynamic_load_rating_n is None:
             return "axis.dynamic_load_rating_n"
         if self.model.preload_n is None:

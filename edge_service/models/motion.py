@@ -37,7 +37,7 @@ class Motion(Protocol):
 
     @property
     def purpose(self) -> str:
-        """What it is for, one line."""
+        """Purpose of the motion, one line."""
 
     def __call__(self, limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
         """Its segments, without end if it has none; raises MotionError as `plan` does."""

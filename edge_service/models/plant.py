@@ -85,7 +85,7 @@ class Plant(NamedTuple):
 
 
 class Load(NamedTuple):
-    """What acts on the plant, and how stiff it is, during one period.
+    """Loads on the plant, and its stiffness, during one period.
 
     Attributes:
         torque_nm: commanded, at the motor shaft.

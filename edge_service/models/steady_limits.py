@@ -1,4 +1,4 @@
-"""What counts as steady motion and as cruising on an axis, by how fast that axis moves."""
+"""Limits of steady motion and of cruising on an axis, by how fast that axis moves."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ SPEED_SHARE, ACCELERATION_SHARE = 1.0 / 75.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class SteadyLimits:
-    """Which motion is steady.
+    """Limits within which motion is steady.
 
     Attributes:
         slowest_rad_s: slower is left out (Stribeck friction, creeping jogs).

@@ -38,7 +38,7 @@ class StrokeProfile:
 
     @property
     def knows_stiffness(self) -> bool:
-        """Whether commissioning saw the stretch between two encoders."""
+        """True if commissioning saw the stretch between two encoders."""
         return bool(np.isfinite(self.compliance_m_per_n).all())
 
     def preload(self, percent: float, low: float, high: float) -> _Band:
@@ -70,7 +70,7 @@ class StrokeProfile:
 
 
 def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | None:
-    """What commissioning learned along the stroke; None where the machine file has it not."""
+    """Profile along the stroke, as commissioned; None where the machine file has none."""
     taught, fresh = machine.commissioned, machine.fresh_preload_percent
     if taught is None or fresh is None or machine.axis.stroke_m is None:
         return None

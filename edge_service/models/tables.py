@@ -51,7 +51,7 @@ NO_TABLES = Tables(np.zeros((1, COLUMNS)), 0, 0, 0, 0.0, 1.0)
 
 
 class Found(NamedTuple):
-    """What the tables say of one moment, N m at the motor; the columns above by their names."""
+    """Values of the tables at one moment, N m at the motor; the columns above by their names."""
 
     motor_forward_nm: float
     motor_backward_nm: float

@@ -138,7 +138,7 @@ def torque_command(time_s: Floats) -> Floats:
 
 
 def net_torque(torque_nm: Floats, drag_nm: Floats) -> Floats:
-    """What is left of the torque command after the drag, in its direction (4.6.9), N m."""
+    """Remainder of the torque command after the drag, in its direction (4.6.9), N m."""
     return np.asarray(np.sign(torque_nm) * np.maximum(np.abs(torque_nm) - np.abs(drag_nm), 0.0))
 
 

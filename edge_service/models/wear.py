@@ -1,4 +1,4 @@
-"""How preload is lost over the life of a ball screw: the seed's simulations 1 to 4 (4.6)."""
+"""Loss of preload over the life of a ball screw: the seed's simulations 1 to 4 (4.6)."""
 
 from dataclasses import dataclass
 from typing import Literal

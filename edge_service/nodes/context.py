@@ -1,4 +1,4 @@
-"""What every node is given, and how it reports on itself."""
+"""Context given to every node, and the report of a node on itself."""
 
 import asyncio
 import time

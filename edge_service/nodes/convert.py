@@ -20,7 +20,7 @@ _GAP_STEPS = 1.5
 
 @dataclass(frozen=True, slots=True)
 class ConvertSummary:
-    """What was written, and what a reader of it should know.
+    """Summary of what was written, and of what a reader of it should know.
 
     Attributes:
         out: the file.

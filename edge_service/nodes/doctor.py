@@ -30,7 +30,7 @@ _MARKS = {Verdict.FITS: "ok", Verdict.DOUBTFUL: "DOUBT", Verdict.UNKNOWN: "?"}
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """What was found out about one axis."""
+    """Findings about one axis."""
 
     axis: str
     source: str
@@ -38,7 +38,7 @@ class Examination:
 
     @property
     def doubts(self) -> int:
-        """How many checks found something wrong."""
+        """Number of checks that found something wrong."""
         return sum(finding.verdict is Verdict.DOUBTFUL for finding in self.findings)
 
     def as_text(self) -> str:
@@ -135,7 +135,7 @@ def _findings(
 
 
 def _quality(frames: Sequence[SampleFrame]) -> Finding:
-    """Which channels had samples that were not good, and why."""
+    """Finding on the channels that had samples that were not good, and why."""
     told, most = [], 0.0
     for name in frames[0].channels:
         codes = np.concatenate(

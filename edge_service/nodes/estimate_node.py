@@ -15,7 +15,7 @@ from .pipeline import load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 SAVE_PERIOD_S = 60.0
-"""What a crash may cost; a state is some 300 kB, and disks wear."""
+"""Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
 
 class _Axes:

@@ -1,4 +1,4 @@
-"""Where the state of the estimators outlives the process."""
+"""Store in which the state of the estimators outlives the process."""
 
 import hashlib
 import json
@@ -24,7 +24,7 @@ DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, Recursio
 
 
 class StateError(Exception):
-    """Why a kept state is not gone on from; `damaged` if it is none at all."""
+    """Reason for not going on from a kept state; `damaged` if it is none at all."""
 
     def __init__(self, reason: str, *, damaged: bool = False) -> None:
         super().__init__(reason)
@@ -52,7 +52,7 @@ def identity_of(machine: Machine, *tables: Table) -> str:
 
 
 def read_kept(path: Path, axis: str, identity: str) -> Kept | None:
-    """What a file keeps of an axis; None if there is no such file. Raises StateError, OSError."""
+    """Axis state kept in a file; None if there is no such file. Raises StateError, OSError."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -100,7 +100,7 @@ class EstimateStore:
         return axis_folder(self._folder, axis) / "estimate.json"
 
     def load(self, axis: str, now_ns: int) -> Kept | None:
-        """What was kept of an axis; None if nothing was.
+        """State that was kept of an axis; None if none was.
 
         Raises:
             StateError: it is damaged, of another axis or machine file, too old, or of the future.

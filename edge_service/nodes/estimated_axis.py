@@ -83,7 +83,7 @@ class EstimatedAxis:
 
 
 def _goes_on(time_s: float, silent_s: float, block: FeatureBlock) -> bool:
-    """Whether an interval lies on the clock that ran before a stop, and soon enough after it."""
+    """Tell whether an interval lies on the clock that ran before a stop, soon enough after it."""
     passed_s = block.time_s - block.duration_s - time_s
     begins_behind = passed_s > -0.5 * block.duration_s
     return begins_behind and silent_s - passed_s < SAME_CLOCK_S and silent_s < STOP_S

@@ -45,7 +45,7 @@ def alarm_settings(config: AlarmsConfig) -> AlarmSettings:
 
 
 def axis_facts(axis: str, machine: Machine) -> AxisFacts:
-    """What the watch of an axis needs of its machine file."""
+    """Facts that the watch of an axis needs of its machine file."""
     geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
     return AxisFacts(axis, machine.fresh_preload_percent, geometry)
 

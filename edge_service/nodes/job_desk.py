@@ -105,7 +105,7 @@ class ProcessJobDesk:
 
     @property
     def folder(self) -> Path:
-        """Where recordings are kept."""
+        """Folder in which recordings are kept."""
         return self._recordings
 
     def recordings(self) -> list[RecordingAnswer]:

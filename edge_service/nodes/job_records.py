@@ -1,4 +1,4 @@
-"""What is remembered of jobs when the service ends: one JSON file beside each job's folder."""
+"""Records of jobs that outlive the service: one JSON file beside each job's folder."""
 
 import json
 import logging

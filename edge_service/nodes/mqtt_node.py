@@ -113,7 +113,7 @@ def _as_it_is(schema: str, model: type[Frozen]) -> Callable[[bytes], tuple[str, 
 
 
 class Attendance:
-    """Which axes are heard, by their estimates."""
+    """Register of the axes that are heard, by their estimates."""
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s

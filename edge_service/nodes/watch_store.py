@@ -1,4 +1,4 @@
-"""Where the state of alarms, trends and use outlives the process."""
+"""Store in which the state of alarms, trends and use outlives the process."""
 
 import json
 import logging

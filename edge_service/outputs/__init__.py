@@ -1,1 +1,1 @@
-"""What leaves the bus for systems that people already have."""
+"""Outputs from the bus to systems that people already have."""

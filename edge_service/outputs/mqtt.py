@@ -24,7 +24,7 @@ class MqttError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class MqttSettings:
-    """Where the broker is.
+    """Settings of the connection to the broker.
 
     Attributes:
         host, port: of the broker.

@@ -1,4 +1,4 @@
-"""What goes to a broker, and the forms that it may have."""
+"""Packets to a broker, and the forms that they may have."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Packet:
 
 
 class PayloadForm(Protocol):
-    """How the messages of a spool, with topics `{axis}/{topic}`, are told to a broker.
+    """Form in which the messages of a spool, with topics `{axis}/{topic}`, are told to a broker.
 
     Attributes:
         commands: topic on which the broker's clients may ask for something; None without.
@@ -30,16 +30,16 @@ class PayloadForm(Protocol):
     commands: str | None
 
     def will(self, session: int) -> Packet:
-        """What the broker says in our place should we be lost; begins connection `session`."""
+        """Packet that the broker sends for us should we be lost; begins connection `session`."""
 
     def farewell(self) -> Packet:
-        """What we say before we leave."""
+        """Packet that we send before we leave."""
 
     def greeting(self, newest: Mapping[str, Message]) -> list[Packet]:
-        """What is said first in a connection, or again when asked; `newest` by topic."""
+        """Packets sent first in a connection, or again when asked; `newest` by topic."""
 
     def packets(self, message: Message, newest: Mapping[str, Message], late: bool) -> list[Packet]:
         """A message on its way; `late` if it is from before the connection."""
 
     def asks_for_greeting(self, command: bytes) -> bool:
-        """Whether a command wants the greeting again."""
+        """Tell whether a command wants the greeting again."""

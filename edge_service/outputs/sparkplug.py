@@ -71,14 +71,14 @@ class Sparkplug:
         return packets
 
     def asks_for_greeting(self, command: bytes) -> bool:
-        """Whether a command is a request to be born again; what is no command asks for nothing."""
+        """Tell whether a command is a request to be born again; what is none asks for nothing."""
         try:
             return decode_values(command).get(REBIRTH) is True
         except ValueError:
             return False
 
     def _news(self, axis: str, metrics: list[Metric]) -> list[Metric]:
-        """What differs from what was told last; an event is new even if it is the same again."""
+        """Metrics unlike those told last; an event is new even if it is the same again."""
         told = self._told[axis]
         metrics = [
             each
@@ -122,6 +122,6 @@ def axis_of(topic: str) -> str:
 
 
 def is_gone(axis: str, newest: Mapping[str, Message]) -> bool:
-    """Whether an axis was said to be gone, and no estimate came since."""
+    """Tell whether an axis was said to be gone, and no estimate came since."""
     gone, estimate = newest.get(f"{axis}/{GONE}"), newest.get(f"{axis}/{PRELOAD.name}")
     return gone is not None and (estimate is None or gone.number > estimate.number)

@@ -12,7 +12,7 @@ CREATE TABLE IF NOT EXISTS messages (
 )
 """
 _SESSIONS = 1 << 30
-"""Where the numbers of connections begin anew; the file has 31 bits for them."""
+"""Number at which the numbers of connections begin anew; the file has 31 bits for them."""
 _NEWEST = "SELECT MAX(number), topic, payload FROM messages GROUP BY topic"
 
 

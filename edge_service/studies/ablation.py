@@ -1,4 +1,4 @@
-"""What each state, hypothesis and constant of the estimator is worth on plants it was not set on.
+"""Worth of each state, hypothesis and constant of the estimator on plants it was not set on.
 
 Every recording is followed once as the estimator is, and once for each part taken away or changed.
 """
@@ -88,7 +88,7 @@ _FIGURES: tuple[tuple[str, Callable[[Score], float]], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Ablated:
-    """How one recording of a plant was followed by one variant."""
+    """Score of one variant that followed one recording of a plant."""
 
     plant: str
     variant: str

@@ -38,7 +38,7 @@ class Figure:
 
     @property
     def met(self) -> bool | None:
-        """Whether the aim is met; None without an aim."""
+        """True if the aim is met; None without an aim."""
         if self.at_most is None and self.at_least is None:
             return None
         below = self.at_most is None or self.value <= self.at_most

@@ -9,7 +9,7 @@ Progress = Callable[[str], None]
 
 
 class BenchReport(Protocol):
-    """What a bench has found."""
+    """Findings of a bench."""
 
     def as_text(self) -> str:
         """A table for people."""

@@ -1,4 +1,4 @@
-"""What a simulated axis is told to do: a motion by its name, to its end or for a while."""
+"""Command to a simulated axis: a motion by its name, to its end or for a while."""
 
 import math
 from collections.abc import Iterable

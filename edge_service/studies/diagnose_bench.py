@@ -56,7 +56,7 @@ INTERVALS: dict[str, frozenset[str]] = {
 
 @dataclass(frozen=True, slots=True)
 class BenchRow:
-    """What came of a case.
+    """Outcome of a case.
 
     Attributes:
         named: effect -> probability.

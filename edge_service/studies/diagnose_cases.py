@@ -52,7 +52,7 @@ def foreign_plant(root: Path | None = None) -> Any:
 
 
 def baseline_machine() -> Machine:
-    """What the machine file of the foreign axis says."""
+    """Content of the machine file of the foreign axis."""
     plant = foreign_plant()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "machine.toml"

@@ -1,4 +1,4 @@
-"""What was there against what was said: by strength, as a matrix, and in words."""
+"""Comparison of what was there with what was said: by strength, as a matrix, and in words."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ _LIKELY = 0.5
 
 
 def told(row: BenchRow) -> str:
-    """What leads an answer: the cause where it is tied with it, or that it is not known."""
+    """Name that leads an answer: the cause where it is tied with it, or that it is not known."""
     if is_first(row):
         first = max(row.named, key=lambda name: row.named[name])
         known = [name for name in (first, *row.classes[first]) if name in row.case.causes]

@@ -1,4 +1,4 @@
-"""How well the intervals of a diagnosis cover where its cause really acts."""
+"""Overlap of a diagnosis' intervals with those in which its cause really acts."""
 
 from collections.abc import Sequence
 

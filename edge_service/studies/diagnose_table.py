@@ -1,4 +1,4 @@
-"""What a bench of the diagnosis reached: figures, confusion, and what each effect gave."""
+"""Results of a bench of the diagnosis: figures, confusion, and what each effect gave."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -179,7 +179,7 @@ RIGHT_VARIABLES = {
 
 
 def is_place_right(row: BenchRow) -> bool:
-    """Whether the gap is said to live over the variable that its cause is a function of."""
+    """Tell whether the gap is said to live over the variable that its cause is a function of."""
     right = RIGHT_VARIABLES.get(row.case.causes[0])
     return right is None or bool({place.split(":")[1] for place in row.where[:1]} & right)
 
@@ -206,7 +206,7 @@ def _weak(rows: Iterable[BenchRow]) -> list[BenchRow]:
 
 
 def is_first(row: BenchRow) -> bool:
-    """Whether the cause, or one that is told to be tied with it, leads the list."""
+    """Tell whether the cause, or one that is told to be tied with it, leads the list."""
     first = max(row.named, key=lambda name: row.named[name], default=None)
     if first is None:
         return False
@@ -217,27 +217,27 @@ def is_first(row: BenchRow) -> bool:
 
 
 def is_exact(row: BenchRow) -> bool:
-    """Whether what is likely is what was there."""
+    """Tell whether what is likely is what was there."""
     return {name for name, p in row.named.items() if p > 0.5} == set(row.case.causes)
 
 
 def are_all_named(row: BenchRow) -> bool:
-    """Whether every cause is likely."""
+    """Tell whether every cause is likely."""
     return all(row.named.get(cause, 0.0) > 0.5 for cause in row.case.causes)
 
 
 def are_two_named(row: BenchRow) -> bool:
-    """Whether two causes are likely."""
+    """Tell whether at least two causes are likely."""
     return sum(row.named.get(cause, 0.0) > 0.5 for cause in row.case.causes) >= 2
 
 
 def is_sure(row: BenchRow) -> bool:
-    """Whether anything is named with confidence."""
+    """Tell whether anything is named with confidence."""
     return any(p > SURE for p in row.named.values())
 
 
 def is_confident_and_wrong(row: BenchRow) -> bool:
-    """Whether something is named with confidence that was not there."""
+    """Tell whether something is named with confidence that was not there."""
     there = set(row.case.causes) - set(row.case.withheld)
     return any(p > SURE and name not in there for name, p in row.named.items())
 

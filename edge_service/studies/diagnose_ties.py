@@ -1,4 +1,4 @@
-"""Whether the motion that a tied diagnosis proposes settles the tie, on the foreign plant."""
+"""Test whether the motion that a tied diagnosis proposes settles the tie, on the foreign plant."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -23,13 +23,13 @@ from .diagnose_cases import (
 
 LONGEST_S = 60.0
 POOR_MOTIONS = ("one_speed", "one_place")
-"""What leaves most in doubt: no other speed, or no other place and no speed to speak of."""
+"""Motions that leave most in doubt: no other speed, or no other place and no speed to speak of."""
 PAUSE_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class TieRow:
-    """What came of a case.
+    """Outcome of a case.
 
     Attributes:
         tied: effects that the first recording cannot tell apart; empty without a tie.
@@ -70,7 +70,7 @@ def run_tie(case: BenchCase) -> TieRow:
 
 
 def is_resolved(case: BenchCase, tied: Iterable[str], both: Diagnosis) -> bool:
-    """Whether the causes are named, each alone in its class, and nothing else that was tied."""
+    """Tell whether the causes are named, each alone in its class, and no other that was tied."""
     classes = {each.name: each.tied for each in both.effects if each.probability > 0.5}
     alone = all(classes.get(cause) == (cause,) for cause in case.causes)
     return alone and not (set(tied) - set(case.causes)) & classes.keys()

@@ -132,7 +132,7 @@ def amount(value: float, unit: str) -> str:
 
 
 def sure(probability: float) -> str:
-    """How sure, in words that never say certain.
+    """Confidence in words that never say certain.
 
     >>> sure(0.9999), sure(0.75)
     ('more than 99 % sure', '75 % sure')
@@ -141,7 +141,7 @@ def sure(probability: float) -> str:
 
 
 def quantity(effect: str, parameter: str) -> str:
-    """What a parameter is, as its effect describes it.
+    """Description of a parameter, as its effect gives it.
 
     >>> quantity("backlash", "width_m")
     'Clearance'
@@ -166,7 +166,7 @@ def points(value: Shrink) -> str:
 
 
 def places(found: Sequence[Place]) -> list[str]:
-    """Where a gap lives, a sentence for each variable.
+    """Location of a gap, a sentence for each variable.
 
     >>> spans = (Place("torque_nm", "motor_speed_rad_s", *ends, "rad/s", 0.71, 0.8, 0.01)
     ...          for ends in ((-5.02, 1.5), (800.0, 1260.4)))

@@ -1,4 +1,4 @@
-"""How much the drivers take, beside the least that a client could."""
+"""Load that the drivers take, beside the least that a client could."""
 
 import os
 import platform
@@ -15,7 +15,7 @@ from .opcua_bench import opcua_figures
 
 @dataclass(frozen=True, slots=True)
 class DriversBenchSettings:
-    """How long the bench looks.
+    """Measuring times of the drivers' bench.
 
     Attributes:
         quick: short windows, and a device that hangs for 5 s instead of 60 s.

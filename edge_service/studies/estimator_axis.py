@@ -35,7 +35,7 @@ TABLE = (TABLE_POSITION, TABLE_SPEED)
 
 @dataclass(frozen=True, slots=True)
 class StatedErrors:
-    """What the nominal machine file states wrongly, as shares of the true value."""
+    """Errors of the nominal machine file, as shares of the true value."""
 
     inertia: float = 0.0
     nut_stiffness: float = 0.0

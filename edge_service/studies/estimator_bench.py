@@ -40,7 +40,7 @@ _SECTIONS: _Sections = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimatorBench:
-    """How right the estimator is, and how fast; a part that was not asked for is None or absent.
+    """Accuracy and speed of the estimator; a part that was not asked for is None or absent.
 
     Attributes:
         drawn: pictures by section.

@@ -26,7 +26,7 @@ ROW = "foreign plant: "
 
 
 def has_foreign_plant(tests: Path) -> bool:
-    """Whether the second plant is there."""
+    """Tell whether the second plant is there."""
     return (tests / PLANT / "__init__.py").is_file()
 
 

@@ -21,7 +21,7 @@ FULL_S, QUICK_S = 100.0, 40.0
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one case adds to a row: the score of the fused estimator, and of the seed's."""
+    """Contribution of one case to a row: the score of the fused estimator, and of the seed's."""
 
     row: str
     ours: Score
@@ -178,7 +178,7 @@ ERRORS: Sequence[tuple[str, tuple[OwnAxis, ...]]] = (
         tuple(OwnAxis(stated=StatedErrors(nut_stiffness=share)) for share in (-0.1, 0.1)),
     ),
 )
-"""What the nominal machine file does not know; commissioning and test share the true axis."""
+"""Errors unknown to the nominal machine file; commissioning and test share the true axis."""
 
 
 def calibration(which: int, quick: bool) -> Iterator[Part]:

@@ -57,7 +57,7 @@ class BenchTable:
         return "\n".join(lines)
 
     def _wrong(self) -> str:
-        """How many numbers are confidently wrong; rows made of others' numbers are left out."""
+        """Count of confidently wrong numbers; rows made of others' numbers are left out."""
         scores = [row.ours for row in self.rows if row.ours and not row.row.endswith(_AGAIN)]
         told = sum(each.told for each in scores)
         wrong = sum(round(each.wrong * each.told) for each in scores if each.wrong > 0.0)
@@ -100,7 +100,7 @@ def _row(name: str, aim: Aim, ours: Mapping[str, Score], seed: Mapping[str, Scor
 
 
 def _coverage_row(rows: Sequence[BenchRow]) -> BenchRow:
-    """How many rows have honest intervals, too wide ones counted as missed."""
+    """Count of rows with honest intervals, too wide ones counted as missed."""
     told = [row.ours.coverage for row in rows if row.ours and not math.isnan(row.ours.coverage)]
     low, high = COVERAGE
     honest = sum(low <= each <= high for each in told)

@@ -1,4 +1,4 @@
-"""How well an estimator followed the truth over a recording."""
+"""Scores of how well an estimator followed the truth over a recording."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,7 +30,7 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """What an estimator said at times (n,); NaN where it gave no number.
+    """Output of an estimator at times (n,); NaN where it gave no number.
 
     Attributes:
         truth: at the middle of the last interval.
@@ -61,13 +61,13 @@ class Track:
 
 
 class Followed(Protocol):
-    """What of an estimator it takes to be followed."""
+    """Interface of an estimator that can be followed."""
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
 
     def estimate(self) -> PreloadEstimate:
-        """What is known now."""
+        """Current estimate."""
 
 
 def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:

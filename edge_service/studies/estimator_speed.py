@@ -1,4 +1,4 @@
-"""How many five-mode steps per second the filter banks do on this machine."""
+"""Five-mode steps per second of the filter banks on this machine."""
 
 import time
 from collections.abc import Callable
@@ -32,12 +32,12 @@ class EstimatorSpeed:
 
     @property
     def batch_over_filterpy(self) -> float:
-        """How many times faster the batch is than filterpy."""
+        """Speed of the batch as a multiple of filterpy's."""
         return self.batch_steps_per_s / self.filterpy_steps_per_s
 
     @property
     def single_over_filterpy(self) -> float:
-        """How many times faster single steps are than filterpy."""
+        """Speed of single steps as a multiple of filterpy's."""
         return self.single_steps_per_s / self.filterpy_steps_per_s
 
 

@@ -34,7 +34,7 @@ _FOREIGN_ERRORS = (
 
 @dataclass(frozen=True, slots=True)
 class BenchSettings:
-    """What is measured.
+    """Settings of the estimator's bench: what is measured.
 
     Attributes:
         quick: fewer and shorter cases, for a look.

@@ -1,4 +1,4 @@
-"""How often the fused estimator cries wolf on the thesis' plant whose preload never changes."""
+"""Rate of false alarms of the fused estimator on the thesis' plant whose preload never changes."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What the health room makes of healthy production: false WARNING, FAULT and alarms, counted.
+"""Judgement of healthy production by the health room: false WARNING, FAULT and alarms, counted.
 
 Estimates and intervals go to the same watch as in the service, on a clock made of the recording's
 time, so hours pass as fast as they can be computed.
@@ -47,7 +47,7 @@ HEADS += ("unavailable", "alarms", "MAE", "cover")
 
 @dataclass(frozen=True, slots=True)
 class WatchCount:
-    """What a watch said of one shift.
+    """Counts of what a watch said of one shift.
 
     Attributes:
         conditions: how often each condition began.
@@ -94,7 +94,7 @@ class Watched:
         self._note(self._watch.on_feature(self._header(), block, self._now_ns))
 
     def estimate(self) -> PreloadEstimate:
-        """What is known now, once the watch has taken it."""
+        """Current estimate, once the watch has taken it."""
         estimate = self._estimator.estimate()
         self._note(self._watch.on_preload(self._header(), estimate, self._now_ns))
         self._sequence += 1
@@ -105,7 +105,7 @@ class Watched:
         return estimate
 
     def count(self) -> WatchCount:
-        """What was said so far."""
+        """Counts of what was said so far."""
         return WatchCount(dict(self._conditions), dict(self._alarms), dict(self._condition_s))
 
     def _header(self) -> Header:
@@ -174,7 +174,7 @@ def _false(part: ShiftPart) -> int:
 
 
 def _complaint(part: ShiftPart) -> str:
-    """What was said of one healthy axis."""
+    """Line on what was said of one healthy axis."""
     told = {name: n for name, n in part.count.conditions.items() if name in set(FALSE)}
     each = ", ".join(f"{name} {n}" for name, n in (told | dict(part.count.alarms)).items())
     return f"  {part.plant} {part.axis_seed}: {each}"

@@ -1,4 +1,4 @@
-"""How a fingerprint is told to a maintenance engineer: words, units, digits."""
+"""Wording of a fingerprint for a maintenance engineer: words, units, digits."""
 
 import math
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from ..fingerprint.section import Section
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """How a section is told to a maintenance engineer.
+    """Wording of a section for a maintenance engineer.
 
     Attributes:
         headline: what the names of its chief figures begin with.

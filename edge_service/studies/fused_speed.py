@@ -1,4 +1,4 @@
-"""What the estimators take of a processor: the bank, filterpy, and the fused estimator."""
+"""Processor time that the estimators take: the bank, filterpy, and the fused estimator."""
 
 import os
 import platform
@@ -173,7 +173,7 @@ def measure_fused_speed(
 
 
 def phases_of(machine: Machine, blocks: Sequence[FeatureBlock]) -> Phases:
-    """What an estimator would hand to its kernel, but for phases that it leaves out."""
+    """Phases that an estimator would hand to its kernel, but for those that it leaves out."""
     estimator = FusedPreloadEstimator(machine)
     rows: list[tuple[float, ...]] = []
     last_s = blocks[0].time_s - blocks[0].duration_s

@@ -1,4 +1,4 @@
-"""How often identification finds the truth inside its own intervals, over many simulated axes."""
+"""Coverage of the truth by identification's own intervals, over many simulated axes."""
 
 import contextlib
 import math

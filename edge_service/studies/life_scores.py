@@ -1,4 +1,4 @@
-"""How well a life was followed: from the last number of each session, and from all numbers."""
+"""Scores of following a life: from the last number of each session, and from all numbers."""
 
 import math
 from collections.abc import Sequence

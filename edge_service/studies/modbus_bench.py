@@ -136,13 +136,13 @@ async def _driver_polls(port: int, seconds: float) -> tuple[float, float]:
 
 @dataclass(slots=True)
 class _Axis:
-    """What one reader has seen: times of its rows, and when its device was lost."""
+    """Record of one reader: times of its rows, and when its device was lost."""
 
     times_s: list[float] = field(default_factory=list)
     lost_s: list[float] = field(default_factory=list)
 
     def late_s(self, from_s: float, to_s: float) -> Floats:
-        """How much steps of time within a window differ from the period, s."""
+        """Deviations of the time steps within a window from the period, s."""
         times = np.array([each for each in self.times_s if from_s <= each < to_s])
         return np.abs(np.diff(times) - 1.0 / RATE_HZ)
 

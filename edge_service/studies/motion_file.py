@@ -39,7 +39,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class MotionFileSettings:
-    """How a motion is written.
+    """Settings for writing a motion.
 
     Attributes:
         duration_s: of the whole; the motion's own unless given.

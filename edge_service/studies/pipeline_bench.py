@@ -21,7 +21,7 @@ AXIS_COUNTS = (1, 8)
 
 @dataclass(frozen=True, slots=True)
 class PipelineBenchSettings:
-    """How long the bench looks.
+    """Measuring times of the pipeline bench.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the simulated plant costs: processor time for 100 s of axis time."""
+"""Cost of the simulated plant: processor time for 100 s of axis time."""
 
 import statistics
 import time

@@ -21,7 +21,7 @@ _SERVING = re.compile(r"serving http://(\S+):(\d+)/")
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """What a process has used so far.
+    """Resources that a process has used so far.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class ServiceProcess:
 
     @property
     def output(self) -> str:
-        """What it has written so far."""
+        """Output that it has written so far."""
         return self._output.read_text("utf-8", "replace")
 
     def usage(self) -> Usage:

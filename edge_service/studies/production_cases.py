@@ -72,7 +72,7 @@ def draw_shift(plant: str, axis_seed: int, duration_s: float = SHIFT_S) -> Shift
 
 
 def _alternating(changes: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """What is put on is taken off by the next change."""
+    """Changes in turn: what is put on is taken off by the next one."""
     if len(changes) < 2:
         return tuple(changes)
     (first_s, kg), (second_s, _) = changes

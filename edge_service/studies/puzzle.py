@@ -74,7 +74,7 @@ class Puzzle:
         return [step for each in self.rounds for step in each.steps]
 
     def as_text(self) -> str:
-        """What is missing, in which order, and how far each addition shrinks the gap."""
+        """Report of what is missing, in which order, and how far each addition shrinks the gap."""
         lines = ["the linear two-mass model against the bench; root mean square gap"]
         lines += [_line("linear model", self.before), _line("the same, fitted", self.fitted)]
         for number, each in enumerate(self.rounds, start=1):
@@ -201,7 +201,7 @@ def _session(machine: Machine, runs: Sequence[Run]) -> Session:
 
 
 def _added(machine: Machine, runs: Sequence[Run], found: Diagnosis) -> tuple[list[Step], Machine]:
-    """What was named, put into the model one by one, each time what helps most."""
+    """Add what was named to the model one by one, each time what helps most."""
     waiting = {
         each.name: [(each.name, dict(values)) for values in each.entries] for each in found.effects
     }

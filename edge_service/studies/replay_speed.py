@@ -1,4 +1,4 @@
-"""How much faster than real time a recording goes through the service and the estimator."""
+"""Speed of a recording through the service and the estimator, as a multiple of real time."""
 
 import re
 from collections.abc import Sequence

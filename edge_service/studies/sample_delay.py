@@ -1,4 +1,4 @@
-"""How long a sample waits until `/preload` rests on it."""
+"""Delay of a sample until `/preload` rests on it."""
 
 import http.client
 import json
@@ -115,7 +115,7 @@ def sample_delays_s(interval_delay_s: Floats, interval_s: float, period_s: float
 
 
 def stamp_lateness_s(firsts: Sequence[tuple[int, int]], interval_s: float) -> Floats:
-    """How far each `measured_at` lags behind the typical one of a steady clock, s, shape (n,).
+    """Lag of each `measured_at` behind the typical one of a steady clock, s, shape (n,).
 
     The service stamps a sample when the driver hands it over; what it is late by then does not
     show in the other delays. The typical phase within an interval is the mean direction on its

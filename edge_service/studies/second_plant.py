@@ -41,7 +41,7 @@ Progress = Callable[[str], None]
 
 
 class SecondPlantError(Exception):
-    """Why its commands could not be run, in one line."""
+    """Reason why its commands could not be run, in one line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,7 @@ class PlantPart:
 
 
 def has_second_plant(folder: Path) -> bool:
-    """Whether its commands are there."""
+    """Tell whether its commands are there."""
     return all((folder / name).is_file() for name in (MAKE, SCORE))
 
 
@@ -184,7 +184,7 @@ def plant_section(parts: Sequence[PlantPart]) -> Section:
 
 
 def _failure(part: PlantPart) -> str:
-    """What became of a recording without answers, in one line."""
+    """Account of what became of a recording without answers, in one line."""
     where = f"seed {part.seed}, machine {part.row['machine']}, {part.row['scenario']}"
     return f"  failed: {where}: {' '.join(str(part.row['state']).split())}"
 

@@ -30,7 +30,7 @@ class SimulationError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """What is simulated.
+    """Settings of a simulation.
 
     Attributes:
         motion: name of the commanded motion, or NAME:duration_s=SECONDS.
@@ -138,7 +138,7 @@ class _Axis:
         return cls(drive, limits, preload_percent, settings)
 
     def random(self, number: int) -> np.random.Generator:
-        """What is left to chance in the motion of this number, from 1 on."""
+        """Generator of what is left to chance in the motion of this number, from 1 on."""
         return np.random.default_rng((self.settings.seed, number))
 
     def record(self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress) -> None:
@@ -157,7 +157,7 @@ class _Axis:
             progress(f"{(done + rows) / settings.rate_hz:.0f} of {count / settings.rate_hz:.0f} s")
 
     def told(self, commanded: CommandedMotion, out: Path) -> str:
-        """What a recording is, for people."""
+        """Description of a recording, for people."""
         present = ", ".join(each.effect.name for each in self.drive.settings.effects) or "none"
         return (
             f"{out}: {commanded.count} rows, {commanded.count / self.settings.rate_hz:g} s of "

@@ -129,5 +129,5 @@ def steps_to_see_drop(estimate_percent: Floats, truth_percent: Floats) -> int | 
 
 
 def has_false_drop(estimate_percent: Floats) -> bool:
-    """Whether an estimate of a constant 10 % falls below the next level."""
+    """Tell whether an estimate of a constant 10 % falls below the next level."""
     return bool((estimate_percent[SETTLED_STEPS:] < FALSE_DROP_PERCENT).any())

@@ -1,4 +1,4 @@
-"""How often the trend's band holds the true time of reaching the limit, on simulated wear.
+"""Coverage of the true time of reaching the limit by the trend's band, on simulated wear.
 
 `python -m edge_service.studies.trend_coverage` prints it.
 """

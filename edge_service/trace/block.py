@@ -52,14 +52,14 @@ class Source(Protocol):
 
     @property
     def fraction_read(self) -> float:
-        """How much of the file has been read, 0 to 1."""
+        """Fraction of the file that has been read, 0 to 1."""
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a reader of the rows should know, one line each."""
+        """Remarks that a reader of the rows should know, one line each."""
 
     def holds_numbers(self, name: str) -> bool:
-        """Whether a column may hold numbers."""
+        """Tell whether a column may hold numbers."""
 
     def want(self, names: list[str]) -> None:
         """Read these columns only. Raises TraceError for one that cannot hold numbers."""

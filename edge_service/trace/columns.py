@@ -1,4 +1,4 @@
-"""Which column of a file holds which channel."""
+"""Assignment of a file's columns to channels."""
 
 import difflib
 from collections.abc import Mapping, Sequence

@@ -12,7 +12,7 @@ _SI = SI | {"A": (1.0, "A")}
 
 @dataclass(frozen=True, slots=True)
 class ControllerAxis:
-    """Which axis of a controller's recording is wanted, and what turns its signals into channels.
+    """Axis of a controller's recording that is wanted, and what turns its signals into channels.
 
     Attributes:
         number: the controller's number of the axis; None takes the only one there, or axis 1.
@@ -39,14 +39,14 @@ class ControllerAxis:
         return None if link is None else factor * link
 
     def link(self, channel: str, unit: str) -> str:
-        """What `scale` rests on beside the unit, in words; empty where on nothing."""
+        """Basis of `scale` beside the unit, in words; empty where there is none."""
         link = (_SI[unit][1], CHANNELS[channel].unit)
         if link == ("A", "N m"):
             return f"a torque constant of {self.torque_constant_nm_per_a} N m/A"
         return f"a lead of {self.lead_m} m" if link in self._links() else ""
 
     def missing(self, channel: str, unit: str) -> str:
-        """What `scale` lacks, in words."""
+        """Information that `scale` lacks, in words."""
         link = (_SI[unit][1], CHANNELS[channel].unit)
         if link == ("A", "N m"):
             return "the torque constant in N m/A"

@@ -78,7 +78,7 @@ class ControllerSignal:
 
 @dataclass(frozen=True, slots=True)
 class ControllerColumns:
-    """How the signals of one axis map to channels.
+    """Mapping of the signals of one axis to channels.
 
     Attributes:
         columns: channel -> its column.

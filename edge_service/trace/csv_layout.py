@@ -1,4 +1,4 @@
-"""What the top of a text file says: delimiter, decimal point, column names."""
+"""Layout of a text file, read from its top: delimiter, decimal point, column names."""
 
 import csv
 import re
@@ -28,7 +28,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a text file is laid out.
+    """Layout of a text file.
 
     Attributes:
         names: one name per cell of a row; empty where the file gives none.

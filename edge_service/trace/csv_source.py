@@ -40,7 +40,7 @@ class CsvSource:
 
     @property
     def fraction_read(self) -> float:
-        """How much of the file has been read, 0 to 1."""
+        """Fraction of the file that has been read, 0 to 1."""
         return 1.0 if self._file.closed else self._file.tell() / max(self._bytes, 1)
 
     def holds_numbers(self, name: str) -> bool:

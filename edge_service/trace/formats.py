@@ -38,7 +38,7 @@ def open_source(path: Path, axis: ControllerAxis) -> Source:
 def controller_columns(
     path: Path, source: Source, axis: ControllerAxis, columns: Mapping[str, ColumnLike]
 ) -> ControllerColumns:
-    """What a controller's names say: a SINUMERIK trace, Industrial Edge columns, or nothing.
+    """Meaning of a controller's names: a SINUMERIK trace, Industrial Edge columns, or nothing.
 
     Args:
         path: the file, for messages.

@@ -43,11 +43,11 @@ class ParquetSource:
 
     @property
     def fraction_read(self) -> float:
-        """How much of the file has been read, 0 to 1."""
+        """Fraction of the file that has been read, 0 to 1."""
         return self._rows_seen / max(int(self._file.metadata.num_rows), 1)
 
     def holds_numbers(self, name: str) -> bool:
-        """Whether a column is of a type that may hold numbers."""
+        """Tell whether a column is of a type that may hold numbers."""
         cell_type = self._schema.field(name).type
         return _holds_numbers(cell_type) or _holds_text(cell_type)
 

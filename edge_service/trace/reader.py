@@ -61,12 +61,12 @@ class TraceReader:
 
     @property
     def fraction_read(self) -> float:
-        """How much of the file has been read, 0 to 1."""
+        """Fraction of the file that has been read, 0 to 1."""
         return self._source.fraction_read
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """How signals of a controller were read, one line each; complete at the end."""
+        """Remarks on how signals of a controller were read, one line each; complete at the end."""
         return (*self._remarks, *self._source.remarks)
 
     def __iter__(self) -> Self:

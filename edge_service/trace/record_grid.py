@@ -16,7 +16,7 @@ _PRINTED_S = 0.6e-6
 
 @dataclass(frozen=True, slots=True)
 class SignalClock:
-    """When one signal is sampled.
+    """Sampling clock of one signal.
 
     Attributes:
         interval_s: time between two samples, s.
@@ -84,7 +84,7 @@ class RecordGrid:
             column.values.append(value)
 
     def rows_ahead(self, final: bool) -> int:
-        """How many rows the records so far are good for, gaps included."""
+        """Number of rows that the records so far are good for, gaps included."""
         if math.isinf(self._first_s):
             return 0
         if math.isnan(self._origin_s):

@@ -21,7 +21,7 @@ _SILENT_INTERVALS = 1.5
 
 
 def is_sinumerik(head: bytes) -> bool:
-    """Whether the first bytes of a file are those of a trace in XML."""
+    """Tell whether the first bytes of a file are those of a trace in XML."""
     return f"<{ROOT}".encode() in head
 
 
@@ -66,12 +66,12 @@ class SinumerikSource:
 
     @property
     def fraction_read(self) -> float:
-        """How much of the file has been read, 0 to 1."""
+        """Fraction of the file that has been read, 0 to 1."""
         return 1.0 if self._file.closed else self._file.tell() / max(self._bytes, 1)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was done to the clocks, one line each."""
+        """Remarks on what was done to the clocks, one line each."""
         wanted = [signal for signal in self._signals if signal.name in self._wanted]
         fastest_s = min((signal.interval_s for signal in wanted), default=0.0)
         slower = [signal.name for signal in wanted if signal.interval_s > fastest_s]
@@ -159,7 +159,7 @@ class SinumerikSource:
         return SignalClock(signal.interval_s, signal.count, interpolate)
 
     def _next_offset_s(self, frame: DataFrame) -> float:
-        """Where the time of a further frame begins, s after the first frame's zero."""
+        """Origin of the time of a further frame, s after the first frame's zero."""
         first, this = (_start(each.start_time) for each in (self._parser.frames[0], frame))
         after_s = self._time_s + FRAME_GAP_S
         if first is None or this is None:

@@ -1,4 +1,4 @@
-"""Whether a recorded speed is the derivative of its position: units do not lie about that."""
+"""Check that a recorded speed is the derivative of its position: units do not lie about that."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a hypothesis learns from a phase."""
+"""Correction of a hypothesis by a phase."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""How a hypothesis drifts between two phases."""
+"""Drift of a hypothesis between two phases."""
 
 import math
 

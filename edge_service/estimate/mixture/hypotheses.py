@@ -1,4 +1,4 @@
-"""Which hypotheses live: challengers are begun beside what is believed, and the best takes over.
+"""Choice of living hypotheses: challengers begin beside what is believed, and the best takes over.
 
 Nothing that was believed dies: every slot keeps a least weight, the belief before the last step
 goes on beside the new one, and new challengers begin every few seconds of motion, so that a wrong
@@ -126,7 +126,7 @@ def believed(bank: Bank) -> int:
 
 @compiled
 def _wins(bank: Bank, process: Process, leader: int, base: int, calm: bool) -> bool:
-    """Whether a challenger has led for long enough, in both directions, by a margin."""
+    """Tell whether a challenger has led for long enough, in both directions, by a margin."""
     if leader in (STEADY, WEARING) or not calm:
         return False
     seen = bank.age_s[leader] >= process.confirm_s and bank.directions[leader] == _BOTH

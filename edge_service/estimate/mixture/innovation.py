@@ -1,4 +1,4 @@
-"""What a phase says against a hypothesis: innovation of torque and stretch."""
+"""Innovation of torque and stretch: the evidence of a phase against a hypothesis."""
 
 import math
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class Innovation(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """What a phase errs by, whatever the hypothesis says."""
+    """Errors of a phase, independent of the hypothesis."""
 
     factor: float  # m(x)
     slow_nm: float  # St(v)

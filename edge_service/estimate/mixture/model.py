@@ -49,7 +49,7 @@ SHORT_PHASE_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class MixtureSettings:
-    """What may happen to an axis; shares are of the commissioned value, steps standard deviations.
+    """Possible changes of an axis; shares are of the commissioned value, steps standard deviations.
 
     None of it is tied to one machine: forces and torques follow from the friction that
     commissioning found, lengths from its noise and compliance.
@@ -167,7 +167,7 @@ def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where the hypotheses begin: the commissioned axis.
+    """Initial state of the hypotheses: the commissioned axis.
 
     Attributes:
         mean: (n,) of a fresh preload.
@@ -241,7 +241,7 @@ def _frictions(size: int, together: float, apart: float) -> Floats:
 def process_of(
     machine: Machine, model: AxisModel, start: Start, settings: MixtureSettings
 ) -> Process:
-    """What may happen to the axis between two phases."""
+    """Process model: changes that the axis may undergo between two phases."""
     taught = machine.commissioned
     assert taught is not None
     rating = machine.axis.dynamic_load_rating_n

@@ -1,4 +1,4 @@
-"""What a hypothesis expects of a phase of steady motion: torque, and stretch.
+"""Expected torque and stretch of a hypothesis in a phase of steady motion.
 
 With s the direction, x the table position, a and v acceleration and speed of the motor, and the
 preload p = exp(PRELOAD)::
@@ -54,7 +54,7 @@ _LOOSE_PERCENT = 0.15
 
 @inlined
 def nut_deflection(load_n: float, percent: float, model: AxisModel) -> tuple[float, float, float]:
-    """How far a preloaded pair of nuts yields, over the fresh pair's own preload deflection d0.
+    """Deflection of a preloaded pair of nuts, over the fresh pair's own preload deflection d0.
 
     Two opposed Hertz contacts, F = c ((q + y)^1.5 - (q - y)^1.5), with y = d / d0 and
     q = (p / p0)^(2/3); for small loads the stiffness is 3 F0 q^0.5 / d0, the cube root law of

@@ -1,4 +1,4 @@
-"""What the hypotheses say together: values with 95 % intervals, and probabilities."""
+"""Joint posterior of the hypotheses: values with 95 % intervals, and probabilities."""
 
 import math
 from itertools import pairwise
@@ -50,7 +50,7 @@ _HALVINGS = 26
 
 
 class Limits(NamedTuple):
-    """What the hypotheses of one axis are held against."""
+    """Limits against which the hypotheses of one axis are held."""
 
     error_share: float
     mass_tolerance: float  # NaN where the stiffness cannot be told
@@ -58,7 +58,7 @@ class Limits(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What is known of one axis: values with 95 % intervals, and probabilities.
+    """Estimates for one axis: values with 95 % intervals, and probabilities.
 
     Attributes:
         preload: percent; the median of the mixture.

@@ -11,7 +11,7 @@ from .state import Bank
 _LAYOUT = {
     name: value for name, value in vars(state).items() if name.isupper() and isinstance(value, int)
 }
-"""What an index of the state means: another layout is another state."""
+"""Meaning of each index of the state: another layout is another state."""
 
 
 def bank_snapshot(bank: Bank) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Where the hypotheses begin, and where they go on after a stop that nobody saw."""
+"""Initialisation of the hypotheses, and their continuation after a stop that nobody saw."""
 
 import math
 
@@ -26,7 +26,7 @@ _WORN_PER_DAY, _MOST_DAYS = 0.05, 4.0
 _OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (PRELOAD, PAYLOAD, LOOSENESS, NUT_COMPLIANCE, TABLE_MASS)
-"""What a session knows of the one before; what is considered errs alike in all of them."""
+"""States carried over to the next session; what is considered errs alike in all sessions."""
 
 
 def begun(start: Start, settings: MixtureSettings) -> Bank:

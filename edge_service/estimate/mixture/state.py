@@ -1,4 +1,4 @@
-"""What the mixture follows of an axis, and the arrays that hold it."""
+"""Axis state that the mixture follows, and the arrays that hold it."""
 
 from typing import NamedTuple
 
@@ -57,7 +57,7 @@ of J a times the torque's error, and of its square, (N m)^2 s."""
 
 
 class AxisModel(NamedTuple):
-    """What is known of the axis; SI units, preload in percent of the dynamic load rating."""
+    """Known parameters of the axis; SI units, preload in percent of the dynamic load rating."""
 
     ratio_m_per_rad: float
     inertia_kg_m2: float
@@ -88,7 +88,7 @@ class AxisModel(NamedTuple):
 
 
 class Process(NamedTuple):
-    """How the state wanders and what may happen to it; see MixtureSettings.
+    """Process noise of the state, and events that may change it; see MixtureSettings.
 
     Variances per second unless said otherwise.
     """

@@ -1,1 +1,1 @@
-"""What was estimated, kept for years: a log that survives a crash, Parquet tiers, one question."""
+"""Estimates, kept for years: a log that survives a crash, Parquet tiers, one question."""

@@ -21,7 +21,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Bucket:
-    """What a span of time held; numbers are None where there was no estimate.
+    """Summary of a span of time; numbers are None where there was no estimate.
 
     Attributes:
         start_s: UNIX time of the bucket's start, s.

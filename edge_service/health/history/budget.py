@@ -1,4 +1,4 @@
-"""How much disk the history may take: the oldest single estimates make room first."""
+"""Disk budget of the history: the oldest single estimates make room first."""
 
 from pathlib import Path
 

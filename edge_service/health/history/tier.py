@@ -108,7 +108,7 @@ class FileTier:
             seen = path
 
     def _many(self, start_s: float, end_s: float) -> bool:
-        """Whether listing the folder is cheaper than asking for every name."""
+        """Tell whether listing the folder is cheaper than asking for every name."""
         return end_s - start_s > 50 * self.resolution.file_span.total_seconds()
 
     def _path(self, time_s: float) -> Path:

@@ -1,4 +1,4 @@
-"""What an effect does to an axis: a small closed set of contributions.
+"""Contributions of an effect to an axis: a small closed set.
 
 Each is a number or a function of one variable. The same function is evaluated on measured motion
 (`signature`) and on the grids of the simulated plant (`forward`), so both mean the same physics.
@@ -31,7 +31,7 @@ class Over(StrEnum):
 
 
 class Side(StrEnum):
-    """Where friction acts: before the spring, behind it, or shared as the Coulomb level is."""
+    """Side of the friction: before the spring, behind it, or shared as the Coulomb level is."""
 
     MOTOR = "motor"
     TABLE = "table"
@@ -39,7 +39,7 @@ class Side(StrEnum):
 
 
 class Place(StrEnum):
-    """What is shifted: the nut along the screw, m, or the reading of the motor's angle, rad."""
+    """Object of a shift: the nut along the screw, m, or the reading of the motor's angle, rad."""
 
     NUT = "nut"
     ANGLE_READING = "angle_reading"

@@ -13,7 +13,7 @@ Values = Mapping[str, float]
 
 
 class Role(StrEnum):
-    """How the signatures of an effect follow a parameter, all others fixed.
+    """Dependence of the signatures of an effect on a parameter, all others fixed.
 
     AMOUNT: in proportion, and the effect is gone when all its amounts are 0. PHASE: as
     cos(phase) S(0) + sin(phase) S(pi/2). SHAPE: in no such way, or the effect has no amount.
@@ -45,7 +45,7 @@ class Parameter:
     whole: bool = False
 
     def problem(self, value: float) -> str | None:
-        """What is wrong with a value, or None."""
+        """Problem with a value, or None."""
         if not (math.isfinite(value) and self.low <= value <= self.high):
             unit = f" {self.unit}" if self.unit != "1" else ""
             return f"expected {self.low:g} to {self.high:g}{unit}, got {value:g}"
@@ -67,13 +67,13 @@ def order(faulty: float) -> Parameter:
 
 
 def friction_share() -> Parameter:
-    """Where dry friction acts, for what follows the load between motor and table."""
+    """Parameter to locate dry friction, for what follows the load between motor and table."""
     text = "Dry friction of the table, over what the model puts there."
     return Parameter("friction_share", "1", text, 0.0, 1.5, 1.0, 1.0, Role.SHAPE)
 
 
 def viscous_share() -> Parameter:
-    """Where viscous friction acts, for what follows the load between motor and table."""
+    """Parameter to locate viscous friction, for what follows the load between motor and table."""
     text = "Viscous friction that acts on the table, over the whole in the model."
     return Parameter("viscous_share", "1", text, 0.0, 1.5, 0.0, 0.0, Role.SHAPE)
 
@@ -134,5 +134,5 @@ class ActiveEffect:
 
     @property
     def contributions(self) -> tuple[Contribution, ...]:
-        """What it does."""
+        """Contributions of the effect at its values."""
         return self.effect.contributions(self.values)

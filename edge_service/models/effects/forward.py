@@ -61,7 +61,7 @@ class Forward:
     position_lag_s: float
 
     def over_time(self, time_s: Floats) -> "TimeLoad":
-        """What follows time at (n,) times since the beginning."""
+        """Loads that follow time, at (n,) times since the beginning."""
         force, motor_dry, table_dry, resisting, strain, rise = np.zeros((6, len(time_s)))
         for each in self.contributions:
             match each:
@@ -87,7 +87,7 @@ class Forward:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeLoad:
-    """What acts on the plant by time alone, (n,) each; names as in `plant.Load`.
+    """Loads on the plant by time alone, (n,) each; names as in `plant.Load`.
 
     `temperature_rise_k` is that of the sensor, which acts on nothing.
     """

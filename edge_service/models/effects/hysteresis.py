@@ -1,4 +1,4 @@
-"""What remembers the way it came: play, and the bristles of presliding friction."""
+"""Hysteresis, which remembers the way it came: play, and the bristles of presliding friction."""
 
 import numpy as np
 import numpy.typing as npt

@@ -183,7 +183,7 @@ def _presliding_wind_up(reach_m: float, motion: Motion, baseline: Baseline) -> F
 
 
 def _late_wind_up(each: LateGrip, motion: Motion, baseline: Baseline) -> Floats:
-    """What the spring still lacks of the wind-up by dry friction that turns at once, m, (n,)."""
+    """Wind-up that the spring still lacks by dry friction that turns at once, m, (n,)."""
     held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, each.reach_m)
     compliance = each.level_m_per_n + each.slope_per_n * motion.position_m
     lacking_nm = each.friction_share * baseline.table_coulomb_nm * (held - motion.approach)
@@ -201,7 +201,7 @@ def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
 
 
 def _loaded_nm(motion: Motion, baseline: Baseline) -> Floats:
-    """What the spring carries by the model, N m at the motor, (n,)."""
+    """Load of the spring by the model, N m at the motor, (n,)."""
     return motion.load_torque_nm + _rubbed_nm(motion, baseline)
 
 

@@ -1,1 +1,1 @@
-"""What motions are made of: limits, segments, excitations, and the tests of an axis."""
+"""Building blocks of motions: limits, segments, excitations, and the tests of an axis."""

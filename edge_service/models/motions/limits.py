@@ -1,4 +1,4 @@
-"""Where, how fast and how hard an axis may go, and what asks for more."""
+"""Limits on where, how fast and how hard an axis may go, and what asks for more."""
 
 import math
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ NO_LOAD = AxisLoad()
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """What an axis allows; in m and s, all rates greater than 0.
+    """Limits of an axis; in m and s, all rates greater than 0.
 
     Attributes:
         jerk_m_s3: of moves; excitations are bounded by acceleration and torque alone.

@@ -51,7 +51,7 @@ class Route:
         acceleration_m_s2: float = 0.0,
         length_m: float = 0.0,
     ) -> bool:
-        """Whether the axis allows a part; it is left out if not.
+        """Tell whether the axis allows a part; it is left out if not.
 
         Raises:
             MotionError: the axis does not allow it, and nothing may be left out.
