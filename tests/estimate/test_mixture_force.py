@@ -86,7 +86,7 @@ def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
     assert abs(percent(bank) - FRESH) < 1.0
 
 
-SLIGHT_N = 5.0
+SLIGHT_N = 12.0
 
 
 @pytest.mark.parametrize("one_encoder", [True, False])

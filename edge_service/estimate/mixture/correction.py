@@ -2,11 +2,13 @@
 
 import math
 
+from ...messages.samples import Floats
 from ...models.compiled import inlined
 from .innovation import Innovation
 from .state import (
     GUIDE_VISCOUS,
     LOOSENESS,
+    MOST_SHARE,
     NUT_COMPLIANCE,
     NUT_FRICTION,
     PRELOAD,
@@ -15,9 +17,8 @@ from .state import (
     Bank,
 )
 
-_LEAST_PERCENT, _MOST_SHARE = 0.02, 1.3
+_LEAST_PERCENT = 0.02
 _LEAST_FRICTION, _MOST_FRICTION = -0.7, 3.0
-_LEAST_LOOSENESS = -0.01
 
 
 @inlined
@@ -31,7 +32,10 @@ def correct(
     two: bool,
     room: Innovation,
 ) -> None:
-    """Kalman correction with the innovation's covariance; what is considered stays as it was."""
+    """Kalman correction with the innovation's covariance; what is considered stays as it was.
+
+    No nut has more preload than it was made with, and no joint is stiffer than at commissioning.
+    """
     x, p = bank.mean[k], bank.covariance[k]
     size = x.shape[0]
     first, second, e = room.gains[0], room.gains[1], room.error
@@ -61,8 +65,22 @@ def correct(
                 p[i, j] -= a * first[j]
     if both:
         x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE] = nut
-        x[LOOSENESS] = max(x[LOOSENESS], _LEAST_LOOSENESS * model.compliance_m_per_n)
-    most = math.log(_MOST_SHARE * model.fresh_percent)
-    x[PRELOAD] = min(max(x[PRELOAD], math.log(_LEAST_PERCENT)), most)
+        x[LOOSENESS] = max(x[LOOSENESS], 0.0)
+    _bound(x, p, math.log(MOST_SHARE * model.fresh_percent), both)
+    x[PRELOAD] = max(x[PRELOAD], math.log(_LEAST_PERCENT))
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
         x[i] = min(max(x[i], _LEAST_FRICTION), _MOST_FRICTION)
+
+
+@inlined
+def _bound(x: Floats, p: Floats, most: float, both: bool) -> None:
+    """Project a state onto ln(preload) <= `most`: the likeliest one there (Simon, Chia 2002).
+
+    Cut off alone, what the rest of the state had made of a preload that cannot be would stand.
+    """
+    if x[PRELOAD] <= most or p[PRELOAD, PRELOAD] <= 0.0:
+        return
+    share = (most - x[PRELOAD]) / p[PRELOAD, PRELOAD]
+    for i in range(x.shape[0]):
+        if not (both and i == NUT_COMPLIANCE):
+            x[i] += share * p[PRELOAD, i]

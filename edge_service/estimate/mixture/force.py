@@ -74,14 +74,10 @@ def judge(
     two: bool,
     room: Innovation,
     told: Verdicts,
-) -> tuple[float, float, float]:
+) -> None:
     """Weigh a phase under hypothesis `k`, into `told`, and remember the force it would be.
 
     With one encoder a torque alone fits any force, so none is known again.
-
-    Returns:
-        What a force that begins adds to the innovation's covariance: of torque, of stretch, and
-        between them.
     """
     e, s = room.error, room.covariance
     ratio, force_var = model.ratio_m_per_rad, process.force_n * process.force_n
@@ -113,7 +109,6 @@ def judge(
     told.forced[k] = min(told.lasts[k] + math.exp(new - said), 1.0)
     told.misfit[k] = max(0.5 * nis_same - 1.0, 0.0)
     bank.force[k], bank.force_n[k] = told.forced[k], seen_n
-    return extra_uu, extra_ss, extra_us
 
 
 @inlined

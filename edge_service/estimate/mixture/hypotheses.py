@@ -149,12 +149,14 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
 
 @compiled
 def _take_over(bank: Bank, process: Process, leader: int, base: int) -> None:
+    """Believe a challenger; its rivals began beside what is believed no longer, and end."""
     mean, covariance = bank.mean[base].copy(), bank.covariance[base].copy()
     weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.floor)
     copy_to(bank, STEADY, leader, weight)
     begin_wear(bank, process, STEADY)
     copy_to(bank, WEARING, STEADY, weight + process.wearing_log_weight)
-    bank.alive[leader] = 0
+    for k in CHALLENGERS:
+        bank.alive[k] = 0
     bank.mean[BEFORE], bank.covariance[BEFORE] = mean, covariance
     copy_to(bank, BEFORE, BEFORE, left)
     bank.moments[SINCE_SPAWN_S] = process.spawn_s

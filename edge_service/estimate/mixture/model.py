@@ -89,7 +89,7 @@ class MixtureSettings:
     wander: float = 0.02
     wander_s: float = 1.0
     wander_m: float = 0.03
-    axial: float = 0.007
+    axial: float = 0.03
     preload_walk: float = 0.005
     wear_walk: float = 0.06
     wear_rate: float = 1e-3
@@ -113,7 +113,7 @@ class MixtureSettings:
     twist: float = 0.07
     uneven_m: float = 3e-6
     uneven_share: float = 0.01
-    evidence: float = 0.3
+    evidence: float = 0.5
     most_nats: float = 10.0
     force: float = 0.125
     force_error: float = 0.1

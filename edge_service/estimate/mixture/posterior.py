@@ -16,6 +16,7 @@ from .state import (
     BEARING_FRICTION,
     GUIDE_FRICTION,
     LOOSENESS,
+    MOST_SHARE,
     NUT_COMPLIANCE,
     NUT_FRICTION,
     PAYLOAD,
@@ -35,8 +36,6 @@ MODEL_ERROR = 0.015
 """Of ln(preload): what the cube root law and the drag's proportion are wrong by near fresh."""
 MODEL_ERROR_SHARE = 0.02
 """The same as a share of the way from the fresh preload."""
-MOST_SHARE = 1.05
-"""A screw's preload is lost, never gained, but for what heat does to it."""
 UNTOLD_SHARE, UNTOLD_LOW_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may
 be there, and up to the second at least."""

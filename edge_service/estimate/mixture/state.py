@@ -42,6 +42,9 @@ the data: no recording of a healthy axis can tell these, and a filter that tries
 a wrong model look right.
 """
 
+MOST_SHARE = 1.05
+"""Most preload over the fresh one: it is lost, never gained, but for what heat does to it."""
+
 STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BEFORE = range(8)
 HYPOTHESES = 8
 """Slots of the bank: preload steady or falling; a step of the preload, of all friction, of the

@@ -28,6 +28,8 @@ from .state import (
 )
 
 _INERTIA_S = 30.0
+_USUAL = 6.0
+"""Innovation squared that two quantities exceed in 5 % of all phases."""
 
 
 @compiled
@@ -59,8 +61,8 @@ def take(
         drift(bank, k, model, process, reading, elapsed_s)
         compliance = innovate(bank, k, model, process, reading, noise, two, room)
         error_nm[k] = room.error[0]
-        extra = judge(bank, k, model, process, begins, compliance, two, room, told)
-        _learn(bank, k, model, told, extra, two, room)
+        judge(bank, k, model, process, begins, compliance, two, room, told)
+        _learn(bank, k, model, told, two, room)
     _weigh(bank, process, told)
     leader = leader_of(bank)
     _watch_inertia(bank, model, reading, error_nm[leader])
@@ -79,30 +81,22 @@ def _learn(
     k: int,
     model: AxisModel,
     told: Verdicts,
-    extra: tuple[float, float, float],
     two: bool,
     room: Innovation,
 ) -> None:
     """Correct a hypothesis by a phase that no force has spoiled.
 
     What it cannot explain teaches it nothing, but for the likeliest: that gives way by a little, or
-    it would stand still where it errs, as after a long cut.
+    it would stand still where it errs, as after a long cut. A phase counts by the probability that
+    no force acts, and no less: to widen it by the force that might act would make light of those
+    phases that say something new, and of these alone.
     """
     forced, s = told.forced[k], room.covariance
     wild = told.nis[k] > OUTLIER
     if forced > FORCED or (wild and k != leader_of(bank)):
         return
-    scale = max(1.0, told.nis[k] / OUTLIER)
-    correct(
-        bank,
-        k,
-        model,
-        scale * (s[0, 0] + forced * extra[0]),
-        scale * (s[1, 1] + forced * extra[1]),
-        scale * (s[0, 1] + forced * extra[2]),
-        two,
-        room,
-    )
+    scale = max(1.0, told.nis[k] / _USUAL) / (1.0 - forced)
+    correct(bank, k, model, scale * s[0, 0], scale * s[1, 1], scale * s[0, 1], two, room)
 
 
 @inlined
