@@ -17,6 +17,8 @@ from edge_service.estimate.mixture.state import (
     GUIDE_VISCOUS,
     HYPOTHESES,
     LEARNING,
+    LOOSENESS,
+    MOST_SHARE,
     NUT_COMPLIANCE,
     NUT_FRICTION,
     OFFSET_RATE,
@@ -41,6 +43,7 @@ from .mixture_axis import SETTINGS
 FRICTIONS = range(NUT_FRICTION, GUIDE_VISCOUS + 1)
 CONSIDERED = (NUT_COMPLIANCE,)
 GROWTH_S = 300.0
+USUAL = 6.0
 TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
 
 
@@ -115,21 +118,47 @@ def corrected(
 ) -> tuple[Floats, Floats, float]:
     """State, covariance, and the innovation squared; what is considered has no gain.
 
-    P - K H P - P H' K' + K S K' with the rows of K that are considered set to zero.
+    P - K H P - P H' K' + K S K' with the rows of K that are considered set to zero; S is as many
+    times larger as the innovation squared exceeds what one phase of twenty does. The state is then
+    projected onto a preload that a nut can have; no joint is stiffer than when it was new.
     """
     told, slopes, compliance = expected(model, x, r)
     seen = np.array([r.torque_nm, r.stretch_m])[: len(told)]
     error = seen - told
     s = slopes @ p @ slopes.T + noise_of(model, process, x, r, compliance, len(told))
+    nis = float(error @ np.linalg.solve(s, error))
+    s *= max(1.0, nis / USUAL)
     gain = np.linalg.solve(s, slopes @ p).T
     if len(x) > TORQUE_STATES:
         gain[CONSIDERED, :] = 0.0
     cross = gain @ slopes @ p
-    return (
-        x + gain @ error,
-        p - cross - cross.T + gain @ s @ gain.T,
-        float(error @ np.linalg.solve(s, error)),
-    )
+    p = p - cross - cross.T + gain @ s @ gain.T
+    x = x + gain @ error
+    if len(x) > TORQUE_STATES:
+        x[LOOSENESS] = max(x[LOOSENESS], 0.0)
+    return bounded(model, x, p), p, nis
+
+
+def bounded(model: AxisModel, x: Floats, p: Floats) -> Floats:
+    """The likeliest state whose preload a nut can have: least (y - x)' P^-1 (y - x), by a multiplier.
+
+    What is considered stays; all is in standard deviations, of what varies.
+    """
+    most = math.log(MOST_SHARE * model.fresh_percent)
+    if x[PRELOAD] <= most:
+        return x
+    sigma = np.sqrt(np.diag(p))
+    free = [i for i in range(len(x)) if sigma[i] > 0.0]
+    if len(x) > TORQUE_STATES:
+        free = [i for i in free if i not in CONSIDERED]
+    system, right = np.zeros((len(free) + 1, len(free) + 1)), np.zeros(len(free) + 1)
+    system[:-1, :-1] = np.linalg.inv(p[np.ix_(free, free)] / np.outer(sigma[free], sigma[free]))
+    row = free.index(PRELOAD)
+    system[-1, row] = system[row, -1] = 1.0
+    right[-1] = (most - x[PRELOAD]) / sigma[PRELOAD]
+    y = x.copy()
+    y[free] += sigma[free] * np.linalg.solve(system, right)[:-1]
+    return y
 
 
 def alone(start: Start, sigma: float) -> Bank:

@@ -124,6 +124,17 @@ def test_a_challenger_that_has_led_takes_over_and_the_belief_goes_on_beside_it()
     assert all(bank.alive[k] for k in (LOSS, TOTAL_LOSS, LOOSENING))  # the next contest
 
 
+def test_what_began_beside_a_belief_ends_with_it() -> None:
+    """A rival that still has the preload from before would take back what was lost."""
+    bank = Challenger().bank()
+    for k in (LUBRICATION, LOAD, LOOSENING):
+        bank.mean[k], bank.covariance[k] = bank.mean[STEADY], bank.covariance[STEADY]
+        bank.alive[k], bank.log_weight[k] = 1, -1.0
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    kept = [k for k in range(HYPOTHESES) if bank.alive[k] and bank.mean[k, PRELOAD] > 0.0]
+    assert kept == [BEFORE]
+
+
 @pytest.mark.parametrize(
     "challenger",
     [

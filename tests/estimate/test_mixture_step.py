@@ -19,6 +19,7 @@ from edge_service.estimate.mixture.hypotheses import leader_of
 from edge_service.estimate.mixture.start import begun
 from edge_service.estimate.mixture.state import (
     FORCED_S,
+    MOST_SHARE,
     NUT_COMPLIANCE,
     PRELOAD,
     STEADY,
@@ -28,7 +29,7 @@ from edge_service.estimate.mixture.state import (
 )
 
 from .mixture_axis import FRESH, RATIO, SETTINGS, Truth, idle, measured, parts, production
-from .mixture_filter import FRICTIONS, alone, corrected, motion_of, never, unit
+from .mixture_filter import FRICTIONS, USUAL, alone, corrected, motion_of, never, unit
 
 FORCE_N = 300.0
 
@@ -128,24 +129,35 @@ def test_another_payload_tells_what_of_the_stretch_is_the_tables() -> None:
     assert math.exp(bank.mean[k, PRELOAD]) == pytest.approx(FRESH, rel=0.1)
 
 
+@pytest.mark.parametrize("share", [1.0, 1.15])
 @pytest.mark.parametrize("one_encoder", [False, True])
-def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool) -> None:
-    """The preload is known so well that one step is straight."""
+def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool, share: float) -> None:
+    """The preload is known so well that one step is straight; some phases say what is unlikely,
+    and where the nut seems to have more preload than it was made with, that is projected."""
     model, start, process = parts(one_encoder)
     process = never(process)
-    bank = alone(start, 0.03)
+    bank = alone(start, 0.04)
     mean, covariance = bank.mean[STEADY].copy(), bank.covariance[STEADY].copy()
-    for k, r in enumerate(production(4, 3.0, Truth(), one_encoder)):
+    mean[PRELOAD] += math.log(1.0 if share == 1.0 else MOST_SHARE)
+    bank.mean[STEADY] = mean
+    bounded, unlikely = 0, 0
+    for k, r in enumerate(production(4, 3.0, Truth(percent=share * FRESH), one_encoder)):
+        if k % 5 == 4:
+            r = r._replace(torque_nm=r.torque_nm + 0.06)
         before, elapsed_s = bank.mean[STEADY].copy(), 0.1
         f, q = motion_of(model, process, r, elapsed_s, mean)
         mean, covariance, nis = corrected(model, process, f @ mean, f @ covariance @ f.T + q, r)
         told = step.take(bank, model, process, r, elapsed_s)
         assert told == pytest.approx(nis / (1 if one_encoder else 2), rel=1e-3), k
+        unlikely += nis > USUAL
+        bounded += mean[PRELOAD] == pytest.approx(math.log(MOST_SHARE * FRESH), abs=1e-9)
         sigma = np.sqrt(np.diag(covariance)) + 1e-30
         np.testing.assert_allclose(bank.mean[STEADY] / sigma, mean / sigma, atol=1e-3, rtol=1e-6)
         away = (bank.covariance[STEADY] - covariance) / np.outer(sigma, sigma)
         np.testing.assert_allclose(away, 0.0, atol=1e-3)
         assert not np.array_equal(before, bank.mean[STEADY])
+    assert unlikely > 0
+    assert (bounded >= 3) == (share > 1.0), bounded
 
 
 @pytest.mark.parametrize("seed", [3, 5, 7])
@@ -214,7 +226,10 @@ def test_indices_of_torque_come_first() -> None:
 
 @pytest.mark.parametrize("wild_nm", [0.3, -0.3, 5.0])
 def test_no_phase_alone_condemns_a_hypothesis(wild_nm: float) -> None:
-    """However wild a phase is, weights part by no more than its share of the most it may say."""
+    """However wild a phase is, weights part by no more than its share of the most it may say.
+
+    One that all take for a process force says nothing.
+    """
     model, start, process = parts()
     bank, rng = begun(start, SETTINGS), np.random.default_rng(9)
     for r in production(3, 5.0, Truth()):
@@ -225,7 +240,8 @@ def test_no_phase_alone_condemns_a_hypothesis(wild_nm: float) -> None:
     step.take(bank, model, process, r._replace(torque_nm=r.torque_nm + wild_nm), 0.1)
     most = process.evidence * process.most_nats
     moved = (bank.log_weight[rows] - before)[before > process.floor + most]
-    assert 0.0 < np.ptp(moved) <= most + 1e-9
+    assert np.ptp(moved) <= most + 1e-9
+    assert np.ptp(moved) > 0.0 or bank.force[rows].min() > force.FORCED
 
 
 @pytest.mark.parametrize("wild_nm", [0.1, -0.1, 0.3, -0.3, 5.0, -1e3])
