@@ -140,7 +140,7 @@ def corrected(
 
 
 def bounded(model: AxisModel, x: Floats, p: Floats) -> Floats:
-    """The likeliest state whose preload a nut can have: least (y - x)' P^-1 (y - x), by a multiplier.
+    """Likeliest state with a preload that a nut can have: least (y - x)' P^-1 (y - x), by Lagrange.
 
     What is considered stays; all is in standard deviations, of what varies.
     """

@@ -141,9 +141,9 @@ def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool, share:
     mean[PRELOAD] += math.log(1.0 if share == 1.0 else MOST_SHARE)
     bank.mean[STEADY] = mean
     bounded, unlikely = 0, 0
-    for k, r in enumerate(production(4, 3.0, Truth(percent=share * FRESH), one_encoder)):
-        if k % 5 == 4:
-            r = r._replace(torque_nm=r.torque_nm + 0.06)
+    readings = [*production(4, 3.0, Truth(percent=share * FRESH), one_encoder)]
+    readings[4::5] = [r._replace(torque_nm=r.torque_nm + 0.06) for r in readings[4::5]]
+    for k, r in enumerate(readings):
         before, elapsed_s = bank.mean[STEADY].copy(), 0.1
         f, q = motion_of(model, process, r, elapsed_s, mean)
         mean, covariance, nis = corrected(model, process, f @ mean, f @ covariance @ f.T + q, r)
