@@ -119,7 +119,7 @@ class MixtureSettings:
     force_error: float = 0.1
     force_share: float = 0.03
     rapid_share: float = 0.005
-    force_stay: float = 0.8
+    force_stay: float = 0.88
 
 
 def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
