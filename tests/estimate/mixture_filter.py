@@ -118,9 +118,9 @@ def corrected(
 ) -> tuple[Floats, Floats, float]:
     """State, covariance, and the innovation squared; what is considered has no gain.
 
-    P - K H P - P H' K' + K S K' with the rows of K that are considered set to zero; S is as many
-    times larger as the innovation squared exceeds what one phase of twenty does. The state is then
-    projected onto a preload that a nut can have; no joint is stiffer than when it was new.
+    P - K H P - P H' K' + K S K' with the rows of K that are considered set to zero. Where the
+    innovation squared is above USUAL, S is scaled by their ratio. The state is then projected onto
+    a preload that a nut can have; no joint is stiffer than when it was new.
     """
     told, slopes, compliance = expected(model, x, r)
     seen = np.array([r.torque_nm, r.stretch_m])[: len(told)]
