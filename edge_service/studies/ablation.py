@@ -17,6 +17,7 @@ import numpy as np
 from ..config import DEFAULT_CONFIG, EdgeConfig, load_config, load_machine
 from ..estimate.fused import FusedPreloadEstimator
 from ..estimate.mixture.model import MixtureSettings
+from ..estimate.mixture.state import LOAD, LOOSENING, LOSS, LUBRICATION, TOTAL_LOSS
 from ..models.machine import Machine
 from ..nodes.columns import column_maps
 from ..nodes.commission import commission_to_file
@@ -38,41 +39,44 @@ from .life_scores import life_score
 from .second_plant import has_second_plant, make_recordings
 
 WHOLE = "the estimator as it is"
-_NEVER = 1e-30
 _USUAL = MixtureSettings()
-VARIANTS: Mapping[str, Mapping[str, float]] = {
-    WHOLE: {},
-    "no REVERSAL": {"reversal": 0.0},
-    "no TABLE_MASS beyond the data sheet's": {"twist": 0.0},
-    "no WEAR_RATE": {"wear_rate": 0.0, "rate_walk": 0.0},
-    "no WEARING": {"wear_walk": 0.005},
-    "no LOSS": {"loss_hazard": _NEVER},
-    "no TOTAL_LOSS": {"total_hazard": _NEVER},
-    "no LUBRICATION, no LOAD": {"stop_hazard": _NEVER},
-    "no LOOSENING": {"loosening_hazard": _NEVER},
-    "no process forces": {"force_share": _NEVER, "rapid_share": _NEVER},
-    "one beginning": {"half": 0.0, "none": 0.0, "loaded": 0.0},
-    "no LOOSENESS at the start": {"looseness": 0.0},
-    "three times the LOOSENESS at the start": {"looseness": 3.0 * _USUAL.looseness},
-    "nothing wanders": {"wander": 0.0},
-    "growth of the screw is smooth": {"uneven_share": 0.0},
-    "no axial friction": {"axial": 0.0},
-    "a phase may say anything": {"most_nats": 1e3},
-    "all evidence counts": {"evidence": 1.0},
-    "half the drift of friction": {"together": 0.05, "apart": 0.035},
-    "twice the drift of friction": {"together": 0.2, "apart": 0.14},
-    "half the memory of friction": {"friction_s": 300.0},
-    "twice the memory of friction": {"friction_s": 1200.0},
-    "no force lasts": {"force_stay": 0.0},
-    "a fifth of the process forces": {"force": 0.025},
-    "losses ten times as likely": {
-        "loss_hazard": 10.0 * _USUAL.loss_hazard,
-        "total_hazard": 10.0 * _USUAL.total_hazard,
-    },
-    "losses a tenth as likely": {
-        "loss_hazard": 0.1 * _USUAL.loss_hazard,
-        "total_hazard": 0.1 * _USUAL.total_hazard,
-    },
+
+
+def _drifting(factor: float) -> MixtureSettings:
+    """Settings of an axis whose frictions move farther, alike and apart."""
+    together, apart = factor * _USUAL.together, factor * _USUAL.apart
+    return MixtureSettings(together=together, apart=apart)
+
+
+VARIANTS: Mapping[str, MixtureSettings] = {
+    WHOLE: _USUAL,
+    "no REVERSAL": MixtureSettings(reversal=0.0),
+    "no TABLE_MASS beyond the data sheet's": MixtureSettings(twist=0.0),
+    "no WEAR_RATE": MixtureSettings(wear_rate=0.0, rate_walk=0.0),
+    "no WEARING": MixtureSettings(wear_walk=_USUAL.preload_walk),
+    "no LOSS": MixtureSettings(without=(LOSS,)),
+    "no TOTAL_LOSS": MixtureSettings(without=(TOTAL_LOSS,)),
+    "no LUBRICATION": MixtureSettings(without=(LUBRICATION,)),
+    "no LOAD": MixtureSettings(without=(LOAD,)),
+    "no LOOSENING": MixtureSettings(without=(LOOSENING,)),
+    "no process forces": MixtureSettings(force_share=0.0, rapid_share=0.0),
+    "one beginning": MixtureSettings(half=0.0, none=0.0, loaded=0.0),
+    "no LOOSENESS at the start": MixtureSettings(looseness=0.0),
+    "three times the LOOSENESS at the start": MixtureSettings(looseness=3.0 * _USUAL.looseness),
+    "nothing wanders": MixtureSettings(wander=0.0),
+    "growth of the screw is smooth": MixtureSettings(uneven_share=0.0),
+    "twice as uneven a growth": MixtureSettings(uneven_share=2.0 * _USUAL.uneven_share),
+    "no axial friction": MixtureSettings(axial=0.0),
+    "a phase may say anything": MixtureSettings(most_nats=1e3),
+    "all evidence counts": MixtureSettings(evidence=1.0),
+    "half the drift of friction": _drifting(0.5),
+    "twice the drift of friction": _drifting(2.0),
+    "half the memory of friction": MixtureSettings(friction_s=0.5 * _USUAL.friction_s),
+    "twice the memory of friction": MixtureSettings(friction_s=2.0 * _USUAL.friction_s),
+    "no force lasts": MixtureSettings(force_stay=0.0),
+    "a fifth of the process forces": MixtureSettings(force=0.2 * _USUAL.force),
+    "steps ten times as likely": MixtureSettings(hazard=10.0 * _USUAL.hazard),
+    "steps a tenth as likely": MixtureSettings(hazard=0.1 * _USUAL.hazard),
 }
 FOREIGN, SECOND, LIVES = "foreign", "second", "lives"
 FOREIGN_AXES = (3, 4, 5)
@@ -152,8 +156,7 @@ def on_life(tests: Path, axis_seed: int, shape: str, quick: bool) -> list[Ablate
     recordings = [axis.recorded(session) for session in life.sessions]
     machine = commissioned_machine(tests, axis_seed)
     every: list[Ablated] = []
-    for name, given in VARIANTS.items():
-        settings = MixtureSettings(**given)
+    for name, settings in VARIANTS.items():
         kept = KeptEstimator(partial(FusedPreloadEstimator, machine, settings))
         tracks = [kept.follow(recorded) for recorded in recordings]
         every.append(Ablated(LIVES, name, life_score(life, tracks).rows))
@@ -189,8 +192,8 @@ def read_recorded(trace: Path, truth_file: Path, machine: Machine, config: EdgeC
 
 
 def _variants(plant: str, machine: Machine, case: Recorded) -> Iterator[Ablated]:
-    for name, given in VARIANTS.items():
-        estimator = FusedPreloadEstimator(machine, MixtureSettings(**given))
+    for name, settings in VARIANTS.items():
+        estimator = FusedPreloadEstimator(machine, settings)
         yield Ablated(plant, name, score(follow(estimator, case, EVERY)))
 
 

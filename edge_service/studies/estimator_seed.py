@@ -7,6 +7,7 @@ import numpy as np
 
 from ..estimate.fused import FusedPreloadEstimator
 from ..estimate.mixture.model import MixtureSettings
+from ..estimate.mixture.state import LUBRICATION
 from ..messages.features import Fault, FeatureBlock, Phase
 from ..messages.samples import Floats
 from ..models.commissioned import CommissionedConfig
@@ -39,6 +40,7 @@ SETTINGS = MixtureSettings(
     evidence=1.0,
     force_share=1e-6,
     rapid_share=1e-6,
+    without=(LUBRICATION,),
 )
 """The seed's plant has no friction but the screw's, and no process."""
 STUCK_MARGIN_NM = 0.05

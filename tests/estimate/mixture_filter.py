@@ -178,6 +178,7 @@ def never(process: Process) -> Process:
         rapid_share=1e-300,
         force_stay=0.0,
         priors=np.full(HYPOTHESES, -np.inf),
+        stop_priors=np.full(HYPOTHESES, -np.inf),
         learn_s=math.inf,
     )
 

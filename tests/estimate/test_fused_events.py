@@ -38,6 +38,36 @@ def test_a_full_drop_is_seen_within_two_seconds_of_motion() -> None:
     assert (told[(told[:, 0] > 32.0), 1] < 0.5 * FRESH).all()
 
 
+@pytest.mark.parametrize("seed", [6, 7])
+@pytest.mark.parametrize("left", [0.3, 0.4, 0.6])
+@pytest.mark.parametrize("one_encoder", [False, True])
+def test_part_of_a_loss_is_not_read_as_all_of_it(one_encoder: bool, left: float, seed: int) -> None:
+    axis = replace(AXIS, one_encoder=one_encoder)
+    percent = np.where(np.arange(80_000) < 40_000, FRESH, left * FRESH)
+    blocks = downsampled(axis.frames("production", percent, seed), axis.nominal())
+    told = numbers(run(blocks, FusedPreloadEstimator(machine(one_encoder))))
+    after = told[told[:, 0] > 46.0]
+    assert len(after) > 300
+    assert misled(after, left * FRESH) == 0.0
+    assert after[-1, 1] < 0.95 * FRESH
+
+
+def test_a_load_and_a_lubricant_that_change_in_motion_are_no_loss() -> None:
+    """No stop is seen before the load, and automatic lubrication needs none."""
+    time_s = np.arange(120_000) / 1e3
+    frames = AXIS.frames(
+        "production",
+        np.full(len(time_s), FRESH),
+        7,
+        lubricant=np.where(time_s < 40.0, 1.0, 0.8),
+        added_mass_kg=np.where(time_s < 30.0, 0.0, 5.0),
+    )
+    told = numbers(run(downsampled(frames, AXIS.nominal())))
+    assert misled(told, FRESH) == 0.0
+    late = told[told[:, 0] > 60.0]
+    assert held(late, FRESH) > 0.94
+
+
 def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
     """Torque cannot tell a lost preload from a lubricated axis: no number misses the truth."""
     estimator = FusedPreloadEstimator(machine(one_encoder=True))

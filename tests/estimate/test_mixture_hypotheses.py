@@ -29,8 +29,10 @@ from edge_service.estimate.mixture.state import (
     NUT_FRICTION,
     PAYLOAD,
     PRELOAD,
+    SINCE_SPAWN_S,
     STEADY,
     STOPPED_S,
+    SURPRISE,
     TORQUE_OFFSET,
     TOTAL_LOSS,
     WEARING,
@@ -135,6 +137,32 @@ def test_what_began_beside_a_belief_ends_with_it() -> None:
     assert kept == [BEFORE]
 
 
+@pytest.mark.parametrize(("behind", "goes_on"), [(1.9, True), (2.1, False)])
+def test_a_rival_about_as_likely_as_the_winner_goes_on(behind: float, goes_on: bool) -> None:
+    """With one encoder a lost preload and a lubricant look alike."""
+    bank = Challenger().bank()
+    rival = 2.0 * bank.mean[STEADY]
+    bank.mean[LUBRICATION], bank.covariance[LUBRICATION] = rival, bank.covariance[STEADY]
+    bank.alive[LUBRICATION], bank.log_weight[LUBRICATION] = 1, bank.log_weight[LOSS] - behind
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    assert bool(bank.mean[LUBRICATION, PRELOAD] == rival[PRELOAD]) is goes_on
+    assert bank.alive[LUBRICATION]  # if not that one, the next
+
+
+def test_what_was_believed_before_can_win_back() -> None:
+    """It changes places with what is believed now, force and all."""
+    bank = Challenger().bank()
+    bank.alive[LOSS] = 0
+    bank.log_weight[BEFORE], bank.age_s[BEFORE], bank.directions[BEFORE] = 3.0, 9.0, 3
+    bank.mean[BEFORE] = 3.0 * bank.mean[STEADY]
+    bank.force[STEADY], bank.force[BEFORE] = 0.02, 0.01
+    now, then = bank.mean[STEADY].copy(), bank.mean[BEFORE].copy()
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    assert bank.mean[STEADY, PRELOAD] == then[PRELOAD]
+    np.testing.assert_array_equal(bank.mean[BEFORE], now)
+    assert (bank.force[STEADY], bank.force[BEFORE]) == (0.01, 0.02)
+
+
 @pytest.mark.parametrize(
     "challenger",
     [
@@ -162,10 +190,34 @@ def test_the_other_direction_decides_once_it_has_been_seen() -> None:
 
 
 @pytest.mark.parametrize("stop_s", [0.1, 0.9 * STOP_S, 1.1 * STOP_S])
-def test_load_and_lubricant_are_changed_at_a_stop_only(stop_s: float) -> None:
+def test_load_and_lubricant_are_changed_after_a_stop(stop_s: float) -> None:
     bank = settled()
     follow_hypotheses(bank, PROCESS, TICK, stop_s, True)
     assert bool(bank.alive[LOAD]) is bool(bank.alive[LUBRICATION]) is (stop_s > STOP_S)
+
+
+def test_any_step_may_happen_while_the_axis_moves() -> None:
+    """Another load too: no stop may have been seen, and automatic lubrication needs none."""
+    bank = settled()
+    for _ in range(40):
+        follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    for k in CHALLENGERS:
+        ahead = bank.log_weight[k] - bank.log_weight[STEADY]
+        assert ahead == pytest.approx(math.log(SETTINGS.hazard * PROCESS.spawn_s))
+
+
+@pytest.mark.parametrize(
+    ("nis", "calm", "begins"), [(9.1, False, True), (8.9, False, False), (9.1, True, False)]
+)
+def test_a_loss_begins_with_the_phase_that_surprises(nis: float, calm: bool, begins: bool) -> None:
+    """One that began before it has learned that nothing happened, and a total one would win."""
+    bank = settled()
+    follow_hypotheses(bank, PROCESS, TICK, 4.0, True)
+    bank.mean[LOSS, PRELOAD] = -1.0
+    bank.moments[SURPRISE] = nis
+    bank.moments[SINCE_SPAWN_S] = 0.0
+    follow_hypotheses(bank, PROCESS, TICK, 0.1, calm)
+    assert bool(bank.mean[LOSS, PRELOAD] == bank.mean[STEADY, PRELOAD]) is begins
 
 
 @pytest.mark.parametrize("calm", [False, True])
@@ -249,6 +301,7 @@ def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> N
 
 def test_settings_of_nothing_give_no_such_challenger() -> None:
     bank = settled()
-    quiet = PROCESS._replace(priors=np.full(HYPOTHESES, -np.inf))
+    nothing = np.full(HYPOTHESES, -np.inf)
+    quiet = PROCESS._replace(priors=nothing, stop_priors=nothing)
     follow_hypotheses(bank, quiet, TICK, 5.0, True)
     assert not any(bank.alive[k] for k in CHALLENGERS)

@@ -1,6 +1,7 @@
 """The numbers of the mixture follow from the machine file."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from edge_service.estimate.mixture.model import (
     start_of,
 )
 from edge_service.estimate.mixture.state import (
+    CHALLENGERS,
     CLOCK_SKEW,
     GUIDE_VISCOUS,
+    HYPOTHESES,
     LOAD,
     LOOSENING,
     LOSS,
@@ -135,20 +138,31 @@ def test_torques_and_forces_scale_with_the_friction_of_the_axis(larger: float) -
 
 
 def test_what_may_happen_is_what_the_encoders_can_tell() -> None:
-    both, one = parts()[2].priors, parts(one_encoder=True)[2].priors
+    both, one = parts()[2], parts(one_encoder=True)[2]
     told = (LOSS, TOTAL_LOSS, LUBRICATION)
-    assert all(both[k] == one[k] > -math.inf for k in told)
-    assert all(both[k] > -math.inf for k in (LOAD, LOOSENING))
-    assert all(one[k] == -math.inf for k in (LOAD, LOOSENING))
-    assert both[LOSS] == pytest.approx(math.log(SETTINGS.loss_hazard))
+    per_motion, per_stop = math.log(SETTINGS.hazard), math.log(SETTINGS.stop_hazard)
+    assert {k for k in range(HYPOTHESES) if both.priors[k] == per_motion} == set(CHALLENGERS)
+    assert {k for k in range(HYPOTHESES) if one.priors[k] == per_motion} == set(told)
+    assert {k for k in range(HYPOTHESES) if both.stop_priors[k] == per_stop} == {LUBRICATION, LOAD}
+    assert {k for k in range(HYPOTHESES) if one.stop_priors[k] == per_stop} == {LUBRICATION}
+    assert max(both.priors) == per_motion
+    assert max(both.stop_priors) == per_stop
 
 
-def test_an_axis_whose_friction_never_moves_knows_no_lubrication() -> None:
+@pytest.mark.parametrize("slot", CHALLENGERS)
+def test_an_axis_can_be_without_a_step(slot: int) -> None:
+    settings = replace(SETTINGS, without=(slot,))
+    model = axis_model(machine(), settings)
+    process = process_of(machine(), model, start_of(machine(), model, settings), settings)
+    assert process.priors[slot] == process.stop_priors[slot] == -math.inf
+    assert np.isfinite(process.priors).sum() == len(CHALLENGERS) - 1
+
+
+def test_an_axis_whose_friction_never_moves_begins_with_none() -> None:
     settings = MixtureSettings(together=0.0, apart=0.0)
     model = axis_model(machine(), settings)
     start = start_of(machine(), model, settings)
     process = process_of(machine(), model, start, settings)
-    assert process.priors[LUBRICATION] == -math.inf
     rows = slice(NUT_FRICTION, GUIDE_VISCOUS + 1)
     assert not start.covariance[rows].any()
     assert not process.walk[rows].any()

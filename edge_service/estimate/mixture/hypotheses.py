@@ -17,11 +17,11 @@ from .state import (
     LOOSENESS,
     LOOSENING,
     LOSS,
-    LUBRICATION,
     PAYLOAD,
     PRELOAD,
     SINCE_SPAWN_S,
     STEADY,
+    STOP_CHALLENGERS,
     STOPPED_S,
     SURPRISE,
     TOTAL_LOSS,
@@ -33,10 +33,10 @@ from .state import (
 )
 
 STOP_S = 1.0
-"""Loads and lubricants are changed while the axis stands, for at least this long."""
+"""Loads and lubricants are mostly changed while the axis stands, for at least this long."""
 _LONGEST_STOP_S = 100.0
 _SURPRISE = 9.0
-_SOON_S, _SOON_FORCED_S = 0.3, 0.6
+_SOON_S = 0.3
 _LEAST_SHARE = math.log(1e-3)
 _ALIVE = 2.0
 _GAINED = 1.0
@@ -66,6 +66,10 @@ def follow_hypotheses(
 ) -> None:
     """After a phase: let a challenger that has won take over, and begin new ones.
 
+    They begin with the phase that surprises what is believed: a loss that began before it has
+    learned that nothing happened, and would leave the field to a total one, which no phase before
+    it has taught anything.
+
     Args:
         calm: whether no process force acts.
     """
@@ -90,21 +94,22 @@ def follow_hypotheses(
     if _wins(bank, process, leader, base, calm):
         _take_over(bank, process, leader, base)
         leader = base = STEADY
+    log_spawn = math.log(process.spawn_s)
     if moments[STOPPED_S] > 0.0:
         log_time = math.log(moments[STOPPED_S])
         moments[STOPPED_S] = 0.0
-        _challenge(bank, process, LUBRICATION, base, leader, log_time)
-        _challenge(bank, process, LOAD, base, leader, log_time)
+        for k in STOP_CHALLENGERS:
+            _challenge(bank, process, k, base, leader, process.stop_priors[k] + log_time)
         for k in (LOSS, TOTAL_LOSS):
-            _challenge(bank, process, k, base, leader, math.log(process.spawn_s))
+            _challenge(bank, process, k, base, leader, process.priors[k] + log_spawn)
     since = moments[SINCE_SPAWN_S]
-    soon = _SOON_S if calm else _SOON_FORCED_S
-    if since >= process.spawn_s or (moments[SURPRISE] > _SURPRISE and since >= soon):
+    surprised = moments[SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
+    if since >= process.spawn_s or surprised:
         moments[SINCE_SPAWN_S] = 0.0
         _level(bank, STEADY, WEARING)
         _level(bank, WEARING, STEADY)
-        for k in (LOSS, TOTAL_LOSS, LOOSENING):
-            _challenge(bank, process, k, base, leader, math.log(process.spawn_s))
+        for k in CHALLENGERS:
+            _challenge(bank, process, k, base, leader, process.priors[k] + log_spawn)
 
 
 @compiled
@@ -149,15 +154,21 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
 
 @compiled
 def _take_over(bank: Bank, process: Process, leader: int, base: int) -> None:
-    """Believe a challenger; its rivals began beside what is believed no longer, and end."""
+    """Believe a challenger; its rivals began beside what is believed no longer, and end.
+
+    A rival that is about as likely goes on: with one encoder much looks alike.
+    """
     mean, covariance = bank.mean[base].copy(), bank.covariance[base].copy()
+    force, force_n = bank.force[base], bank.force_n[base]
     weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.floor)
     copy_to(bank, STEADY, leader, weight)
     begin_wear(bank, process, STEADY)
     copy_to(bank, WEARING, STEADY, weight + process.wearing_log_weight)
     for k in CHALLENGERS:
-        bank.alive[k] = 0
+        if k == leader or bank.log_weight[k] < weight - process.margin:
+            bank.alive[k] = 0
     bank.mean[BEFORE], bank.covariance[BEFORE] = mean, covariance
+    bank.force[BEFORE], bank.force_n[BEFORE] = force, force_n
     copy_to(bank, BEFORE, BEFORE, left)
     bank.moments[SINCE_SPAWN_S] = process.spawn_s
 
@@ -204,14 +215,16 @@ def _level(bank: Bank, slot: int, other: int) -> None:
 
 @compiled
 def _challenge(
-    bank: Bank, process: Process, slot: int, base: int, leader: int, log_time: float
+    bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float
 ) -> None:
     """Begin a challenger beside what is believed, unless one of its kind is in the running.
 
     A step of the preload shows within seconds; the others run on for as long as they gain, and
     each while it explains what the likeliest takes for a force.
+
+    Args:
+        prior: log-probability that the step has happened since the last challenger began.
     """
-    prior = process.priors[slot] + log_time
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     gains = ahead > prior + _GAINED
     if slot in (LOSS, TOTAL_LOSS):

@@ -8,6 +8,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.machine import Machine
 from .state import (
+    CHALLENGERS,
     CLOCK_SKEW,
     ENCODER_OFFSET,
     ENCODER_SLOPE,
@@ -28,13 +29,13 @@ from .state import (
     PRELOAD,
     REVERSAL,
     SLOPE_RATE,
+    STOP_CHALLENGERS,
     STRETCH_STATES,
     STRETCH_WANDER,
     TABLE_MASS,
     TORQUE_OFFSET,
     TORQUE_STATES,
     TORQUE_WANDER,
-    TOTAL_LOSS,
     WEAR_RATE,
     WEARING,
     AxisModel,
@@ -68,8 +69,9 @@ class MixtureSettings:
         start: of ln(preload) at the start; half of it is lost with probability `half`, all with
             `none`; the load is another with `loaded`.
         loss, lubricated, lubricated_apart, load, loosened: how large steps are.
-        loss_hazard, total_hazard, loosening_hazard: per second of motion.
+        hazard: per second of motion, of each step that an axis may undergo.
         stop_hazard: per second of a stop after which lubrication, or load, is another.
+        without: hypotheses that the axis cannot have.
         reversal: how far what parts the directions in the stretch moves, as the frictions do.
         looseness: of the compliance beside the nut, at the start.
         twist: of the mass behind the commissioned compliance: a screw twists by its own inertia.
@@ -104,10 +106,9 @@ class MixtureSettings:
     lubricated_apart: float = 0.08
     load: float = 0.4
     loosened: float = 0.15
-    loss_hazard: float = 1e-4
-    total_hazard: float = 3e-5
-    loosening_hazard: float = 1e-5
+    hazard: float = 1e-4
     stop_hazard: float = 1e-3
+    without: tuple[int, ...] = ()
     reversal: float = 0.1
     looseness: float = 0.001
     twist: float = 0.07
@@ -266,11 +267,12 @@ def process_of(
         loose_m=1e-6 if two else 0.0,
         growth_s=300.0,
         jumps=_jumps(size, start, model, settings),
-        priors=_priors(two, settings),
+        priors=_priors(CHALLENGERS, settings.hazard, two, settings),
+        stop_priors=_priors(STOP_CHALLENGERS, settings.stop_hazard, two, settings),
         lost_log_percent=math.log(0.02 * model.fresh_percent),
         lost_sigma=0.7,
         loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
-        wearing_log_weight=_log(settings.wearing),
+        wearing_log_weight=math.log(settings.wearing),
         evidence=settings.evidence,
         most_nats=settings.most_nats,
         force_n=settings.force * rating,
@@ -312,19 +314,10 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     return jumps
 
 
-def _priors(two: bool, settings: MixtureSettings) -> Floats:
-    """Log-probability of each step, per second of motion or of a stop, (HYPOTHESES,)."""
+def _priors(slots: tuple[int, ...], hazard: float, two: bool, settings: MixtureSettings) -> Floats:
+    """Log-probability per second of those steps that the axis can have, (HYPOTHESES,)."""
     priors = np.full(HYPOTHESES, -np.inf)
-    shares = {LOSS: settings.loss_hazard, TOTAL_LOSS: settings.total_hazard}
-    if settings.together > 0.0:
-        shares[LUBRICATION] = settings.stop_hazard
-    if two:
-        shares |= {LOAD: settings.stop_hazard, LOOSENING: settings.loosening_hazard}
-    for slot, share in shares.items():
-        priors[slot] = _log(share)
+    for slot in slots:
+        if slot not in settings.without and (two or slot not in (LOAD, LOOSENING)):
+            priors[slot] = math.log(hazard)
     return priors
-
-
-def _log(share: float) -> float:
-    """Logarithm of a probability; hardly anything for none."""
-    return math.log(max(share, 1e-30))

@@ -50,6 +50,8 @@ HYPOTHESES = 8
 """Slots of the bank: preload steady or falling; a step of the preload, of all friction, of the
 load, of the compliance beside the nut; and what was believed before the last such step."""
 CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING)
+STOP_CHALLENGERS = (LUBRICATION, LOAD)
+"""What is likelier after a stop."""
 
 SINCE_SPAWN_S, STOPPED_S, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
 INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
@@ -111,7 +113,8 @@ class Process(NamedTuple):
     loose_m: float  # clearance of a nut without preload
     growth_s: float  # time constant of a warming screw
     jumps: Floats  # (HYPOTHESES, n, n), covariance that a step adds
-    priors: Floats  # (HYPOTHESES,), log-probability per second, of a stop for LUBRICATION, LOAD
+    priors: Floats  # (HYPOTHESES,), log-probability of a step per second of motion
+    stop_priors: Floats  # (HYPOTHESES,), the same per second of a stop
     lost_log_percent: float  # ln of the preload of a total loss, in percent
     lost_sigma: float
     loosened_m_per_n: float  # mean of a loosening
