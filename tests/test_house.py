@@ -134,6 +134,8 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"a force is above {FORCED:g} corrects".replace("0.", ".") in text
     assert f"an innovation squared above {OUTLIER:g}" in text
     assert f"No phase says more than {said.most_nats:g} nats" in text
+    assert f"(assumed: {said.hazard:.0e} per second)".replace("-0", "-") in text
+    assert f"begin with {said.stop_hazard:.0e} per second of it (assumed".replace("-0", "-") in text
     assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
     assert f"to an assumed {said.looseness * 100:g} %".replace("0.", ".") in text
     assert f"{said.uneven_share:.0%} of the growth (assumed)".replace("%", " %") in text
