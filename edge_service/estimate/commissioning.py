@@ -175,6 +175,7 @@ def _transmission(
         clock_skew_s=stretch.skew_s,
         lead_map_m=tuple(float(value) for value in stretch.lead_map_m),
         wind_up_map_m=tuple(float(value) for value in stretch.wind_up_map_m),
+        map_sigma_m=tuple(float(value) for value in stretch.map_sigma_m),
         noise_density_m2_s=stretch.noise.density,
         noise_slow_rad_s=stretch.noise.slow_rad_s,
     )

@@ -41,15 +41,20 @@ class RobustFit:
     """Weighted least squares with priors.
 
     Attributes:
-        value, sigma: of the parameters, (p,).
+        value, covariance: of the parameters, (p,) and (p, p).
         residual: of the rows, (n,).
         noise: learned from the residual.
     """
 
     value: Floats
-    sigma: Floats
+    covariance: Floats
     residual: Floats
     noise: Noise
+
+    @property
+    def sigma(self) -> Floats:
+        """Standard deviations of the parameters, (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 def robust_fit(
@@ -74,7 +79,7 @@ def robust_fit(
         noise = _noise_of(residual, phases)
         z = np.abs(residual) / np.sqrt(noise.variance(steady_s, speed))
         trust = np.minimum(1.0, HUBER / np.maximum(z, 1e-12))
-    return RobustFit(value, np.sqrt(np.diag(covariance)), residual, noise)
+    return RobustFit(value, covariance, residual, noise)
 
 
 def _noise_of(residual: Floats, phases: SteadyPhases) -> Noise:

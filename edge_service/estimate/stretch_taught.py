@@ -1,5 +1,6 @@
 """Stretch under inertia force, identified on a healthy axis with two encoders (5.3.1)."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,8 +15,11 @@ LEAD_NODES, NODES_PER_TURN = 40, 4
 """Of the maps along the stroke: so many, but no more to a turn of the screw."""
 LEAD_SIGMA_M = 5e-6
 WIND_UP_SIGMA_M = 2e-7
+"""How far the maps wander from one end of the stroke to the other."""
 _NONE = 1e-12
 """Prior of a parameter that is held at zero."""
+_LOADS = 4
+"""Parameters of the fit before those of `_Beside`: the loads, and the change of the slope."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +36,7 @@ class StretchTaught:
     skew_s: float
     lead_map_m: Floats
     wind_up_map_m: Floats
+    map_sigma_m: Floats
     noise: Noise
 
 
@@ -67,14 +72,22 @@ class _Beside:
     """Shifts of the table without force: clocks, warmth, errors of the lead.
 
     Attributes:
-        columns, sigma: with their priors, (n, q) and (q,).
-        drifts, nodes: how many columns are drift, and how many nodes each map along the screw has.
+        columns, sigma: with their priors, (n, q) and (q,); those of the maps are steps from node to
+            node, so that a place where the axis has not been is as its nearest neighbour.
+        drifts: how many columns are drift.
+        visited: share of the rows that each node of the maps is told by, (k,).
     """
 
     columns: Floats
     sigma: Floats
     drifts: int
-    nodes: int
+    visited: Floats
+
+    @property
+    def maps(self) -> tuple[slice, slice]:
+        """Places of both maps among all parameters of the fit."""
+        first, count = _LOADS + 1 + self.drifts, len(self.visited)
+        return slice(first, first + count), slice(first + count, first + 2 * count)
 
 
 def teach_stretch(
@@ -89,7 +102,7 @@ def teach_stretch(
     slope, fit = _series_fit(seen, beside, nut_softness)
     if fit.value[0] < 3.0 * fit.sigma[0]:
         return None
-    lead, wind_up = np.split(fit.value[5 + beside.drifts :], [beside.nodes])
+    lead, wind_up = (fit.value[each].cumsum() for each in beside.maps)
     return StretchTaught(
         reference_m=seen.reference_m,
         per_acceleration_s2=float(fit.value[0]),
@@ -101,8 +114,25 @@ def teach_stretch(
         skew_s=float(fit.value[4]) + (0.0 if seen.sloped else float(fit.value[2])),
         lead_map_m=lead,
         wind_up_map_m=wind_up,
+        map_sigma_m=_map_sigma_m(beside, fit),
         noise=fit.noise,
     )
+
+
+def _map_sigma_m(beside: _Beside, fit: RobustFit) -> Floats:
+    """Standard deviation of both maps at their nodes, (k,).
+
+    Against the straight line through where the axis has been, for the zeros of the encoders and the
+    growth of the screw hold that as well.
+    """
+    count = len(beside.visited)
+    line = np.vander(np.linspace(-1.0, 1.0, count), 2)
+    weighed = line.T * beside.visited
+    nodes = np.tri(count) - line @ np.linalg.lstsq(weighed @ line, weighed @ np.tri(count))[0]
+    variance = np.zeros(count)
+    for each in beside.maps:
+        variance += np.diag(nodes @ fit.covariance[each, each] @ nodes.T)
+    return np.sqrt(variance)
 
 
 def _seen(phases: SteadyPhases, machine: Machine) -> _Seen:
@@ -134,14 +164,18 @@ def _beside(seen: _Seen) -> _Beside:
     nodes = np.linspace(0.0, stroke, seen.pieces + 1)
     level = float(np.std(seen.stretch_m)) or 1e-9
     lead = _hats(phases.table_m, nodes)
+    steps = lead[:, ::-1].cumsum(axis=1)[:, ::-1]
+    each = np.ones(len(nodes))
+    each[1:] /= math.sqrt(seen.pieces)
     sigma = [
         np.array([1e-3]),
         drift_sigma * level,
-        np.full(len(nodes), min(level, LEAD_SIGMA_M)),
-        np.full(len(nodes), min(level, WIND_UP_SIGMA_M)),
+        min(level, LEAD_SIGMA_M) * each,
+        min(level, WIND_UP_SIGMA_M) * each,
     ]
-    columns = [seen.loads[:, 2], drift, lead, phases.direction[:, None] * lead]
-    return _Beside(np.column_stack(columns), np.concatenate(sigma), drift.shape[1], len(nodes))
+    columns = [seen.loads[:, 2], drift, steps, phases.direction[:, None] * steps]
+    visited = lead.sum(axis=0) / len(lead)
+    return _Beside(np.column_stack(columns), np.concatenate(sigma), drift.shape[1], visited)
 
 
 def _series_fit(
@@ -152,7 +186,7 @@ def _series_fit(
         stretch = (1 + slope away + nut softness) loads @ value + beside @ rest,
 
     by Gauss-Newton on the slope; the softness is that of the nut where its preload differs from
-    the mean.
+    the mean. The maps are as uneven as those of their steps say that the axis has made.
 
     Returns:
         slope, 1/m, and the fit on [loads, change of the slope, beside].
@@ -169,7 +203,16 @@ def _series_fit(
         change = float(fit.value[3])
         slope += change if value.any() else change / float(fit.value[0])
         value = fit.value[:3]
+        for each in beside.maps:
+            sigma[each][1:] = _step_sigma(fit, each, beside.visited)
     return slope, fit
+
+
+def _step_sigma(fit: RobustFit, steps: slice, visited: Floats) -> float:
+    """Standard deviation of a map's steps between nodes where the axis has been (one EM step)."""
+    made = np.minimum(visited[1:], visited[:-1]) > 0.0
+    square = fit.value[steps][1:] ** 2 + np.diag(fit.covariance)[steps][1:]
+    return float(np.sqrt(np.mean(square[made]))) if made.any() else _NONE
 
 
 def _drift_columns(run: Floats, time_s: Floats, away_m: Floats) -> tuple[Floats, Floats]:

@@ -25,6 +25,7 @@ class TransmissionConfig(_Table):
             screw's drag what acts behind its spring.
         lead_map_m: difference of the encoders at even nodes from 0 to the stroke.
         wind_up_map_m: half of what the reversal differs there from that of `reversal_force_n`.
+        map_sigma_m: standard deviation of both maps: large where the axis has not been.
         noise_density_m2_s: variance of a mean over one second of fast motion.
         noise_slow_rad_s: motion as slow as this has twice that variance.
     """
@@ -40,6 +41,7 @@ class TransmissionConfig(_Table):
     clock_skew_s: float = 0.0
     lead_map_m: tuple[float, ...] = ()
     wind_up_map_m: tuple[float, ...] = ()
+    map_sigma_m: tuple[float, ...] = ()
     noise_density_m2_s: float = Field(gt=0.0)
     noise_slow_rad_s: float = Field(0.0, ge=0.0)
 

@@ -52,6 +52,7 @@ def machine(one_encoder: bool = False, edge_rad2_s2: float = 0.0) -> Machine:
         clock_skew_s=1e-6,
         lead_map_m=(0.0, 2e-6, 1e-6),
         wind_up_map_m=(0.0, 3e-8),
+        map_sigma_m=(2e-7, 0.0, 1e-7),
         noise_density_m2_s=3e-18,
     )
     return Machine(

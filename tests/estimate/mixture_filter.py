@@ -72,7 +72,9 @@ def motion_of(
         keep = math.exp(-abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s / WAY_M)
         f[STRETCH_WANDER, STRETCH_WANDER] = keep
         finer_m = SETTINGS.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
-        wander_m2 = process.stretch_wander_m**2 + finer_m**2
+        nodes_m = np.linspace(0.0, model.stroke_m, len(model.map_sigma_m))
+        unknown_m = float(np.interp(r.table_m, nodes_m, model.map_sigma_m))
+        wander_m2 = process.stretch_wander_m**2 + finer_m**2 + unknown_m**2
         q[STRETCH_WANDER, STRETCH_WANDER] = wander_m2 * (1.0 - keep**2)
         f[REVERSAL, REVERSAL] = math.exp(-elapsed_s / SETTINGS.friction_s)
         keep = math.exp(-elapsed_s / GROWTH_S)

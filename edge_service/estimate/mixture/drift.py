@@ -4,6 +4,7 @@ import math
 
 from ...messages.samples import Floats
 from ...models.compiled import inlined
+from .physics import mapped
 from .state import (
     ENCODER_OFFSET,
     ENCODER_SLOPE,
@@ -52,7 +53,8 @@ def drift(
         keep = math.exp(-way_m / process.stretch_wander_way_m)
         _fade(x, p, STRETCH_WANDER, keep)
         uneven_m = process.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
-        wander_m2 = process.stretch_wander_m**2 + uneven_m**2
+        unknown_m = mapped(model.map_sigma_m, model.stroke_m, r.table_m)
+        wander_m2 = process.stretch_wander_m**2 + uneven_m**2 + unknown_m**2
         p[STRETCH_WANDER, STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
         keep = math.exp(-elapsed_s / process.growth_s)
         grown_s = process.growth_s * (1.0 - keep)

@@ -156,6 +156,7 @@ def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
         stribeck_speed_rad_s=taught.stribeck_speed_rad_s,
         stroke_m=machine.axis.stroke_m or 1.0,
         stroke_map=np.array(taught.stroke_map, dtype=np.float64).reshape(-1, 2),
+        map_sigma_m=np.array(t.map_sigma_m if t else (), dtype=np.float64),
         lead_map_m=np.array(t.lead_map_m if t else (), dtype=np.float64),
         wind_up_map_m=np.array(t.wind_up_map_m if t else (), dtype=np.float64),
         torque_density=taught.noise_density_nm2_s,

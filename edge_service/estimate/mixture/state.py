@@ -83,6 +83,7 @@ class AxisModel(NamedTuple):
     stribeck_speed_rad_s: float
     stroke_m: float  # period of the stroke map
     stroke_map: Floats  # (k, 2) cosine and sine of the k-th harmonic of the preload
+    map_sigma_m: Floats  # standard deviation of both maps below, the same
     lead_map_m: Floats  # at even nodes from 0 to the stroke
     wind_up_map_m: Floats  # the same, times the direction
     torque_density: float  # (N m)^2 s: variance of a mean over 1 s of fast motion
