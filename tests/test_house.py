@@ -139,7 +139,7 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
     assert f"to an assumed {said.looseness * 100:g} %".replace("0.", ".") in text
     assert f"{said.uneven_share:.0%} of the growth (assumed)".replace("%", " %") in text
-    assert f"twist of the screw: {said.twist * 100:g} %" in text
+    assert f"twist of the screw: {said.twist * 100:g} +- {said.twist * 100:g} %" in text
 
 
 def test_pictures_in_the_readme_exist() -> None:

@@ -26,6 +26,7 @@ from edge_service.estimate.mixture.state import (
     NUT_FRICTION,
     PRELOAD,
     STRETCH_STATES,
+    TABLE_MASS,
     TORQUE_OFFSET,
     TORQUE_STATES,
     TORQUE_WANDER,
@@ -86,7 +87,8 @@ def test_it_begins_at_the_commissioned_axis() -> None:
     assert start.mean[TORQUE_OFFSET] == 0.01
     assert start.mean[CLOCK_SKEW] == 1e-6
     assert start.mean[NUT_COMPLIANCE] == pytest.approx(NUT_SHARE * COMPLIANCE)
-    assert np.count_nonzero(start.mean) == 4
+    assert start.mean[TABLE_MASS] == SETTINGS.twist
+    assert np.count_nonzero(start.mean) == 5
     deviation = math.sqrt(start.covariance[NUT_COMPLIANCE, NUT_COMPLIANCE])
     assert deviation == pytest.approx(0.1 * NUT_SHARE * COMPLIANCE)
 

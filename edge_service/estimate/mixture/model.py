@@ -74,7 +74,8 @@ class MixtureSettings:
         without: hypotheses that the axis cannot have.
         reversal: how far what parts the directions in the stretch moves, as the frictions do.
         looseness: of the compliance beside the nut, at the start.
-        twist: of the mass behind the commissioned compliance: a screw twists by its own inertia.
+        twist: of the mass behind the commissioned compliance, give or take as much: a screw twists
+            by its own inertia.
         uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
         uneven_share: what is finer than these, over the growth along the stroke.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
@@ -204,6 +205,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         sigma[OFFSET_RATE], sigma[SLOPE_RATE], sigma[CLOCK_SKEW] = 2e-8, 5e-8, 2e-6
         sigma[NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
         sigma[LOOSENESS] = settings.looseness * model.compliance_m_per_n
+        mean[TABLE_MASS] = settings.twist
         sigma[TABLE_MASS] = math.hypot(mass_share_sigma(machine), settings.twist)
         sigma[REVERSAL] = settings.reversal
         sigma[STRETCH_WANDER] = stretch_wander_m(model, settings)
