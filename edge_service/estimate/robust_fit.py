@@ -73,7 +73,8 @@ def robust_fit(
     for _ in range(12):
         root = np.sqrt(trust / noise.variance(steady_s, speed))
         scaled = columns * root[:, None]
-        covariance = np.linalg.pinv(scaled.T @ scaled + np.diag(prior_sigma**-2.0), hermitian=True)
+        normal = scaled.T @ scaled + np.diag(prior_sigma**-2.0)
+        covariance = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=np.float64)
         value = covariance @ (scaled.T @ (root * wanted))
         residual = wanted - columns @ value
         noise = _noise_of(residual, phases)
