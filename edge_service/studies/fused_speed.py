@@ -19,7 +19,7 @@ from .estimator_axis import OwnAxis, downsampled
 from .estimator_speed import measure_estimator_speed
 
 BANK_AIM_PER_S, FUSED_AIM_PER_S = 1e6, 200e3
-FLEET_AXES, FLEET_RATE_HZ, FLEET_AIM_CORES = 1000, 10.0, 0.05
+FLEET_AXES, FLEET_RATE_HZ, FLEET_AIM_CORES = 1000, 10.0, 0.15
 INTERVAL_S = 0.1
 
 
