@@ -40,12 +40,14 @@ class ReplayConfig(DriverConfig):
         speed: axis time over real time; 0 is as fast as possible.
         loop: start again at the end, for ever.
         frame_s: axis time per frame, s.
+        axis_number: the controller's number of the axis, in place of the machine file's.
     """
 
     path: Path
     speed: float = Field(1.0, ge=0.0)
     loop: bool = False
     frame_s: float = Field(0.02, ge=0.001, le=1.0)
+    axis_number: int | None = Field(None, ge=1)
 
 
 class ReplayDriver:
@@ -67,7 +69,9 @@ class ReplayDriver:
         self.paced = config.speed > 0.0
         self._config = config
         self._columns = context.machine.columns
-        self._axis = ControllerAxis(lead_m=context.machine.axis.lead_m)
+        self._axis = ControllerAxis(
+            config.axis_number or context.machine.axis.number, context.machine.axis.lead_m
+        )
         self._clock = clock
         self._sleep = sleep
         self._reader: TraceReader | None = None

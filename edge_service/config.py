@@ -177,9 +177,16 @@ def load_config(path: Path) -> EdgeConfig:
     return config.model_copy(update=placed)
 
 
-def load_machine(path: Path) -> Machine:
-    """Read and check a machine file. Raises ConfigError like `load_config`."""
+def load_machine(path: Path, axis_number: int | None = None) -> Machine:
+    """Read and check a machine file. Raises ConfigError like `load_config`.
+
+    Args:
+        axis_number: the controller's number of the axis, in place of the file's.
+    """
     machine = _checked(Machine, _read_toml(path), path)
+    if axis_number is not None:
+        axis = machine.axis.model_copy(update={"number": axis_number})
+        machine = machine.model_copy(update={"axis": axis})
     if machine.effects:
         from .models.effects.registry import machine_effects
 

@@ -13,7 +13,7 @@ class FolderConfig(DriverConfig):
     Attributes:
         folder: where traces appear: CSV, Parquet, SINUMERIK trace XML.
         pattern: of their names.
-        axis_number: the controller's number of the axis; the only one there, or 1, unless given.
+        axis_number: the controller's number of the axis, in place of the machine file's.
         settle_s: a file that has not changed for so long, and has its proper end, is complete.
         poll_s: between two looks into the folder.
         frame_s: recorded time per frame.

@@ -47,7 +47,9 @@ class FolderDriver:
     ) -> None:
         self._config = config
         self._columns = context.machine.columns
-        self._axis = ControllerAxis(config.axis_number, context.machine.axis.lead_m)
+        self._axis = ControllerAxis(
+            config.axis_number or context.machine.axis.number, context.machine.axis.lead_m
+        )
         self._ledger_path = config.ledger or config.folder / f".edge-service-{context.axis}.json"
         self._sleep = sleep
         self._lock = threading.Lock()  # held by the one thread that reads or closes

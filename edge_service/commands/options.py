@@ -14,8 +14,36 @@ MACHINE = click.option(
     show_default="the bench of the seed, deploy/machine.toml",
     help="Machine file: the baseline model.",
 )
+AXIS_NUMBER = click.option(
+    "--axis-number",
+    type=click.IntRange(1),
+    show_default="the machine file's, or the only one there",
+    help="The controller's number of the axis, in recordings that hold several.",
+)
 PORT = click.option("--port", type=click.IntRange(0, 65535), help="HTTP port; 0 takes a free one.")
 BUS = click.option("--bus", "endpoint", help="Endpoint of the bus, e.g. tcp/127.0.0.1:7447.")
+
+
+class Greedy(click.Command):
+    """Command whose options for several files take all arguments up to the next option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat such an option before each of its files, as click has it."""
+        many = {
+            name
+            for each in self.params
+            if isinstance(each, click.Option) and each.multiple
+            for name in each.opts
+        }
+        spread: list[str] = []
+        option = ""
+        for arg in args:
+            if arg.startswith("-"):
+                option = arg if arg in many else ""
+                spread += [] if option else [arg]
+            else:
+                spread += [option, arg] if option else [arg]
+        return super().parse_args(ctx, spread)
 
 
 class InputError(Exception):

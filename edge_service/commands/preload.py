@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, load_config
-from .options import MACHINE
+from .options import AXIS_NUMBER, MACHINE
 
 
 @click.command(
@@ -13,16 +13,23 @@ from .options import MACHINE
 )
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @MACHINE
+@AXIS_NUMBER
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Machine file to write."
 )
 @click.option("--config", type=click.Path(path_type=Path), help="Length of the intervals.")
-def commission(traces: tuple[Path, ...], machine: Path, out: Path, config: Path | None) -> None:
+def commission(
+    traces: tuple[Path, ...],
+    machine: Path,
+    axis_number: int | None,
+    out: Path,
+    config: Path | None,
+) -> None:
     """Learn from recordings of a healthy, cold axis what the estimator needs."""
     from ..nodes.commission import commission_to_file
 
     service = load_config(config or DEFAULT_CONFIG)
-    click.echo(commission_to_file(machine, traces, out, service))
+    click.echo(commission_to_file(machine, traces, out, service, axis_number))
 
 
 @click.command(
@@ -30,6 +37,7 @@ def commission(traces: tuple[Path, ...], machine: Path, out: Path, config: Path 
 )
 @click.argument("trace", type=click.Path(path_type=Path))
 @MACHINE
+@AXIS_NUMBER
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="CSV, a row per block.")
 @click.option("--config", type=click.Path(path_type=Path), help="Choices of the estimator.")
 @click.option(
@@ -38,10 +46,15 @@ def commission(traces: tuple[Path, ...], machine: Path, out: Path, config: Path 
     help="Go on from this file if it is there; leave it.",
 )
 def estimate(
-    trace: Path, machine: Path, out: Path, config: Path | None, state: Path | None
+    trace: Path,
+    machine: Path,
+    axis_number: int | None,
+    out: Path,
+    config: Path | None,
+    state: Path | None,
 ) -> None:
     """Run the live estimator over a recording as fast as it can."""
     from ..nodes.offline import estimate_to_csv
 
     service = load_config(config or DEFAULT_CONFIG)
-    click.echo(estimate_to_csv(trace, machine, out, service, state))
+    click.echo(estimate_to_csv(trace, machine, out, service, state, axis_number))

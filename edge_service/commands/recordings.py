@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..config import load_machine
-from .options import BUS, CONFIG, MACHINE, InputError, configured
+from .options import AXIS_NUMBER, BUS, CONFIG, MACHINE, InputError, configured
 from .terminal import progress
 
 
@@ -35,12 +35,7 @@ def record(
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Ends in .csv, .parquet or .mcap."
 )
-@click.option(
-    "--axis-number",
-    type=click.IntRange(1),
-    show_default="the only one there, or 1",
-    help="The controller's number of the axis.",
-)
+@AXIS_NUMBER
 @click.option(
     "--torque-constant",
     "torque_constant_nm_per_a",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..config import DEFAULT_CONFIG, EdgeConfig, load_config
-from .options import BUS, CONFIG, MACHINE, PORT, InputError, configured
+from .options import AXIS_NUMBER, BUS, CONFIG, MACHINE, PORT, InputError, configured
 from .terminal import announce, log_to_stderr
 
 if TYPE_CHECKING:
@@ -92,6 +92,7 @@ def _history(settings: EdgeConfig) -> str:
 )
 @click.argument("trace", type=click.Path(path_type=Path))
 @MACHINE
+@AXIS_NUMBER
 @click.option(
     "--speed", default=1.0, show_default=True, help="Times real time; 0: as fast as possible."
 )
@@ -103,6 +104,7 @@ def _history(settings: EdgeConfig) -> str:
 def replay(
     trace: Path,
     machine: Path,
+    axis_number: int | None,
     speed: float,
     loop: bool,
     hold: bool,
@@ -118,6 +120,15 @@ def replay(
         raise InputError(f"--speed: {speed:g}, expected 0 or more")
     settings = configured(config, port, endpoint)
     for line in asyncio.run(
-        replay_trace(settings, trace, machine, speed, loop=loop, hold=hold, announce=announce)
+        replay_trace(
+            settings,
+            trace,
+            machine,
+            speed,
+            loop=loop,
+            hold=hold,
+            announce=announce,
+            axis_number=axis_number,
+        )
     ):
         click.echo(line)

@@ -6,13 +6,14 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, load_config
-from .options import CONFIG, MACHINE, InputError
+from .options import AXIS_NUMBER, CONFIG, MACHINE, InputError
 from .terminal import announce, log_to_stderr
 
 
 @click.command(epilog="Example: edge-service doctor --config deploy/drivers/modbus.toml")
 @click.argument("traces", nargs=-1, type=click.Path(path_type=Path))
 @MACHINE
+@AXIS_NUMBER
 @click.option("--config", type=click.Path(path_type=Path), help="Read its drivers instead.")
 @click.option("--axis", help="One axis of --config; all by default.")
 @click.option(
@@ -26,6 +27,7 @@ from .terminal import announce, log_to_stderr
 def doctor(
     traces: tuple[Path, ...],
     machine: Path,
+    axis_number: int | None,
     config: Path | None,
     axis: str | None,
     seconds: float,
@@ -41,7 +43,7 @@ def doctor(
     if bool(traces) == (config is not None):
         raise InputError("doctor: expected either TRACES or --config")
     if config is None:
-        examined = [examine_traces(machine, traces)]
+        examined = [examine_traces(machine, traces, axis_number)]
     else:
         examined = asyncio.run(examine_sources(load_config(config), axis, seconds))
     for each in examined:

@@ -42,11 +42,14 @@ AnyQuantity = Annotated[Quantity, BeforeValidator(_as_quantity)]
 class AxisConfig(_Table):
     """`[axis]`: geometry and limits. Only the lead is needed; what is missing is said.
 
+    `number` is the controller's number of the axis, in recordings that hold several.
+
     The balls (their diameter, the circle of their centres, the angle at which they touch, their
     number per turn of a track) give the orders at which they pass.
     """
 
     name: str = "X"
+    number: int | None = Field(None, ge=1)
     lead_m: float = Field(gt=0.0, le=1.0)
     stroke_m: float | None = Field(None, gt=0.0)
     screw_diameter_m: float | None = Field(None, gt=0.0)
@@ -124,6 +127,13 @@ class EffectConfig(_Table):
     parameters: dict[str, AnyQuantity] = {}
 
 
+class ToleranceConfig(_Table):
+    """`[tolerance]`: gaps between model and machine, root mean square, up to which nobody acts."""
+
+    torque_nm: float | None = Field(None, gt=0.0)
+    position_m: float | None = Field(None, gt=0.0)
+
+
 class Machine(_Table):
     """One axis as the baseline model knows it (the machine file)."""
 
@@ -131,6 +141,7 @@ class Machine(_Table):
     model: ModelConfig
     columns: dict[str, Annotated[ColumnConfig, BeforeValidator(_as_column)]] = {}
     effects: tuple[EffectConfig, ...] = ()
+    tolerance: ToleranceConfig = ToleranceConfig()
     commissioned: CommissionedConfig | None = None
 
     @model_validator(mode="after")

@@ -27,7 +27,11 @@ _TAUGHT = (
 
 
 def commission_to_file(
-    machine_file: Path, traces: Sequence[Path], out: Path, config: EdgeConfig
+    machine_file: Path,
+    traces: Sequence[Path],
+    out: Path,
+    config: EdgeConfig,
+    axis_number: int | None = None,
 ) -> str:
     """Write the commissioned machine file; returns what was learned, in lines.
 
@@ -37,7 +41,7 @@ def commission_to_file(
     """
     if any(out.resolve() == given.resolve() for given in traces):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
-    nominal = load_machine(machine_file)
+    nominal = load_machine(machine_file, axis_number)
     uncommissioned = nominal.model_copy(update={"commissioned": None})
     limits = steady_limits(uncommissioned)
     recordings = [_blocks(trace, nominal, config, limits) for trace in traces]
@@ -50,6 +54,8 @@ def commission_to_file(
         names = ", ".join(str(trace) for trace in traces)
         raise ConfigError(f"{names}: {error}") from error
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
+    if axis_number is not None:
+        document["axis"]["number"] = axis_number
     _write_model(document, machine)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))

@@ -113,7 +113,10 @@ def controller_axis(
 ) -> ControllerAxis:
     """The axis of a machine file as a controller's recording needs it."""
     return ControllerAxis(
-        number, machine.axis.lead_m, torque_constant_nm_per_a, interpolate_positions
+        machine.axis.number if number is None else number,
+        machine.axis.lead_m,
+        torque_constant_nm_per_a,
+        interpolate_positions,
     )
 
 

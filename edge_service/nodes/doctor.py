@@ -63,9 +63,11 @@ class Examination:
         )
 
 
-def examine_traces(machine_file: Path, traces: Sequence[Path]) -> Examination:
+def examine_traces(
+    machine_file: Path, traces: Sequence[Path], axis_number: int | None = None
+) -> Examination:
     """Check recordings against a machine file. Raises ConfigError and TraceError."""
-    machine = load_machine(machine_file)
+    machine = load_machine(machine_file, axis_number)
     columns, axis = column_maps(machine), controller_axis(machine)
     frames = [read_trace(path, columns, axis=axis) for path in traces]
     source = ", ".join(path.name for path in traces)

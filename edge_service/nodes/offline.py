@@ -69,7 +69,12 @@ def estimates(
 
 
 def estimate_to_csv(
-    trace: Path, machine_file: Path, out: Path, config: EdgeConfig, state: Path | None = None
+    trace: Path,
+    machine_file: Path,
+    out: Path,
+    config: EdgeConfig,
+    state: Path | None = None,
+    axis_number: int | None = None,
 ) -> str:
     """Write the estimates of a trace; returns a line that says what was written.
 
@@ -81,7 +86,7 @@ def estimate_to_csv(
             raise ConfigError(f"--out {out}: would overwrite its own input; choose another file")
     if state is not None and state.resolve() in (trace.resolve(), machine_file.resolve()):
         raise ConfigError(f"--state {state}: would overwrite an input; choose another file")
-    machine = load_machine(machine_file)
+    machine = load_machine(machine_file, axis_number)
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)

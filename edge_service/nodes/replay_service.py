@@ -26,14 +26,20 @@ async def replay_trace(
     loop: bool,
     hold: bool,
     announce: Callable[[str], None],
+    axis_number: int | None = None,
 ) -> list[str]:
     """Run every node on a recording until its end (for ever with `loop` or `hold`).
+
+    Args:
+        axis_number: the controller's number of the axis, in place of the machine file's.
 
     Returns:
         Lines that say what came out.
     """
     name = load_machine(machine).axis.name
     settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": loop}
+    if axis_number is not None:
+        settings["axis_number"] = axis_number
     if speed == 0.0:
         settings["frame_s"] = FLAT_OUT_FRAME_S
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)

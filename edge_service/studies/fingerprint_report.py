@@ -39,6 +39,7 @@ def fingerprint(
     out_dir: Path,
     baseline_file: Path | None = None,
     pictures_dir: Path | None = None,
+    axis_number: int | None = None,
 ) -> str:
     """Write `fingerprint.json` and `report.html` into `out_dir`; returns lines of summary.
 
@@ -50,7 +51,7 @@ def fingerprint(
         TraceError: a recording cannot be read.
         FingerprintError: no recording, two of one name, a baseline that is none or of another axis.
     """
-    machine = load_machine(machine_file)
+    machine = load_machine(machine_file, axis_number)
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
     if baseline is not None and baseline.machine != machine.axis.name:
         raise FingerprintError(

@@ -15,7 +15,7 @@ class ControllerAxis:
     """Axis of a controller's recording that is wanted, and what turns its signals into channels.
 
     Attributes:
-        number: the controller's number of the axis; None takes the only one there, or axis 1.
+        number: the controller's number of the axis; None takes the only one there.
         lead_m: table travel per revolution of the screw, m. Controllers give the rotary encoder in
             mm of table travel, so without it there is no motor angle.
         torque_constant_nm_per_a: N m per A of torque-producing current; without it a current is

@@ -192,9 +192,12 @@ def _axis_number(path: Path, signals: Sequence[ControllerSignal], wanted: int | 
         if wanted not in numbers:
             raise TraceError(f"{path}: no signal of axis {wanted}; axes there are: {shown}")
         return wanted
-    if len(numbers) == 1 or 1 in numbers:
-        return numbers[0] if len(numbers) == 1 else 1
-    raise TraceError(f"{path}: axes there are: {shown}; expected the number of the one wanted")
+    if len(numbers) == 1:
+        return numbers[0]
+    raise TraceError(
+        f"{path}: axes there are: {shown}; expected the number of the one wanted "
+        "(--axis-number, or number under [axis] of the machine file)"
+    )
 
 
 def check_edge_time(path: Path, names: Sequence[str], columns: Mapping[str, ColumnLike]) -> None:

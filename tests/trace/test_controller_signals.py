@@ -13,7 +13,7 @@ from edge_service.trace.controller_axis import ControllerAxis
 from edge_service.trace.controller_signals import sinumerik_signal
 from edge_service.trace.reader import open_trace, read_trace
 
-AXIS = ControllerAxis(lead_m=0.01)
+AXIS = ControllerAxis(number=1, lead_m=0.01)
 RAD_PER_MM = 2.0 * math.pi / 10.0
 EDGE = (
     "time_s,TORQUE|1,ENC1_POS|1,ENC2_POS|1,DES_POS|1,CURRENT|1,LOAD|1,CMD_SPEED|1,ENC1_POS|2\n"
@@ -100,14 +100,15 @@ def test_another_axis_and_one_that_is_not_there(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame.channels["motor_angle_rad"], [0.7 * math.pi, 0.8 * math.pi])
     with pytest.raises(TraceError, match="no signal of axis 3; axes there are: 1, 2"):
         open_trace(path, axis=ControllerAxis(number=3))
-    without_1 = EDGE.replace("|1", "|5")
-    with pytest.raises(TraceError, match="axes there are: 2, 5; expected the number of the one"):
-        open_trace(_write(tmp_path, ".csv", without_1))
+    for text, there in ((EDGE, "1, 2"), (EDGE.replace("|1", "|5"), "2, 5")):
+        with pytest.raises(TraceError, match=f"axes there are: {there}; expected .*--axis-number"):
+            open_trace(_write(tmp_path, ".csv", text))
 
 
 def test_a_signal_in_the_machine_file_says_which_axis_is_meant(tmp_path: Path) -> None:
     path = _write(tmp_path, ".csv", EDGE.replace("|1", "|5"))
-    frame = read_trace(path, {"motor_angle_rad": ColumnMap("ENC1_POS|5", 2.0)}, axis=AXIS)
+    axis = ControllerAxis(lead_m=0.01)
+    frame = read_trace(path, {"motor_angle_rad": ColumnMap("ENC1_POS|5", 2.0)}, axis=axis)
     assert frame.channels["motor_angle_rad"].tolist() == [200.0, 202.0]
     assert frame.channels["torque_command_nm"].tolist() == [0.5, 0.6]
 
@@ -131,12 +132,12 @@ def test_a_current_is_a_torque_with_a_torque_constant_only(tmp_path: Path) -> No
         assert "torque_command_nm" not in reader.channels
         wish = "torque_command_nm could be CURRENT, lacking: the torque constant in N m/A"
         assert wish in reader.remarks
-    axis = ControllerAxis(lead_m=0.01, torque_constant_nm_per_a=0.5)
+    axis = ControllerAxis(1, lead_m=0.01, torque_constant_nm_per_a=0.5)
     assert read_trace(path, axis=axis).channels["torque_command_nm"].tolist() == [1.0, 1.25]
 
 
 def test_without_a_lead_there_is_no_angle(tmp_path: Path) -> None:
-    with open_trace(_write(tmp_path, ".csv")) as reader:
+    with open_trace(_write(tmp_path, ".csv"), axis=ControllerAxis(number=1)) as reader:
         assert "motor_angle_rad" not in reader.channels
         assert "table_position_m" in reader.channels
         assert "motor_angle_rad could be ENC1_POS, lacking: the lead of the screw" in reader.remarks
