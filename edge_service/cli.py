@@ -17,12 +17,11 @@ from .commands.service import check_config, node, replay, run
 from .commands.sources import doctor, stub
 from .commands.twin import diagnose, fingerprint, gap, reproduce
 from .config import ConfigError
-
-BAD_INPUT, INTERNAL_FAILURE, INTERRUPTED = 2, 1, 130
+from .exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status (0 done, 2 bad input, 1 internal failure)."""
+    """Run the command; returns the exit status: 0 done, 2 bad input, 3 bad data, 1 a failure."""
     try:
         status = cli.main(args=arguments, prog_name="edge-service", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -37,10 +36,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERNAL_FAILURE
     except Exception as error:  # the outermost edge: no traceback reaches a user
         return _explain(error)
-    return status if isinstance(status, int) else 0
+    return status if isinstance(status, int) else DONE
 
 
 def _explain(error: Exception) -> int:
+    from .studies.machine_gap import BadDataError
+
+    if isinstance(error, BadDataError):
+        return _complain(str(error), BAD_DATA)
     if _is_bad_input(error):
         return _complain(str(error), BAD_INPUT)
     if os.environ.get("EDGE_SERVICE_DEBUG"):

@@ -14,6 +14,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from .. import exit_status
 from ..http_api.jobs import JobAnswer, JobBody, JobKind, JobState, RecordingAnswer, RefusedError
 from ..http_api.times import parse_moment, rfc3339_s
 from .job_records import forget_job, known_jobs, save_job
@@ -41,6 +42,9 @@ def _edge_service(name: str) -> JobCommand:
 
     return command
 
+
+_ANSWERED = (exit_status.DONE, exit_status.BAD_DATA)
+"""Exit statuses of a command that has written its answer."""
 
 JOB_COMMANDS: dict[JobKind, JobCommand] = {
     JobKind.FINGERPRINT: _edge_service("fingerprint"),
@@ -214,7 +218,7 @@ class ProcessJobDesk:
         status = await process.wait()
         job.ended_s = time.time()
         if job.state is JobState.RUNNING:
-            job.state = JobState.DONE if status == 0 else JobState.FAILED
+            job.state = JobState.DONE if status in _ANSWERED else JobState.FAILED
         save_job(job.out, job.answer())
 
     def _forget_old(self) -> None:

@@ -36,6 +36,7 @@ def gap(
     machine_file: Path,
     traces: Sequence[Path],
     progress: Callable[[str], None] = lambda _line: None,
+    axis_number: int | None = None,
 ) -> dict[str, float]:
     """Root mean square gap by channel, over every run of all recordings, one at a time.
 
@@ -44,7 +45,7 @@ def gap(
         TraceError: a recording cannot be read.
         DiagnosisError: the recordings hold no motion to compare.
     """
-    machine = load_machine(machine_file)
+    machine = load_machine(machine_file, axis_number)
     modelled = machine_effects(machine)
     torque, transmission = _Spread(), _Spread()
     with _one_line():
@@ -59,6 +60,10 @@ def gap(
     if not known:
         raise DiagnosisError(_NOTHING)
     return known
+
+
+class BadDataError(Exception):
+    """Recordings that can be read but not diagnosed; the text is one line."""
 
 
 @dataclass(slots=True)
