@@ -143,10 +143,25 @@ def _require_second_plant(folder: Path) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Each case as a line of JSON.")
 @click.option("--pictures", type=click.Path(path_type=Path), help="Folder: reliability, confusion.")
 @click.option("--ties", type=click.IntRange(1), help="Instead: do proposed motions settle ties?")
+@click.option(
+    "--second-plant",
+    is_flag=True,
+    help="Instead: the benchmark in shared/bench beside the checkout, whole and thinned.",
+)
+@click.option("--quick", is_flag=True, help="With --second-plant: a dozen cases, two rates.")
 def bench_diagnose(
-    cases: int, seed: int, out: Path | None, pictures: Path | None, ties: int | None
+    cases: int,
+    seed: int,
+    out: Path | None,
+    pictures: Path | None,
+    ties: int | None,
+    second_plant: bool,
+    quick: bool,
 ) -> None:
     """Score the diagnosis on a plant that shares no code with the library (checkout only)."""
+    if second_plant:
+        click.echo(_diagnosis_plant(seed, quick, out))
+        return
     if ties is not None:
         from ..studies.diagnose_ties import run_ties
 
@@ -155,6 +170,18 @@ def bench_diagnose(
     from ..studies.diagnose_bench import run_diagnose_bench
 
     click.echo(run_diagnose_bench(cases, out, seed=seed, pictures=pictures, progress=progress))
+
+
+def _diagnosis_plant(seed: int, quick: bool, out: Path | None) -> str:
+    from ..studies.diagnose_second_plant import MAKE, has_diagnosis_plant, run_diagnosis_plant
+    from ..studies.second_plant import BESIDE, SecondPlantError
+
+    if not has_diagnosis_plant(BESIDE):
+        raise InputError(f"--second-plant: no {MAKE} in {BESIDE}")
+    try:
+        return run_diagnosis_plant(BESIDE, seed, quick, out, progress)
+    except SecondPlantError as error:
+        raise InputError(f"--second-plant: {error}") from None
 
 
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")

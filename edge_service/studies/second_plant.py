@@ -95,7 +95,7 @@ def run_second_plant(
             answers = Path(home) / ANSWERS
             command = [str(folder / SCORE), str(out), "--tool", tool_command()]
             command += ["--json", str(answers), *(["--sheet"] if sheet else [])]
-            _run(command, partial(_told, say, name))
+            run_command(command, partial(_told, say, name))
             parts += read_answers(json.loads(answers.read_text("utf-8")), out, seed, sheet)
     return parts
 
@@ -113,7 +113,7 @@ def make_recordings(
     extent = ["--set", "small" if quick else "full", "--jobs", str(processes)]
     if minutes is not None:
         extent += ["--minutes", str(minutes)]
-    _run([str(folder / MAKE), str(out), "--seed", str(seed), *extent], say)
+    run_command([str(folder / MAKE), str(out), "--seed", str(seed), *extent], say)
 
 
 def _told(say: Progress, name: str, line: str) -> None:
@@ -140,8 +140,11 @@ def _track(row: Mapping[str, Any], truth_file: Path) -> Track | None:
     return Track(time_s, told, percent, low, high, np.interp(time_s, truth[:, 0], truth[:, 3]))
 
 
-def _run(command: Sequence[str], say: Progress) -> None:
-    """Run one of its commands; what it tells on stderr is progress."""
+def run_command(command: Sequence[str], say: Progress) -> None:
+    """Run one of its commands; what it tells on stderr is progress.
+
+    Raises SecondPlantError where it fails.
+    """
     last = ""
     with (
         tempfile.TemporaryFile() as table,
