@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from .options import MACHINE
+from .options import AXIS_NUMBER, MACHINE, Greedy
 from .terminal import progress
 
 
@@ -14,12 +14,14 @@ from .terminal import progress
 )
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @MACHINE
+@AXIS_NUMBER
 @click.option("--baseline", type=click.Path(path_type=Path), help="An older fingerprint.json.")
 @click.option("--pictures", type=click.Path(path_type=Path), help="Folder: pictures as PNG, too.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
 def fingerprint(
     traces: tuple[Path, ...],
     machine: Path,
+    axis_number: int | None,
     baseline: Path | None,
     pictures: Path | None,
     out: Path,
@@ -30,18 +32,19 @@ def fingerprint(
     """
     from ..studies.fingerprint_report import fingerprint as run_fingerprint
 
-    click.echo(run_fingerprint(machine, traces, out, baseline, pictures))
+    click.echo(run_fingerprint(machine, traces, out, baseline, pictures, axis_number))
 
 
 @click.command(epilog="Example: edge-service gap --machine m.toml trace.csv --json")
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @MACHINE
+@AXIS_NUMBER
 @click.option("--json", "as_json", is_flag=True, help="One JSON object: channel -> RMS.")
-def gap(traces: tuple[Path, ...], machine: Path, as_json: bool) -> None:
+def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_json: bool) -> None:
     """Measure the gap between model and machine: torque in motion, and table against motor."""
     from ..studies.machine_gap import gap as measure_gap
 
-    found = measure_gap(machine, traces, progress)
+    found = measure_gap(machine, traces, progress, axis_number)
     if as_json:
         click.echo(json.dumps(found))
     else:
@@ -50,16 +53,34 @@ def gap(traces: tuple[Path, ...], machine: Path, as_json: bool) -> None:
 
 
 @click.command(
-    epilog="Example: edge-service diagnose --machine m.toml trace.csv --out out/diagnosis"
+    cls=Greedy,
+    epilog="Example: edge-service diagnose --machine m.toml trace.csv --out out/diagnosis",
 )
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @MACHINE
+@AXIS_NUMBER
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
-def diagnose(traces: tuple[Path, ...], machine: Path, out: Path) -> None:
-    """Say where model and machine disagree, which effect causes it, and how far it shrinks."""
+@click.option(
+    "--reference",
+    multiple=True,
+    metavar="FILE...",
+    type=click.Path(path_type=Path),
+    help="Recordings of the healthy machine: what they have beyond the model is no fault.",
+)
+def diagnose(
+    traces: tuple[Path, ...],
+    machine: Path,
+    axis_number: int | None,
+    out: Path,
+    reference: tuple[Path, ...],
+) -> None:
+    """Say where model and machine disagree, which effect causes it, and how far it shrinks.
+
+    Ends with status 3 where the recordings are unfit for it; the report says why.
+    """
     from ..studies.diagnose import diagnose as run_diagnosis
 
-    click.echo(run_diagnosis(machine, traces, out, progress))
+    click.echo(run_diagnosis(machine, traces, out, progress, reference, axis_number))
 
 
 @click.command(epilog="Example: edge-service reproduce --out out/reproduce")

@@ -1,5 +1,6 @@
 """Result of a diagnosis: a verdict, the gap, where it lives, and the effects that cause it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -44,12 +45,30 @@ class NamedEffect:
 
 @dataclass(frozen=True, slots=True)
 class ChannelGap:
-    """Root mean squares of one channel."""
+    """Root mean squares of one channel.
+
+    Attributes:
+        noise_floor: what no model could explain.
+        tolerance: what nobody needs to know the cause of, beyond the floor.
+        floor_source: `recording`, or `reference` where healthy recordings tell it.
+    """
 
     before: float
     after: float
     noise_floor: float
+    tolerance: float
+    floor_source: str
     unit: str
+
+    @property
+    def beyond(self) -> float:
+        """Part of the gap as it is that is not the floor's."""
+        return math.sqrt(max(self.before**2 - self.noise_floor**2, 0.0))
+
+    @property
+    def matters(self) -> bool:
+        """True if the gap exceeds its floor by more than the tolerance."""
+        return self.beyond > self.tolerance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,20 +7,22 @@ from typing import Protocol
 
 import numpy as np
 
+from ..messages.channels import TORQUE
 from ..messages.samples import Floats
 from ..models.effects.effect import Effect, Parameter, Role
 from ..models.effects.signature import torque_signature, transmission_signature
+from .run import Run
 from .session import TORQUE_GAP, Session
 
-_NO_PHASE = {("lead_error", "pitch_error")}
-"""Amounts that the phase and the order of their effect say nothing about."""
 _ORDERS = {"lead_error": 6, "encoder_eccentricity": 3, "once_per_rev_friction": 12}
-_MOST_ORDERS = 32
+_MOST_ORDERS = 96
+_OFTEN = 0.75
+_NOISE_SIGMAS = 5.0
 _GRIPS_M = (5e-7, 3e-6)
 _STEPS = {
     "friction_share": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3),
     "viscous_share": (0.0, 0.4, 0.8, 1.2),
-    "of_cold": (0.0, 1.0),
+    "of_cold": (0.0, 0.25, 0.5, 0.75, 1.0),
 }
 
 
@@ -91,7 +93,7 @@ class EntryAtom:
         """Values of the effect for the coefficients of the columns."""
         values = dict(self.at[0])
         if self.amount and self.size == 2:
-            phase = next(p.name for p in self.effect.parameters if p.role is Role.PHASE)
+            phase = _phase_of(self.effect, self.amount)
             values[self.amount] = float(np.hypot(*coefficients))
             values[phase] = float(np.arctan2(coefficients[1], coefficients[0]))
         elif self.amount:
@@ -107,19 +109,34 @@ def entry_atom(effect: Effect, amount: str, shape: Mapping[str, float]) -> Entry
             values[parameter.name] = shape.get(parameter.name, parameter.faulty)
         else:
             values[parameter.name] = 1.0 if parameter.name == amount else 0.0
-    phase = [p.name for p in effect.parameters if p.role is Role.PHASE]
-    turned = bool(phase) and (effect.name, amount) not in _NO_PHASE
-    at = (values, values | {phase[0]: 0.5 * np.pi}) if turned else (values,)
+    phase = _phase_of(effect, amount)
+    at = (values, values | {phase: 0.5 * np.pi}) if phase else (values,)
     return EntryAtom(effect, amount, tuple(sorted(shape.items())), at)
+
+
+def _phase_of(effect: Effect, amount: str) -> str:
+    """Name of the phase of an amount; empty where it has none."""
+    phases = [p.name for p in _belonging(effect, amount) if p.role is Role.PHASE]
+    return phases[0] if phases else ""
+
+
+def _belonging(effect: Effect, amount: str) -> list[Parameter]:
+    """Parameters that say something about an amount."""
+    amounts = {p.name for p in effect.parameters if p.role is Role.AMOUNT}
+    narrowed = {p.amount for p in effect.parameters if p.amount}
+    return [
+        p
+        for p in effect.parameters
+        if p.amount == amount or (not p.amount and (amount not in amounts or not narrowed))
+    ]
 
 
 def atoms_of(effect: Effect, session: Session) -> Iterator[EntryAtom]:
     """All atoms of one entry that a recording could show."""
     amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT] or [""]
-    shapes = [p for p in effect.parameters if p.role is Role.SHAPE]
     ranges = Ranges.of_session(session)
     for amount in amounts:
-        mine = [] if (effect.name, amount) in _NO_PHASE else shapes
+        mine = [p for p in _belonging(effect, amount) if p.role is Role.SHAPE]
         grids = [[(p.name, value) for value in grid(effect, p, ranges)] for p in mine]
         for shape in itertools.product(*grids):
             yield entry_atom(effect, amount, dict(shape))
@@ -127,13 +144,19 @@ def atoms_of(effect: Effect, session: Session) -> Iterator[EntryAtom]:
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """Ranges that a recording covers."""
+    """Ranges that a recording covers.
+
+    Attributes:
+        strongest_nm: greatest torque, less what noise may add to it.
+        often_nm: torque that is exceeded in a quarter of the motion.
+    """
 
     fastest_rad_s: float
     duration_s: float
     low_m: float
     high_m: float
     strongest_nm: float
+    often_nm: float
 
     @property
     def span_m(self) -> float:
@@ -149,8 +172,20 @@ class Ranges:
             max(float(m.time_s[-1]) for m in motions) - min(float(m.time_s[0]) for m in motions),
             min(float(m.position_m.min()) for m in motions),
             max(float(m.position_m.max()) for m in motions),
-            max(float(np.nan_to_num(np.abs(m.torque_nm)).max()) for m in motions),
+            max(_strongest_nm(run) for run in session.runs),
+            float(np.quantile(np.concatenate([_moved_nm(run) for run in session.runs]), _OFTEN)),
         )
+
+
+def _moved_nm(run: Run) -> Floats:
+    """Size of the torque while the axis moves, N m; 0 where it is not known."""
+    moved = np.abs(run.motion.torque_nm[run.moving]) if run.has_torque else np.zeros(1)
+    return moved if len(moved) else np.zeros(1)
+
+
+def _strongest_nm(run: Run) -> float:
+    peak = float(np.nan_to_num(np.abs(run.motion.torque_nm)).max())
+    return peak - _NOISE_SIGMAS * run.noise.get(TORQUE, 0.0)
 
 
 def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float]:
@@ -160,16 +195,11 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
             values = np.geomspace(0.3, max(0.25 * ranges.fastest_rad_s, 3.0), 8)
         case "s":
             values = np.geomspace(0.05 * ranges.duration_s, 2.0 * ranges.duration_s, 6)
-        case "m" if effect.name == "compliance":
-            values = np.array(_GRIPS_M)
-        case "m" if parameter.name.startswith("centre"):
-            values = np.linspace(ranges.low_m, ranges.high_m, 25)
-        case "m" if "position" in effect.name:
-            values = ranges.span_m * np.array([0.06, 0.12, 0.25, 0.5])
         case "m":
-            values = np.geomspace(1e-6, 2e-4, 12)
+            values = _lengths(effect, parameter, ranges)
         case "N m":
-            values = ranges.strongest_nm * np.geomspace(0.08, 0.97, 24)
+            low, high = ranges.often_nm, 0.99 * ranges.strongest_nm
+            values = np.geomspace(low, high, 16) if 0.0 < low < high else np.empty(0)
         case "1" if (effect.name, parameter.name) == ("backlash", "friction_share"):
             values = np.array([0.1, 0.4, 0.8, 1.2])
         case "1" if parameter.name in _STEPS:
@@ -181,3 +211,16 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
         case _:
             values = parameter.faulty * np.geomspace(0.1, 10.0, 6)
     return [float(v) for v in values if parameter.low <= v <= parameter.high]
+
+
+def _lengths(effect: Effect, parameter: Parameter, ranges: Ranges) -> Floats:
+    """Lengths worth trying: along the travel, or of what gives and sticks."""
+    if parameter.name == "wavelength_m":
+        return ranges.span_m * np.array([0.2, 0.3, 0.45, 0.7, 1.0, 1.5])
+    if parameter.name.startswith("centre"):
+        return np.linspace(ranges.low_m, ranges.high_m, 25)
+    if effect.name == "compliance":
+        return np.array(_GRIPS_M)
+    if "position" in effect.name:
+        return ranges.span_m * np.array([0.06, 0.12, 0.25, 0.5])
+    return np.geomspace(1e-6, 2e-4, 12)

@@ -9,15 +9,12 @@ from .dictionary import Dictionary
 from .evidence import Fit, Noise, fit
 from .nameless import UNKNOWN
 from .pursuit import pursue
-from .session import TORQUE_GAP, TRANSMISSION_GAP
+from .session import TRANSMISSION_GAP
 from .tolerance import MATERIAL_TOLERANCES
 
-LEAST_RISE_OF_FLOOR = {TORQUE_GAP: 0.5, TRANSMISSION_GAP: 1.0}
-"""An effect that adds less than this many healthy gaps to a channel is immaterial."""
-LEAST_GAP_OF_FLOOR = {TORQUE_GAP: 1.15, TRANSMISSION_GAP: 1.4}
-"""A channel in which a healthy axis has as great a gap has no cause."""
-LEAST_RISE_OF_GAP = 0.1
-"""So is one that is less than this part of the whole gap: the others are no better known."""
+LEAST_RISE_OF_GAP = 0.05
+"""An effect that is less than this part of the whole gap is immaterial: others are no better known.
+"""
 LEAST_RISE_BESIDE_ALIKE = 0.22
 """Beside a greater effect whose entry may lack what this one adds."""
 LEAST_RISE_OF_COMPLIANCE = 0.15
@@ -32,6 +29,13 @@ ALIKE = (
 """Effects that resemble what a few numbers leave of one another."""
 TIED = 5.0
 """Scores closer than this leave a doubt worth naming."""
+PARAMETERS = ("drag_error", "viscous_error", "inertia_error", "delay", "torque_gain_error")
+"""Parameters of the model, those first that change most often on a machine."""
+RANGES = frozenset({"delay"})
+"""Parameters of which a healthy axis may have anything within a range."""
+_SIMPLER = 2.0
+_AS_LITTLE = 1.0 / 3.0
+"""Of the tolerance: by so much more a set may leave and still leave as little."""
 _LEADERS = 5
 
 
@@ -61,14 +65,18 @@ class Causes:
 
 
 def find_causes(
-    dictionary: Dictionary, noise: Noise, limits: Mapping[str, tuple[float, float]]
+    dictionary: Dictionary,
+    noise: Noise,
+    limits: Mapping[str, tuple[float, float]],
+    known: Sequence[int] = (),
 ) -> Causes:
     """Weigh sets of effects.
 
     Args:
         limits: effect -> healthy mean and tolerance of its amount, for parameters.
+        known: atoms of a set that was best under another noise.
     """
-    best = pursue(dictionary, noise, dictionary.candidates)
+    best = pursue(dictionary, noise, dictionary.candidates, known=known)
     fits = [fit(dictionary, (), noise), best]
     leaders = list(_by_weight(dictionary, best, noise))[:_LEADERS]
     for name in leaders:
@@ -80,10 +88,22 @@ def find_causes(
         fits.append(_pursue_names(dictionary, noise, set(pair)))
     for name in sorted(rivals):
         fits.append(_pursue_names(dictionary, noise, {name}))
+    fits += [_pursue_names(dictionary, noise, {name}) for name in sorted(limits)]
+    fits.append(_pursue_names(dictionary, noise, limits))
+    fits = [_named_beyond(dictionary, each, noise, limits) for each in fits]
     judged = [
         Candidate(each, material_names(dictionary, each, noise, limits)) for each in _unique(fits)
     ]
-    return _posterior(judged)
+    return _posterior(_simplest_first(judged, noise))
+
+
+def without(causes: Causes, name: str) -> Causes | None:
+    """The posterior over the sets that lack an effect; None where there is none with a cause."""
+    others = [c for c, _ in causes.candidates if name not in c.material]
+    others.sort(key=lambda each: -each.fit.score)
+    if not others or not others[0].material:
+        return None
+    return _posterior([(each, each.fit.score) for each in others])
 
 
 def _pursue_names(
@@ -92,6 +112,23 @@ def _pursue_names(
     wanted = set(names)
     allowed = [a for a in dictionary.candidates if (dictionary.atoms[a].name in wanted) != banned]
     return pursue(dictionary, noise, allowed)
+
+
+def _named_beyond(
+    dictionary: Dictionary, whole: Fit, noise: Noise, limits: Mapping[str, tuple[float, float]]
+) -> Fit:
+    """The set with a lag that it needs beyond what a healthy drive may have: that is a cause.
+
+    Its bounds are no calibration, which could be a little off.
+    """
+    tolerated = {dictionary.atoms[k].name: k for k in range(dictionary.tolerated)}
+    lacking = []
+    for name in sorted((RANGES & limits.keys() & tolerated.keys()) - whole.names(dictionary)):
+        value = float(whole.coefficients[dictionary.first[tolerated[name]]])
+        free = [a for a in dictionary.candidates if dictionary.atoms[a].name == name]
+        if free and abs(value - limits[name][0]) > MATERIAL_TOLERANCES * limits[name][1]:
+            lacking.append(free[0])
+    return fit(dictionary, (*whole.atoms[dictionary.tolerated :], *lacking), noise)
 
 
 def _unique(fits: Sequence[Fit]) -> list[Fit]:
@@ -148,13 +185,12 @@ def _is_material(
         if name in BETWEEN_ENCODERS and elsewhere:
             continue
         before = math.sqrt(sums.square / sums.rows)
-        if before < LEAST_GAP_OF_FLOOR[channel] * noise.floor[channel]:
+        if not noise.matters(channel, before):
             continue
         overshadowed = any(other[channel] > rises[channel] for other in alike)
         beside = LEAST_RISE_OF_COMPLIANCE if name == "compliance" else LEAST_RISE_BESIDE_ALIKE
         part = beside if overshadowed else LEAST_RISE_OF_GAP
-        least = LEAST_RISE_OF_FLOOR[channel] * noise.floor[channel]
-        if rises[channel] >= max(least, part * before):
+        if rises[channel] >= max(noise.tolerance[channel], part * before):
             return True
     return False
 
@@ -179,10 +215,41 @@ def _excess(dictionary: Dictionary, whole: Fit, name: str, healthy: float, sigma
     return abs(float(whole.of_atoms(dictionary, mine).sum()) - healthy) / sigma
 
 
-def _posterior(judged: Sequence[Candidate]) -> Causes:
+def _simplest_first(judged: Sequence[Candidate], noise: Noise) -> list[tuple[Candidate, float]]:
+    """Candidates with their scores, the best first; a parameter that is off comes before an effect.
+
+    As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
+    that one, however well many observations tell them apart.
+    """
     ranked = sorted(judged, key=lambda each: -each.fit.score)
-    top = ranked[0].fit.score
-    weights = [math.exp(max(each.fit.score - top, -700.0)) for each in ranked]
+    best = ranked[0]
+    scored = [(each, each.fit.score) for each in ranked]
+    if best.material <= set(PARAMETERS):
+        return scored
+    simple = [
+        each
+        for each in ranked
+        if 0 < len(each.material) <= len(best.material)
+        and each.material <= set(PARAMETERS)
+        and _leaves_as_little(each, best, noise)
+    ]
+    simple.sort(key=lambda each: [PARAMETERS.index(name) for name in sorted(each.material)])
+    level = best.fit.score + math.log(_SIMPLER / max(len(simple), 1))
+    first = [(each, level) for each in simple]
+    return first + [(each, score) for each, score in scored if each not in simple]
+
+
+def _leaves_as_little(one: Candidate, best: Candidate, noise: Noise) -> bool:
+    return all(
+        one.fit.rms[channel] ** 2 - rms**2 <= (_AS_LITTLE * noise.tolerance[channel]) ** 2
+        for channel, rms in best.fit.rms.items()
+    )
+
+
+def _posterior(scored: Sequence[tuple[Candidate, float]]) -> Causes:
+    ranked = [each for each, _ in scored]
+    top = scored[0][1]
+    weights = [math.exp(max(score - top, -700.0)) for _, score in scored]
     total = sum(weights)
     candidates = [(each, weight / total) for each, weight in zip(ranked, weights, strict=True)]
     names = {name for each in ranked for name in each.material}
@@ -190,15 +257,15 @@ def _posterior(judged: Sequence[Candidate]) -> Causes:
         name: sum(p for each, p in candidates if name in each.material) for name in sorted(names)
     }
     best = ranked[0]
-    classes = {name: (name, *sorted(_rivals(name, best, ranked))) for name in sorted(best.material)}
+    classes = {name: (name, *sorted(_rivals(name, best, scored))) for name in sorted(best.material)}
     return Causes(best, probability, classes, candidates)
 
 
-def _rivals(name: str, best: Candidate, ranked: Sequence[Candidate]) -> set[str]:
+def _rivals(name: str, best: Candidate, scored: Sequence[tuple[Candidate, float]]) -> set[str]:
     """Effects that stand in for one in a set that is as good."""
     found: set[str] = set()
-    for each in ranked:
-        close = each.fit.score >= best.fit.score - TIED
+    for each, score in scored:
+        close = score >= scored[0][1] - TIED
         if close and name not in each.material and each.material:
             found |= each.material - best.material
     return found - {UNKNOWN}

@@ -1,5 +1,6 @@
 """From weighed sets of effects to an answer: which are impostors, how sure, how far it shrinks."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,25 +9,31 @@ import numpy as np
 from ..messages.samples import Floats
 from ..models.machine import Machine
 from .answer import ChannelGap, Diagnosis, NamedEffect, Verdict, verdict_of
+from .causes import without
 from .explained import Explained, Weighed, explained
-from .impostor import FORCE, Claim, claims, has_impostor
+from .impostor import FORCE, HEATED, Claim, claims, has_impostor
 from .nameless import UNKNOWN
 from .replay import replay
 from .session import CHANNEL_UNITS, TORQUE_GAP
 from .shrink import shrink_of
 from .tolerance import parameter_tolerances
-from .unknown import LEFT_OVER_FLOOR, Doubt, doubts_of, is_stretched, left_shares
+from .unknown import Doubt, doubts_of, is_stretched, left_shares
 from .waterfall import waterfall
 from .where import where
 
 BESIDE_NAMELESS = 0.8
 """Of the probability of an effect, where something that has no name is needed beside it."""
+FREER = HEATED | {FORCE}
+"""Effects whose free forms are judged: heat follows motion, their entries time; a force nothing."""
 AT_BOUND = 0.5
 """The same of one whose shape would have to leave what the library allows."""
-LEAST_GAIN = 0.004
-"""Share of the gap's energy below which an effect is none, once impostors are gone."""
-NEEDED_GAIN = 0.5
-"""Share of the gap's energy from which on an effect counts although it shrinks no gap alone."""
+LEAST_SHRINK = 0.04
+"""Of what the other causes leave, on motion that was not fitted: with less an effect is no cause.
+"""
+LESSER_PART = 0.5
+"""Of the gap's energy that is left by a force: with more, the force is not what it is about."""
+SUREST = 0.999
+"""Probability beyond which no weighing of a finite library reaches."""
 LEAST_PROBABILITY = 0.02
 """Probability below which an effect is not named at all."""
 ALL_MOTIONS = "full"
@@ -53,12 +60,29 @@ def concluded(weighed: Weighed) -> Diagnosis:
     named = weighed.causes.best.material - {UNKNOWN}
     while True:
         judged = _judged(weighed, named)
-        kept = frozenset(
-            each.name for each in judged.effects if _is_cause(each, judged.claims[each.name])
-        )
-        if len(kept) == len(judged.effects):
+        idle = _idlest(judged, named)
+        if not idle:
             return _answer(weighed, judged, named)
-        named = kept
+        calmer = without(weighed.causes, FORCE) if idle == FORCE else None
+        if calmer is None:
+            named = named - {idle}
+        else:
+            left = left_shares(weighed.session, calmer.best.fit.rms, weighed.noise)
+            weighed = replace(weighed, causes=calmer, unexplained=left)
+            named = calmer.best.material - {UNKNOWN}
+
+
+def _idlest(judged: Judged, named: frozenset[str]) -> str:
+    """The one named effect that is least of a cause; empty where all are causes.
+
+    One at a time: what two effects share is lost only with both. A force that is none hides what
+    else there is: without it all sets are weighed anew.
+    """
+    if FORCE in named and all(each.name != FORCE for each in judged.effects):
+        return FORCE  # no entry can say how it acts
+    idle = [each for each in judged.effects if not _is_cause(each)]
+    worst = min(idle, key=lambda each: (each.shrink.estimate, each.probability), default=None)
+    return worst.name if worst else ""
 
 
 def _judged(weighed: Weighed, named: frozenset[str]) -> Judged:
@@ -70,6 +94,7 @@ def _judged(weighed: Weighed, named: frozenset[str]) -> Judged:
         weighed.left_by_forms(),
         weighed.unexplained,
         entries.channel_of,
+        weighed.noise.tolerance,
     )
     doubts = _doubts(weighed, entries, named)
     found = tuple(
@@ -80,10 +105,11 @@ def _judged(weighed: Weighed, named: frozenset[str]) -> Judged:
 
 def _doubts(weighed: Weighed, entries: Explained, named: frozenset[str]) -> dict[str, Doubt]:
     """The doubt in each channel."""
-    session, healthy = weighed.session, weighed.healthy
-    by_entries = left_shares(session, entries.left_rms(), healthy, healthy.before)
+    session = weighed.session
+    by_entries = left_shares(session, entries.left_rms(), weighed.noise)
     places = set(entries.channel_of.values())
-    claimed = {name: share for name, share in by_entries.items() if name in places}
+    freer = {channel for name, channel in entries.channel_of.items() if name in FREER}
+    claimed = {name: share for name, share in by_entries.items() if name in places - freer}
     doubts = doubts_of(session, weighed.unexplained, claimed, len(named))
     is_open = TORQUE_GAP in doubts and _exceeds_floor(weighed, (TORQUE_GAP,))
     best, parameters = weighed.causes.best.fit, _parameters(weighed.machine)
@@ -100,15 +126,28 @@ def _named(
     trust = BESIDE_NAMELESS if UNKNOWN in causes.best.material else 1.0
     trust = trust * claim.trust * (AT_BOUND if values.is_at_bound(name) else 1.0)
     rows = weighed.session.channels[channel]
+    shrink = shrink_of(rows, name, channel, values, entries.blocks)
+    if name == FORCE:
+        shrink = replace(shrink, high=max(shrink.high, _pushed(weighed)))
     return NamedEffect(
         name,
         channel,
-        causes.probability[name] * trust * _confidence(doubts, entries.columns[name]),
+        min(causes.probability[name], SUREST) * trust * _confidence(doubts, entries.columns[name]),
         causes.classes[name],
-        shrink_of(rows, name, channel, values, entries.blocks),
+        shrink,
         values.parameters(name),
         values.entries(name),
     )
+
+
+def _pushed(weighed: Weighed) -> float:
+    """Shrink of the torque's gap by the forces as they were; 0 where they are the lesser part."""
+    best, dictionary = weighed.causes.best.fit, weighed.dictionary
+    mine = [a for a in best.atoms if dictionary.atoms[a].name == FORCE]
+    pushed = dictionary.modelled(TORQUE_GAP, mine, best.of_atoms(dictionary, mine))
+    gap = weighed.session.channels[TORQUE_GAP].gap
+    left = float(np.sum((gap - pushed) ** 2)) / float(np.sum(gap**2))
+    return 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0
 
 
 def _confidence(doubts: Mapping[str, Doubt], columns: Mapping[str, Floats]) -> float:
@@ -117,12 +156,10 @@ def _confidence(doubts: Mapping[str, Doubt], columns: Mapping[str, Floats]) -> f
     return min(shown, default=1.0)
 
 
-def _is_cause(each: NamedEffect, claim: Claim) -> bool:
-    """Not what makes the gap greater, unless others hide it, or it is a force."""
-    if each.name == FORCE:
-        return True
-    is_likely = each.probability >= LEAST_PROBABILITY and claim.gain >= LEAST_GAIN
-    return is_likely and (each.shrink.high > 0.0 or claim.gain > NEEDED_GAIN)
+def _is_cause(each: NamedEffect) -> bool:
+    """Tell whether an effect is likely, and helps beside the others; nobody foresees a force."""
+    helps = each.shrink.high if each.name == FORCE else each.shrink.estimate
+    return each.probability >= LEAST_PROBABILITY and helps >= LEAST_SHRINK
 
 
 def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosis:
@@ -169,9 +206,16 @@ def _nearest(found: Sequence[NamedEffect], suspects: Sequence[str]) -> str | Non
 
 
 def _gap(weighed: Weighed, entries: Explained) -> dict[str, ChannelGap]:
-    after, floors = entries.left_rms(), weighed.healthy.before
+    after, noise = entries.left_rms(), weighed.noise
     return {
-        name: ChannelGap(rows.rms, after[name], float(np.median(floors[name])), CHANNEL_UNITS[name])
+        name: ChannelGap(
+            rows.rms,
+            after[name],
+            noise.floor[name],
+            noise.tolerance[name],
+            weighed.floor_source(name),
+            CHANNEL_UNITS[name],
+        )
         for name, rows in weighed.session.channels.items()
     }
 
@@ -179,9 +223,7 @@ def _gap(weighed: Weighed, entries: Explained) -> dict[str, ChannelGap]:
 def _exceeds_floor(weighed: Weighed, channels: Sequence[str] = tuple(CHANNEL_UNITS)) -> bool:
     recorded = weighed.session.channels
     return any(
-        recorded[name].rms > LEFT_OVER_FLOOR * float(np.median(weighed.healthy.before[name]))
-        for name in channels
-        if name in recorded
+        weighed.noise.matters(name, recorded[name].rms) for name in channels if name in recorded
     )
 
 

@@ -1,5 +1,6 @@
 """Check of a recording before anything is fitted to it: units, signs, cover, faults."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,8 +15,10 @@ from .recorded import Run
 LEAST_MOTION_S = 2.0
 SHORT_MOTION_S = 10.0
 LEAST_TRAVEL_REV = 0.5
-LEAST_RATE_HZ = 50.0
+LEAST_RATE_HZ = 20.0
 _GAIN_RANGE = (0.2, 5.0)
+_FOLLOWED = (0.2, 5.0)
+"""Travel of a setpoint over that of its axis: beyond it no lag explains it, but a unit does."""
 _STUCK_SHARE = 0.3
 _NO_RUN = "no unbroken run of a second or more: rows or channels are missing, or a channel is stuck"
 
@@ -70,12 +73,21 @@ def _units(fits: Sequence[FileFit]) -> list[str]:
     """Table and setpoint against motor: the lead says how far one turn goes."""
     for fit in fits:
         travel = fit.travel
-        leads = {TABLE_POSITION: travel.lead, SETPOINT: travel.setpoint_lead}
-        for channel, lead in leads.items():
-            if abs(lead - 1.0) > travel.lead_reach:
-                what = "its sign is turned" if lead < 0.0 else "a unit or the lead is wrong"
-                return [f"{channel} moves {lead:.3g} times as far as {ANGLE} says: {what}"]
+        if abs(travel.lead - 1.0) > travel.lead_reach:
+            return [_other_lead(TABLE_POSITION, travel.lead)]
+        if not _is_late(travel.setpoint_lead):
+            return [_other_lead(SETPOINT, travel.setpoint_lead)]
     return []
+
+
+def _is_late(lead: float) -> bool:
+    """Tell whether a setpoint's lead is that of an axis that follows it, however late."""
+    return math.isnan(lead) or _FOLLOWED[0] < lead < _FOLLOWED[1]
+
+
+def _other_lead(channel: str, lead: float) -> str:
+    what = "its sign is turned" if lead < 0.0 else "a unit or the lead is wrong"
+    return f"{channel} moves {lead:.3g} times as far as {ANGLE} says: {what}"
 
 
 def _stuck(runs: Sequence[Run]) -> list[str]:

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..fingerprint.regression import effective_size
 from ..models.effects.effect import Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
@@ -17,11 +16,12 @@ from .dictionary import Dictionary
 from .evidence import Fit, Noise, fit
 from .explained import Weighed
 from .impostor import FORCE
+from .judged import is_too_slow
 from .nameless import nameless_forms
+from .noise_floor import Floor, noise_floor
 from .pushes import lone_forms
 from .session import TORQUE_GAP, Session
-from .tolerance import Tolerated, limits_of, tolerated
-from .twin import HealthyGap
+from .tolerance import Tolerated, limits_of, stated_tolerance, tolerated
 from .unknown import left_shares
 
 __all__ = ["ChannelGap", "Diagnosis", "NamedEffect", "Verdict", "diagnose_session"]
@@ -35,32 +35,29 @@ DISCREPANCY = 0.05
 def diagnose_session(
     session: Session,
     machine: Machine,
-    healthy: HealthyGap,
     library: Sequence[Effect] | None = None,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> Diagnosis:
     """Diagnose one session.
 
     Args:
-        healthy: gaps of healthy twins on the same motion.
         library: entries that may be named; all of them unless given.
     """
     entries = tuple(effects().values()) if library is None else tuple(library)
     progress("signatures of the library")
-    dictionary, noise = _prepared(session, machine, healthy, entries)
+    dictionary, noise = _prepared(session, machine, entries)
     progress("sets of effects")
     limits = limits_of(_prior(session, machine))
     causes = find_causes(dictionary, noise, limits)
-    noise = _renoised(session, dictionary, causes.best.fit, noise)
-    causes = find_causes(dictionary, noise, limits)
+    first = causes.best.fit
+    noise = _renoised(session, machine, dictionary, first, noise)
+    causes = find_causes(dictionary, noise, limits, first.atoms[dictionary.tolerated :])
     left: Mapping[str, float] = causes.best.fit.rms
     if FORCE in causes.best.material:
         causes, left = beside_force(session, dictionary, noise, limits, causes)
-    unexplained = left_shares(session, left, healthy, healthy.left)
+    unexplained = left_shares(session, left, noise)
     progress("values and held-out motion")
-    return concluded(
-        Weighed(session, machine, dictionary, noise, healthy, limits, causes, unexplained)
-    )
+    return concluded(Weighed(session, machine, dictionary, noise, limits, causes, unexplained))
 
 
 def _prior(session: Session, machine: Machine) -> Sequence[Tolerated]:
@@ -69,17 +66,22 @@ def _prior(session: Session, machine: Machine) -> Sequence[Tolerated]:
 
 
 def _prepared(
-    session: Session, machine: Machine, healthy: HealthyGap, entries: Sequence[Effect]
+    session: Session, machine: Machine, entries: Sequence[Effect]
 ) -> tuple[Dictionary, Noise]:
-    searched = [each for each in entries if each.name != FORCE]
+    searched = [
+        each for each in entries if each.name != FORCE and not is_too_slow(each.name, session)
+    ]
     dictionary = Dictionary.of_session(session, _prior(session, machine), searched)
     dictionary = dictionary.with_atoms(session, list(nameless_forms(session)))
+    gaps = {name: rows.gap for name, rows in session.channels.items()}
+    floor = _above_healthy(session, noise_floor(session, gaps))
     noise = Noise(
-        floor={name: float(np.median(healthy.before[name])) for name in session.channels},
+        floor=floor,
+        tolerance=stated_tolerance(machine, floor),
         effective=dict.fromkeys(session.channels, MOST_EFFECTIVE),
         discrepancy={name: DISCREPANCY * rows.rms for name, rows in session.channels.items()},
     )
-    if TORQUE_GAP in session.channels and len(searched) < len(entries):
+    if TORQUE_GAP in session.channels and FORCE in {each.name for each in entries}:
         dictionary = _with_pushes(session, dictionary, noise)
     return dictionary, noise
 
@@ -92,10 +94,25 @@ def _with_pushes(session: Session, dictionary: Dictionary, noise: Noise) -> Dict
     return dictionary.with_atoms(session, lone_forms(session, left))
 
 
-def _renoised(session: Session, dictionary: Dictionary, best: Fit, noise: Noise) -> Noise:
-    """The noise with as many independent observations as the residual of the best fit has."""
-    effective = {}
-    for name, rows in session.channels.items():
-        left = rows.gap - dictionary.modelled(name, best.atoms, best.coefficients)
-        effective[name] = float(np.clip(effective_size(left), 40.0, MOST_EFFECTIVE))
-    return replace(noise, effective=effective)
+def _above_healthy(session: Session, floor: Mapping[str, Floor]) -> dict[str, float]:
+    """The floor, at least that by which healthy recordings part from one another."""
+    healthy = {} if session.healthy is None else session.healthy.floor
+    return {name: max(each.rms, healthy.get(name, 0.0)) for name, each in floor.items()}
+
+
+def _renoised(
+    session: Session, machine: Machine, dictionary: Dictionary, best: Fit, noise: Noise
+) -> Noise:
+    """The noise as the residual of the best fit has it: independent observations, and floor."""
+    left = {
+        name: rows.gap - dictionary.modelled(name, best.atoms, best.coefficients)
+        for name, rows in session.channels.items()
+    }
+    again = noise_floor(session, left)
+    effective = {
+        name: float(np.clip(each.independent, 40.0, MOST_EFFECTIVE)) for name, each in again.items()
+    }
+    bounded = _above_healthy(session, again)
+    floor = {name: min(bounded[name], rms) for name, rms in noise.floor.items()}
+    tolerance = stated_tolerance(machine, floor)
+    return replace(noise, effective=effective, floor=floor, tolerance=tolerance)

@@ -18,6 +18,11 @@ from .free_forms import free_forms
 from .session import Integers, Session
 from .tolerance import Tolerated
 
+_MOST_OF_GAP = 10.0
+"""Coefficients are held where their column makes up to so many times the gap of its channel: two
+columns that are nearly one must not stand against each other."""
+_LEAST_OF_FAMILY = 1e-8
+"""Energy of an atom over that of the strongest of its family, below which it is not there."""
 _STRICT = ("saturation",)
 """Effects whose column holds the measured torque: at any strength but 1 it would explain itself."""
 _STRICT_SIGMA = 0.05
@@ -83,18 +88,20 @@ class Dictionary:
         atoms = [*(each.atom for each in tolerated), *candidates]
         both = {name: _summed(atoms, session, name) for name in session.channels}
         columns = {name: each for name, (each, _) in both.items()}
-        return cls._of(tolerated, atoms, columns, {name: sums for name, (_, sums) in both.items()})
+        sums = {name: each for name, (_, each) in both.items()}
+        return cls._of(session, tolerated, atoms, columns, sums)
 
     @classmethod
     def _of(
         cls,
+        session: Session,
         tolerated: Sequence[Tolerated],
         atoms: Sequence[Atom],
         columns: Mapping[str, Columns],
         sums: Mapping[str, Sums],
     ) -> Self:
         first = np.concatenate(([0], np.cumsum([atom.size for atom in atoms]))).astype(np.int64)
-        mean, precision = np.zeros(int(first[-1])), np.zeros(int(first[-1]))
+        mean, precision = np.zeros(int(first[-1])), _bounding(session, sums)
         mean[: len(tolerated)] = [each.mean for each in tolerated]
         precision[: len(tolerated)] = [each.sigma**-2 for each in tolerated]
         for k, atom in enumerate(atoms[len(tolerated) :], start=len(tolerated)):
@@ -129,12 +136,12 @@ class Dictionary:
                 each.rows,
             )
         sizes = np.cumsum([atom.size for atom in atoms])
-        zeros = np.zeros(int(sizes[-1]))
+        count = len(self.mean)
         return replace(
             self,
             atoms=(*self.atoms, *atoms),
-            mean=np.concatenate((self.mean, zeros)),
-            precision=np.concatenate((self.precision, zeros)),
+            mean=np.concatenate((self.mean, np.zeros(int(sizes[-1])))),
+            precision=np.concatenate((self.precision, _bounding(session, sums)[count:])),
             first=np.concatenate((self.first, self.first[-1] + sizes)),
             columns={
                 n: np.column_stack((self.columns[n], added[n].astype(np.float32)))
@@ -171,12 +178,34 @@ class Dictionary:
 
     @property
     def candidates(self) -> list[int]:
-        """Atoms that are not merely tolerated."""
-        return list(range(self.tolerated, len(self.atoms)))
+        """Atoms that are not merely tolerated, and that show."""
+        energy = sum(np.diag(each.gram) / (each.square or 1.0) for each in self.sums.values())
+        of_atom = np.add.reduceat(energy, self.first[:-1])
+        strongest: dict[tuple[str, str], float] = {}
+        for atom, each in zip(self.atoms, of_atom.tolist(), strict=True):
+            family = atom.name, atom.form
+            strongest[family] = max(strongest.get(family, 0.0), each)
+        return [
+            k
+            for k in range(self.tolerated, len(self.atoms))
+            for atom in (self.atoms[k],)
+            if of_atom[k] > _LEAST_OF_FAMILY * strongest[atom.name, atom.form]
+        ]
 
     def modelled(self, channel: str, atoms: Sequence[int], coefficients: Floats) -> Floats:
         """Gap in a channel as atoms model it, (n,)."""
         return self.columns[channel][:, self.indices(atoms)].astype(np.float64) @ coefficients
+
+
+def _bounding(session: Session, sums: Mapping[str, Sums]) -> Floats:
+    """Precision of the coefficient of each column that bounds it by the gap, (p,)."""
+    held = [
+        np.diag(each.gram) / max(_MOST_OF_GAP**2 * float(np.sum(rows.gap**2)), 1e-300)
+        for name, each in sums.items()
+        for rows in (session.channels[name],)
+    ]
+    found: Floats = np.max(held, axis=0)
+    return found
 
 
 def _summed(atoms: Sequence[Atom], session: Session, channel: str) -> tuple[Columns, Sums]:

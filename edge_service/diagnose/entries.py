@@ -38,15 +38,20 @@ def problem_of(session: Session, dictionary: Dictionary, best: Fit, noise: Noise
 
 
 def entries_of(
-    dictionary: Dictionary, noise: Noise, named: frozenset[str], problem: Problem
+    dictionary: Dictionary, noise: Noise, named: frozenset[str], problem: Problem, best: Fit
 ) -> list[EntryAtom]:
-    """Entries of the library for the named effects, alone fitted, with refined shapes."""
+    """Entries of the library for the named effects, alone fitted, with refined shapes.
+
+    Args:
+        best: the best set, with all its forms.
+    """
     allowed = [
         k
         for k in dictionary.candidates
         if dictionary.atoms[k].name in named and _as_entry(dictionary.atoms[k]) is not None
     ]
-    whole = pursue(dictionary, noise, allowed, problem.mean, MOST_ENTRIES)
+    known = sorted(set(best.atoms) & set(allowed))
+    whole = pursue(dictionary, noise, allowed, problem.mean, MOST_ENTRIES, known)
     chosen: list[EntryAtom] = []
     for k in whole.atoms[dictionary.tolerated :]:
         entry = _as_entry(dictionary.atoms[k])

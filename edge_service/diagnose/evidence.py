@@ -27,14 +27,24 @@ class Noise:
 
     Attributes:
         floor: root mean square that a healthy axis leaves.
+        tolerance: root mean square that nobody needs to know the cause of.
         effective: independent observations among the rows; bounded, because the library is no
             better than an approximation of a real axis.
         discrepancy: root mean square below which one fit is no better than another.
     """
 
     floor: Mapping[str, float]
+    tolerance: Mapping[str, float]
     effective: Mapping[str, float]
     discrepancy: Mapping[str, float]
+
+    def beyond(self, channel: str, rms: float) -> float:
+        """Part of a root mean square that is not the floor's."""
+        return math.sqrt(max(rms**2 - self.floor[channel] ** 2, 0.0))
+
+    def matters(self, channel: str, rms: float) -> bool:
+        """Tell whether a root mean square exceeds the floor by more than the tolerance."""
+        return self.beyond(channel, rms) > self.tolerance[channel]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,6 @@ from .entries import entries_of, problem_of
 from .evidence import Noise
 from .held_out import Part, by_blocks
 from .session import Session
-from .twin import HealthyGap
 from .values import Values
 from .waterfall import channel_of, grouped
 
@@ -23,7 +22,6 @@ class Weighed:
     """A session whose sets of effects are weighed, but not yet judged.
 
     Attributes:
-        healthy: gaps of healthy twins on the same motion.
         limits: parameter effect -> healthy mean and tolerance of its amount.
         unexplained: share of each channel's energy above the floor that the best set leaves.
     """
@@ -32,10 +30,14 @@ class Weighed:
     machine: Machine
     dictionary: Dictionary
     noise: Noise
-    healthy: HealthyGap
     limits: Mapping[str, tuple[float, float]]
     causes: Causes
     unexplained: Mapping[str, float]
+
+    def floor_source(self, channel: str) -> str:
+        """Origin of a channel's floor: `reference` where healthy recordings tell it."""
+        healthy = self.session.healthy
+        return "reference" if healthy is not None and channel in healthy.floor else "recording"
 
     def left_by_forms(self) -> dict[str, Floats]:
         """Residual that the best set leaves of the gap with all forms that bear a name, (n,)."""
@@ -94,7 +96,7 @@ def explained(weighed: Weighed, named: frozenset[str]) -> Explained:
 def _values(weighed: Weighed, named: frozenset[str]) -> Values:
     best, noise = weighed.causes.best.fit, weighed.noise
     problem = problem_of(weighed.session, weighed.dictionary, best, noise)
-    atoms = tuple(entries_of(weighed.dictionary, noise, named, problem))
+    atoms = tuple(entries_of(weighed.dictionary, noise, named, problem, best))
     columns = tuple(problem.columns(atom) for atom in atoms)
     return Values(weighed.limits, problem, atoms, columns, *problem.solve(atoms, columns))
 

@@ -59,6 +59,15 @@ def predicted(parts: Sequence[Part], name: str, channel: str) -> Floats:
     return found
 
 
+def taken(values: Values, name: str, channel: str) -> Floats:
+    """Contribution of an effect to a channel's gap by its values on all blocks, (n,)."""
+    found = np.zeros(len(values.problem.session.channels[channel].gap))
+    for k, atom in enumerate(values.atoms):
+        if atom.name == name:
+            found += values.columns[k][channel] @ values.coefficients(k)
+    return found
+
+
 def at_pace(values: Values, name: str, channel: str, pace: float) -> Floats | None:
     """Contribution to a channel of an effect that follows time, were its clock to go at `pace`.
 

@@ -14,9 +14,11 @@ _EVEN = 0.12
 """With this much structure left, over what it explains, an effect is as likely an impostor."""
 _STEEP = 3.0
 FORCE = "external_force"
-"""Nothing foretells it; what is like it all over a recording is no force."""
+"""Nothing foretells it: what the motion foretells is no force."""
 HEATED = frozenset({"thermal_growth", "warmup"})
 """Their entries know time alone, where motion heats an axis: their free forms are judged."""
+BY_CHANCE = 0.5
+"""Of a force's energy: so much the motion may foretell, for a force also falls on some motion."""
 OWN = 1.0 / 3.0
 """Weight of an effect's own gain in what is missed beside it."""
 LEFT_WEIGHT = 0.8
@@ -67,6 +69,7 @@ def claims(
     left_by_forms: Mapping[str, Floats],
     shares_left: Mapping[str, float],
     channel_of: Mapping[str, str],
+    tolerance: Mapping[str, float],
 ) -> dict[str, Claim]:
     """The claims of named effects.
 
@@ -76,38 +79,46 @@ def claims(
         left_by_forms: what the best fit leaves, with all forms that bear a name, (n,).
         shares_left: share of each channel's energy above the floor that the best fit leaves.
         channel_of: effect -> the channel that it affects most.
+        tolerance: root mean square by channel; structure up to it does not count.
     """
     heated = {channel for effect, channel in channel_of.items() if effect in HEATED}
     judged = {
         name: left_by_forms[name] if name in heated else left[name]
         for name in set(channel_of.values())
     }
-    missed = _missed(judged, foretold(session, judged))
+    missed = _missed(judged, foretold(session, judged), tolerance)
     found = {}
     for effect, channel in channel_of.items():
         rest, mine = left[channel], parts[effect][channel]
         whole = float(np.sum(session.channels[channel].gap ** 2))
         gain = float(np.sum((rest + mine) ** 2) - np.sum(rest**2))
         strain = math.fsum(float(np.sum(each[channel] ** 2)) for each in parts.values())
-        unforeseen = shares_left[channel]
+        unforeseen, untold = shares_left[channel], missed[channel]
         if effect == FORCE:
             unforeseen = FORCE_WEIGHT * max(unforeseen, float(np.sum(rest**2)) / whole)
+            own = {channel: rest + mine}
+            by_motion = foretold(session, own, timed=False)
+            told = _missed(own, by_motion, tolerance)[channel]
+            untold = max(untold, told - BY_CHANCE * float(np.sum(own[channel] ** 2)))
         found[effect] = Claim(
             gain / whole,
             1.0 - float(np.sum(rest**2)) / whole,
-            missed[channel] / whole,
+            untold / whole,
             unforeseen,
             strain / whole,
         )
     return found
 
 
-def _missed(left: Mapping[str, Floats], structure: Mapping[str, Floats]) -> dict[str, float]:
-    """Energy of what is left that a free form foretells, by channel."""
-    return {
-        name: max(float(np.sum(rest**2) - np.sum((rest - structure[name]) ** 2)), 0.0)
-        for name, rest in left.items()
-    }
+def _missed(
+    left: Mapping[str, Floats], structure: Mapping[str, Floats], tolerance: Mapping[str, float]
+) -> dict[str, float]:
+    """Energy of what is left that a free form foretells, beyond the tolerance, by channel."""
+    found = {}
+    for name, rest in left.items():
+        told = float(np.sum(rest**2) - np.sum((rest - structure[name]) ** 2))
+        found[name] = max(told - len(rest) * tolerance[name] ** 2, 0.0)
+    return found
 
 
 def has_impostor(found: Mapping[str, Claim], channel_of: Mapping[str, str]) -> bool:

@@ -95,7 +95,7 @@ def separations(
     library = [get_effect(name) for name in names]
     dictionary = Dictionary.of_session(session, prior, library)
     floor = {name: _FLOOR_OF_NOISE * rows.rms for name, rows in session.channels.items()}
-    noise = Noise(floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
+    noise = Noise(floor, floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
     found = []
     for name in names:
         added = _faulty(session, name, (values or {}).get(name, {}))

@@ -15,6 +15,8 @@ from .recorded import Run
 LEAST_TRAVEL_M, LONG_TRAVEL_M = 5e-3, 0.1
 """A file that stays within these says nothing of the lead, or nothing that reaches further."""
 LEAD_SHARE = 0.02
+LAG_RATIO = 1.8
+"""The same for a setpoint, which leads its axis: how far depends on its controller."""
 LOST_MOTION_M = 2e-4
 """Play, growth and wobble: by so much table and motor part on one axis, wherever it is."""
 ZERO_M = 5e-4
@@ -104,8 +106,10 @@ def strangers(fits: Sequence[FileFit], lead_m: float, name: Callable[[int], str]
 
 def _of_travel(one: Travel, other: Travel, lead_m: float) -> str:
     reach = max(one.lead_reach, other.lead_reach)
-    for a, b in ((one.lead, other.lead), (one.setpoint_lead, other.setpoint_lead)):
-        if abs(a - b) > reach * max(abs(a), abs(b)):
+    late = 1.0 - 1.0 / LAG_RATIO
+    leads = (one.lead, other.lead, reach), (one.setpoint_lead, other.setpoint_lead, late)
+    for a, b, most in leads:
+        if abs(a - b) > most * max(abs(a), abs(b)):
             return f"lead {1e3 * lead_m * a:.4g} mm against {1e3 * lead_m * b:.4g} mm"
     longer = max(one, other, key=lambda each: each.travel_m)
     # an error of the lead that both share parts the encoders with the way, not the zeros
@@ -185,6 +189,8 @@ def _dynamics(runs: Sequence[Run]) -> Dynamics | None:
     ):
         return None
     values, sigma = _fitted(columns, torque)
+    if any(run.is_slow for run in runs):
+        sigma[0] = math.inf
     levels = zip(values[2:].tolist(), sigma[2:].tolist(), strict=True)
     friction = {
         k: level for k, level in zip(there, levels, strict=True) if k != _OTHER and level[0] > 0.0
@@ -205,8 +211,8 @@ def _torque_rows(run: Run) -> tuple[Floats, ...]:
     """Torque, acceleration, direction and speed while moving, through one low-pass, (n,) each."""
     motion = run.motion
     curves = (motion.torque_nm, motion.acceleration_rad_s2, motion.direction)
-    rows = [run.resting_zero(curve)[run.moving_rows] for curve in curves]
-    return (*rows, run.at_rows(motion.speed_rad_s)[run.moving_rows])
+    rows = [run.resting_zero(curve)[run.compared_rows] for curve in curves]
+    return (*rows, run.at_rows(motion.speed_rad_s)[run.compared_rows])
 
 
 def _fitted(columns: Floats, values: Floats) -> tuple[Floats, Floats]:

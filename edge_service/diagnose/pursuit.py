@@ -10,7 +10,10 @@ from .evidence import Fit, Noise, fit, reductions
 
 ATOMS_PER_EFFECT = 4
 _MOST_LEADERS = 12
-MOST_OF = {"external_force": 10, "compliance": 2, "backlash": 3, "stribeck": 2, "presliding": 1}
+MOST_OF = {
+    **{"external_force": 10, "lead_error": 6, "backlash": 3},
+    **{"compliance": 2, "stribeck": 2, "presliding": 1},
+}
 """Of effects that are there more often, or less: sums of many shapes of one could be anything."""
 _LEAST_GAIN = 3.0
 _MOST_ATOMS = 14
@@ -22,13 +25,31 @@ def pursue(
     candidates: Sequence[int],
     pinned: Floats | None = None,
     most_of: Mapping[str, int] = MOST_OF,
+    known: Sequence[int] = (),
 ) -> Fit:
     """The set that grows by the best atom, and loses what has become idle, until none is worth it.
 
     An effect may be there several times: two ripples, two rough stretches. Where the coefficients
     of what is tolerated are pinned they do not follow.
+
+    Args:
+        known: atoms to begin with as well: of two that help only together, none is the first.
     """
-    best = fit(dictionary, (), noise, pinned)
+    begun = [fit(dictionary, (), noise, pinned)]
+    if known:
+        begun.append(_pruned(dictionary, fit(dictionary, known, noise, pinned), noise, pinned))
+    grown = [_grown(dictionary, noise, candidates, pinned, most_of, each) for each in begun]
+    return max(grown, key=lambda each: each.score)
+
+
+def _grown(
+    dictionary: Dictionary,
+    noise: Noise,
+    candidates: Sequence[int],
+    pinned: Floats | None,
+    most_of: Mapping[str, int],
+    best: Fit,
+) -> Fit:
     while len(best.atoms) - dictionary.tolerated < _MOST_ATOMS:
         open_ = _open(dictionary, best, candidates, most_of)
         if not open_:

@@ -21,7 +21,7 @@ from ..messages.channels import (
 )
 from ..messages.samples import Floats, SampleFrame
 from ..models.effects.baseline import Baseline, Motion
-from .run import FILTER_ORDER, Filter, Run
+from .run import FILTER_ORDER, Filter, Run, is_slow
 from .session_clock import on_one_clock
 
 __all__ = ["Filter", "Run", "runs_of", "unbroken_runs"]
@@ -30,6 +30,14 @@ MOTION_CUTOFF_HZ = 100.0
 """Low-pass of the measured angle before it is differentiated."""
 STILL_RAD_S = 0.1
 """Up to this motor speed the axis is at rest, unless the encoder's noise asks for more."""
+_TOLD = 6.0
+"""Standard deviations of noise from which on a value is surely none."""
+_SLOWEST_SHARE = 0.1
+"""Of the greatest speed: up to it slow samples with much noise count as rest, no further."""
+_LASTING_SHARE = 0.02
+"""Of the strongest acceleration: by so much it may change from sample to sample and still last."""
+_SMOOTH_SHARE, _SMOOTH_QUANTILE = 0.1, 0.1257
+"""A tenth, and what lies within that quantile of the size of a standard normal variable."""
 EDGE_S = 0.1
 LEAST_RUN_S = 1.0
 _OPTIONAL = (SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
@@ -87,19 +95,25 @@ def _with_angle(frames: Iterable[SampleFrame], ratio_m_per_rad: float) -> Iterat
 
 
 def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
-    cutoff_hz = min(MOTION_CUTOFF_HZ, 0.4 / run.period_s)
-    raw = run.channels
-    smooth = {
-        name: low_pass(raw[name], cutoff_hz, FILTER_ORDER, run.period_s)
-        for name in (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE)
+    slow, raw = is_slow(run.period_s), run.channels
+    smooth = _unfiltered(raw) if slow else _filtered(raw, run.period_s)
+    speed = central_difference(smooth[ANGLE], run.period_s)
+    noise = {
+        name: _slow_noise_rms(raw[name]) if slow else white_noise_rms(raw[name])
+        for name in (ANGLE, TORQUE, TABLE_POSITION)
         if name in raw
     }
-    speed = central_difference(smooth[ANGLE], run.period_s)
-    acceleration = central_difference(speed, run.period_s)
-    noise = {
-        name: white_noise_rms(raw[name]) for name in (ANGLE, TORQUE, TABLE_POSITION) if name in raw
-    }
-    still = max(STILL_RAD_S, 6.0 * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0)
+    if slow:
+        acceleration, resolved = _second_difference(smooth[ANGLE], run.period_s, noise[ANGLE])
+        fastest = float(np.abs(speed).max())
+        wavers = _TOLD * noise[ANGLE] / math.sqrt(2.0) / run.period_s
+        still = max(STILL_RAD_S, min(wavers, _SLOWEST_SHARE * fastest))
+    else:
+        acceleration = central_difference(speed, run.period_s)
+        resolved = np.ones(len(run), dtype=np.bool_)
+        cutoff_hz = _cutoff_hz(run.period_s)
+        wavers = _TOLD * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0
+        still = max(STILL_RAD_S, wavers)
     edge = math.ceil(EDGE_S / run.period_s)
     inside = slice(edge, len(run) - edge)
     moving = _moving(speed[inside], still, run.period_s)
@@ -121,6 +135,7 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     return Run(
         motion=motion,
         moving=moving,
+        resolved=resolved[inside] & _going_on(motion.direction) if slow else resolved[inside],
         transmission_m=stretch,
         temperature_c=_inside(raw, TEMPERATURE, inside),
         setpoint_m=_inside(raw, SETPOINT, inside),
@@ -130,6 +145,55 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     )
 
 
+def _cutoff_hz(period_s: float) -> float:
+    return min(MOTION_CUTOFF_HZ, 0.4 / period_s)
+
+
+def _filtered(raw: Mapping[str, Floats], period_s: float) -> dict[str, Floats]:
+    return {
+        name: low_pass(values, _cutoff_hz(period_s), FILTER_ORDER, period_s)
+        for name, values in _unfiltered(raw).items()
+    }
+
+
+def _unfiltered(raw: Mapping[str, Floats]) -> dict[str, Floats]:
+    names = (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE)
+    return {name: raw[name] for name in names if name in raw}
+
+
+def _slow_noise_rms(values: Floats) -> float:
+    """White noise on a series (n,) that is smooth in a tenth of its length at least.
+
+    As `white_noise_rms`, with that quantile of the fifth differences instead of their median.
+    """
+    fifth = np.abs(np.diff(values, 5))
+    if not fifth.size:
+        return 0.0
+    return float(np.quantile(fifth, _SMOOTH_SHARE) / _SMOOTH_QUANTILE / math.sqrt(252.0))
+
+
+def _second_difference(
+    angle_rad: Floats, period_s: float, noise_rad: float
+) -> tuple[Floats, Booleans]:
+    """Acceleration (n,), 0 where it may be noise, and which samples see it last (n,)."""
+    bend = np.zeros_like(angle_rad)
+    bend[1:-1] = np.diff(angle_rad, 2) / period_s**2
+    noise = noise_rad / period_s**2
+    change = np.abs(np.diff(bend))
+    change = np.maximum(np.append(change, 0.0), np.insert(change, 0, 0.0))
+    strong = float(np.quantile(np.abs(bend), 0.99))
+    lasting = change <= max(_LASTING_SHARE * strong, _TOLD * math.sqrt(20.0) * noise)
+    told = np.abs(bend) > 0.5 * _TOLD * math.sqrt(6.0) * noise
+    return np.where(told, bend, 0.0), lasting
+
+
+def _going_on(direction: Floats) -> Booleans:
+    """Samples that move as those before and after them do, (n,)."""
+    same = direction[1:] == direction[:-1]
+    going: Booleans = np.append(same, True) & np.insert(same, 0, True)
+    return going
+
+
 def _inside(channels: Mapping[str, Floats], name: str, inside: slice) -> Floats | None:
     values = channels.get(name)
     return None if values is None else values[inside]
@@ -137,8 +201,10 @@ def _inside(channels: Mapping[str, Floats], name: str, inside: slice) -> Floats 
 
 def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Booleans:
     """Not at rest; a passage through zero shorter than 20 ms is no rest."""
-    fast = np.abs(speed_rad_s) > still_rad_s
-    reach = max(round(0.02 / period_s), 1)
+    fast: Booleans = np.abs(speed_rad_s) > still_rad_s
+    reach = round(0.02 / period_s)
+    if reach < 1:
+        return fast
     closed: Booleans = ndimage.binary_closing(
         np.pad(fast, reach, mode="edge"), np.ones(reach + 1, dtype=bool)
     )[reach:-reach]

@@ -19,6 +19,8 @@ _MOST_SWEEPS = 4
 _SETTLED = 1e-2  # fall of the square, as a part of it, that is worth no further sweep
 _EVALUATIONS = 10
 _REACH = 2.0  # of a shape's search around its point of the grid, as a factor
+_FINE_REACH = 1.1
+"""The same where the grid is fine."""
 
 
 @dataclass(slots=True, eq=False)
@@ -157,7 +159,8 @@ def _moved(
         left = problem.solve(changed, [*columns[:k], mine, *columns[k + 1 :]])[2]
         return atom, mine, left
 
-    reach = float(np.log(_REACH)) if is_scale else 1.0
+    factor = _FINE_REACH if atoms[k].name == "saturation" else _REACH
+    reach = float(np.log(factor)) if is_scale else 1.0
     found = optimize.minimize_scalar(
         lambda x: trial(x)[2],
         bounds=(-reach, reach),

@@ -31,7 +31,7 @@ class ReplayedGap:
     Attributes:
         before: without the effects.
         after: with all of them.
-        floor: root mean square on a healthy axis.
+        floor: root mean square that no model could explain.
         shrink: from before to after, resampled by blocks.
     """
 
@@ -63,7 +63,7 @@ class Replay:
 
     Attributes:
         gap: by channel.
-        effects: how far each effect alone shrinks its channel.
+        effects: how far each effect shrinks what the others leave of its channel.
         problem: why there is no replay; empty where there is one.
     """
 
@@ -78,12 +78,12 @@ def replay(
     channels: Mapping[str, str],
     floors: Mapping[str, float],
 ) -> Replay:
-    """Replay a session without effects, with all, and with each alone.
+    """Replay a session without effects, with all, and with all but each.
 
     Args:
         blocks: from `by_blocks`.
         channels: effect -> the channel that it is judged in.
-        floors: channel -> gap of a healthy axis.
+        floors: channel -> gap that no model could explain.
     """
     if not channels:
         return Replay({}, {}, "no effect is named")
@@ -121,9 +121,10 @@ def _replay(
     effects = {}
     for name, channel in channels.items():
         if channel in gap:
-            alone = full if len(channels) == 1 else left((name,))
+            others = tuple(other for other in channels if other != name)
+            without = left(others) if others else bare
             block = session.channels[channel].block
-            effects[name] = resampled(block, bare[channel], alone[channel])
+            effects[name] = resampled(block, without[channel], full[channel])
     return Replay(gap, effects)
 
 
@@ -144,6 +145,7 @@ def _beginning(session: Session) -> Session:
     ends_s = np.cumsum([np.ptp(run.motion.time_s) for run in session.runs])
     count = max(int(np.searchsorted(ends_s, _LONGEST_S, side="right")), 1)
     runs = session.runs[:count]
-    if not any(run.moving_rows.any() for run in runs):
+    if not any(run.compared_rows.any() for run in runs):
         raise ValueError(f"the axis rests for the first {_LONGEST_S:g} s")
-    return Session.of_runs(runs, session.baseline)
+    beginning = Session.of_runs(runs, session.baseline)
+    return beginning if session.healthy is None else session.healthy.beside(beginning)

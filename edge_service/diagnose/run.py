@@ -13,9 +13,14 @@ from ..models.compiled import compiled
 from ..models.effects.baseline import Motion
 
 Integers = npt.NDArray[np.int64]
+SLOW_HZ = 200.0
+"""Below this sampling rate accelerations come and go between two samples: what is compared is the
+motion that lasts, sample by sample, without a low-pass."""
 CUTOFF_HZ = 40.0
 """Low-pass of both sides of the comparison: above the position loop, below torsional modes."""
 FILTER_ORDER = 4
+CUTOFF_SHARE = 0.2
+"""Of the sampling rate, where that is too low for `CUTOFF_HZ`."""
 _ROWS_PER_CUTOFF = 3.0
 
 
@@ -33,14 +38,28 @@ class Filter:
 
     @classmethod
     def of_period(cls, period_s: float) -> "Filter":
-        """The comparison's filter for a sampling period."""
-        cutoff_hz = min(CUTOFF_HZ, 0.2 / period_s)
+        """The comparison's filter for a sampling period; none where samples are few."""
+        if is_slow(period_s):
+            return cls(np.ones(1), 1, period_s)
+        cutoff_hz = min(CUTOFF_HZ, CUTOFF_SHARE / period_s)
         step = max(math.floor(1.0 / (period_s * cutoff_hz * _ROWS_PER_CUTOFF)), 1)
         reach = math.ceil(3.0 / (cutoff_hz * period_s))
         impulse = np.zeros(4 * reach + 1)
         impulse[2 * reach] = 1.0
         taps = low_pass(impulse, cutoff_hz, FILTER_ORDER, period_s)[reach:-reach]
         return cls(taps / taps.sum(), step, period_s)
+
+    @property
+    def cutoff_hz(self) -> float:
+        """Frequency at which half of an amplitude passes."""
+        return min(CUTOFF_HZ, CUTOFF_SHARE / self.period_s)
+
+    def gain(self, frequency_hz: Floats) -> Floats:
+        """Part of an amplitude that passes at some frequencies, (n,)."""
+        if len(self.taps) == 1:
+            return np.ones_like(frequency_hz)
+        passed: Floats = 1.0 / (1.0 + (frequency_hz / self.cutoff_hz) ** (2 * FILTER_ORDER))
+        return passed
 
     def __call__(self, values: Floats) -> Floats:
         """Filtered rows, (n,) -> (ceil(n / step),)."""
@@ -68,6 +87,11 @@ def _weighed(values: Floats, taps: Floats, middles: Integers) -> Floats:
     return found
 
 
+def is_slow(period_s: float) -> bool:
+    """Tell whether a sampling period is too long to follow accelerations."""
+    return period_s * SLOW_HZ > 1.0 + 1e-6
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
     """One unbroken run at its native rate, edges cut off; all arrays (n,).
@@ -75,6 +99,7 @@ class Run:
     Attributes:
         motion: of the motor, from the filtered angle, with what the baseline says of it.
         moving: samples that are not at rest.
+        resolved: samples whose acceleration the sampling follows; all, unless it is slow.
         transmission_m: table position minus that of the angle; None without a linear encoder.
         temperature_c, setpoint_m: None where not recorded.
         recording: number of the file that it comes from.
@@ -83,6 +108,7 @@ class Run:
 
     motion: Motion
     moving: Booleans
+    resolved: Booleans
     transmission_m: Floats | None
     temperature_c: Floats | None
     setpoint_m: Floats | None
@@ -104,6 +130,11 @@ class Run:
         return values[:: self.low_pass.step]
 
     @property
-    def moving_rows(self) -> Booleans:
-        """Rows that are not at rest."""
-        return self.moving[:: self.low_pass.step]
+    def is_slow(self) -> bool:
+        """True if the sampling does not follow accelerations."""
+        return is_slow(self.low_pass.period_s)
+
+    @property
+    def compared_rows(self) -> Booleans:
+        """Rows whose torque can be compared: in motion, and resolved."""
+        return (self.moving & self.resolved)[:: self.low_pass.step]

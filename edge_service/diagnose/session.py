@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -50,6 +50,17 @@ class Rows:
         return Rows(self.gap[::every], variables, self.block[::every])
 
 
+class Healthy(Protocol):
+    """A healthy machine that is known from recordings."""
+
+    @property
+    def floor(self) -> Mapping[str, float]:
+        """Root mean square by which another healthy recording may part from it, by channel."""
+
+    def beside(self, session: "Session") -> "Session":
+        """The session with what it has beyond the healthy machine as its gap."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
     """Runs and the rows that follow from them.
@@ -59,6 +70,7 @@ class Session:
         channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
         rows: channel -> its rows in each run, thinned to those of the session, (k,) each; none
             in a run without the channel.
+        healthy: machine whose own gap is no part of this one; None where only the model is known.
     """
 
     runs: tuple[Run, ...]
@@ -66,6 +78,7 @@ class Session:
     modelled: tuple[ActiveEffect, ...]
     channels: Mapping[str, Rows]
     rows: Mapping[str, tuple[Integers, ...]]
+    healthy: "Healthy | None" = None
 
     @classmethod
     def of_runs(
@@ -80,9 +93,9 @@ class Session:
         if any(run.transmission_m is not None for run in runs):
             channels[TRANSMISSION_GAP] = _transmission_rows(runs, baseline, modelled).thinned(every)
         rows = {
-            TORQUE_GAP: _thinned([run.moving_rows & run.has_torque for run in runs], every),
+            TORQUE_GAP: _thinned([run.compared_rows & run.has_torque for run in runs], every),
             TRANSMISSION_GAP: _thinned(
-                [np.full(len(run.moving_rows), run.transmission_m is not None) for run in runs],
+                [np.full(len(run.compared_rows), run.transmission_m is not None) for run in runs],
                 every,
             ),
         }
@@ -126,7 +139,7 @@ def torque_gap(run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]) -
     model = run.motion.model_torque_nm.copy()
     for each in modelled:
         model += torque_signature(each.effect, each.values, run.motion, baseline)
-    return run.resting_zero(run.motion.torque_nm - model)[run.moving_rows]
+    return run.resting_zero(run.motion.torque_nm - model)[run.compared_rows]
 
 
 def transmission_gap(
@@ -140,7 +153,7 @@ def transmission_gap(
 
 
 def _torque_rows(runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Rows:
-    kept = [(run, run.moving_rows) for run in runs if run.has_torque]
+    kept = [(run, run.compared_rows) for run in runs if run.has_torque]
     return _rows(np.concatenate([torque_gap(run, baseline, modelled) for run, _ in kept]), kept)
 
 

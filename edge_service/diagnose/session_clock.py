@@ -112,6 +112,7 @@ def _cut(run: Run, span: slice) -> Run:
         run,
         motion=motion,
         moving=run.moving[span].copy(),
+        resolved=run.resolved[span].copy(),
         transmission_m=_copied(run.transmission_m, span),
         temperature_c=_copied(run.temperature_c, span),
         setpoint_m=_copied(run.setpoint_m, span),

@@ -1,12 +1,13 @@
 """Shrinkage of the gap on motion that was not used for fitting."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..messages.samples import Floats
-from .held_out import Part, at_pace, predicted
+from .held_out import Part, at_pace, predicted, taken
+from .impostor import FORCE
 from .session import Integers, Rows
 from .values import Values
 
@@ -47,20 +48,27 @@ def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
 
 
 def shrink_of(rows: Rows, name: str, channel: str, values: Values, parts: Sequence[Part]) -> Shrink:
-    """Shrink of a channel by one effect, expected on other motion.
+    """Shrink of a channel by one effect beside all others, expected on other motion.
 
-    The estimate is that of held-out blocks. An effect that follows time does so at another pace in
-    two thirds of the draws of the interval.
+    The estimate is that of held-out blocks: from what the others leave to what all leave. A force
+    among the others, which no block foretells of another, is taken off as it was here. An effect
+    that follows time does so at another pace in two thirds of the draws of the interval.
 
     Args:
         values: fitted on all blocks.
         parts: from `by_blocks`.
     """
-    left = [rows.gap - predicted(parts, name, channel)]
+    others = {atom.name for atom in values.atoms} - {name}
+    without = rows.gap.copy()
+    for other in sorted(others - {FORCE}):
+        without -= predicted(parts, other, channel)
+    if name != FORCE:
+        without -= taken(values, FORCE, channel)
+    left = [without - predicted(parts, name, channel)]
     for made in (at_pace(values, name, channel, pace) for pace in PACES):
         if made is not None:
-            left.append(rows.gap - made)
-    return on_other_motion(rows, left)
+            left.append(without - made)
+    return on_other_motion(replace(rows, gap=without), left)
 
 
 def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:

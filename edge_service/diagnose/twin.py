@@ -1,9 +1,9 @@
-"""Healthy runs of the same motion on the simulated axis: what a gap is when nothing is wrong."""
+"""A healthy run of the same motion on the simulated axis, and the baseline that it shares."""
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,11 +16,9 @@ from ..models.encoders import Sensors
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
 from ..models.plant import Plant
-from .dictionary import Dictionary
-from .evidence import Noise, fit
 from .recorded import EDGE_S, Run, runs_of
 from .session import Session
-from .tolerance import parameter_tolerances, tolerated
+from .tolerance import parameter_tolerances
 
 LONGEST_RUN_S = 60.0
 """Of each healthy run; the beginning of a longer recording stands for the rest."""
@@ -29,54 +27,6 @@ LONGEST_TWIN_S = 300.0
 _STIFFENING = 300.0
 _SETTLE_S = 0.5
 _PRELOAD_PERCENT = 7.0
-
-
-@dataclass(frozen=True, slots=True)
-class HealthyGap:
-    """Root mean square gaps of healthy runs, by channel, (runs,) each.
-
-    Attributes:
-        before: as `gap` has it.
-        left: when the tolerated parameters are fitted.
-    """
-
-    before: Mapping[str, tuple[float, ...]]
-    left: Mapping[str, tuple[float, ...]]
-
-
-def joined(gaps: Iterable[HealthyGap]) -> HealthyGap:
-    """The gaps of several sets of healthy runs as those of one."""
-    before: dict[str, tuple[float, ...]] = {}
-    left: dict[str, tuple[float, ...]] = {}
-    for each in gaps:
-        for whole, part in ((before, each.before), (left, each.left)):
-            for name, values in part.items():
-                whole[name] = (*whole.get(name, ()), *values)
-    return HealthyGap(before, left)
-
-
-def healthy_gap(sessions: Iterable[Session], machine: Machine) -> HealthyGap:
-    """Gaps of healthy sessions, one after another."""
-    return joined(_gap_of(session, machine) for session in sessions)
-
-
-def _gap_of(session: Session, machine: Machine) -> HealthyGap:
-    before = {name: (rows.rms,) for name, rows in session.channels.items()}
-    left = tolerated_fit(session, machine)
-    return HealthyGap(before, {name: (rms,) for name, rms in left.items()})
-
-
-def tolerated_fit(session: Session, machine: Machine) -> dict[str, float]:
-    """Residual of a session's gap when only what is tolerated is fitted, by channel."""
-    period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
-    prior = tolerated(machine, period_s, session.baseline.coulomb_nm)
-    dictionary = Dictionary.of_session(session, prior, ())
-    noise = Noise(
-        {},
-        dict.fromkeys(session.channels, 400.0),
-        {name: 0.05 * rows.rms for name, rows in session.channels.items()},
-    )
-    return dict(fit(dictionary, (), noise).rms)
 
 
 def rigid_baseline(machine: Machine) -> Baseline:

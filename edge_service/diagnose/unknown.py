@@ -1,21 +1,18 @@
 """Doubt of a best explanation that is none: how much it leaves, and what it had to bend for it."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from .dictionary import Dictionary
-from .evidence import Fit
+from .evidence import Fit, Noise
 from .session import Session
-from .twin import HealthyGap
 
 UNKNOWN_SHARE = 0.15
 """Share of the gap's energy above the floor; with more left over, the named effects are doubted."""
 UNKNOWN_ENTRY_SHARE = 0.6
 """The same of what the entries alone leave, without the forms that an effect takes beside them."""
-LEFT_OVER_FLOOR = 1.5
-"""Number of healthy floors from which on a residual counts."""
 MOST_CAUSES = 3
 """It takes more than this many causes at once only where none of them is the true one."""
 MOST_STRETCH = 6.0
@@ -30,24 +27,16 @@ class Doubt:
     confidence: float
 
 
-def left_shares(
-    session: Session,
-    left_rms: Mapping[str, float],
-    healthy: HealthyGap,
-    floors: Mapping[str, Sequence[float]],
-) -> dict[str, float]:
+def left_shares(session: Session, left_rms: Mapping[str, float], noise: Noise) -> dict[str, float]:
     """Share of each channel's energy above the floor that is left, `left_rms` by channel.
 
-    Args:
-        floors: what healthy axes leave under the same treatment.
+    A remainder within the tolerance counts as none.
     """
     found = {}
     for name, rows in session.channels.items():
-        floor = float(np.median(floors[name]))
-        above = rows.rms**2 - float(np.median(healthy.before[name])) ** 2
-        over = left_rms[name] > LEFT_OVER_FLOOR * floor and rows.rms > LEFT_OVER_FLOOR * floor
-        left = left_rms[name] ** 2 - floor**2
-        found[name] = min(max(left / above, 0.0), 1.0) if over and above > 0.0 else 0.0
+        above, left = noise.beyond(name, rows.rms), left_rms[name]
+        counts = above > 0.0 and noise.matters(name, left)
+        found[name] = min((noise.beyond(name, left) / above) ** 2, 1.0) if counts else 0.0
     return found
 
 

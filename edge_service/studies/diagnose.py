@@ -12,15 +12,17 @@ from ..diagnose.data_check import check_data
 from ..diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
 from ..diagnose.judged import not_judged
 from ..diagnose.proposal import propose
+from ..diagnose.reference import Reference, healthy_machine, healthy_model
 from ..diagnose.session import Session
+from ..diagnose.twin import rigid_baseline
+from ..models.effects.registry import machine_effects
 from ..models.machine import Machine
 from ..models.motion import MotionError
 from .diagnosis_document import augmented_toml, bad_data_document, to_document
 from .diagnosis_report import render, render_bad_data
-from .healthy_cache import healthy_gap_of
-from .machine_gap import DiagnosisError, read_runs, session_of
+from .machine_gap import BadDataError, DiagnosisError, read_runs, session_of
 
-HEALTHY_RUNS = 32
+_FILES = ("augmented.toml", "report.html", "diagnosis.json")
 
 
 def diagnose(
@@ -28,15 +30,45 @@ def diagnose(
     traces: Sequence[Path],
     out: Path,
     progress: Callable[[str], None] = lambda _line: None,
+    reference: Sequence[Path] = (),
+    axis_number: int | None = None,
 ) -> str:
     """Write diagnosis.json, augmented.toml and report.html into `out`; returns a summary.
+
+    A run that fails leaves none of them there, not even older ones.
+
+    Args:
+        reference: recordings of the healthy machine.
+        axis_number: the controller's number of the axis, in place of the machine file's.
 
     Raises:
         ConfigError: the machine file is wrong.
         TraceError: a recording cannot be read.
         DiagnosisError: no recording, or one that this cannot be done with.
+        BadDataError: the recordings are unfit; the three files say why.
     """
-    machine, text = load_machine(machine_file), machine_file.read_text("utf-8")
+    try:
+        machine, text = load_machine(machine_file, axis_number), machine_file.read_text("utf-8")
+        return _diagnosed(machine, text, traces, out, progress, reference)
+    except BadDataError:
+        raise
+    except BaseException:
+        for name in _FILES:
+            (out / name).unlink(missing_ok=True)
+        raise
+
+
+def _diagnosed(
+    machine: Machine,
+    text: str,
+    traces: Sequence[Path],
+    out: Path,
+    progress: Callable[[str], None],
+    reference: Sequence[Path],
+) -> str:
+    healthy = None
+    if reference:
+        machine, healthy = _healthy(machine, reference, progress)
     runs = read_runs(machine, traces, progress)
     names = [path.name for path in traces]
     check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
@@ -45,19 +77,40 @@ def diagnose(
         document = bad_data_document(check.faults, gap, check.remarks)
         page = render_bad_data(machine, names, check)
         _write(out, document, text, page)
-        return f"bad data: {'; '.join(check.faults)}\nreport: {out / 'report.html'}"
+        raise BadDataError(f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})")
     session = session_of(machine, runs)
-    healthy = healthy_gap_of(machine, runs, HEALTHY_RUNS, progress)
-    found = diagnose_session(session, machine, healthy, progress=progress)
+    if healthy is not None:
+        session = healthy.beside(session)
+    found = diagnose_session(session, machine, progress=progress)
     found = _with_motion(found, machine)
     silent = not_judged(session)
     try:
         augmented = augmented_toml(text, found.effects if _accepted(found) else ())
     except ValueError as error:
-        raise ConfigError(f"{machine_file}: {error}") from error
+        raise ConfigError(f"the machine file of axis {machine.axis.name}: {error}") from error
     document = to_document(found, check.remarks, silent)
-    _write(out, document, augmented, render(machine, names, session, found, check, silent))
+    document["reference"] = [path.name for path in reference]
+    page = render(machine, names, session, found, check, silent, [path.name for path in reference])
+    _write(out, document, augmented, page)
     return _summary(found, out)
+
+
+def _healthy(
+    machine: Machine, reference: Sequence[Path], progress: Callable[[str], None]
+) -> tuple[Machine, Reference]:
+    """The machine as healthy recordings show it, and their gap beside it.
+
+    Raises:
+        DiagnosisError: they are unfit.
+    """
+    runs = read_runs(machine, reference, progress)
+    shown = healthy_model(machine, runs, rigid_baseline(machine))
+    runs = read_runs(shown, reference, progress)
+    names = [path.name for path in reference]
+    faults = check_data(runs, machine.transmission_ratio_m_per_rad, names).faults
+    if faults:
+        raise DiagnosisError(f"reference: {'; '.join(faults)}")
+    return shown, healthy_machine(runs, rigid_baseline(shown), machine_effects(shown))
 
 
 def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
@@ -88,11 +141,7 @@ def _gap_if_any(machine: Machine, runs: Sequence[Any]) -> dict[str, float]:
 
 def _write(out: Path, document: dict[str, Any], augmented: str, page: str) -> None:
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    for name, content in (
-        ("augmented.toml", augmented),
-        ("report.html", page),
-        ("diagnosis.json", text),
-    ):
+    for name, content in zip(_FILES, (augmented, page, text), strict=True):
         with replaced_file(out / name) as file:
             file.write(content)
 
@@ -101,7 +150,7 @@ def _summary(found: Diagnosis, out: Path) -> str:
     lines = [f"verdict: {found.verdict.value}"]
     lines += [
         f"{name}: {each.before:.3g} {each.unit} before, {each.after:.3g} after, "
-        f"{each.noise_floor:.3g} on a healthy axis"
+        f"{each.noise_floor:.3g} floor ({each.floor_source}), {each.tolerance:.3g} tolerated"
         for name, each in found.gap.items()
     ]
     lines += [

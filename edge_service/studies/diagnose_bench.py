@@ -108,12 +108,21 @@ def _covered(row: BenchRow, found: Diagnosis, machine: Machine, session: Session
 
 
 def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
-    """Shrink of another recording's gap by each named effect alone, in its channel."""
+    """Shrink of another recording's gap by each named effect beside the others, in its channel."""
     shrinks = {}
     for each in found.effects:
-        active = [active_effect(each.name, values) for values in each.entries]
-        after = Session.of_runs(again.runs, again.baseline, active).channels[each.channel].rms
-        shrinks[each.name] = 1.0 - after / again.channels[each.channel].rms
+        others = [
+            active_effect(other.name, values)
+            for other in found.effects
+            if other is not each
+            for values in other.entries
+        ]
+        mine = [active_effect(each.name, values) for values in each.entries]
+        before, after = (
+            Session.of_runs(again.runs, again.baseline, active).channels[each.channel].rms
+            for active in (others, [*others, *mine])
+        )
+        shrinks[each.name] = 1.0 - after / before
     return shrinks
 
 

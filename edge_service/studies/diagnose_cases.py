@@ -12,12 +12,11 @@ from ..config import load_machine
 from ..diagnose.diagnosis import Diagnosis, diagnose_session
 from ..diagnose.recorded import runs_of
 from ..diagnose.session import Session
-from ..diagnose.twin import healthy_gap, healthy_session, rigid_baseline
+from ..diagnose.twin import rigid_baseline
 from ..messages.samples import Floats, SampleFrame
 from ..models.effects.registry import effects
 from ..models.machine import Machine
 
-HEALTHY_RUNS = 4
 """Fewer than a diagnosis takes: only their median is used."""
 
 
@@ -81,6 +80,5 @@ def session_of_frames(machine: Machine, frames: Sequence[SampleFrame]) -> Sessio
 
 def diagnosed(machine: Machine, session: Session, withheld: Sequence[str] = ()) -> Diagnosis:
     """The answer to a session; what is there, and how strong, is not told."""
-    twins = [healthy_session(machine, session.runs, number) for number in range(HEALTHY_RUNS)]
     library = [each for each in effects().values() if each.name not in withheld]
-    return diagnose_session(session, machine, healthy_gap(twins, machine), library)
+    return diagnose_session(session, machine, library)

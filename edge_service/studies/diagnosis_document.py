@@ -14,7 +14,7 @@ SCHEMA = "diagnosis/1"
 
 
 def to_document(
-    found: Diagnosis, remarks: Sequence[str], not_judged: Sequence[str]
+    found: Diagnosis, remarks: Sequence[str], not_judged: Mapping[str, str]
 ) -> dict[str, Any]:
     """The document of a diagnosis."""
     return {
@@ -25,6 +25,8 @@ def to_document(
                 "before": each.before,
                 "after": each.after,
                 "noise_floor": each.noise_floor,
+                "floor_source": each.floor_source,
+                "tolerance": each.tolerance,
                 "unit": each.unit,
                 "replayed": _replayed(found.replay, name),
             }
@@ -40,6 +42,7 @@ def to_document(
             for name, steps in found.waterfall.items()
         },
         "not_judged": list(not_judged),
+        "not_judged_reasons": dict(not_judged),
         "reasons": [],
         "remarks": list(remarks),
         "replay": {"possible": not found.replay.problem, "reason": found.replay.problem or None},
@@ -65,6 +68,7 @@ def bad_data_document(
         "where_after": [],
         "waterfall": {},
         "not_judged": [],
+        "not_judged_reasons": {},
         "reasons": list(reasons),
         "remarks": list(remarks),
         "replay": {"possible": False, "reason": "bad data"},

@@ -32,7 +32,7 @@ _LEAST_STEP = 0.005  # of the whole gap: no more than a line's width
 
 
 def draw_waterfalls(found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
-    """Channel -> SVG: from the model as it is down to the healthy floor."""
+    """Channel -> SVG: from the model as it is down to the floor."""
     with mpl.rc_context({**STYLE, "svg.hashsalt": "waterfall"}):
         return {
             name: _waterfall(name, found.gap[name], found.waterfall.get(name, ()))
@@ -50,7 +50,7 @@ def _waterfall(channel: str, gap: ChannelGap, steps: Sequence[tuple[str, float]]
     figure = Figure(figsize=(7.6, 0.7 + 0.34 * len(names)), layout="constrained")
     axes = figure.subplots()
     axes.barh(range(len(names)), [factor * level for level in levels], color=ESTIMATE, height=0.6)
-    axes.axvline(factor * gap.noise_floor, color=TRUTH, linestyle=":", label="healthy axis")
+    axes.axvline(factor * gap.noise_floor, color=TRUTH, linestyle=":", label="floor")
     axes.set_yticks(range(len(names)), [names[0], *(f"with {name}" for name in names[1:])])
     axes.invert_yaxis()
     axes.set_xlabel(f"{label} (root mean square)")

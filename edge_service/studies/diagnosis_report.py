@@ -1,6 +1,6 @@
 """The page of a diagnosis: plain words first, then numbers and pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
@@ -22,8 +22,10 @@ VERDICTS = {
     "unknown": "There is a difference that none of the known effects explains.",
 }
 CHANNELS = {"torque_nm": "torque", "transmission_m": "position between motor and table"}
-TOLD_FROM_HEALTHY = 1.5
-"""Gap over that of a healthy axis from which on a channel is worth a picture."""
+FLOORS = {
+    "recording": "what neither the motion nor a repeat of it tells in advance, in this recording",
+    "reference": "what the healthy recordings leave beside one another",
+}
 _SHOWN_UNITS = {"m": ("µm", 1e6), "s": ("ms", 1e3), "1": ("", 1.0)}
 
 
@@ -33,21 +35,28 @@ def render(
     session: Session,
     found: Diagnosis,
     check: DataCheck,
-    not_judged: Sequence[str],
+    not_judged: Mapping[str, str],
+    reference: Sequence[str] = (),
 ) -> str:
-    """The page as HTML; nothing in it is loaded from elsewhere."""
+    """The page as HTML; nothing in it is loaded from elsewhere.
+
+    Args:
+        reference: names of the recordings of the healthy machine.
+    """
     telling = _telling(found)
     claimed = sorted({each.channel for each in found.effects} & found.replay.gap.keys())
     accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
     return _page(
         machine=machine,
         names=names,
+        reference=reference,
         found=found,
         lead=VERDICTS[found.verdict.value],
         faults=(),
         remarks=check.remarks,
-        not_judged=not_judged,
+        not_judged=_by_reason(not_judged),
         quiet=[CHANNELS[name] for name in found.gap if name not in telling],
+        tolerated=[CHANNELS[name] for name, each in found.gap.items() if each.matters],
         named=_by_weight(found.effects) if accepted else found.effects[:1],
         shown=claimed,
         accepted=accepted,
@@ -57,19 +66,23 @@ def render(
     )
 
 
+def _by_reason(not_judged: Mapping[str, str]) -> dict[str, list[str]]:
+    """Names of the effects that could not be judged for each reason."""
+    found: dict[str, list[str]] = {}
+    for name, reason in not_judged.items():
+        found.setdefault(reason, []).append(name)
+    return found
+
+
 def _by_weight(named: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The surest first; of those that are as sure, the one that makes most of the difference."""
     return sorted(named, key=lambda each: (-round(each.probability, 1), -each.shrink.estimate))
 
 
 def _telling(found: Diagnosis) -> list[str]:
-    """Channels that differ from those of a healthy axis, or that an effect is named in."""
+    """Channels whose gap matters, or that an effect is named in."""
     claimed = {each.channel for each in found.effects}
-    return [
-        name
-        for name, gap in found.gap.items()
-        if name in claimed or gap.before > TOLD_FROM_HEALTHY * gap.noise_floor
-    ]
+    return [name for name, gap in found.gap.items() if name in claimed or gap.matters]
 
 
 def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) -> str:
@@ -77,12 +90,14 @@ def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) ->
     return _page(
         machine=machine,
         names=names,
+        reference=(),
         found=None,
         lead="The recording cannot be diagnosed.",
         faults=check.faults,
         remarks=check.remarks,
-        not_judged=(),
+        not_judged={},
         quiet=(),
+        tolerated=(),
         named=(),
         shown=(),
         accepted=False,
@@ -106,7 +121,11 @@ def _page(**content: object) -> str:
     )
     source = files(__package__).joinpath("templates/diagnosis.html").read_text("utf-8")
     return environment.from_string(source).render(
-        **content, channels=CHANNELS, labels=LABELS, describe=lambda n: get_effect(n).description
+        **content,
+        channels=CHANNELS,
+        labels=LABELS,
+        floors=FLOORS,
+        describe=lambda n: get_effect(n).description,
     )
 
 

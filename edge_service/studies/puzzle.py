@@ -17,7 +17,7 @@ from ..config import DEFAULT_MACHINE, load_machine
 from ..diagnose.diagnosis import Diagnosis, diagnose_session
 from ..diagnose.recorded import Run, runs_of
 from ..diagnose.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from ..diagnose.twin import healthy_gap, healthy_session, rigid_baseline
+from ..diagnose.twin import rigid_baseline
 from ..messages.samples import SampleFrame
 from ..models.effects.registry import get_effect, machine_effects, parse_effect
 from ..models.effects.signature import transmission_signature
@@ -37,7 +37,6 @@ SESSION = (("acceleration", None), ("friction", None), ("warmup", 60.0), ("produ
 ROUNDS = 2
 LEAST_SHRINK = 0.04
 """A step that shrinks no channel by this share is none."""
-HEALTHY_RUNS = 4
 _UNIT_M_PER_N = 1e-8
 _RATE_HZ = 1000.0
 _PRELOAD_PERCENT = 6.85
@@ -60,7 +59,7 @@ class Puzzle:
 
     Attributes:
         before, fitted, floor: root mean square gap by channel of the linear model, of the same with
-            the parameters that fit best, and of a healthy axis.
+            the parameters that fit best, and of what no model could explain.
     """
 
     before: dict[str, float]
@@ -80,7 +79,7 @@ class Puzzle:
         for number, each in enumerate(self.rounds, start=1):
             lines += [_line(f"+ {step.effect}", step.gap) for step in each.steps]
             lines += [f"  diagnosis {number}: {each.verdict}"]
-        return "\n".join([*lines, _line("a healthy axis", self.floor)])
+        return "\n".join([*lines, _line("noise floor", self.floor)])
 
 
 def _line(name: str, gap: dict[str, float]) -> str:
@@ -112,11 +111,8 @@ def solve(progress: Progress = lambda _line: None) -> Puzzle:
     floor: dict[str, float] = {}
     while len(rounds) < ROUNDS:
         progress(f"diagnosis {len(rounds) + 1}")
-        healthy = healthy_gap(
-            [healthy_session(machine, runs, seed) for seed in range(HEALTHY_RUNS)], machine
-        )
-        floor = floor or {name: float(np.median(each)) for name, each in healthy.before.items()}
-        found = diagnose_session(_session(machine, runs), machine, healthy, progress=progress)
+        found = diagnose_session(_session(machine, runs), machine, progress=progress)
+        floor = {name: each.noise_floor for name, each in found.gap.items()}
         steps, better = _added(machine, runs, found)
         rounds.append(Round(found.verdict.value, tuple(steps)))
         if not steps:

@@ -1,4 +1,4 @@
-"""The waterfall from a linear model down to what a healthy axis leaves."""
+"""The waterfall from a linear model down to the noise floor."""
 
 import itertools
 from collections.abc import Mapping, Sequence

@@ -13,7 +13,6 @@ from .conftest import recorded
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr("edge_service.studies.diagnose.HEALTHY_RUNS", 2)
 
 
 @pytest.mark.usefixtures("cache")
@@ -58,14 +57,17 @@ def test_three_files_and_a_loop_that_closes(
 
 
 @pytest.mark.usefixtures("cache")
-def test_bad_data_is_a_verdict_and_no_error(machine_file: Path, tmp_path: Path) -> None:
+def test_bad_data_is_a_verdict_with_a_status_of_its_own(
+    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     trace = tmp_path / "a.csv"
     trace.write_text(
         "time_s,torque_command_nm,motor_angle_rad\n"
         + "".join(f"{k / 1000},0.1,1.0\n" for k in range(3000))
     )
     out = tmp_path / "out"
-    assert main(["diagnose", "--machine", str(machine_file), str(trace), "--out", str(out)]) == 0
+    assert main(["diagnose", "--machine", str(machine_file), str(trace), "--out", str(out)]) == 3
+    assert capsys.readouterr().err.count("\n") == 1
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["verdict"] == "bad_data"
     assert document["reasons"]
@@ -82,6 +84,18 @@ def test_a_file_that_is_no_trace_is_one_line(
     assert main(["diagnose", "--machine", str(machine_file), str(trace), "--out", str(out)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not out.exists()
+
+
+def test_a_run_that_fails_leaves_no_older_answer(machine_file: Path, tmp_path: Path) -> None:
+    trace = str(recorded((), 3).write_csv(tmp_path / "a.csv"))
+    out = tmp_path / "out"
+    given = ["diagnose", "--machine", str(machine_file), "--out", str(out)]
+    assert main([*given, trace]) == 0
+    assert (out / "report.html").exists()
+    (out / "notes.txt").write_text("mine")
+    (tmp_path / "b.csv").write_text("nothing")
+    assert main([*given, str(tmp_path / "b.csv")]) == 2
+    assert [each.name for each in out.iterdir()] == ["notes.txt"]
 
 
 def test_next_motion_needs_a_tie(machine_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,11 +7,10 @@ import pytest
 
 from edge_service.diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
 from edge_service.diagnose.session import Session
-from edge_service.diagnose.twin import healthy_gap, healthy_session
 from edge_service.models.effects.registry import effects, get_effect
 from edge_service.models.machine import Machine
 
-from .conftest import frame_of, recorded, runs, session_of
+from .conftest import frame_of, recorded, session_of
 
 _KNOWN: dict[object, tuple[Diagnosis, Session]] = {}
 
@@ -31,9 +30,8 @@ def _diagnosed(
 ) -> tuple[Diagnosis, Session]:
     frame = frame_of(recorded(causes, seed))
     session = session_of(machine, frame)
-    healthy = healthy_gap([healthy_session(machine, runs(machine, frame), 0)], machine)
     library = [each for each in effects().values() if each.name not in withheld]
-    return diagnose_session(session, machine, healthy, library), session
+    return diagnose_session(session, machine, library), session
 
 
 def test_a_healthy_axis_has_no_gap(machine: Machine) -> None:

@@ -101,6 +101,7 @@ def test_claims_are_shares_of_the_gap(session: Session) -> None:
         {TORQUE_GAP: rows.gap - mine},
         {TORQUE_GAP: 0.25},
         {"drag_error": TORQUE_GAP},
+        {TORQUE_GAP: 0.0},
     )["drag_error"]
     assert found.gain == pytest.approx(1.0 - 0.04)
     assert found.strain == pytest.approx(0.64)

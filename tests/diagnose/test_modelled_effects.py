@@ -3,7 +3,7 @@
 import pytest
 
 from edge_service.diagnose.diagnosis import Verdict, diagnose_session
-from edge_service.diagnose.twin import healthy_gap, healthy_session
+from edge_service.diagnose.twin import healthy_session
 from edge_service.models.machine import EffectConfig, Machine
 
 from .conftest import frame_of, recorded, runs
@@ -20,8 +20,6 @@ def test_what_the_machine_file_has_is_not_named_again(machine: Machine, name: st
     knowing = machine.model_copy(update={"effects": (EffectConfig(name=name),)})
     motion = runs(machine, frame_of(recorded((), 3)))
     session = healthy_session(knowing, motion, 11)
-    found = diagnose_session(
-        session, knowing, healthy_gap([healthy_session(knowing, motion, 0)], knowing)
-    )
+    found = diagnose_session(session, knowing)
     assert name not in {each.name for each in found.effects if each.probability > 0.5}
     assert found.verdict in (Verdict.NO_GAP, Verdict.UNKNOWN)

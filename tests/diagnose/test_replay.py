@@ -10,12 +10,7 @@ from edge_service.diagnose.diagnosis import diagnose_session
 from edge_service.diagnose.led_axis import LedAxis
 from edge_service.diagnose.recorded import Run, runs_of
 from edge_service.diagnose.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from edge_service.diagnose.twin import (
-    healthy_gap,
-    healthy_session,
-    rigid_baseline,
-    rigid_plant,
-)
+from edge_service.diagnose.twin import rigid_baseline, rigid_plant
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
@@ -140,9 +135,8 @@ def test_regression_and_replay_agree_on_a_foreign_axis(machine: Machine) -> None
 
 def test_one_encoder_is_enough(machine: Machine) -> None:
     frame = frame_of(recorded(("drag_error",), 3), table_position_m=None)
-    healthy = healthy_gap([healthy_session(machine, runs(machine, frame), 0)], machine)
     library = [get_effect("drag_error")]
-    found = diagnose_session(session_of(machine, frame), machine, healthy, library)
+    found = diagnose_session(session_of(machine, frame), machine, library)
     assert set(found.replay.gap) == {TORQUE_GAP}
     assert found.replay.effects["drag_error"].estimate > 0.8
 
@@ -155,9 +149,8 @@ def test_a_plant_that_leaves_the_finite_numbers_is_a_reason(
 
     monkeypatch.setattr(replay_module.LedAxis, "led", broken)
     frame = frame_of(recorded(("drag_error",), 3))
-    healthy = healthy_gap([healthy_session(machine, runs(machine, frame), 0)], machine)
     library = [get_effect("drag_error")]
-    found = diagnose_session(session_of(machine, frame), machine, healthy, library)
+    found = diagnose_session(session_of(machine, frame), machine, library)
     assert found.replay.problem == "cannot follow"
     assert found.replay.gap == {}
     assert found.effects[0].shrink.estimate > 0.8

@@ -9,7 +9,7 @@ import pytest
 from edge_service.config import load_machine
 from edge_service.diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
 from edge_service.diagnose.session import Session
-from edge_service.diagnose.twin import healthy_gap, healthy_session, rigid_baseline
+from edge_service.diagnose.twin import rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
@@ -37,9 +37,8 @@ def diagnosed(machine: Machine, axis: Axis, seed: int) -> Diagnosis:
     columns = two_mass.recording(axis, seed)
     frame = SampleFrame(columns.pop("time_s"), columns)
     motion = runs(machine, frame)
-    healthy = healthy_gap([healthy_session(machine, motion, 0)], machine)
     session = Session.of_runs(motion, rigid_baseline(machine))
-    return diagnose_session(session, machine, healthy)
+    return diagnose_session(session, machine)
 
 
 def test_it_knows_neither_the_library_nor_the_other_plant() -> None:

@@ -128,8 +128,10 @@ def test_phases_mix_a_sine_and_a_cosine(
 ) -> None:
     effect = get_effect(name)
     fixed = effect.complete({})
-    if name == "lead_error":
-        fixed["pitch_error"] = 0.0
+    mine = next(each for each in effect.parameters if each.name == parameter).amount
+    if mine:
+        others = [p.name for p in effect.parameters if p.role is Role.AMOUNT and p.name != mine]
+        fixed |= {**dict.fromkeys(others, 0.0), mine: 2e-5}
     for signature in SIGNATURES:
         begun, turned, sine = (
             signature(effect, {**fixed, parameter: angle}, motion, baseline)
@@ -259,7 +261,11 @@ def test_mistakes_are_one_line(text: str, message: str) -> None:
 def test_what_is_not_given_is_typical() -> None:
     assert parse_effect("lead_error").values["pitch_error"] > 0.0
     given = parse_effect("lead_error:amplitude_m=1e-6").values
-    assert given == {"amplitude_m": 1e-6, "phase_rad": 0.0, "order": 1.0, "pitch_error": 0.0}
+    amounts = ("amplitude_m", "pitch_error", "variation_m")
+    assert {name: given[name] for name in amounts} == dict.fromkeys(amounts, 0.0) | {
+        "amplitude_m": 1e-6
+    }
+    assert given["order"] == 1.0
     assert parse_effect("lead_error:order=2").values["amplitude_m"] > 0.0
 
 

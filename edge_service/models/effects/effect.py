@@ -32,6 +32,7 @@ class Parameter:
         low, high: bounds, both allowed.
         healthy, faulty: typical values; for a shape that a healthy axis shares, equal.
         whole: only whole numbers are allowed.
+        amount: the one amount that a phase or a shape belongs to; empty where it is for all.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Parameter:
     faulty: float
     role: Role = Role.AMOUNT
     whole: bool = False
+    amount: str = ""
 
     def problem(self, value: float) -> str | None:
         """Problem with a value, or None."""
@@ -54,16 +56,17 @@ class Parameter:
         return None
 
 
-def phase(name: str = "phase_rad") -> Parameter:
-    """The phase of a harmonic."""
-    return Parameter(name, "rad", "Where in the turn it begins.", -7.0, 7.0, 0.0, 0.0, Role.PHASE)
+def phase(
+    name: str = "phase_rad", amount: str = "", text: str = "Where in the turn it begins."
+) -> Parameter:
+    """The phase of a harmonic, of all amounts or of one."""
+    return Parameter(name, "rad", text, -7.0, 7.0, 0.0, 0.0, Role.PHASE, amount=amount)
 
 
-def order(faulty: float) -> Parameter:
+def order(faulty: float, amount: str = "") -> Parameter:
     """The order of a harmonic: its periods per turn of the screw."""
-    return Parameter(
-        "order", "1", "Periods per turn of the screw.", 1, 96, faulty, faulty, Role.SHAPE, True
-    )
+    text = "Periods per turn of the screw."
+    return Parameter("order", "1", text, 1, 96, faulty, faulty, Role.SHAPE, True, amount)
 
 
 def friction_share() -> Parameter:

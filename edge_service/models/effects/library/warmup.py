@@ -45,7 +45,6 @@ EFFECT = Effect(
             0.0,
             0.0,
             Role.SHAPE,
-            whole=True,
         ),
     ),
     contributions=_contributions,

@@ -1,0 +1,104 @@
+"""A slow recording of an axis has the answer of the fast one, as far as it can."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.cli import main
+
+from .. import foreign_plant
+from .conftest import DURATION_S
+from .test_bad_input import written
+
+FASTER_HZ = 2000.0
+
+
+def trace(folder: Path, causes: tuple[str, ...], every: int, seed: int = 3) -> str:
+    """A minute and a half of a foreign axis, each so-many-th row."""
+    effects = tuple((name, 1.0) for name in causes)
+    recording = foreign_plant.simulate(
+        foreign_plant.case(effects, "production", seed=seed, duration_s=2.5 * DURATION_S)
+    )
+    columns = {name: values[::every] for name, values in recording.columns.items()}
+    return written(folder / "a.csv", columns)
+
+
+def diagnosed(machine_file: Path, folder: Path, *traces: str) -> dict[str, object]:
+    out = folder / "out"
+    assert main(["diagnose", "--machine", str(machine_file), *traces, "--out", str(out)]) == 0
+    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
+    return document
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [2, 4, 10, 20, 40])
+@pytest.mark.parametrize("cause", ["drag_error", "viscous_error"])
+def test_a_friction_error_is_named_at_any_rate(
+    machine_file: Path, tmp_path: Path, cause: str, every: int
+) -> None:
+    found = diagnosed(machine_file, tmp_path, trace(tmp_path, (cause,), every))
+    assert found["verdict"] in ("explained", "ambiguous")
+    assert found["effects"][0]["name"] == cause
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [4, 10, 40])
+def test_a_healthy_axis_stays_quiet_at_any_rate(
+    machine_file: Path, tmp_path: Path, every: int
+) -> None:
+    found = diagnosed(machine_file, tmp_path, trace(tmp_path, (), every, seed=5))
+    assert found["verdict"] == "no_gap"
+
+
+def test_what_a_slow_recording_cannot_show_is_said(machine_file: Path, tmp_path: Path) -> None:
+    found = diagnosed(machine_file, tmp_path, trace(tmp_path, (), 20))
+    assert {"delay", "presliding", "torque_ripple"} <= set(found["not_judged"])
+    assert "sampled too slowly" in found["not_judged_reasons"]["delay"]
+    assert set(found["not_judged"]) == set(found["not_judged_reasons"])
+
+
+def test_below_twenty_a_second_nothing_is_said(
+    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    slow = trace(tmp_path, (), 100)
+    assert main(["diagnose", "--machine", str(machine_file), slow, "--out", str(out)]) == 3
+    assert "sampled at 10 Hz" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_an_interpolated_recording_has_the_same_answer(machine_file: Path, tmp_path: Path) -> None:
+    effects = (("drag_error", 1.0),)
+    recording = foreign_plant.simulate(
+        foreign_plant.case(effects, "production", seed=3, duration_s=DURATION_S)
+    )
+    columns = dict(recording.columns)
+    time_s = columns["time_s"]
+    fine = np.arange(time_s[0], time_s[-1], 1.0 / FASTER_HZ)
+    finer = {name: np.interp(fine, time_s, values) for name, values in columns.items()}
+    once = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))
+    twice = diagnosed(machine_file, tmp_path, written(tmp_path / "b.csv", finer | {"time_s": fine}))
+    assert once["effects"][0]["name"] == twice["effects"][0]["name"] == "drag_error"
+    values = [each["effects"][0]["parameters"]["change_nm"] for each in (once, twice)]
+    assert values[0]["low"] < values[1]["value"] < values[0]["high"]
+
+
+@pytest.mark.slow
+def test_a_recording_cut_in_two_has_the_same_answer(machine_file: Path, tmp_path: Path) -> None:
+    effects = (("drag_error", 1.0),)
+    recording = foreign_plant.simulate(
+        foreign_plant.case(effects, "production", seed=3, duration_s=DURATION_S)
+    )
+    columns = dict(recording.columns)
+    half = len(columns["time_s"]) // 2
+    parts = [
+        written(tmp_path / f"{k}.csv", {name: values[rows] for name, values in columns.items()})
+        for k, rows in enumerate((slice(None, half), slice(half, None)))
+    ]
+    whole = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))
+    cut = diagnosed(machine_file, tmp_path, *parts)
+    assert cut["effects"][0]["name"] == whole["effects"][0]["name"] == "drag_error"
+    value = whole["effects"][0]["parameters"]["change_nm"]
+    assert value["low"] < cut["effects"][0]["parameters"]["change_nm"]["value"] < value["high"]
