@@ -67,8 +67,7 @@ def test_the_picture_has_a_bar_for_each_step() -> None:
 
 
 @pytest.mark.slow
-def test_the_diagnosis_says_that_it_is_dry_friction(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(puzzle, "HEALTHY_RUNS", 2)
+def test_the_diagnosis_says_that_it_is_dry_friction() -> None:
     found = puzzle.solve()
     named = {name for step in found.steps for name in step.effect.split(" and ")}
     assert {"stribeck", "compliance"} <= named
