@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from edge_service.cli import main
-from edge_service.diagnose.answer import Verdict
 from edge_service.messages.samples import Floats
 
 from .test_bad_input import written
@@ -151,7 +150,6 @@ def test_a_screw_actuator_with_a_data_sheet_has_an_answer(tmp_path: Path, name: 
         "position_setpoint_m": 1e-3 * table[:, 1],
     }
     found = diagnosed(tmp_path, SCREW_TOML, written(tmp_path / "a.csv", columns))
-    assert found["verdict"] in {each.value for each in Verdict}
     assert bool(found["reasons"]) == (found["verdict"] == "bad_data")
     for each in found["effects"]:
         assert each["shrink"]["high"] > 0.0
