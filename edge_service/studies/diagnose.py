@@ -48,8 +48,8 @@ def diagnose(
         BadDataError: the recordings are unfit; the three files say why.
     """
     try:
-        machine, text = load_machine(machine_file, axis_number), machine_file.read_text("utf-8")
-        return _diagnosed(machine, text, traces, out, progress, reference)
+        machine = load_machine(machine_file, axis_number)
+        return _diagnosed(machine, machine_file, traces, out, progress, reference)
     except BadDataError:
         raise
     except BaseException:
@@ -60,12 +60,13 @@ def diagnose(
 
 def _diagnosed(
     machine: Machine,
-    text: str,
+    machine_file: Path,
     traces: Sequence[Path],
     out: Path,
     progress: Callable[[str], None],
     reference: Sequence[Path],
 ) -> str:
+    text = machine_file.read_text("utf-8")
     healthy = None
     if reference:
         machine, healthy = _healthy(machine, reference, progress)
@@ -87,7 +88,7 @@ def _diagnosed(
     try:
         augmented = augmented_toml(text, found.effects if _accepted(found) else ())
     except ValueError as error:
-        raise ConfigError(f"the machine file of axis {machine.axis.name}: {error}") from error
+        raise ConfigError(f"{machine_file}: {error}") from error
     document = to_document(found, check.remarks, silent)
     document["reference"] = [path.name for path in reference]
     page = render(machine, names, session, found, check, silent, [path.name for path in reference])
