@@ -70,10 +70,21 @@ class ChannelGap:
         """True if the gap exceeds its floor by more than the tolerance."""
         return self.beyond > self.tolerance
 
+    @property
+    def remainder(self) -> float:
+        """Part of what the causes leave that is not the floor's."""
+        return math.sqrt(max(self.after**2 - self.noise_floor**2, 0.0))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:
-    """Everything that is said of a session."""
+    """Everything that is said of a session.
+
+    Attributes:
+        caveats: what bounds the verdict, one line each: a floor that hides what matters, a
+            remainder beside the causes.
+        is_blind: the floor hides whatever there may be, and nothing is named.
+    """
 
     verdict: Verdict
     gap: Mapping[str, ChannelGap]
@@ -87,6 +98,8 @@ class Diagnosis:
     impostor: str | None
     causes: Causes
     replay: Replay
+    caveats: tuple[str, ...]
+    is_blind: bool
 
 
 def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:

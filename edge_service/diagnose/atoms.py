@@ -1,6 +1,7 @@
 """The library as columns: every entry over a grid of its shapes, linear in its amounts."""
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -19,6 +20,10 @@ _MOST_ORDERS = 96
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
 _GRIPS_M = (5e-7, 3e-6)
+_SPANS_K = (4.0, 12.0, 40.0)
+_LEAST_WARMING_K = 0.5
+_WARMING_S = 20.0
+"""Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
 _STEPS = {
     "friction_share": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3),
     "viscous_share": (0.0, 0.4, 0.8, 1.2),
@@ -123,11 +128,11 @@ def _phase_of(effect: Effect, amount: str) -> str:
 def _belonging(effect: Effect, amount: str) -> list[Parameter]:
     """Parameters that say something about an amount."""
     amounts = {p.name for p in effect.parameters if p.role is Role.AMOUNT}
-    narrowed = {p.amount for p in effect.parameters if p.amount}
+    narrowed = {name for p in effect.parameters for name in p.amounts}
     return [
         p
         for p in effect.parameters
-        if p.amount == amount or (not p.amount and (amount not in amounts or not narrowed))
+        if amount in p.amounts or (not p.amounts and (amount not in amounts or not narrowed))
     ]
 
 
@@ -149,6 +154,7 @@ class Ranges:
     Attributes:
         strongest_nm: greatest torque, less what noise may add to it.
         often_nm: torque that is exceeded in a quarter of the motion.
+        coldest_c, warmest_c: of the housing; NaN where no temperature was recorded.
     """
 
     fastest_rad_s: float
@@ -157,6 +163,8 @@ class Ranges:
     high_m: float
     strongest_nm: float
     often_nm: float
+    coldest_c: float
+    warmest_c: float
 
     @property
     def span_m(self) -> float:
@@ -167,6 +175,8 @@ class Ranges:
     def of_session(cls, session: Session) -> "Ranges":
         """Over all runs."""
         motions = [run.motion for run in session.runs]
+        temperature_c = np.concatenate([m.temperature_c for m in motions])
+        known = temperature_c[np.isfinite(temperature_c)]
         return cls(
             max(float(np.abs(m.speed_rad_s).max()) for m in motions),
             max(float(m.time_s[-1]) for m in motions) - min(float(m.time_s[0]) for m in motions),
@@ -174,6 +184,8 @@ class Ranges:
             max(float(m.position_m.max()) for m in motions),
             max(_strongest_nm(run) for run in session.runs),
             float(np.quantile(np.concatenate([_moved_nm(run) for run in session.runs]), _OFTEN)),
+            float(known.min()) if len(known) else math.nan,
+            float(known.max()) if len(known) else math.nan,
         )
 
 
@@ -194,7 +206,12 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
         case "rad/s":
             values = np.geomspace(0.3, max(0.25 * ranges.fastest_rad_s, 3.0), 8)
         case "s":
-            values = np.geomspace(0.05 * ranges.duration_s, 2.0 * ranges.duration_s, 6)
+            values = np.geomspace(0.05, 2.0, 6) * max(ranges.duration_s, _WARMING_S)
+            values = np.unique(np.maximum(values, _WARMING_S))
+        case "degC":
+            values = _temperatures(ranges)
+        case "K":
+            values = np.array(_SPANS_K)
         case "m":
             values = _lengths(effect, parameter, ranges)
         case "N m":
@@ -211,6 +228,13 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
         case _:
             values = parameter.faulty * np.geomspace(0.1, 10.0, 6)
     return [float(v) for v in values if parameter.low <= v <= parameter.high]
+
+
+def _temperatures(ranges: Ranges) -> Floats:
+    """References worth trying; none where the temperature is not known to change."""
+    if not ranges.warmest_c - ranges.coldest_c >= _LEAST_WARMING_K:
+        return np.empty(0)
+    return np.linspace(ranges.coldest_c, ranges.warmest_c, 5)
 
 
 def _lengths(effect: Effect, parameter: Parameter, ranges: Ranges) -> Floats:

@@ -24,7 +24,6 @@ BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
 ALIKE = (
     frozenset({"backlash", "compliance", "presliding"}),
     frozenset({"stribeck", "presliding", "quadratic_friction"}),
-    frozenset({"lead_error", "thermal_growth"}),
 )
 """Effects that resemble what a few numbers leave of one another."""
 TIED = 5.0
@@ -33,6 +32,8 @@ PARAMETERS = ("drag_error", "viscous_error", "inertia_error", "delay", "torque_g
 """Parameters of the model, those first that change most often on a machine."""
 RANGES = frozenset({"delay"})
 """Parameters of which a healthy axis may have anything within a range."""
+HEATED = frozenset({"thermal_growth", "warmup"})
+"""Effects that follow time: heat comes from motion, and their entries know time alone."""
 _SIMPLER = 2.0
 _AS_LITTLE = 1.0 / 3.0
 """Of the tolerance: by so much more a set may leave and still leave as little."""
@@ -236,7 +237,30 @@ def _simplest_first(judged: Sequence[Candidate], noise: Noise) -> list[tuple[Can
     simple.sort(key=lambda each: [PARAMETERS.index(name) for name in sorted(each.material)])
     level = best.fit.score + math.log(_SIMPLER / max(len(simple), 1))
     first = [(each, level) for each in simple]
-    return first + [(each, score) for each, score in scored if each not in simple]
+    rest = [(each, score) for each, score in scored if each not in simple]
+    if not simple and best.material & HEATED:
+        rest = _with_wandering(rest, noise)
+    return first + rest
+
+
+def _with_wandering(
+    scored: Sequence[tuple[Candidate, float]], noise: Noise
+) -> list[tuple[Candidate, float]]:
+    """Candidates with their scores, parameters that leave nothing that matters raised.
+
+    Friction of a healthy axis wanders: a level that is off, and drifts by less than anybody acts
+    on, may be no more than that, whatever the drift resembles.
+    """
+    top = scored[0][1]
+    raised = [
+        (each, max(score, top - math.log(_SIMPLER)))
+        if each.material
+        and each.material <= set(PARAMETERS)
+        and not any(noise.matters(channel, rms) for channel, rms in each.fit.rms.items())
+        else (each, score)
+        for each, score in scored
+    ]
+    return sorted(raised, key=lambda pair: -pair[1])
 
 
 def _leaves_as_little(one: Candidate, best: Candidate, noise: Noise) -> bool:

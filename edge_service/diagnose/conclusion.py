@@ -9,9 +9,10 @@ import numpy as np
 from ..messages.samples import Floats
 from ..models.machine import Machine
 from .answer import ChannelGap, Diagnosis, NamedEffect, Verdict, verdict_of
-from .causes import without
+from .causes import HEATED, without
+from .caveats import caveats_of, is_blind, torque_rms_nm
 from .explained import Explained, Weighed, explained
-from .impostor import FORCE, HEATED, Claim, claims, has_impostor
+from .impostor import FORCE, Claim, claims, has_impostor
 from .nameless import UNKNOWN
 from .replay import replay
 from .session import CHANNEL_UNITS, TORQUE_GAP
@@ -165,9 +166,10 @@ def _is_cause(each: NamedEffect) -> bool:
 def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosis:
     channels, entries = weighed.session.channels, judged.entries
     found = sorted(judged.effects, key=lambda each: (-each.probability, -each.shrink.estimate))
-    is_unknown = _is_unknown(weighed, judged, named)
+    gap, torque_nm = _gap(weighed, entries), torque_rms_nm(weighed.session)
+    blind = not found and TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].noise_floor, torque_nm)
+    is_unknown = blind or _is_unknown(weighed, judged, named)
     verdict = verdict_of(found, is_unknown=is_unknown)
-    gap = _gap(weighed, entries)
     floors = {name: each.noise_floor for name, each in gap.items()}
     after = {name: replace(rows, gap=entries.left[name]) for name, rows in channels.items()}
     return Diagnosis(
@@ -183,6 +185,8 @@ def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosi
         _nearest(found, _suspects(weighed)) if is_unknown else None,
         weighed.causes,
         replay(weighed.machine, entries.blocks, entries.channel_of, floors),
+        caveats_of(gap, torque_nm, verdict),
+        blind,
     )
 
 

@@ -1,7 +1,7 @@
 """Check of a recording before anything is fitted to it: units, signs, cover, faults."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,11 @@ SHORT_MOTION_S = 10.0
 LEAST_TRAVEL_REV = 0.5
 LEAST_RATE_HZ = 20.0
 _GAIN_RANGE = (0.2, 5.0)
+_FRICTION_RANGE = (0.03, 30.0)
+"""The same where the torque shows nothing but friction, of which a data sheet says little."""
+_LEAST_INERTIAL = 0.02
+"""Of the model's energy: with less of it no friction could stand in for, the inertia is unseen."""
+_LEAST_MOVING = 100
 _FOLLOWED = (0.2, 5.0)
 """Travel of a setpoint over that of its axis: beyond it no lag explains it, but a unit does."""
 _STUCK_SHARE = 0.3
@@ -109,23 +114,51 @@ def _repeats(values: Floats) -> Booleans:
 
 def _torque(runs: Sequence[Run]) -> list[str]:
     """Torque against the model: sign and scale must be of the same kind."""
-    gains: dict[int, float] = {}
-    for run in runs:
-        if not run.has_torque or run.moving.sum() < 100:
-            continue
-        model, torque = run.motion.model_torque_nm[run.moving], run.motion.torque_nm[run.moving]
-        gains[run.recording] = float(model @ torque) / max(float(model @ model), 1e-300)
-    if not gains:
-        return []
-    middle = float(np.median(list(gains.values())))
+    middle = _gain(runs, _whole_gain)
     if middle < -0.2:
         return ["torque_command_nm has the wrong sign: it drives against the motion"]
-    if not _GAIN_RANGE[0] < abs(middle) < _GAIN_RANGE[1]:
-        return [
-            f"torque_command_nm is {middle:.3g} times what the machine file needs: "
-            "expected N m at the motor shaft; a unit, the inertia or the machine file is wrong"
-        ]
-    return []
+    if math.isnan(middle) or _GAIN_RANGE[0] < abs(middle) < _GAIN_RANGE[1]:
+        return []
+    of_inertia = _gain(runs, _inertial_gain)
+    if math.isnan(of_inertia):
+        is_friction = _FRICTION_RANGE[0] < abs(middle) < _FRICTION_RANGE[1]
+    else:
+        is_friction = _GAIN_RANGE[0] < of_inertia < _GAIN_RANGE[1]
+    if is_friction:
+        return []
+    return [
+        f"torque_command_nm is {middle:.3g} times what the machine file needs: "
+        "expected N m at the motor shaft; a unit, the inertia or the machine file is wrong"
+    ]
+
+
+def _gain(runs: Sequence[Run], of: Callable[[Run], float]) -> float:
+    """Median over the recordings of the torque over that of the model; NaN where none tells."""
+    gains: dict[int, float] = {}
+    for run in runs:
+        if run.has_torque and run.moving.sum() >= _LEAST_MOVING:
+            gain = of(run)
+            if not math.isnan(gain):
+                gains[run.recording] = gain
+    return float(np.median(list(gains.values()))) if gains else math.nan
+
+
+def _whole_gain(run: Run) -> float:
+    model, torque = run.motion.model_torque_nm[run.moving], run.motion.torque_nm[run.moving]
+    return float(model @ torque) / max(float(model @ model), 1e-300)
+
+
+def _inertial_gain(run: Run) -> float:
+    """Gain of that part of the model which no friction can stand in for; NaN where that is none."""
+    motion, moving = run.motion, run.moving
+    friction = np.column_stack((motion.direction, motion.speed_rad_s, np.ones(len(moving))))
+    model, torque = motion.model_torque_nm[moving], motion.torque_nm[moving]
+    both = np.column_stack((model, torque))
+    rest = both - friction[moving] @ np.linalg.lstsq(friction[moving], both, rcond=None)[0]
+    own = float(rest[:, 0] @ rest[:, 0])
+    if own < _LEAST_INERTIAL * float(model @ model):
+        return math.nan
+    return float(rest[:, 0] @ rest[:, 1]) / own
 
 
 def _remarks(runs: Sequence[Run]) -> list[str]:
@@ -137,6 +170,12 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
         found.append("no torque_command_nm: friction, inertia and torque are not judged")
     if all(run.transmission_m is None for run in runs):
         found.append("one encoder only: nothing between motor and table is judged")
+    gain = abs(_gain(runs, _whole_gain))
+    if gain < _GAIN_RANGE[0] or gain > _GAIN_RANGE[1]:
+        found.append(
+            f"friction is {gain:.2g} times what the machine file says: a torque in a wrong unit "
+            "would look the same"
+        )
     found += _gaps(runs)
     speeds = np.concatenate([np.abs(run.motion.speed_rad_s[run.moving]) for run in runs])
     if speeds.size and float(np.quantile(speeds, 0.95)) < 3.0 * float(np.quantile(speeds, 0.05)):

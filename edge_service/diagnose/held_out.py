@@ -80,7 +80,8 @@ def at_pace(values: Values, name: str, channel: str, pace: float) -> Floats | No
     for k in mine:
         atom = values.atoms[k]
         shape = dict(atom.shape)
-        shape[_TIME_CONSTANT] /= pace
+        if _TIME_CONSTANT in shape:
+            shape[_TIME_CONSTANT] /= pace
         paced = entry_atom(atom.effect, atom.amount, shape)
         found += paced.columns(values.problem.session, channel) @ values.coefficients(k)
     return found

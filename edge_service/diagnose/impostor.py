@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..messages.samples import Floats
+from .causes import HEATED
 from .predictable import foretold
 from .session import Session
 
@@ -15,8 +16,6 @@ _EVEN = 0.12
 _STEEP = 3.0
 FORCE = "external_force"
 """Nothing foretells it: what the motion foretells is no force."""
-HEATED = frozenset({"thermal_growth", "warmup"})
-"""Their entries know time alone, where motion heats an axis: their free forms are judged."""
 BY_CHANCE = 0.5
 """Of a force's energy: so much the motion may foretell, for a force also falls on some motion."""
 OWN = 1.0 / 3.0

@@ -110,7 +110,7 @@ class LedAxis:
     ) -> tuple[Floats, Floats]:
         """Torque at the shaft, and how far the table is ahead of the motor, (n,) each."""
         period_s = _period_s(motion)
-        loads = [each.over_time(motion.time_s) for each in variants]
+        loads = [each.over_time(motion.time_s, motion.temperature_c) for each in variants]
         way = self._way(motion, speed, loads, number)
         offset_m = float(np.median(motion.position_m - travel))
         plants = [_placed(each.plant, offset_m) for each in variants]
@@ -140,6 +140,7 @@ class LedAxis:
             by_time("force_n") + self._known_force(motion),
             by_time("motor_dry_nm"),
             by_time("table_dry_nm"),
+            by_time("motor_viscous_nm_s_per_rad"),
             by_time("resisting_nm"),
             by_time("strain"),
         )

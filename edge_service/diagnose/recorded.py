@@ -38,6 +38,8 @@ _LASTING_SHARE = 0.02
 """Of the strongest acceleration: by so much it may change from sample to sample and still last."""
 _SMOOTH_SHARE, _SMOOTH_QUANTILE = 0.1, 0.1257
 """A tenth, and what lies within that quantile of the size of a standard normal variable."""
+TEMPERATURE_MEAN_S = 5.0
+"""A housing warms up slowly: its sensor's noise and steps are no warmth."""
 EDGE_S = 0.1
 LEAST_RUN_S = 1.0
 _OPTIONAL = (SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
@@ -117,6 +119,11 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     edge = math.ceil(EDGE_S / run.period_s)
     inside = slice(edge, len(run) - edge)
     moving = _moving(speed[inside], still, run.period_s)
+    temperature_c = _inside(raw, TEMPERATURE, inside)
+    if temperature_c is not None:
+        temperature_c = ndimage.uniform_filter1d(
+            temperature_c, max(round(TEMPERATURE_MEAN_S / run.period_s), 1), mode="nearest"
+        )
     motion = Motion.of_samples(
         baseline,
         run.time_s[inside],
@@ -126,6 +133,7 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         position_m=smooth[TABLE_POSITION][inside] if TABLE_POSITION in raw else None,
         torque_nm=smooth[TORQUE][inside] if TORQUE in raw else None,
         external_force_n=smooth[EXTERNAL_FORCE][inside] if EXTERNAL_FORCE in raw else None,
+        temperature_c=temperature_c,
     )
     motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
     stretch = None
@@ -137,7 +145,7 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         moving=moving,
         resolved=resolved[inside] & _going_on(motion.direction) if slow else resolved[inside],
         transmission_m=stretch,
-        temperature_c=_inside(raw, TEMPERATURE, inside),
+        temperature_c=temperature_c,
         setpoint_m=_inside(raw, SETPOINT, inside),
         recording=number,
         low_pass=Filter.of_period(run.period_s),

@@ -19,6 +19,8 @@ _REGIMES = 4 * _SPEED_CLASSES
 _SHAPE = 0.5
 """Of a Dirichlet distribution that knows nothing (Jeffreys)."""
 _RESAMPLES = 1000
+_PART = 0.2
+"""Share of a session that one more recording is like."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +77,9 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     """Shrink from a gap to what is left of it, (n,), with an interval for motion of other kinds.
 
     Another motion visits the regimes of this one in other proportions, of which nothing is known:
-    each draw weighs them by a Dirichlet distribution (after Rubin, 1981, The Bayesian Bootstrap),
-    and the blocks by resampling.
+    each draw weighs them by a Dirichlet distribution (after Rubin, 1981, The Bayesian Bootstrap).
+    It is one recording, as warm as a part of this session and in no more places: each draw looks at
+    one part.
 
     Args:
         left: the first gives the estimate; each is as likely on other motion.
@@ -84,8 +87,9 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     random = np.random.default_rng(11)
     proportions = random.standard_gamma(_SHAPE, (_RESAMPLES, _REGIMES))
     regime = regime_of(rows)
-    before = _drawn(rows, regime, rows.gap, proportions)
-    after = [_drawn(rows, regime, each, proportions) for each in left]
+    weights = _part_weights(int(rows.block.max()) + 1)
+    before = _drawn(rows, regime, rows.gap, proportions, weights)
+    after = [_drawn(rows, regime, each, proportions, weights) for each in left]
     chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
     estimate = _shrink(np.sum(rows.gap**2), np.sum(left[0] ** 2))
     return Shrink.of_draws(float(estimate), _shrink(before, chosen))
@@ -103,11 +107,12 @@ def regime_of(rows: Rows) -> Integers:
     return regime
 
 
-def _drawn(rows: Rows, regime: Integers, series: Floats, proportions: Floats) -> Floats:
-    """Energy of a series (n,) on other motions, (k,): proportions (k, regimes) and blocks drawn."""
-    count = int(rows.block.max()) + 1
+def _drawn(
+    rows: Rows, regime: Integers, series: Floats, proportions: Floats, weights: Floats
+) -> Floats:
+    """Energy of a series (n,) on other motions, (k,): by proportions (k, regimes) and blocks."""
+    count = weights.shape[1]
     cells = np.bincount(regime * count + rows.block, series**2, minlength=_REGIMES * count)
-    weights = _block_weights(count)
     drawn: Floats = np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1)
     return drawn
 
@@ -119,6 +124,14 @@ def _block_weights(count: int) -> Floats:
         np.float64
     )
     return weights
+
+
+def _part_weights(count: int) -> Floats:
+    """Weight of each block, (k, count): those of one part of the session."""
+    length = max(round(count * _PART), 1)
+    first = np.random.default_rng(7).integers(0, count - length + 1, _RESAMPLES)[:, None]
+    block = np.arange(count)
+    return ((block >= first) & (block < first + length)).astype(np.float64)
 
 
 def _shrink(before: Floats | float, after: Floats | float) -> Floats:

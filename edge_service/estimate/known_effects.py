@@ -26,6 +26,7 @@ from ..models.effects.contribution import (
     SmoothTorque,
     Strain,
     TableForce,
+    ViscousFriction,
     Warming,
 )
 from ..models.effects.effect import ActiveEffect
@@ -127,8 +128,9 @@ def _steady(one: ActiveEffect) -> bool:
 def _fleeting(contribution: Contribution) -> bool:
     match contribution:
         case DryFriction(over, curve, _) | SmoothTorque(over, curve, _) | Shift(_, over, curve):
-            return over is Over.TIME and bool(np.ptp(curve(_MOMENTS_S)) > 0.0)
-        case TableForce() | Strain() | Warming():
+            is_fading = over is Over.TIME and bool(np.ptp(curve(_MOMENTS_S)) > 0.0)
+            return is_fading or over is Over.TEMPERATURE
+        case TableForce() | Strain() | ViscousFriction() | Warming():
             return True
         case LateGrip() | LoadFriction() | Play():
             return False

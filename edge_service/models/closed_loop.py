@@ -43,6 +43,7 @@ class Inputs(NamedTuple):
     added_mass_kg: Floats
     motor_dry_nm: Floats
     table_dry_nm: Floats
+    motor_viscous_nm_s_per_rad: Floats
     resisting_nm: Floats
     strain: Floats
     noise: Floats
@@ -58,6 +59,7 @@ def _load_of(inputs: Inputs, k: int, torque_nm: float, compliance: float) -> Loa
         inputs.added_mass_kg[k],
         inputs.motor_dry_nm[k],
         inputs.table_dry_nm[k],
+        inputs.motor_viscous_nm_s_per_rad[k],
         inputs.resisting_nm[k],
         inputs.strain[k],
     )

@@ -39,6 +39,7 @@ class Way(NamedTuple):
     force_n: Floats
     motor_dry_nm: Floats
     table_dry_nm: Floats
+    motor_viscous_nm_s_per_rad: Floats
     resisting_nm: Floats
     strain: Floats
 
@@ -71,6 +72,7 @@ def _load_of(way: Way, k: int, torque_nm: float, screw_drag_nm: float, complianc
         0.0,
         way.motor_dry_nm[k],
         way.table_dry_nm[k],
+        way.motor_viscous_nm_s_per_rad[k],
         way.resisting_nm[k],
         way.strain[k],
     )

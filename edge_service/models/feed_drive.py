@@ -13,7 +13,7 @@ from .bench import plant_of, screw_drag
 from .closed_loop import LOOP_STATE_SIZE, Inputs, Loop, advance_loop
 from .controller import MAX_TORQUE_NM, Gains, gains_for
 from .effects.effect import ActiveEffect
-from .effects.forward import Forward, put_into
+from .effects.forward import Forward, TimeLoad, put_into
 from .effects.registry import machine_effects
 from .encoders import (
     ANGLE,
@@ -160,11 +160,11 @@ class FeedDrive:
             "added_mass_kg": np.zeros(count) if added_mass_kg is None else added_mass_kg,
         }
         time_s = np.arange(self._sample, self._sample + count) / self.settings.rate_hz
-        by_time = self._forward.over_time(time_s)
-        warmed_c = AMBIENT_C + by_time.temperature_rise_k
+        warmed_c = AMBIENT_C + self._forward.temperature_rise_k(time_s)
         given["temperature_c"] = warmed_c if temperature_c is None else temperature_c
         for name, values in given.items():
             _require_finite(name, values, (count,))
+        by_time = self._forward.over_time(time_s, given["temperature_c"])
         noise = self._random.standard_normal((count, NOISES))
         inputs = Inputs(
             setpoints=setpoints,
@@ -174,6 +174,7 @@ class FeedDrive:
             added_mass_kg=given["added_mass_kg"],
             motor_dry_nm=by_time.motor_dry_nm,
             table_dry_nm=by_time.table_dry_nm,
+            motor_viscous_nm_s_per_rad=by_time.motor_viscous_nm_s_per_rad,
             resisting_nm=by_time.resisting_nm,
             strain=by_time.strain,
             noise=noise,
@@ -203,7 +204,7 @@ class FeedDrive:
 
     def _wind_up(self, screw_nm: float) -> float:
         """Force that the spring carries at home; what holds it there is put into the state."""
-        plant, start = self._forward.plant, self._forward.over_time(np.zeros(1))
+        plant, start = self._forward.plant, _at_start(self._forward)
         home = self._state[:STATE_SIZE]
         load = Load(
             0.0,
@@ -217,6 +218,11 @@ class FeedDrive:
         wound_n = min(guide.forward_n, drag.backward_n)
         home[MOTOR_FRICTION], home[TABLE_FRICTION] = -wound_n, wound_n
         return float(wound_n)
+
+
+def _at_start(forward: Forward) -> TimeLoad:
+    """Loads at the beginning, at the temperature of the surroundings, (1,) each."""
+    return forward.over_time(np.zeros(1), np.full(1, AMBIENT_C))
 
 
 def _require_finite(name: str, values: Floats, shape: tuple[int, ...]) -> None:
@@ -233,7 +239,7 @@ def _loop_of(
 ) -> Loop:
     plant = forward.plant
     shift_m, _ = nut_shift(plant.tables, home_m, plant.ratio_m_per_rad)
-    shift_m += float(forward.over_time(np.zeros(1)).strain[0]) * home_m
+    shift_m += float(_at_start(forward).strain[0]) * home_m
     wound_m = wound_n * axial_compliance(plant, home_m, preload_percent)
     bias_rad, _ = misreading(plant.tables, home_m / plant.ratio_m_per_rad)
     return Loop(

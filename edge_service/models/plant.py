@@ -94,6 +94,7 @@ class Load(NamedTuple):
         compliance_m_per_n: of the spring between motor and table.
         added_mass_kg: on the table.
         motor_dry_nm, table_dry_nm: further dry friction on either side, at the motor.
+        motor_viscous_nm_s_per_rad: further viscous friction of the motor side.
         resisting_nm: smooth torque against positive motion, at the motor.
         strain: of the screw, m of shift per m of travel.
     """
@@ -105,6 +106,7 @@ class Load(NamedTuple):
     added_mass_kg: float = 0.0
     motor_dry_nm: float = 0.0
     table_dry_nm: float = 0.0
+    motor_viscous_nm_s_per_rad: float = 0.0
     resisting_nm: float = 0.0
     strain: float = 0.0
 
@@ -176,7 +178,8 @@ def _step(plant: Plant, state: Floats, load: Load, h: float) -> None:
     ratio = plant.ratio_m_per_rad
     m1 = plant.motor_inertia_kg_m2 / (ratio * ratio)
     m2 = plant.table_mass_kg + load.added_mass_kg
-    d1 = plant.motor_viscous_nm_s_per_rad / (ratio * ratio)
+    viscous = plant.motor_viscous_nm_s_per_rad + load.motor_viscous_nm_s_per_rad
+    d1 = max(viscous, 0.0) / (ratio * ratio)
     d2 = plant.table_viscous_n_s_per_m
     v1, v2 = state[MOTOR_SPEED], state[TABLE_SPEED]
     stretch, gear, touching = _spring(plant, state, load.strain)

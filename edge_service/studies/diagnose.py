@@ -160,6 +160,7 @@ def _summary(found: Diagnosis, out: Path) -> str:
         f"({100.0 * each.shrink.low:.0f} to {100.0 * each.shrink.high:.0f})"
         for each in found.effects
     ]
+    lines += [f"but {each}" for each in found.caveats]
     if found.next_motion:
         document = out / "diagnosis.json"
         lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")

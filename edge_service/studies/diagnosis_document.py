@@ -45,6 +45,7 @@ def to_document(
         "not_judged_reasons": dict(not_judged),
         "reasons": [],
         "remarks": list(remarks),
+        "caveats": list(found.caveats),
         "replay": {"possible": not found.replay.problem, "reason": found.replay.problem or None},
     }
 
@@ -71,6 +72,7 @@ def bad_data_document(
         "not_judged_reasons": {},
         "reasons": list(reasons),
         "remarks": list(remarks),
+        "caveats": [],
         "replay": {"possible": False, "reason": "bad data"},
     }
 

@@ -21,6 +21,7 @@ VERDICTS = {
     "ambiguous": "The difference has a cause that this recording alone cannot pin down.",
     "unknown": "There is a difference that none of the known effects explains.",
 }
+BLIND = "This recording cannot tell: its noise hides whatever there may be."
 CHANNELS = {"torque_nm": "torque", "transmission_m": "position between motor and table"}
 FLOORS = {
     "recording": "what neither the motion nor a repeat of it tells in advance, in this recording",
@@ -51,7 +52,7 @@ def render(
         names=names,
         reference=reference,
         found=found,
-        lead=VERDICTS[found.verdict.value],
+        lead=BLIND if found.is_blind else VERDICTS[found.verdict.value],
         faults=(),
         remarks=check.remarks,
         not_judged=_by_reason(not_judged),

@@ -128,10 +128,10 @@ def test_phases_mix_a_sine_and_a_cosine(
 ) -> None:
     effect = get_effect(name)
     fixed = effect.complete({})
-    mine = next(each for each in effect.parameters if each.name == parameter).amount
+    mine = next(each for each in effect.parameters if each.name == parameter).amounts
     if mine:
-        others = [p.name for p in effect.parameters if p.role is Role.AMOUNT and p.name != mine]
-        fixed |= {**dict.fromkeys(others, 0.0), mine: 2e-5}
+        others = [p.name for p in effect.parameters if p.role is Role.AMOUNT and p.name not in mine]
+        fixed |= {**dict.fromkeys(others, 0.0), **dict.fromkeys(mine, 2e-5)}
     for signature in SIGNATURES:
         begun, turned, sine = (
             signature(effect, {**fixed, parameter: angle}, motion, baseline)

@@ -59,7 +59,7 @@ BASELINE = Baseline.of_machine(machine())
 
 
 @cache
-def run(*effects: str) -> Run:
+def run(*effects: str, warmest_c: float = 20.0) -> Run:
     settings = FeedDriveSettings.of_machine(
         machine(), RATE_HZ, [parse_effect(text) for text in effects]
     )
@@ -68,7 +68,8 @@ def run(*effects: str) -> Run:
     setpoints = Setpoints(iter(segments), HOME_M, RATE_HZ).take(count)
     percent = machine().fresh_preload_percent or 0.0
     drive = FeedDrive(replace(settings, sensors=IDEAL), HOME_M, percent, seed=1)
-    frame = drive.advance(setpoints, np.full(count, percent))
+    temperature_c = np.linspace(20.0, warmest_c, count)
+    frame = drive.advance(setpoints, np.full(count, percent), temperature_c=temperature_c)
     angle, table = frame.channels[channels.ANGLE], frame.channels[channels.TABLE_POSITION]
     speed = np.gradient(angle, frame.time_s)
     held = frame.channels[channels.TORQUE]
@@ -81,6 +82,7 @@ def run(*effects: str) -> Run:
         np.gradient(speed, frame.time_s),
         position_m=table,
         torque_nm=torque,
+        temperature_c=temperature_c,
         still_rad_s=1e-3,
     )
     carried_nm = motion.load_torque_nm + BASELINE.table_coulomb_nm * motion.direction
@@ -160,3 +162,39 @@ def test_signatures_of_several_effects_add_up() -> None:
     assert np.std((found - smooth(torque))[chosen]) < 2.0 * TORQUE_FLOOR_NM
     shift = smooth(changed.transmission_m) - smooth(plain.transmission_m)
     assert spread(shift - smooth(transmission), chosen) < 2.0 * TRANSMISSION_FLOOR_M
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "warmup:thinned_nm=0.1,reference_c=22,span_k=6",
+        "warmup:thinned_nm_s_per_rad=0.004,reference_c=22,span_k=6",
+        "warmup:viscous_excess_nm_s_per_rad=0.004,time_constant_s=20",
+    ],
+)
+def test_friction_follows_warmth_as_its_signature_says(effect: str) -> None:
+    active, plain, changed = parse_effect(effect), run(warmest_c=30.0), run(effect, warmest_c=30.0)
+    expected = smooth(torque_signature(active.effect, active.values, changed.motion, BASELINE))
+    found = smooth(changed.torque_nm) - smooth(plain.torque_nm)
+    chosen = settled(changed.motion)
+    size_nm = np.sqrt(np.mean(expected[chosen] ** 2))
+    assert size_nm > 10.0 * TORQUE_FLOOR_NM
+    assert np.sqrt(np.mean((found - expected)[chosen] ** 2)) < TORQUE_FLOOR_NM + 0.01 * size_nm
+
+
+def test_a_screw_grows_with_its_temperature() -> None:
+    effect = "thermal_growth:strain_per_k=1e-5,reference_c=22"
+    active, plain, changed = parse_effect(effect), run(warmest_c=30.0), run(effect, warmest_c=30.0)
+    signature = transmission_signature(active.effect, active.values, changed.motion, BASELINE)
+    found = smooth(changed.transmission_m) - smooth(plain.transmission_m)
+    chosen = settled(changed.motion)
+    assert spread(signature, chosen) > 50.0 * TRANSMISSION_FLOOR_M
+    error_m = spread(found - smooth(signature), chosen)
+    assert error_m < TRANSMISSION_FLOOR_M + 0.01 * spread(signature, chosen)
+
+
+def test_without_a_temperature_nothing_follows_it() -> None:
+    active = parse_effect("warmup:thinned_nm=0.1,reference_c=22,span_k=6")
+    motion = run().motion
+    unknown = replace(motion, temperature_c=np.full(len(motion), np.nan))
+    assert not torque_signature(active.effect, active.values, unknown, BASELINE).any()

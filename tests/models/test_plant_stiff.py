@@ -124,7 +124,7 @@ def advance(axis: Axis, substeps: int) -> Floats:
     """States after each of the steps, (n, STATE_SIZE)."""
     plant, state = axis.forward.plant, np.zeros(STATE_SIZE)
     state[[MOTOR_TRAVEL, TABLE_POSITION]] = START_M
-    by_time = axis.forward.over_time(np.zeros(1))
+    by_time = axis.forward.over_time(np.zeros(1), np.full(1, 20.0))
     states = [state.copy()]
     for period in range(PERIODS):
         load = Load(

@@ -82,6 +82,7 @@ class Motion:
         torque_nm: commanded; NaN where unknown.
         model_torque_nm: what the baseline needs for this motion (zero at rest).
         load_torque_nm: the part of it, without friction, that the spring to the table carries.
+        temperature_c: of the housing; NaN where unknown.
     """
 
     time_s: Floats
@@ -93,6 +94,7 @@ class Motion:
     torque_nm: Floats
     model_torque_nm: Floats
     load_torque_nm: Floats
+    temperature_c: Floats
 
     @classmethod
     def of_samples(
@@ -106,6 +108,7 @@ class Motion:
         position_m: Floats | None = None,
         torque_nm: Floats | None = None,
         external_force_n: Floats | None = None,
+        temperature_c: Floats | None = None,
         still_rad_s: float = 0.0,
     ) -> Self:
         """Motion with what the baseline says of it.
@@ -131,6 +134,7 @@ class Motion:
             torque_nm=np.full_like(time_s, np.nan) if torque_nm is None else torque_nm,
             model_torque_nm=whole + baseline.coulomb_nm * direction,
             load_torque_nm=load,
+            temperature_c=np.full_like(time_s, np.nan) if temperature_c is None else temperature_c,
         )
 
     def __len__(self) -> int:

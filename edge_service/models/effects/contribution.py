@@ -28,6 +28,7 @@ class Over(StrEnum):
     ANGLE = "motor_angle_rad"  # a curve over it has the period 2 pi
     POSITION = "table_position_m"
     TIME = "time_s"  # since the beginning of the recording
+    TEMPERATURE = "temperature_c"  # as the housing's sensor reads it; nothing without one
 
 
 class Side(StrEnum):
@@ -70,6 +71,14 @@ class DryFriction:
     over: Over
     level_nm: Curve
     side: Side
+
+
+@dataclass(frozen=True, slots=True)
+class ViscousFriction:
+    """Viscous friction of the motor side over time or temperature, N m s/rad; may be negative."""
+
+    over: Over
+    per_speed: Curve
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +153,9 @@ class LoadFriction:
 
 @dataclass(frozen=True, slots=True)
 class Strain:
-    """Growth of the screw over time, m of shift per m from the fixed bearing."""
+    """Growth of the screw over time or temperature, m of shift per m from the fixed bearing."""
 
+    over: Over
     strain: Curve
 
 
@@ -170,6 +180,7 @@ class Warming:
 
 Contribution = (
     DryFriction
+    | ViscousFriction
     | SmoothTorque
     | TableForce
     | LoadFriction

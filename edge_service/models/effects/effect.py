@@ -32,7 +32,7 @@ class Parameter:
         low, high: bounds, both allowed.
         healthy, faulty: typical values; for a shape that a healthy axis shares, equal.
         whole: only whole numbers are allowed.
-        amount: the one amount that a phase or a shape belongs to; empty where it is for all.
+        amounts: those that a phase or a shape belongs to; empty where it is for all.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Parameter:
     faulty: float
     role: Role = Role.AMOUNT
     whole: bool = False
-    amount: str = ""
+    amounts: tuple[str, ...] = ()
 
     def problem(self, value: float) -> str | None:
         """Problem with a value, or None."""
@@ -60,13 +60,15 @@ def phase(
     name: str = "phase_rad", amount: str = "", text: str = "Where in the turn it begins."
 ) -> Parameter:
     """The phase of a harmonic, of all amounts or of one."""
-    return Parameter(name, "rad", text, -7.0, 7.0, 0.0, 0.0, Role.PHASE, amount=amount)
+    amounts = (amount,) if amount else ()
+    return Parameter(name, "rad", text, -7.0, 7.0, 0.0, 0.0, Role.PHASE, amounts=amounts)
 
 
 def order(faulty: float, amount: str = "") -> Parameter:
     """The order of a harmonic: its periods per turn of the screw."""
     text = "Periods per turn of the screw."
-    return Parameter("order", "1", text, 1, 96, faulty, faulty, Role.SHAPE, True, amount)
+    amounts = (amount,) if amount else ()
+    return Parameter("order", "1", text, 1, 96, faulty, faulty, Role.SHAPE, True, amounts)
 
 
 def friction_share() -> Parameter:

@@ -25,6 +25,7 @@ from ..tables import (
 from .contribution import (
     Change,
     Contribution,
+    Curve,
     DryFriction,
     LoadFriction,
     Over,
@@ -36,6 +37,7 @@ from .contribution import (
     SmoothTorque,
     Strain,
     TableForce,
+    ViscousFriction,
     Warming,
 )
 from .effect import ActiveEffect
@@ -60,44 +62,59 @@ class Forward:
     torque_limit_nm: float
     position_lag_s: float
 
-    def over_time(self, time_s: Floats) -> "TimeLoad":
-        """Loads that follow time, at (n,) times since the beginning."""
-        force, motor_dry, table_dry, resisting, strain, rise = np.zeros((6, len(time_s)))
+    def over_time(self, time_s: Floats, temperature_c: Floats) -> "TimeLoad":
+        """Loads that follow time or temperature, at (n,) times since the beginning.
+
+        Args:
+            temperature_c: of the housing; NaN where unknown: then nothing follows it.
+        """
+        variable = {Over.TIME: time_s, Over.TEMPERATURE: temperature_c}
+
+        def at(over: Over, curve: Curve) -> Floats:
+            found: Floats = np.nan_to_num(curve(variable[over]), nan=0.0)
+            return found
+
+        force, motor_dry, table_dry, viscous, resisting, strain = np.zeros((6, len(time_s)))
         for each in self.contributions:
             match each:
-                case DryFriction(Over.TIME, curve, side):
+                case DryFriction(over, curve, side) if over in variable:
                     share = _table_share(side, self.drag_table_share)
-                    motor_dry += (1.0 - share) * curve(time_s)
-                    table_dry += share * curve(time_s)
-                case SmoothTorque(Over.TIME, curve, side):
+                    motor_dry += (1.0 - share) * at(over, curve)
+                    table_dry += share * at(over, curve)
+                case ViscousFriction(over, curve):
+                    viscous += at(over, curve)
+                case SmoothTorque(over, curve, side) if over in variable:
                     share = _table_share(side, self.drag_table_share)
-                    resisting += (1.0 - share) * curve(time_s)
-                    force -= share * curve(time_s) / self.plant.ratio_m_per_rad
+                    resisting += (1.0 - share) * at(over, curve)
+                    force -= share * at(over, curve) / self.plant.ratio_m_per_rad
                 case TableForce(curve):
                     force += curve(time_s)
-                case Strain(curve):
-                    strain += curve(time_s)
-                case Warming(curve):
-                    other = curve(time_s)
-                    rise = np.where(np.abs(other) > np.abs(rise), other, rise)
+                case Strain(over, curve):
+                    strain += at(over, curve)
                 case _:
                     pass
-        return TimeLoad(force, motor_dry, table_dry, resisting, strain, rise)
+        return TimeLoad(force, motor_dry, table_dry, viscous, resisting, strain)
+
+    def temperature_rise_k(self, time_s: Floats) -> Floats:
+        """Rise of the housing's sensor at (n,) times since the beginning, K; it acts on nothing."""
+        rise = np.zeros(len(time_s))
+        for each in self.contributions:
+            if isinstance(each, Warming):
+                other = each.rise_k(time_s)
+                rise = np.where(np.abs(other) > np.abs(rise), other, rise)
+        return rise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeLoad:
-    """Loads on the plant by time alone, (n,) each; names as in `plant.Load`.
-
-    `temperature_rise_k` is that of the sensor, which acts on nothing.
-    """
+    """Loads on the plant by time or temperature alone, (n,) each; names as in `plant.Load`."""
 
     force_n: Floats
     motor_dry_nm: Floats
     table_dry_nm: Floats
+    motor_viscous_nm_s_per_rad: Floats
     resisting_nm: Floats
     strain: Floats
-    temperature_rise_k: Floats
 
 
 def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float) -> Forward:

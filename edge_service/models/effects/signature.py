@@ -27,6 +27,7 @@ from .contribution import (
     SmoothTorque,
     Strain,
     TableForce,
+    ViscousFriction,
     Warming,
 )
 from .effect import Effect, Values
@@ -61,9 +62,11 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
     torque = np.zeros(len(motion))
     match contribution:
         case DryFriction(over, level_nm, _):
-            torque = motion.direction * level_nm(_variable(motion, over))
+            torque = motion.direction * _over(level_nm, motion, over)
+        case ViscousFriction(over, per_speed):
+            torque = motion.speed_rad_s * _over(per_speed, motion, over)
         case SmoothTorque(over, torque_nm, _):
-            torque = torque_nm(_variable(motion, over))
+            torque = _over(torque_nm, motion, over)
         case TableForce(force_n):
             torque = -baseline.ratio_m_per_rad * force_n(motion.time_s)
         case LoadFriction():
@@ -94,15 +97,15 @@ def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline
             shift = -baseline.ratio_m_per_rad * curve(_variable(motion, over))
         case Shift(_, over, curve):
             shift = curve(_variable(motion, over))
-        case Strain(strain):
-            shift = strain(motion.time_s) * baseline.ratio_m_per_rad * motion.angle_rad
+        case Strain(over, strain):
+            shift = _over(strain, motion, over) * baseline.ratio_m_per_rad * motion.angle_rad
         case LateGrip():
             shift = _late_wind_up(contribution, motion, baseline)
         case Play():
             shift = _lost_motion(contribution, motion, baseline)
         case Change(quantity, value):
             shift = _CHANGED_TRANSMISSION.get(quantity, _nothing)(value, motion, baseline)
-        case LoadFriction() | Warming():
+        case LoadFriction() | ViscousFriction() | Warming():
             pass
     return shift
 
@@ -113,12 +116,18 @@ def _carried(
     """The part of a torque that goes through the spring, N m, (n,); at rest as it came there."""
     match contribution:
         case DryFriction(over, level_nm, side):
-            level = motion.approach * level_nm(_variable(motion, over))
+            level = motion.approach * _over(level_nm, motion, over)
             return _share(side, baseline) * level
         case SmoothTorque(over, torque_nm, side):
-            return _share(side, baseline) * torque_nm(_variable(motion, over))
+            return _share(side, baseline) * _over(torque_nm, motion, over)
         case TableForce(force_n):
             return -baseline.ratio_m_per_rad * force_n(motion.time_s)
+
+
+def _over(curve: Curve, motion: Motion, over: Over) -> Floats:
+    """A curve over a variable of the motion, (n,); 0 where the variable was not recorded."""
+    found: Floats = np.nan_to_num(curve(_variable(motion, over)), nan=0.0)
+    return found
 
 
 def _variable(motion: Motion, over: Over) -> Floats:
@@ -131,6 +140,8 @@ def _variable(motion: Motion, over: Over) -> Floats:
             return motion.position_m
         case Over.TIME:
             return motion.time_s
+        case Over.TEMPERATURE:
+            return motion.temperature_c
 
 
 def _share(side: Side, baseline: Baseline) -> float:

@@ -46,7 +46,7 @@ EFFECT = Effect(
             0.3,
             0.3,
             Role.SHAPE,
-            amount="variation_m",
+            amounts=("variation_m",),
         ),
     ),
     contributions=_contributions,

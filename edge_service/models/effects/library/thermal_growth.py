@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..contribution import Contribution, Curve, Strain, lagged_warming
+from ..contribution import Contribution, Curve, Over, Strain, lagged_warming
 from ..effect import Effect, Parameter, Role, Values
 
 EXPANSION_PER_K = 11.5e-6
@@ -11,7 +11,17 @@ EXPANSION_PER_K = 11.5e-6
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     rise_k, time_constant_s = values["rise_k"], values["time_constant_s"]
-    return (Strain(_growth(rise_k, time_constant_s)), lagged_warming(rise_k, time_constant_s))
+    per_k, reference_c = values["strain_per_k"], values["reference_c"]
+    parts: list[Contribution] = [lagged_warming(rise_k, time_constant_s)]
+    if rise_k:
+        parts.append(Strain(Over.TIME, _growth(rise_k, time_constant_s)))
+    if per_k:
+        parts.append(Strain(Over.TEMPERATURE, _grown(per_k, reference_c)))
+    return tuple(parts)
+
+
+def _grown(per_k: float, reference_c: float) -> Curve:
+    return lambda temperature_c: per_k * (temperature_c - reference_c)
 
 
 def _growth(rise_k: float, time_constant_s: float) -> Curve:
@@ -21,11 +31,42 @@ def _growth(rise_k: float, time_constant_s: float) -> Curve:
 EFFECT = Effect(
     name="thermal_growth",
     description="The screw grows while it warms up and carries the table away from its bearing.",
-    source="x = R theta (1 + alpha dT (1 - exp(-t / tau))), alpha = 11.5e-6 per K",
+    source=(
+        "x = R theta (1 + alpha dT (1 - exp(-t / tau))), alpha = 11.5e-6 per K; where a "
+        "temperature is recorded, growth in proportion to it"
+    ),
     parameters=(
         Parameter("rise_k", "K", "Temperature rise of the screw at last.", -50.0, 100.0, 0.0, 10.0),
         Parameter(
-            "time_constant_s", "s", "Time for 63 % of the rise.", 1.0, 1e5, 900.0, 900.0, Role.SHAPE
+            "strain_per_k",
+            "1/K",
+            "Growth for each K by which the housing is warmer than the reference.",
+            -1e-4,
+            1e-4,
+            0.0,
+            0.0,
+        ),
+        Parameter(
+            "time_constant_s",
+            "s",
+            "Time for 63 % of the rise.",
+            1.0,
+            1e5,
+            900.0,
+            900.0,
+            Role.SHAPE,
+            amounts=("rise_k",),
+        ),
+        Parameter(
+            "reference_c",
+            "degC",
+            "Temperature of the housing at which the model is right.",
+            -50.0,
+            150.0,
+            20.0,
+            20.0,
+            Role.SHAPE,
+            amounts=("strain_per_k",),
         ),
     ),
     contributions=_contributions,

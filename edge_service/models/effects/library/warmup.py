@@ -2,30 +2,90 @@
 
 import numpy as np
 
-from ..contribution import Contribution, Curve, DryFriction, Over, Side, lagged_warming
+from ..contribution import (
+    Contribution,
+    Curve,
+    DryFriction,
+    Over,
+    Side,
+    ViscousFriction,
+    lagged_warming,
+)
 from ..effect import Effect, Parameter, Role, Values
 
 WARM_RISE_K = 8.0
 """Assumption: what the housing warms up by while the friction falls; it is no measure of that."""
+_BY_TIME = ("excess_nm", "viscous_excess_nm_s_per_rad")
+_BY_TEMPERATURE = ("thinned_nm", "thinned_nm_s_per_rad")
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = _fading(values["excess_nm"], values["time_constant_s"], values["of_cold"])
-    rise_k = WARM_RISE_K if values["excess_nm"] else 0.0
-    warming = lagged_warming(rise_k, values["time_constant_s"])
-    return (DryFriction(Over.TIME, curve, Side.AS_DRAG), warming)
+    dry_nm, viscous = values["excess_nm"], values["viscous_excess_nm_s_per_rad"]
+    thinned_nm, thinned_viscous = values["thinned_nm"], values["thinned_nm_s_per_rad"]
+    fading = _fading(values["time_constant_s"], values["of_cold"])
+    thinning = _thinning(values["reference_c"], values["span_k"])
+    rise_k = WARM_RISE_K if dry_nm or viscous else 0.0
+    parts: list[Contribution] = [lagged_warming(rise_k, values["time_constant_s"])]
+    if dry_nm:
+        parts.append(DryFriction(Over.TIME, _times(dry_nm, fading), Side.AS_DRAG))
+    if viscous:
+        parts.append(ViscousFriction(Over.TIME, _times(viscous, fading)))
+    if thinned_nm:
+        parts.append(DryFriction(Over.TEMPERATURE, _times(thinned_nm, thinning), Side.AS_DRAG))
+    if thinned_viscous:
+        parts.append(ViscousFriction(Over.TEMPERATURE, _times(thinned_viscous, thinning)))
+    return tuple(parts)
 
 
-def _fading(excess_nm: float, time_constant_s: float, of_cold: float) -> Curve:
-    return lambda time_s: excess_nm * (np.exp(-time_s / time_constant_s) - of_cold)
+def _times(amount: float, curve: Curve) -> Curve:
+    return lambda variable: amount * curve(variable)
+
+
+def _fading(time_constant_s: float, of_cold: float) -> Curve:
+    return lambda time_s: np.exp(-time_s / time_constant_s) - of_cold
+
+
+def _thinning(reference_c: float, span_k: float) -> Curve:
+    return lambda temperature_c: np.expm1(-(temperature_c - reference_c) / span_k)
 
 
 EFFECT = Effect(
     name="warmup",
     description="A cold axis rubs harder at first, and eases while its lubricant warms up.",
-    source="seed, Figure 5.11: s(v) F exp(-t / tau), less F where the model is of the cold axis",
+    source=(
+        "seed, Figure 5.11: s(v) F exp(-t / tau), less F where the model is of the cold axis; "
+        "viscous friction fades alike; a lubricant that is T warmer is thinner by exp(-T / T0) "
+        "(Reynolds, 1886), and where a temperature is recorded it tells more than time does"
+    ),
     parameters=(
         Parameter("excess_nm", "N m", "Coulomb level more when cold.", -5.0, 5.0, 0.0, 0.06),
+        Parameter(
+            "viscous_excess_nm_s_per_rad",
+            "N m s/rad",
+            "Viscous friction more when cold.",
+            -0.1,
+            0.1,
+            0.0,
+            0.0,
+        ),
+        Parameter(
+            "thinned_nm",
+            "N m",
+            "Dry friction at the reference temperature that a warmer lubricant takes away.",
+            -5.0,
+            5.0,
+            0.0,
+            0.0,
+        ),
+        Parameter(
+            "thinned_nm_s_per_rad",
+            "N m s/rad",
+            "Viscous friction at the reference temperature that does the same.",
+            -0.1,
+            0.1,
+            0.0,
+            0.0,
+        ),
         Parameter(
             "time_constant_s",
             "s",
@@ -35,6 +95,7 @@ EFFECT = Effect(
             1200.0,
             1200.0,
             Role.SHAPE,
+            amounts=_BY_TIME,
         ),
         Parameter(
             "of_cold",
@@ -45,6 +106,29 @@ EFFECT = Effect(
             0.0,
             0.0,
             Role.SHAPE,
+            amounts=_BY_TIME,
+        ),
+        Parameter(
+            "reference_c",
+            "degC",
+            "Temperature of the housing at which the model is right.",
+            -50.0,
+            150.0,
+            20.0,
+            20.0,
+            Role.SHAPE,
+            amounts=_BY_TEMPERATURE,
+        ),
+        Parameter(
+            "span_k",
+            "K",
+            "Warming in which it falls to 1/e.",
+            1.0,
+            1e3,
+            12.0,
+            12.0,
+            Role.SHAPE,
+            amounts=_BY_TEMPERATURE,
         ),
     ),
     contributions=_contributions,
