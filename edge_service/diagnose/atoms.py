@@ -20,6 +20,8 @@ _MOST_ORDERS = 96
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
 _GRIPS_M = (5e-7, 3e-6)
+_LEAST_LEADS, _MOST_WAVES = 2.0, 40
+"""Waves along the travel: half ones of it, a whole one, and so on; of a turn there are orders."""
 _SPANS_K = (4.0, 12.0, 40.0)
 _LEAST_WARMING_K = 0.5
 _WARMING_S = 20.0
@@ -165,6 +167,7 @@ class Ranges:
     often_nm: float
     coldest_c: float
     warmest_c: float
+    lead_m: float
 
     @property
     def span_m(self) -> float:
@@ -186,6 +189,7 @@ class Ranges:
             float(np.quantile(np.concatenate([_moved_nm(run) for run in session.runs]), _OFTEN)),
             float(known.min()) if len(known) else math.nan,
             float(known.max()) if len(known) else math.nan,
+            2.0 * math.pi * session.baseline.ratio_m_per_rad,
         )
 
 
@@ -219,6 +223,8 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
             values = np.geomspace(low, high, 16) if 0.0 < low < high else np.empty(0)
         case "1" if (effect.name, parameter.name) == ("backlash", "friction_share"):
             values = np.array([0.1, 0.4, 0.8, 1.2])
+        case "1" if (effect.name, parameter.name) == ("backlash", "viscous_share"):
+            values = np.array([0.0, 0.4, 1.0])
         case "1" if parameter.name in _STEPS:
             values = np.array(_STEPS[parameter.name])
         case "1" if parameter.whole:
@@ -240,7 +246,8 @@ def _temperatures(ranges: Ranges) -> Floats:
 def _lengths(effect: Effect, parameter: Parameter, ranges: Ranges) -> Floats:
     """Lengths worth trying: along the travel, or of what gives and sticks."""
     if parameter.name == "wavelength_m":
-        return ranges.span_m * np.array([0.2, 0.3, 0.45, 0.7, 1.0, 1.5])
+        most = math.ceil(2.0 * ranges.span_m / (_LEAST_LEADS * ranges.lead_m))
+        return 2.0 * ranges.span_m / np.arange(1.0, min(most, _MOST_WAVES) + 1.0)
     if parameter.name.startswith("centre"):
         return np.linspace(ranges.low_m, ranges.high_m, 25)
     if effect.name == "compliance":

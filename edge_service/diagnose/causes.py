@@ -17,15 +17,20 @@ LEAST_RISE_OF_GAP = 0.05
 """
 LEAST_RISE_BESIDE_ALIKE = 0.22
 """Beside a greater effect whose entry may lack what this one adds."""
-LEAST_RISE_OF_COMPLIANCE = 0.15
-"""The same for compliance, which is small beside any play."""
+COMPLETE = 0.3
+"""Of what it adds: with less left beyond the floor an effect is no stopgap for another's entry,
+which would be wrong in some way of its own."""
 BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
 """Effects that give between motor and table show between their encoders, whatever else they do."""
 ALIKE = (
-    frozenset({"backlash", "compliance", "presliding"}),
+    frozenset({"backlash", "presliding"}),
+    frozenset({"compliance", "presliding"}),
+    frozenset({"compliance", "timestamp_skew"}),
     frozenset({"stribeck", "presliding", "quadratic_friction"}),
 )
 """Effects that resemble what a few numbers leave of one another."""
+MISSED = 0.5
+"""Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
 TIED = 5.0
 """Scores closer than this leave a doubt worth naming."""
 PARAMETERS = ("drag_error", "viscous_error", "inertia_error", "delay", "torque_gain_error")
@@ -139,7 +144,7 @@ def _unique(fits: Sequence[Fit]) -> list[Fit]:
     return list(best.values())
 
 
-def _by_weight(dictionary: Dictionary, whole: Fit, noise: Noise) -> Iterable[str]:
+def _by_weight(dictionary: Dictionary, whole: Fit, noise: Noise) -> list[str]:
     """Names of a fit, the one that it can spare least first."""
     loss = {
         name: whole.score - _without(dictionary, whole, name, noise).score
@@ -156,11 +161,33 @@ def _without(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> Fit
 def material_names(
     dictionary: Dictionary, whole: Fit, noise: Noise, limits: Mapping[str, tuple[float, float]]
 ) -> frozenset[str]:
-    """Effects of a fit that matter: significant alone is not enough."""
-    return frozenset(
-        name
-        for name in whole.names(dictionary)
-        if _is_material(dictionary, whole, name, noise, limits)
+    """Effects of a fit that matter: significant alone is not enough.
+
+    Two that stand in for one another would both be idle, and nothing would be named of a gap that
+    they explain: the one that can be spared is taken out, and the others are looked at again.
+    """
+    while True:
+        names = whole.names(dictionary)
+        material = frozenset(
+            name for name in names if _is_material(dictionary, whole, name, noise, limits)
+        )
+        if material == names or not _is_missed(dictionary, whole, material, noise):
+            return material
+        idle = [name for name in _by_weight(dictionary, whole, noise) if name not in material]
+        whole = _without(dictionary, whole, idle[-1], noise)
+
+
+def _is_missed(dictionary: Dictionary, whole: Fit, material: frozenset[str], noise: Noise) -> bool:
+    """Tell whether the material effects leave most of what all effects explain of a channel."""
+    chosen = whole.atoms[dictionary.tolerated :]
+    kept = [a for a in chosen if dictionary.atoms[a].name in material]
+    count = int(dictionary.first[dictionary.tolerated])
+    alone = fit(dictionary, kept, noise, whole.coefficients[:count])
+    return any(
+        noise.matters(channel, alone.rms[channel])
+        and alone.rms[channel] ** 2 - whole.rms[channel] ** 2
+        > MISSED * (sums.square / sums.rows - whole.rms[channel] ** 2)
+        for channel, sums in dictionary.sums.items()
     )
 
 
@@ -189,8 +216,9 @@ def _is_material(
         if not noise.matters(channel, before):
             continue
         overshadowed = any(other[channel] > rises[channel] for other in alike)
-        beside = LEAST_RISE_OF_COMPLIANCE if name == "compliance" else LEAST_RISE_BESIDE_ALIKE
-        part = beside if overshadowed else LEAST_RISE_OF_GAP
+        completes = noise.beyond(channel, whole.rms[channel]) < COMPLETE * rises[channel]
+        is_stopgap = overshadowed and not completes
+        part = LEAST_RISE_BESIDE_ALIKE if is_stopgap else LEAST_RISE_OF_GAP
         if rises[channel] >= max(noise.tolerance[channel], part * before):
             return True
     return False

@@ -112,10 +112,12 @@ class Play:
 
     Attributes:
         friction_share: dry friction that holds the table, over what the model has there.
+        viscous_share: share of the viscous friction that holds it.
     """
 
     width_m: float
     friction_share: float
+    viscous_share: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,7 +149,7 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
 def _shares_behind(plant: Plant, parts: Sequence[Contribution]) -> tuple[float, float]:
     """Shares of dry and viscous friction on the table as the effects state them, or the plant's."""
     stated = [(p.friction_share, p.viscous_share) for p in _of(LoadFriction, parts)]
-    stated += [(p.friction_share, 0.0) for p in _of(Play, parts)]
+    stated += [(p.friction_share, p.viscous_share) for p in _of(Play, parts)]
     middle_m = 0.5 * plant.screw_length_m
     load, rubbed, stirred = (
         sum(_changes(parts, even)) + middle_m * sum(_changes(parts, sloped))

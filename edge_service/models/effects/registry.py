@@ -56,7 +56,7 @@ def parse_effect(text: str) -> ActiveEffect:
         ValueError: as `active_effect`, or a part that is no key=number.
 
     >>> parse_effect("backlash:width_m=4e-6").values
-    {'width_m': 4e-06, 'friction_share': 1.0}
+    {'width_m': 4e-06, 'friction_share': 1.0, 'viscous_share': 0.0}
     """
     name, _, rest = text.partition(":")
     given: dict[str, float] = {}

@@ -206,6 +206,7 @@ def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
     """Lost motion of friction's flank, and that of a table that brakes onto the other one."""
     travel = baseline.ratio_m_per_rad * motion.angle_rad
     load_nm = motion.load_torque_nm + each.friction_share * _rubbed_nm(motion, baseline)
+    load_nm = load_nm + each.viscous_share * _stirred_nm(motion, baseline)
     leads = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
     ahead = np.where(leads, motion.approach, 0.0).astype(np.int8)
     return play(travel, each.width_m, ahead) - travel

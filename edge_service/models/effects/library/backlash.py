@@ -6,11 +6,11 @@ one would; two newtons end it.
 """
 
 from ..contribution import Contribution, Play
-from ..effect import Effect, Parameter, Role, Values, friction_share
+from ..effect import Effect, Parameter, Role, Values, friction_share, viscous_share
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Play(values["width_m"], values["friction_share"]),)
+    return (Play(values["width_m"], values["friction_share"], values["viscous_share"]),)
 
 
 EFFECT = Effect(
@@ -20,6 +20,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("width_m", "m", "Clearance.", 0.0, 2e-3, 0.0, 1e-5, Role.SHAPE),
         friction_share(),
+        viscous_share(),
     ),
     contributions=_contributions,
 )
