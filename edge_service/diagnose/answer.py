@@ -83,7 +83,7 @@ class Diagnosis:
     Attributes:
         caveats: what bounds the verdict, one line each: a floor that hides what matters, a
             remainder beside the causes.
-        is_blind: the floor hides whatever there may be, and nothing is named.
+        is_blind: the floor hides whatever there may be.
     """
 
     verdict: Verdict

@@ -39,6 +39,17 @@ def test_units_and_signs(machine: Machine, channel: str, factor: float, reason: 
     assert reason in found
 
 
+def test_friction_that_a_data_sheet_knows_nothing_of_is_no_wrong_unit(machine: Machine) -> None:
+    columns = recorded((), seed=3).columns
+    speed = np.gradient(columns["motor_angle_rad"], columns["time_s"])
+    rubbed = 3.0 * np.sign(speed) * (np.abs(speed) > 0.5)
+    frame = frame_of(recorded((), seed=3), torque_command_nm=columns["torque_command_nm"] + rubbed)
+    check = check_data(runs(machine, frame), RATIO)
+    assert check.faults == ()
+    (remark,) = [each for each in check.remarks if "wrong unit" in each]
+    assert "times what the machine file says" in remark
+
+
 def test_too_little_motion(machine: Machine) -> None:
     columns = recorded((), seed=3).columns
     noise = np.random.default_rng(1).standard_normal((2, len(columns["motor_angle_rad"])))

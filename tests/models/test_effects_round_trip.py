@@ -198,3 +198,19 @@ def test_without_a_temperature_nothing_follows_it() -> None:
     motion = run().motion
     unknown = replace(motion, temperature_c=np.full(len(motion), np.nan))
     assert not torque_signature(active.effect, active.values, unknown, BASELINE).any()
+
+
+def test_a_table_that_viscous_friction_holds_stays_on_its_flank() -> None:
+    """The more friction brakes the table itself, the later it leans on the other flank."""
+    motion = run().motion
+    effects = [
+        parse_effect(f"backlash:width_m=2e-5,friction_share=0,viscous_share={share}")
+        for share in (0.0, 1.5)
+    ]
+    loose, held = (
+        transmission_signature(each.effect, each.values, motion, BASELINE) for each in effects
+    )
+    braking = motion.acceleration_rad_s2 * motion.direction < -20.0
+    fast = np.abs(motion.speed_rad_s) > 20.0
+    assert np.mean((loose != held)[braking & fast]) > 0.05
+    assert np.mean((loose != held)[~braking & settled(motion)]) < 0.01
