@@ -70,11 +70,6 @@ class ChannelGap:
         """True if the gap exceeds its floor by more than the tolerance."""
         return self.beyond > self.tolerance
 
-    @property
-    def remainder(self) -> float:
-        """Part of what the causes leave that is not the floor's."""
-        return math.sqrt(max(self.after**2 - self.noise_floor**2, 0.0))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:

@@ -10,6 +10,8 @@ from .session import CHANNEL_UNITS, TORQUE_GAP, Session
 
 BLIND_SHARE = 0.5
 """Of the torque itself: a floor beyond that hides any fault of the size of the torque."""
+IMPRECISE = 0.1
+"""Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 _SPOKEN = {TORQUE_GAP: "torque", "transmission_m": "position between motor and table"}
 
 
@@ -27,11 +29,12 @@ def is_blind(floor_nm: float, torque_nm: float) -> bool:
 
 
 def caveats_of(
-    gap: Mapping[str, ChannelGap], torque_nm: float, verdict: Verdict
+    gap: Mapping[str, ChannelGap], left: Mapping[str, float], torque_nm: float, verdict: Verdict
 ) -> tuple[str, ...]:
     """Lines about what the verdict leaves open.
 
     Args:
+        left: root mean square that the causes leave, and what a healthy axis may have, by channel.
         torque_nm: root mean square of the torque in motion.
     """
     found = []
@@ -43,10 +46,11 @@ def caveats_of(
         )
     if verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
         found += [
-            f"{_SPOKEN[name]}: {each.remainder:.3g} {CHANNEL_UNITS[name]} beyond the floor are "
-            f"left, more than the {each.tolerance:.3g} {CHANNEL_UNITS[name]} tolerated: there is "
-            "more than what is named"
+            f"{_SPOKEN[name]}: {beyond:.3g} {CHANNEL_UNITS[name]} beyond the floor are left, more "
+            f"than the {each.tolerance:.3g} {CHANNEL_UNITS[name]} tolerated: there may be more "
+            "than what is named"
             for name, each in gap.items()
-            if each.remainder > each.tolerance
+            for beyond in (math.sqrt(max(left[name] ** 2 - each.noise_floor**2, 0.0)),)
+            if beyond > max(each.tolerance, IMPRECISE * each.before)
         ]
     return tuple(found)

@@ -189,7 +189,7 @@ def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosi
         _nearest(found, _suspects(weighed)) if is_unknown else None,
         weighed.causes,
         replay(weighed.machine, entries.blocks, entries.channel_of, floors),
-        caveats_of(gap, torque_nm, verdict),
+        caveats_of(gap, _rms(entries.left_of_tolerated()), torque_nm, verdict),
         blind,
     )
 
@@ -226,6 +226,10 @@ def _gap(weighed: Weighed, entries: Explained) -> dict[str, ChannelGap]:
         )
         for name, rows in weighed.session.channels.items()
     }
+
+
+def _rms(left: Mapping[str, Floats]) -> dict[str, float]:
+    return {name: float(np.sqrt(np.mean(each**2))) for name, each in left.items()}
 
 
 def _exceeds_floor(weighed: Weighed, channels: Sequence[str] = tuple(CHANNEL_UNITS)) -> bool:

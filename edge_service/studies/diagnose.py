@@ -18,6 +18,7 @@ from ..diagnose.twin import rigid_baseline
 from ..models.effects.registry import machine_effects
 from ..models.machine import Machine
 from ..models.motion import MotionError
+from .diagnosis_checks import beside_doubts, doubts
 from .diagnosis_document import augmented_toml, bad_data_document, to_document
 from .diagnosis_report import render, render_bad_data
 from .machine_gap import BadDataError, DiagnosisError, read_runs, session_of
@@ -82,7 +83,10 @@ def _diagnosed(
     session = session_of(machine, runs)
     if healthy is not None:
         session = healthy.beside(session)
-    found = diagnose_session(session, machine, progress=progress)
+    doubted = doubts(machine, runs)
+    remarks = (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted))
+    check = replace(check, remarks=remarks)
+    found = beside_doubts(diagnose_session(session, machine, progress=progress), doubted)
     found = _with_motion(found, machine)
     silent = not_judged(session)
     try:

@@ -57,12 +57,13 @@ def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> Non
 )
 def test_a_remainder_that_matters_is_told(verdict: Verdict, after: float, told: bool) -> None:
     gap = {"torque_nm": ChannelGap(0.2, after, 0.018, 0.014, "recording", "N m")}
-    found = caveats_of(gap, 1.0, verdict)
+    found = caveats_of(gap, {"torque_nm": after}, 1.0, verdict)
     assert bool(found) == told
     if told:
         assert found[0].startswith("torque: 0.0466 N m beyond the floor are left")
 
 
 def test_a_floor_is_held_against_the_torque_itself() -> None:
-    assert caveats_of({"torque_nm": CALM}, 0.05, Verdict.NO_GAP) == ()
-    assert len(caveats_of({"torque_nm": CALM}, 0.03, Verdict.NO_GAP)) == 1
+    left = {"torque_nm": CALM.after}
+    assert caveats_of({"torque_nm": CALM}, left, 0.05, Verdict.NO_GAP) == ()
+    assert len(caveats_of({"torque_nm": CALM}, left, 0.03, Verdict.NO_GAP)) == 1
