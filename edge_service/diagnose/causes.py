@@ -18,17 +18,21 @@ LEAST_RISE_OF_GAP = 0.05
 LEAST_RISE_BESIDE_ALIKE = 0.22
 """Beside a greater effect whose entry may lack what this one adds."""
 COMPLETE = 0.3
-"""Of what it adds: with less left beyond the floor an effect is no stopgap for another's entry,
-which would be wrong in some way of its own."""
+"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
+entry of another one, which would be wrong in some way of its own."""
 BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
 """Effects that give between motor and table show between their encoders, whatever else they do."""
-ALIKE = (
-    frozenset({"backlash", "presliding"}),
-    frozenset({"compliance", "presliding"}),
-    frozenset({"compliance", "timestamp_skew"}),
-    frozenset({"stribeck", "presliding", "quadratic_friction"}),
-)
-"""Effects that resemble what a few numbers leave of one another."""
+STOPGAP_FOR = {
+    "backlash": {"compliance", "presliding"},
+    "compliance": {"presliding", "timestamp_skew"},
+    "presliding": {"backlash", "compliance", "stribeck", "quadratic_friction"},
+    "quadratic_friction": {"presliding", "stribeck"},
+    "stribeck": {"presliding", "quadratic_friction"},
+    "timestamp_skew": {"compliance"},
+}
+"""Effects that resemble what a few numbers leave of others. Widths of play add up to what a spring
+does; a spring stretches with the acceleration, as no play does.
+"""
 MISSED = 0.5
 """Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
 TIED = 5.0
@@ -204,10 +208,9 @@ def _is_material(
     rises = _rises(dictionary, whole, name, noise)
     alike = [
         _rises(dictionary, whole, other, noise)
-        for group in ALIKE
-        if name in group
-        for other in (group - {name}) & whole.names(dictionary)
+        for other in STOPGAP_FOR.get(name, set()) & whole.names(dictionary)
     ]
+    count = sum(dictionary.atoms[a].name == name for a in whole.atoms[dictionary.tolerated :])
     for channel, sums in dictionary.sums.items():
         elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in dictionary.sums
         if name in BETWEEN_ENCODERS and elsewhere:
@@ -216,7 +219,8 @@ def _is_material(
         if not noise.matters(channel, before):
             continue
         overshadowed = any(other[channel] > rises[channel] for other in alike)
-        completes = noise.beyond(channel, whole.rms[channel]) < COMPLETE * rises[channel]
+        left = noise.beyond(channel, whole.rms[channel])
+        completes = count == 1 and left < COMPLETE * rises[channel]
         is_stopgap = overshadowed and not completes
         part = LEAST_RISE_BESIDE_ALIKE if is_stopgap else LEAST_RISE_OF_GAP
         if rises[channel] >= max(noise.tolerance[channel], part * before):
