@@ -93,6 +93,8 @@ class Values:
         moved = {shape for shape, _ in atom.shape}
         shown = {}
         for parameter in atom.effect.parameters:
+            if parameter.amounts and atom.amount not in parameter.amounts:
+                continue
             value = values[parameter.name]
             if parameter.name == atom.amount:
                 low, high = self._amount_interval(k, value, sigma)

@@ -27,7 +27,7 @@ FLOORS = {
     "recording": "what neither the motion nor a repeat of it tells in advance, in this recording",
     "reference": "what the healthy recordings leave beside one another",
 }
-_SHOWN_UNITS = {"m": ("µm", 1e6), "s": ("ms", 1e3), "1": ("", 1.0)}
+_SHOWN_UNITS = {"m": ("µm", 1e6), "s": ("ms", 1e3), "1": ("", 1.0), "degC": ("°C", 1.0)}
 
 
 def render(
