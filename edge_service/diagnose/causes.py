@@ -25,13 +25,15 @@ BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
 STOPGAP_FOR = {
     "backlash": {"compliance", "presliding"},
     "compliance": {"presliding", "timestamp_skew"},
+    "lead_error": {"thermal_growth"},
     "presliding": {"backlash", "compliance", "stribeck", "quadratic_friction"},
     "quadratic_friction": {"presliding", "stribeck"},
     "stribeck": {"presliding", "quadratic_friction"},
     "timestamp_skew": {"compliance"},
 }
 """Effects that resemble what a few numbers leave of others. Widths of play add up to what a spring
-does; a spring stretches with the acceleration, as no play does.
+does; a spring stretches with the acceleration, as no play does. A screw that grows unevenly looks
+like one with another lead, which does not grow.
 """
 MISSED = 0.5
 """Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
