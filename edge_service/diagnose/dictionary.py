@@ -143,10 +143,7 @@ class Dictionary:
             mean=np.concatenate((self.mean, np.zeros(int(sizes[-1])))),
             precision=np.concatenate((self.precision, _bounding(session, sums)[count:])),
             first=np.concatenate((self.first, self.first[-1] + sizes)),
-            columns={
-                n: np.column_stack((self.columns[n], added[n].astype(np.float32)))
-                for n in self.columns
-            },
+            columns={n: _kept((self.columns[n], added[n])) for n in self.columns},
             sums=sums,
             alternatives=(*self.alternatives, *(len(atoms) for _ in atoms)),
         )
@@ -211,7 +208,19 @@ def _bounding(session: Session, sums: Mapping[str, Sums]) -> Floats:
 def _summed(atoms: Sequence[Atom], session: Session, channel: str) -> tuple[Columns, Sums]:
     """Columns of all atoms, (n, p), and the sums of their exact values."""
     exact = _columns(atoms, session, channel)
-    return exact.astype(np.float32), Sums.of(exact, session.channels[channel].gap)
+    return _kept((exact,)), Sums.of(exact, session.channels[channel].gap)
+
+
+def _kept(parts: Sequence[Floats | Columns]) -> Columns:
+    """Columns side by side in single precision, (n, p); those without anything take no memory."""
+    found = np.zeros((sum(each.shape[1] for each in parts), len(parts[0])), np.float32).T
+    place = 0
+    for each in parts:
+        for column in each.T:
+            if np.any(column):
+                found[:, place] = column
+            place += 1
+    return found
 
 
 def _products(columns: Floats | Columns, shown: Integers, gap: Floats) -> tuple[Floats, Floats]:
