@@ -78,7 +78,7 @@ class Diagnosis:
     Attributes:
         caveats: what bounds the verdict, one line each: a floor that hides what matters, a
             remainder beside the causes.
-        is_blind: the floor hides whatever there may be.
+        is_blind: the torque's floor hides whatever there may be, and nothing else is named.
     """
 
     verdict: Verdict

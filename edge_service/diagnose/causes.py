@@ -44,7 +44,7 @@ PARAMETERS = ("drag_error", "viscous_error", "inertia_error", "delay", "torque_g
 RANGES = frozenset({"delay"})
 """Parameters of which a healthy axis may have anything within a range."""
 HEATED = frozenset({"thermal_growth", "warmup"})
-"""Effects that follow time: heat comes from motion, and their entries know time alone."""
+"""Effects that follow time or one sensor, where motion heats an axis in places of its own."""
 _SIMPLER = 2.0
 _AS_LITTLE = 1.0 / 3.0
 """Of the tolerance: by so much more a set may leave and still leave as little."""

@@ -34,7 +34,7 @@ LEAST_SHRINK = 0.04
 LESSER_PART = 0.5
 """Of the gap's energy that is left by a force: with more, the force is not what it is about."""
 BLIND_TRUST = 0.5
-"""Of the probability of an effect, where noise is most of the torque: some entry follows noise."""
+"""Of the probability of an effect in a torque that is mostly noise: some entry follows noise."""
 SUREST = 0.999
 """Probability beyond which no weighing of a finite library reaches."""
 LEAST_PROBABILITY = 0.02
@@ -169,8 +169,13 @@ def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosi
     channels, entries = weighed.session.channels, judged.entries
     gap, torque_nm = _gap(weighed, entries), torque_rms_nm(weighed.session)
     blind = TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].noise_floor, torque_nm)
-    trust = BLIND_TRUST if blind else 1.0
-    effects = [replace(each, probability=trust * each.probability) for each in judged.effects]
+    effects = [
+        replace(each, probability=BLIND_TRUST * each.probability)
+        if blind and each.channel == TORQUE_GAP
+        else each
+        for each in judged.effects
+    ]
+    blind = blind and all(each.channel == TORQUE_GAP for each in effects)
     found = sorted(effects, key=lambda each: (-each.probability, -each.shrink.estimate))
     is_unknown = blind or _is_unknown(weighed, judged, named)
     verdict = verdict_of(found, is_unknown=is_unknown)

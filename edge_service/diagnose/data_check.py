@@ -171,7 +171,7 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
     if all(run.transmission_m is None for run in runs):
         found.append("one encoder only: nothing between motor and table is judged")
     gain = abs(_gain(runs, _whole_gain))
-    if gain < _GAIN_RANGE[0] or gain > _GAIN_RANGE[1]:
+    if not _torque(runs) and (gain < _GAIN_RANGE[0] or gain > _GAIN_RANGE[1]):
         found.append(
             f"friction is {gain:.2g} times what the machine file says: a torque in a wrong unit "
             "would look the same"

@@ -1,4 +1,4 @@
-"""What bounds a verdict is told: noise that hides faults, and what is left beside the causes."""
+"""Bounds of a verdict are told: noise that hides faults, and a remainder beside the causes."""
 
 import json
 from pathlib import Path
@@ -16,8 +16,10 @@ from .test_bad_input import written
 CALM = ChannelGap(0.02, 0.02, 0.018, 0.014, "recording", "N m")
 
 
-def diagnosed(machine_file: Path, folder: Path, noise_nm: float) -> dict[str, object]:
-    columns = dict(recorded((), 3).columns)
+def diagnosed(
+    machine_file: Path, folder: Path, noise_nm: float, causes: tuple[str, ...] = ()
+) -> dict[str, object]:
+    columns = dict(recorded(causes, 3).columns)
     noise = np.random.default_rng(5).normal(0.0, noise_nm, len(columns["time_s"]))
     # as slow as the comparison, so that its low-pass does not take it away
     slow = np.convolve(noise, np.ones(40) / np.sqrt(40.0), "same")
@@ -67,3 +69,17 @@ def test_a_floor_is_held_against_the_torque_itself() -> None:
     left = {"torque_nm": CALM.after}
     assert caveats_of({"torque_nm": CALM}, left, 0.05, Verdict.NO_GAP) == ()
     assert len(caveats_of({"torque_nm": CALM}, left, 0.03, Verdict.NO_GAP)) == 1
+
+
+def test_noise_in_the_torque_says_nothing_of_the_encoders(
+    machine_file: Path, tmp_path: Path
+) -> None:
+    found = diagnosed(machine_file, tmp_path, 2.0, ("backlash",))
+    (play,) = [each for each in found["effects"] if each["channel"] == "transmission_m"]
+    assert play["name"] == "backlash"
+    assert play["probability"] > 0.9
+    assert found["verdict"] in ("explained", "ambiguous")
+    assert all(
+        each["probability"] <= 0.5 for each in found["effects"] if each["channel"] == "torque_nm"
+    )
+    assert "a fault of that size would not show" in found["caveats"][0]

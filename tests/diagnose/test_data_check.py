@@ -39,6 +39,13 @@ def test_units_and_signs(machine: Machine, channel: str, factor: float, reason: 
     assert reason in found
 
 
+def test_a_wrong_unit_is_not_called_friction_as_well(machine: Machine) -> None:
+    values = 1000.0 * recorded((), seed=3).columns["torque_command_nm"]
+    frame = frame_of(recorded((), seed=3), torque_command_nm=values)
+    remarks = check_data(runs(machine, frame), RATIO).remarks
+    assert not [each for each in remarks if "friction" in each]
+
+
 def test_friction_that_a_data_sheet_knows_nothing_of_is_no_wrong_unit(machine: Machine) -> None:
     columns = recorded((), seed=3).columns
     speed = np.gradient(columns["motor_angle_rad"], columns["time_s"])

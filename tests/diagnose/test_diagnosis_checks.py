@@ -1,4 +1,4 @@
-"""What `doctor` finds is known to the diagnosis: a lag that it misses makes its causes unsure."""
+"""Findings of `doctor` are known to the diagnosis: a lag that it misses makes its causes unsure."""
 
 import pytest
 

@@ -71,6 +71,14 @@ def order(faulty: float, amount: str = "") -> Parameter:
     return Parameter("order", "1", text, 1, 96, faulty, faulty, Role.SHAPE, True, amounts)
 
 
+def reference_temperature(*amounts: str) -> Parameter:
+    """Parameter of what follows the temperature of the housing, for some amounts."""
+    text = "Temperature of the housing at which the model is right."
+    return Parameter(
+        "reference_c", "degC", text, -50.0, 150.0, 20.0, 20.0, Role.SHAPE, amounts=amounts
+    )
+
+
 def friction_share() -> Parameter:
     """Parameter to locate dry friction, for what follows the load between motor and table."""
     text = "Dry friction of the table, over what the model puts there."

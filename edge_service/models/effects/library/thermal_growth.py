@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..contribution import Contribution, Curve, Over, Strain, lagged_warming
-from ..effect import Effect, Parameter, Role, Values
+from ..effect import Effect, Parameter, Role, Values, reference_temperature
 
 EXPANSION_PER_K = 11.5e-6
 """Thermal expansion of screw steel."""
@@ -57,17 +57,7 @@ EFFECT = Effect(
             Role.SHAPE,
             amounts=("rise_k",),
         ),
-        Parameter(
-            "reference_c",
-            "degC",
-            "Temperature of the housing at which the model is right.",
-            -50.0,
-            150.0,
-            20.0,
-            20.0,
-            Role.SHAPE,
-            amounts=("strain_per_k",),
-        ),
+        reference_temperature("strain_per_k"),
     ),
     contributions=_contributions,
 )

@@ -11,7 +11,7 @@ from ..contribution import (
     ViscousFriction,
     lagged_warming,
 )
-from ..effect import Effect, Parameter, Role, Values
+from ..effect import Effect, Parameter, Role, Values, reference_temperature
 
 WARM_RISE_K = 8.0
 """Assumption: what the housing warms up by while the friction falls; it is no measure of that."""
@@ -108,17 +108,7 @@ EFFECT = Effect(
             Role.SHAPE,
             amounts=_BY_TIME,
         ),
-        Parameter(
-            "reference_c",
-            "degC",
-            "Temperature of the housing at which the model is right.",
-            -50.0,
-            150.0,
-            20.0,
-            20.0,
-            Role.SHAPE,
-            amounts=_BY_TEMPERATURE,
-        ),
+        reference_temperature(*_BY_TEMPERATURE),
         Parameter(
             "span_k",
             "K",
