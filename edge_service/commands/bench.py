@@ -149,6 +149,11 @@ def _require_second_plant(folder: Path) -> None:
     help="Instead: the benchmark in shared/bench beside the checkout, whole and thinned.",
 )
 @click.option("--quick", is_flag=True, help="With --second-plant: a dozen cases, two rates.")
+@click.option(
+    "--real-machines",
+    is_flag=True,
+    help="Instead: recordings in shared/data beside the checkout, with errors added to them.",
+)
 def bench_diagnose(
     cases: int,
     seed: int,
@@ -157,10 +162,14 @@ def bench_diagnose(
     ties: int | None,
     second_plant: bool,
     quick: bool,
+    real_machines: bool,
 ) -> None:
     """Score the diagnosis on a plant that shares no code with the library (checkout only)."""
     if second_plant:
         click.echo(_diagnosis_plant(seed, quick, out))
+        return
+    if real_machines:
+        click.echo(_real_machines(seed, out))
         return
     if ties is not None:
         from ..studies.diagnose_ties import run_ties
@@ -182,6 +191,16 @@ def _diagnosis_plant(seed: int, quick: bool, out: Path | None) -> str:
         return run_diagnosis_plant(BESIDE, seed, quick, out, progress)
     except SecondPlantError as error:
         raise InputError(f"--second-plant: {error}") from None
+
+
+def _real_machines(seed: int, out: Path | None) -> str:
+    from ..studies.diagnose_cases import BenchError
+    from ..studies.seeded_errors import DATA, run_seeded_errors
+
+    try:
+        return run_seeded_errors(DATA, seed, out, say=progress)
+    except BenchError as error:
+        raise InputError(f"--real-machines: {error}") from None
 
 
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")

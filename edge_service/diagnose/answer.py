@@ -79,6 +79,7 @@ class Diagnosis:
         caveats: what bounds the verdict, one line each: a floor that hides what matters, a
             remainder beside the causes.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
+        suspects: effects that were named at first, and the structure that each left.
     """
 
     verdict: Verdict
@@ -95,6 +96,7 @@ class Diagnosis:
     replay: Replay
     caveats: tuple[str, ...]
     is_blind: bool
+    suspects: Mapping[str, float]
 
 
 def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:

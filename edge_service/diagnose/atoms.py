@@ -22,8 +22,8 @@ _NOISE_SIGMAS = 5.0
 _GRIPS_M = (5e-7, 3e-6)
 _LEAST_LEADS, _MOST_WAVES = 2.0, 40
 """Waves along the travel: half ones of it, a whole one, and so on; of a turn there are orders."""
-_SPANS_K = (4.0, 12.0, 40.0)
-"""A lubricant's friction falls to 1/e within some tens of kelvins, at a cold start within few."""
+_SPANS_K = (8.0, 16.0, 40.0)
+"""A lubricant falls to 1/e of its viscosity within these."""
 _LEAST_WARMING_K = 0.5
 """A housing that warms up by less says nothing of what follows its temperature."""
 _WARMING_S = 20.0

@@ -1,10 +1,10 @@
 """Choice of effects: material ones, a posterior over sets of them, and indistinguishable ones."""
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from .all_sets import leading_sets
 from .dictionary import Dictionary
 from .evidence import Fit, Noise, fit
 from .nameless import UNKNOWN
@@ -89,17 +89,10 @@ def find_causes(
         known: atoms of a set that was best under another noise.
     """
     best = pursue(dictionary, noise, dictionary.candidates, known=known)
-    fits = [fit(dictionary, (), noise), best]
-    leaders = list(_by_weight(dictionary, best, noise))[:_LEADERS]
-    for name in leaders:
-        other = _pursue_names(dictionary, noise, {name}, banned=True)
-        fits.append(other)
-        fits.append(_pursue_names(dictionary, noise, {name}))
-    rivals = {n for f in fits for n in f.names(dictionary)} - set(leaders)
-    for pair in itertools.combinations(leaders[:3], 2):
-        fits.append(_pursue_names(dictionary, noise, set(pair)))
-    for name in sorted(rivals):
-        fits.append(_pursue_names(dictionary, noise, {name}))
+    fits = [best, fit(dictionary, (), noise)]
+    for name in list(_by_weight(dictionary, best, noise))[:_LEADERS]:
+        fits.append(_pursue_names(dictionary, noise, {name}, banned=True))
+    fits += leading_sets(dictionary, noise, fits)
     fits += [_pursue_names(dictionary, noise, {name}) for name in sorted(limits)]
     fits.append(_pursue_names(dictionary, noise, limits))
     fits = [_named_beyond(dictionary, each, noise, limits) for each in fits]

@@ -9,7 +9,7 @@ import numpy as np
 from ..messages.samples import Floats
 from ..models.machine import Machine
 from .answer import ChannelGap, Diagnosis, NamedEffect, Verdict, verdict_of
-from .causes import HEATED, without
+from .causes import without
 from .caveats import caveats_of, is_blind, torque_rms_nm
 from .explained import Explained, Weighed, explained
 from .impostor import FORCE, Claim, claims, has_impostor
@@ -24,8 +24,6 @@ from .where import where
 
 BESIDE_NAMELESS = 0.8
 """Of the probability of an effect, where something that has no name is needed beside it."""
-FREER = HEATED | {FORCE}
-"""Effects whose free forms are judged: heat follows motion, their entries time; a force nothing."""
 AT_BOUND = 0.5
 """The same of one whose shape would have to leave what the library allows."""
 LEAST_SHRINK = 0.04
@@ -61,11 +59,14 @@ class Judged:
 def concluded(weighed: Weighed) -> Diagnosis:
     """The answer that names the material effects, or those of them that are no impostors."""
     named = weighed.causes.best.material - {UNKNOWN}
+    suspects: dict[str, float] = {}
     while True:
         judged = _judged(weighed, named)
+        for name, claim in judged.claims.items():
+            suspects.setdefault(name, claim.structure)
         idle = _idlest(judged, named)
         if not idle:
-            return _answer(weighed, judged, named)
+            return _answer(weighed, judged, named, suspects)
         calmer = without(weighed.causes, FORCE) if idle == FORCE else None
         if calmer is None:
             named = named - {idle}
@@ -109,16 +110,23 @@ def _judged(weighed: Weighed, named: frozenset[str]) -> Judged:
 def _doubts(weighed: Weighed, entries: Explained, named: frozenset[str]) -> dict[str, Doubt]:
     """The doubt in each channel."""
     session = weighed.session
-    by_entries = left_shares(session, entries.left_rms(), weighed.noise)
+    by_entries = left_shares(session, _rms(_left_beside_force(weighed, entries)), weighed.noise)
     places = set(entries.channel_of.values())
-    freer = {channel for name, channel in entries.channel_of.items() if name in FREER}
-    claimed = {name: share for name, share in by_entries.items() if name in places - freer}
+    claimed = {name: share for name, share in by_entries.items() if name in places}
     doubts = doubts_of(session, weighed.unexplained, claimed, len(named))
     is_open = TORQUE_GAP in doubts and _exceeds_floor(weighed, (TORQUE_GAP,))
     best, parameters = weighed.causes.best.fit, _parameters(weighed.machine)
     if is_open and is_stretched(weighed.dictionary, best, parameters, named):
         doubts[TORQUE_GAP] = Doubt(is_unknown=True, confidence=0.5)
     return doubts
+
+
+def _left_beside_force(weighed: Weighed, entries: Explained) -> dict[str, Floats]:
+    """Residual of the entries and of what is tolerated, by channel, (n,); a force as it was."""
+    left = entries.left_of_tolerated()
+    if FORCE in entries.parts and TORQUE_GAP in left:
+        left[TORQUE_GAP] = left[TORQUE_GAP] + entries.parts[FORCE][TORQUE_GAP] - _pushes(weighed)
+    return left
 
 
 def _named(
@@ -145,12 +153,16 @@ def _named(
 
 def _pushed(weighed: Weighed) -> float:
     """Shrink of the torque's gap by the forces as they were; 0 where they are the lesser part."""
+    gap = weighed.session.channels[TORQUE_GAP].gap
+    left = float(np.sum((gap - _pushes(weighed)) ** 2)) / float(np.sum(gap**2))
+    return 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0
+
+
+def _pushes(weighed: Weighed) -> Floats:
+    """Forces of the best set in the torque, N m, (n,)."""
     best, dictionary = weighed.causes.best.fit, weighed.dictionary
     mine = [a for a in best.atoms if dictionary.atoms[a].name == FORCE]
-    pushed = dictionary.modelled(TORQUE_GAP, mine, best.of_atoms(dictionary, mine))
-    gap = weighed.session.channels[TORQUE_GAP].gap
-    left = float(np.sum((gap - pushed) ** 2)) / float(np.sum(gap**2))
-    return 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0
+    return dictionary.modelled(TORQUE_GAP, mine, best.of_atoms(dictionary, mine))
 
 
 def _confidence(doubts: Mapping[str, Doubt], columns: Mapping[str, Floats]) -> float:
@@ -165,7 +177,9 @@ def _is_cause(each: NamedEffect) -> bool:
     return each.probability >= LEAST_PROBABILITY and helps >= LEAST_SHRINK
 
 
-def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosis:
+def _answer(
+    weighed: Weighed, judged: Judged, named: frozenset[str], suspects: Mapping[str, float]
+) -> Diagnosis:
     channels, entries = weighed.session.channels, judged.entries
     gap, torque_nm = _gap(weighed, entries), torque_rms_nm(weighed.session)
     blind = TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].noise_floor, torque_nm)
@@ -196,6 +210,7 @@ def _answer(weighed: Weighed, judged: Judged, named: frozenset[str]) -> Diagnosi
         replay(weighed.machine, entries.blocks, entries.channel_of, floors),
         caveats_of(gap, _rms(entries.left_of_tolerated()), torque_nm, verdict),
         blind,
+        suspects,
     )
 
 

@@ -9,6 +9,7 @@ from ..models.effects.effect import Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
 from .answer import ChannelGap, Diagnosis, NamedEffect, Verdict
+from .atoms import Atom
 from .beside_force import beside_force
 from .causes import find_causes
 from .conclusion import concluded
@@ -19,7 +20,7 @@ from .impostor import FORCE
 from .judged import is_too_slow
 from .nameless import nameless_forms
 from .noise_floor import Floor, noise_floor
-from .pushes import lone_forms
+from .pushes import Push, lone_forms
 from .session import TORQUE_GAP, Session
 from .tolerance import Tolerated, limits_of, stated_tolerance, tolerated
 from .unknown import left_shares
@@ -71,8 +72,7 @@ def _prepared(
     searched = [
         each for each in entries if each.name != FORCE and not is_too_slow(each.name, session)
     ]
-    dictionary = Dictionary.of_session(session, _prior(session, machine), searched)
-    dictionary = dictionary.with_atoms(session, list(nameless_forms(session)))
+    prior = _prior(session, machine)
     gaps = {name: rows.gap for name, rows in session.channels.items()}
     floor = _above_healthy(session, noise_floor(session, gaps))
     noise = Noise(
@@ -81,17 +81,18 @@ def _prepared(
         effective=dict.fromkeys(session.channels, MOST_EFFECTIVE),
         discrepancy={name: DISCREPANCY * rows.rms for name, rows in session.channels.items()},
     )
+    more: list[Atom] = list(nameless_forms(session))
     if TORQUE_GAP in session.channels and FORCE in {each.name for each in entries}:
-        dictionary = _with_pushes(session, dictionary, noise)
-    return dictionary, noise
+        more += _pushes(session, prior, noise)
+    return Dictionary.of_session(session, prior, searched, more), noise
 
 
-def _with_pushes(session: Session, dictionary: Dictionary, noise: Noise) -> Dictionary:
-    """The dictionary with forces where the torque has a mean of its own for a while."""
-    bare = fit(dictionary, (), noise)
-    modelled = dictionary.modelled(TORQUE_GAP, bare.atoms, bare.coefficients)
-    left = session.channels[TORQUE_GAP].gap - modelled
-    return dictionary.with_atoms(session, lone_forms(session, left))
+def _pushes(session: Session, prior: Sequence[Tolerated], noise: Noise) -> Sequence[Push]:
+    """Forces where the torque has a mean of its own for a while."""
+    healthy = Dictionary.of_session(session, prior, ())
+    bare = fit(healthy, (), noise)
+    modelled = healthy.modelled(TORQUE_GAP, bare.atoms, bare.coefficients)
+    return lone_forms(session, session.channels[TORQUE_GAP].gap - modelled)
 
 
 def _above_healthy(session: Session, floor: Mapping[str, Floor]) -> dict[str, float]:

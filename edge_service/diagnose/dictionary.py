@@ -29,7 +29,7 @@ _STRICT_SIGMA = 0.05
 
 
 Columns = npt.NDArray[np.float32]
-"""Half the memory; their sums of products are those of double precision."""
+"""Half the memory; products of theirs are summed in double precision."""
 
 
 _CHUNK = 4096
@@ -46,13 +46,17 @@ class Sums:
     rows: int
 
     @classmethod
-    def of(cls, columns: Floats | Columns, gap: Floats) -> Self:
-        """Of columns (n, p) and the gap (n,); most columns show in one channel only."""
+    def of(cls, columns: Columns, gap: Floats, rows: Integers | None = None) -> Self:
+        """Of columns (n, p) and the gap (n,), or of some of their rows only.
+
+        Most columns show in one channel only.
+        """
+        chosen = np.arange(len(gap)) if rows is None else rows
         shown = np.flatnonzero([np.any(column) for column in columns.T])
         gram = np.zeros((columns.shape[1], columns.shape[1]))
         cross = np.zeros(columns.shape[1])
-        gram[np.ix_(shown, shown)], cross[shown] = _products(columns, shown, gap)
-        return cls(gram, cross, float(gap @ gap), len(gap))
+        gram[np.ix_(shown, shown)], cross[shown] = _products(columns, shown, gap, chosen)
+        return cls(gram, cross, float(gap[chosen] @ gap[chosen]), len(chosen))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,28 +82,24 @@ class Dictionary:
 
     @classmethod
     def of_session(
-        cls, session: Session, tolerated: Sequence[Tolerated], library: Sequence[Effect]
-    ) -> Self:
-        """The dictionary of a session and of the entries that may explain its gap."""
-        names = {effect.name for effect in library}
-        candidates: list[Atom] = [a for effect in library for a in atoms_of(effect, session)]
-        if names:
-            candidates += [form for form in free_forms(session) if form.name in names]
-        atoms = [*(each.atom for each in tolerated), *candidates]
-        both = {name: _summed(atoms, session, name) for name in session.channels}
-        columns = {name: each for name, (each, _) in both.items()}
-        sums = {name: each for name, (_, each) in both.items()}
-        return cls._of(session, tolerated, atoms, columns, sums)
-
-    @classmethod
-    def _of(
         cls,
         session: Session,
         tolerated: Sequence[Tolerated],
-        atoms: Sequence[Atom],
-        columns: Mapping[str, Columns],
-        sums: Mapping[str, Sums],
+        library: Sequence[Effect],
+        more: Sequence[Atom] = (),
     ) -> Self:
+        """The dictionary of a session and of the entries that may explain its gap.
+
+        Args:
+            more: candidates behind those of the library.
+        """
+        names = {effect.name for effect in library}
+        entries: list[Atom] = [a for effect in library for a in atoms_of(effect, session)]
+        if names:
+            entries += [form for form in free_forms(session) if form.name in names]
+        atoms = [*(each.atom for each in tolerated), *entries, *more]
+        columns = {name: _columns(atoms, session, name) for name in session.channels}
+        sums = {name: Sums.of(each, session.channels[name].gap) for name, each in columns.items()}
         first = np.concatenate(([0], np.cumsum([atom.size for atom in atoms]))).astype(np.int64)
         mean, precision = np.zeros(int(first[-1])), _bounding(session, sums)
         mean[: len(tolerated)] = [each.mean for each in tolerated]
@@ -107,62 +107,30 @@ class Dictionary:
         for k, atom in enumerate(atoms[len(tolerated) :], start=len(tolerated)):
             if atom.name in _STRICT:
                 mean[first[k]], precision[first[k]] = 1.0, _STRICT_SIGMA**-2
-        counts = Counter((atom.name, atom.form) for atom in atoms[len(tolerated) :])
-        return cls(
-            tuple(atoms),
-            len(tolerated),
-            mean,
-            precision,
-            first,
-            columns,
-            sums,
-            tuple(max(counts[atom.name, atom.form], 1) for atom in atoms),
+        shapes = Counter((atom.name, atom.form) for atom in entries)
+        forms = Counter(atom.name for atom in more)
+        alternatives = (
+            *(1 for _ in tolerated),
+            *(shapes[atom.name, atom.form] for atom in entries),
+            *(forms[atom.name] for atom in more),
         )
-
-    def with_atoms(self, session: Session, atoms: Sequence[Atom]) -> "Dictionary":
-        """The dictionary with further candidates behind the others."""
-        if not atoms:
-            return self
-        added = {name: _columns(atoms, session, name) for name in session.channels}
-        sums = {}
-        for name, each in self.sums.items():
-            gap = session.channels[name].gap
-            mixed = _mixed(self.columns[name], added[name])
-            own = Sums.of(added[name], gap)
-            sums[name] = Sums(
-                np.block([[each.gram, mixed], [mixed.T, own.gram]]),
-                np.concatenate((each.cross, own.cross)),
-                each.square,
-                each.rows,
-            )
-        sizes = np.cumsum([atom.size for atom in atoms])
-        count = len(self.mean)
-        return replace(
-            self,
-            atoms=(*self.atoms, *atoms),
-            mean=np.concatenate((self.mean, np.zeros(int(sizes[-1])))),
-            precision=np.concatenate((self.precision, _bounding(session, sums)[count:])),
-            first=np.concatenate((self.first, self.first[-1] + sizes)),
-            columns={n: _kept((self.columns[n], added[n])) for n in self.columns},
-            sums=sums,
-            alternatives=(*self.alternatives, *(len(atoms) for _ in atoms)),
-        )
+        count = len(tolerated)
+        return cls(tuple(atoms), count, mean, precision, first, columns, sums, alternatives)
 
     def restricted(
         self, count: int, session: Session, kept: Mapping[str, Booleans]
     ) -> "Dictionary":
-        """Its first `count` atoms, and of each channel only the rows that are kept."""
+        """Its first `count` atoms to be weighed by some rows of each channel, without columns."""
         end = int(self.first[count])
-        columns = {name: each[kept[name], :end] for name, each in self.columns.items()}
         return replace(
             self,
             atoms=self.atoms[:count],
             mean=self.mean[:end],
             precision=self.precision[:end],
             first=self.first[: count + 1],
-            columns=columns,
+            columns={},
             sums={
-                name: Sums.of(columns[name], rows.gap[kept[name]])
+                name: Sums.of(self.columns[name][:, :end], rows.gap, np.flatnonzero(kept[name]))
                 for name, rows in session.channels.items()
             },
             alternatives=self.alternatives[:count],
@@ -205,46 +173,24 @@ def _bounding(session: Session, sums: Mapping[str, Sums]) -> Floats:
     return found
 
 
-def _summed(atoms: Sequence[Atom], session: Session, channel: str) -> tuple[Columns, Sums]:
-    """Columns of all atoms, (n, p), and the sums of their exact values."""
-    exact = _columns(atoms, session, channel)
-    return _kept((exact,)), Sums.of(exact, session.channels[channel].gap)
-
-
-def _kept(parts: Sequence[Floats | Columns]) -> Columns:
-    """Columns side by side in single precision, (n, p); those without anything take no memory."""
-    found = np.zeros((sum(each.shape[1] for each in parts), len(parts[0])), np.float32).T
-    place = 0
-    for each in parts:
-        for column in each.T:
-            if np.any(column):
-                found[:, place] = column
-            place += 1
-    return found
-
-
-def _products(columns: Floats | Columns, shown: Integers, gap: Floats) -> tuple[Floats, Floats]:
+def _products(
+    columns: Columns, shown: Integers, gap: Floats, rows: Integers
+) -> tuple[Floats, Floats]:
     """Sums of products of the shown columns, (p, p), and of theirs with the gap, (p,)."""
     gram, cross = np.zeros((len(shown), len(shown))), np.zeros(len(shown))
-    for start in range(0, len(gap), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        part = columns[rows, shown].astype(np.float64, copy=False)
+    for start in range(0, len(rows), _CHUNK):
+        some = rows[start : start + _CHUNK]
+        part = columns[np.ix_(some, shown)].astype(np.float64)
         gram += part.T @ part
-        cross += part.T @ gap[rows]
+        cross += part.T @ gap[some]
     return gram, cross
 
 
-def _mixed(columns: Columns, added: Floats) -> Floats:
-    """Sums of products of columns with added ones, (p, q)."""
-    mixed = np.zeros((columns.shape[1], added.shape[1]))
-    for start in range(0, len(added), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        mixed += columns[rows].T.astype(np.float64) @ added[rows]
-    return mixed
+def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Columns:
+    """Columns of all atoms, (n, p).
 
-
-def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Floats:
-    """Columns of all atoms, (n, p); families that cannot show in the channel are not evaluated."""
+    Families that cannot show in the channel are not evaluated, and take no memory.
+    """
     families: dict[tuple[str, str], Atom] = {}
     for atom in atoms:
         families.setdefault((atom.name, atom.form), atom)
@@ -252,7 +198,7 @@ def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Floats:
         family: bool(np.any(atom.columns(session, channel))) for family, atom in families.items()
     }
     first = np.cumsum([0, *(atom.size for atom in atoms)])
-    found = np.zeros((int(first[-1]), len(session.channels[channel].gap))).T
+    found = np.zeros((int(first[-1]), len(session.channels[channel].gap)), np.float32).T
 
     def fill(k: int) -> None:
         if shows[atoms[k].name, atoms[k].form]:

@@ -19,6 +19,7 @@ NAMELESS_COST = 10.0
 _ROUNDS = 6
 _RIDGE = 1e-12
 _PINNED = 1e9
+_AT_ONCE = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +55,12 @@ class Fit:
     Attributes:
         atoms: tolerated parameters first.
         coefficients: of their columns, (p,).
-        covariance: (p, p).
         rms: what is left, by channel.
         score: logarithm of the evidence, up to a constant.
     """
 
     atoms: tuple[int, ...]
     coefficients: Floats
-    covariance: Floats
     rms: Mapping[str, float]
     score: float
 
@@ -80,50 +79,89 @@ class Fit:
 def fit(
     dictionary: Dictionary, chosen: Sequence[int], noise: Noise, pinned: Floats | None = None
 ) -> Fit:
-    """Fit tolerated parameters, unless they are pinned to given values, and the chosen atoms.
+    """Fit tolerated parameters, unless they are pinned to given values, and the chosen atoms."""
+    return fits(dictionary, [chosen], noise, pinned)[0]
+
+
+def fits(
+    dictionary: Dictionary,
+    sets: Sequence[Sequence[int]],
+    noise: Noise,
+    pinned: Floats | None = None,
+) -> list[Fit]:
+    """Fit many sets of atoms; those with as many columns are solved at once.
 
     Each channel has its own noise scale, found together with the coefficients. The score is
     -1/2 sum_c n_c log(s_c^2) with n_c effective observations, less what the prior of the tolerated
     parameters and, as in Schwarz (1978), the number of coefficients and of shapes tried cost.
     """
-    atoms = (*range(dictionary.tolerated), *chosen)
-    index = dictionary.indices(atoms)
+    sizes: dict[int, list[int]] = {}
+    for k, chosen in enumerate(sets):
+        sizes.setdefault(sum(dictionary.atoms[a].size for a in chosen), []).append(k)
+    found: dict[int, Fit] = {}
+    for alike in sizes.values():
+        for start in range(0, len(alike), _AT_ONCE):
+            some = alike[start : start + _AT_ONCE]
+            solved = _solved(dictionary, [sets[k] for k in some], noise, pinned)
+            found.update(zip(some, solved, strict=True))
+    return [found[k] for k in range(len(sets))]
+
+
+def _solved(
+    dictionary: Dictionary, sets: Sequence[Sequence[int]], noise: Noise, pinned: Floats | None
+) -> list[Fit]:
+    """Fits of sets that all have p columns."""
+    atoms = [(*range(dictionary.tolerated), *chosen) for chosen in sets]
+    index = np.array([dictionary.indices(each) for each in atoms])
     sums = {
-        name: Sums(each.gram[np.ix_(index, index)], each.cross[index], each.square, each.rows)
+        name: Sums(
+            each.gram[index[:, :, None], index[:, None, :]],
+            each.cross[index],
+            each.square,
+            each.rows,
+        )
         for name, each in dictionary.sums.items()
     }
-    return solved(dictionary, atoms, sums, noise, pinned)
-
-
-def solved(
-    dictionary: Dictionary,
-    atoms: tuple[int, ...],
-    sums: Mapping[str, Sums],
-    noise: Noise,
-    pinned: Floats | None = None,
-) -> Fit:
-    """The fit from the sums of its own columns."""
-    index = dictionary.indices(atoms)
     prior, mean = dictionary.precision[index], dictionary.mean[index]
     if pinned is not None:
-        mean[: len(pinned)] = pinned
-        prior[: len(pinned)] *= _PINNED
-    variance = {name: max(each.square / each.rows, 1e-300) for name, each in sums.items()}
+        mean[:, : len(pinned)] = pinned
+        prior[:, : len(pinned)] *= _PINNED
+    one = np.ones(len(sets))
+    variance = {name: max(each.square / each.rows, 1e-300) * one for name, each in sums.items()}
+    diagonal = np.eye(index.shape[1]) * prior[:, None, :]
     for _ in range(_ROUNDS):
         weights = {name: noise.effective[name] / sums[name].rows / variance[name] for name in sums}
-        normal = np.diag(prior) + sum(weights[name] * sums[name].gram for name in sums)
-        target = prior * mean + sum(weights[name] * sums[name].cross for name in sums)
-        inverse = inverted(normal)
-        beta = inverse @ target
-        left = {name: _left(sums[name], beta) for name in sums}
+        normal = diagonal + _total(weights[n][:, None, None] * sums[n].gram for n in sums)
+        target = prior * mean + _total(weights[n][:, None] * sums[n].cross for n in sums)
+        beta = _solution(normal, target)
+        left = {name: _left(each, beta) for name, each in sums.items()}
         variance = {name: left[name] + noise.discrepancy[name] ** 2 for name in sums}
-    chosen = atoms[dictionary.tolerated :]
-    penalty = sum(_cost(dictionary, a, noise) for a in chosen)
+    score = -0.5 * _total(noise.effective[name] * np.log(variance[name]) for name in sums)
+    score -= 0.5 * np.sum((beta - mean) ** 2 * prior, axis=1)
+    return [
+        Fit(
+            atoms[k],
+            beta[k],
+            {name: math.sqrt(each[k]) for name, each in left.items()},
+            float(score[k]) - _penalty(dictionary, chosen, noise),
+        )
+        for k, chosen in enumerate(sets)
+    ]
+
+
+def _penalty(dictionary: Dictionary, chosen: Sequence[int], noise: Noise) -> float:
     names = {dictionary.atoms[a].name for a in chosen}
-    penalty += NAME_COST * len(names) + (NAMELESS_COST - NAME_COST) * (UNKNOWN in names)
-    score = -0.5 * sum(noise.effective[name] * math.log(variance[name]) for name in sums)
-    score -= 0.5 * float((beta - mean) @ (prior * (beta - mean))) + penalty
-    return Fit(atoms, beta, inverse, {n: math.sqrt(v) for n, v in left.items()}, score)
+    penalty = sum(_cost(dictionary, a, noise) for a in chosen)
+    return penalty + NAME_COST * len(names) + (NAMELESS_COST - NAME_COST) * (UNKNOWN in names)
+
+
+def _solution(normal: Floats, target: Floats) -> Floats:
+    """Solutions of positive systems whose rows may differ by many orders of magnitude, (s, p)."""
+    diagonal = np.diagonal(normal, axis1=1, axis2=2)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(scale.shape[1])
+    found: Floats = np.linalg.solve(scaled, (target / scale)[..., None])[..., 0] / scale
+    return found
 
 
 def inverted(normal: Floats) -> Floats:
@@ -135,9 +173,12 @@ def inverted(normal: Floats) -> Floats:
     return inverse
 
 
-def _left(sums: Sums, beta: Floats) -> float:
-    left = sums.square - 2.0 * float(beta @ sums.cross) + float(beta @ sums.gram @ beta)
-    return max(left, 1e-12 * sums.square) / sums.rows
+def _left(sums: Sums, beta: Floats) -> Floats:
+    """Mean square that each set leaves, (s,)."""
+    modelled = (beta[:, None, :] @ sums.gram)[:, 0]
+    square = sums.square + np.sum(beta * (modelled - 2.0 * sums.cross), axis=1)
+    left: Floats = np.maximum(square, 1e-12 * sums.square) / sums.rows
+    return left
 
 
 def _cost(dictionary: Dictionary, atom: int, noise: Noise) -> float:

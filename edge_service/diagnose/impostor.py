@@ -47,18 +47,23 @@ class Claim:
     strain: float
 
     @property
-    def trust(self) -> float:
-        """Probability that it is no impostor.
+    def structure(self) -> float:
+        """Structure that is left beside it, over what it explains; infinite if it explains nothing.
 
         What is missed may be its own, but mostly is that of greater effects beside it: it counts by
         a mean, in logarithms, of what this one and what all of them explain.
         """
         if self.gain <= 0.0:
-            return 0.0
+            return math.inf
         share = self.gain**OWN * max(self.explained, self.gain) ** (1.0 - OWN)
-        structure = self.missed / share + LEFT_WEIGHT * self.left
         strain = max(self.strain / MOST_STRAIN, 1.0)
-        return 1.0 / (1.0 + math.pow(structure * strain / _EVEN, _STEEP))
+        structure: float = (self.missed / share + LEFT_WEIGHT * self.left) * strain
+        return structure
+
+    @property
+    def trust(self) -> float:
+        """Probability that it is no impostor."""
+        return 1.0 / (1.0 + math.pow(self.structure / _EVEN, _STEEP))
 
 
 def claims(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from ..messages.samples import Floats
 from .atoms import Atom
 from .dictionary import Dictionary
-from .evidence import Fit, Noise, fit, reductions
+from .evidence import Fit, Noise, fit, fits, reductions
 
 ATOMS_PER_EFFECT = 4
 _MOST_LEADERS = 12
@@ -58,10 +58,8 @@ def _grown(
         if not leaders:
             return best
         chosen = best.atoms[dictionary.tolerated :]
-        grown = max(
-            (fit(dictionary, (*chosen, atom), noise, pinned) for atom in leaders),
-            key=lambda each: each.score,
-        )
+        larger = fits(dictionary, [(*chosen, atom) for atom in leaders], noise, pinned)
+        grown = max(larger, key=lambda each: each.score)
         if grown.score < best.score + _LEAST_GAIN:
             return best
         best = _pruned(dictionary, grown, noise, pinned)
@@ -106,10 +104,8 @@ def _pruned(dictionary: Dictionary, grown: Fit, noise: Noise, pinned: Floats | N
         chosen = best.atoms[dictionary.tolerated :]
         if len(chosen) < 2:
             return best
-        fewer = max(
-            (fit(dictionary, [b for b in chosen if b != a], noise, pinned) for a in chosen),
-            key=lambda each: each.score,
-        )
+        smaller = [[b for b in chosen if b != a] for a in chosen]
+        fewer = max(fits(dictionary, smaller, noise, pinned), key=lambda each: each.score)
         if fewer.score <= best.score:
             return best
         best = fewer

@@ -58,7 +58,8 @@ class Filter:
         """Part of an amplitude that passes at some frequencies, (n,)."""
         if len(self.taps) == 1:
             return np.ones_like(frequency_hz)
-        passed: Floats = 1.0 / (1.0 + (frequency_hz / self.cutoff_hz) ** (2 * FILTER_ORDER))
+        share = (frequency_hz / self.cutoff_hz) ** 2
+        passed: Floats = 1.0 / (1.0 + share**FILTER_ORDER)
         return passed
 
     def __call__(self, values: Floats) -> Floats:

@@ -4,7 +4,7 @@ Hats over speed, position, acceleration and time, each also turned with the dire
 strongest waves over the angle claim nothing but that the same motion gives the same gap.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -112,10 +112,14 @@ def _way(variables: Mapping[str, Floats]) -> Floats:
 
 def _wave(variables: Mapping[str, Floats], order: int, low_pass: Filter) -> Floats:
     """Sine and cosine of an order, as weak as the low-pass leaves them at each speed, (n, 2)."""
-    hertz = order * np.abs(variables["motor_speed_rad_s"]) / (2.0 * np.pi)
-    gain = low_pass.gain(hertz)
+    gain = _gain(variables, order, low_pass)
     turned = order * variables["motor_angle_rad"]
     return np.column_stack((gain * np.sin(turned), gain * np.cos(turned)))
+
+
+def _gain(variables: Mapping[str, Floats], order: int, low_pass: Filter) -> Floats:
+    """Part of an order's amplitude that passes at each speed, (n,)."""
+    return low_pass.gain(order * np.abs(variables["motor_speed_rad_s"]) / (2.0 * np.pi))
 
 
 def _strongest(
@@ -126,16 +130,21 @@ def _strongest(
     few = {name: each[::step] for name, each in variables.items()}
     rest = values[::step] - float(np.mean(values))
     way = _way(few)
-    found = []
-    for sign in (np.ones_like(way), way):
-        strength = {}
-        for order in range(1, highest + 1):
-            wave = _wave(few, order, low_pass)
-            cross = wave.T @ (sign * rest)
-            strength[order] = float(cross @ cross) / max(float(np.sum(wave**2)), 1e-300)
-        ranked = sorted(strength, key=lambda order: -strength[order])
-        found.append(tuple(sorted(ranked[:_MOST_WAVES])))
-    return found[0], found[1]
+    wave, turn = np.ones(len(rest), np.complex128), np.exp(1j * few["motor_angle_rad"])
+    even, turned = [], []
+    for order in range(1, highest + 1):
+        wave *= turn
+        passed = _gain(few, order, low_pass) * wave
+        energy = max(float(np.sum(np.abs(passed) ** 2)), 1e-300)
+        even.append(abs(complex(passed @ rest)) ** 2 / energy)
+        turned.append(abs(complex(passed @ (way * rest))) ** 2 / energy)
+    return _leading(even), _leading(turned)
+
+
+def _leading(strength: Sequence[float]) -> tuple[int, ...]:
+    """Orders of the strongest of waves that begin with order 1."""
+    ranked = np.argsort(-np.array(strength), kind="stable")[:_MOST_WAVES]
+    return tuple(sorted(int(k) + 1 for k in ranked))
 
 
 def _hats(values: Floats, low: float, high: float, count: int) -> Floats:

@@ -47,6 +47,10 @@ def to_document(
         "remarks": list(remarks),
         "caveats": list(found.caveats),
         "replay": {"possible": not found.replay.problem, "reason": found.replay.problem or None},
+        "suspects": {
+            name: {"structure": each if math.isfinite(each) else None}
+            for name, each in found.suspects.items()
+        },
     }
 
 
@@ -74,6 +78,7 @@ def bad_data_document(
         "remarks": list(remarks),
         "caveats": [],
         "replay": {"possible": False, "reason": "bad data"},
+        "suspects": {},
     }
 
 

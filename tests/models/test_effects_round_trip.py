@@ -167,8 +167,8 @@ def test_signatures_of_several_effects_add_up() -> None:
 @pytest.mark.parametrize(
     "effect",
     [
-        "warmup:thinned_nm=0.1,reference_c=22,span_k=6",
-        "warmup:thinned_nm_s_per_rad=0.004,reference_c=22,span_k=6",
+        "warmup:thinned_nm=0.1,reference_c=22,span_k=9",
+        "warmup:thinned_nm_s_per_rad=0.004,reference_c=22,span_k=9",
         "warmup:viscous_excess_nm_s_per_rad=0.004,time_constant_s=20",
     ],
 )
@@ -194,7 +194,7 @@ def test_a_screw_grows_with_its_temperature() -> None:
 
 
 def test_without_a_temperature_nothing_follows_it() -> None:
-    active = parse_effect("warmup:thinned_nm=0.1,reference_c=22,span_k=6")
+    active = parse_effect("warmup:thinned_nm=0.1,reference_c=22,span_k=9")
     motion = run().motion
     unknown = replace(motion, temperature_c=np.full(len(motion), np.nan))
     assert not torque_signature(active.effect, active.values, unknown, BASELINE).any()

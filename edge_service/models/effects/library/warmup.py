@@ -15,6 +15,9 @@ from ..effect import Effect, Parameter, Role, Values, reference_temperature
 
 WARM_RISE_K = 8.0
 """Assumption: what the housing warms up by while the friction falls; it is no measure of that."""
+LEAST_SPAN_K = 8.0
+"""An oil of ISO VG 460 thins to 1/e within 9 K at 0 degC, VG 68 within 20 K at 40 degC (Walther's
+law, viscosity index 95); what seems steeper warms up before its sensor does."""
 _BY_TIME = ("excess_nm", "viscous_excess_nm_s_per_rad")
 _BY_TEMPERATURE = ("thinned_nm", "thinned_nm_s_per_rad")
 
@@ -113,7 +116,7 @@ EFFECT = Effect(
             "span_k",
             "K",
             "Warming in which it falls to 1/e.",
-            1.0,
+            LEAST_SPAN_K,
             1e3,
             12.0,
             12.0,

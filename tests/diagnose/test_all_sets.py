@@ -1,0 +1,90 @@
+"""All sets of up to three effects are weighed, whatever greed would have begun with."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from edge_service.diagnose.all_sets import MOST_EFFECTS, leading_sets
+from edge_service.diagnose.dictionary import Dictionary, Sums
+from edge_service.diagnose.evidence import Noise, fit, fits
+from edge_service.diagnose.session import Session
+
+ROWS, EFFECTS = 400, 9
+NOISE = Noise({"torque_nm": 0.1}, {"torque_nm": 0.1}, {"torque_nm": 200.0}, {"torque_nm": 0.02})
+
+
+@dataclass(frozen=True)
+class Wave:
+    """An atom whose columns are given to the dictionary directly."""
+
+    name: str
+    size: int = 1
+    form: str = "amount"
+
+    def columns(self, _session: Session, _channel: str) -> np.ndarray:
+        raise AssertionError("the sums are known")
+
+
+def dictionary(seed: int) -> Dictionary:
+    """Correlated columns of which three make the gap; the first one is tolerated."""
+    random = np.random.default_rng(seed)
+    common = random.normal(size=(ROWS, 3))
+    atoms = (Wave("level"), *(Wave(f"effect{k}", 1 + k % 2) for k in range(EFFECTS)))
+    sizes = [atom.size for atom in atoms]
+    columns = common @ random.normal(size=(3, sum(sizes))) + random.normal(size=(ROWS, sum(sizes)))
+    first = np.concatenate(([0], np.cumsum(sizes)))
+    gap = columns[:, [first[2], first[5], first[8]]] @ [0.5, -0.4, 0.3]
+    gap += 0.1 * random.normal(size=ROWS)
+    precision = np.full(sum(sizes), 1e-6)
+    precision[0] = 100.0
+    return Dictionary(
+        atoms=atoms,
+        tolerated=1,
+        mean=np.zeros(sum(sizes)),
+        precision=precision,
+        first=first,
+        columns={"torque_nm": columns.astype(np.float32)},
+        sums={"torque_nm": Sums.of(columns.astype(np.float32), gap)},
+        alternatives=(1,) * len(atoms),
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_set_of_three_is_better_than_the_first(seed: int) -> None:
+    known = dictionary(seed)
+    chosen = range(1, EFFECTS + 1)
+    every = [
+        fit(known, each, NOISE)
+        for count in range(1, MOST_EFFECTS + 1)
+        for each in itertools.combinations(chosen, count)
+    ]
+    best = max(every, key=lambda each: each.score)
+    found = leading_sets(known, NOISE, [fit(known, (1,), NOISE)])
+    assert max(each.score for each in found) == pytest.approx(best.score)
+    assert best.names(known) in [each.names(known) for each in found]
+
+
+def test_sets_fitted_at_once_are_those_fitted_alone() -> None:
+    known = dictionary(7)
+    sets = [(), (3,), (1, 4), (2,), (5, 8), (1, 2, 3)]
+    for each, alone in zip(
+        fits(known, sets, NOISE), (fit(known, s, NOISE) for s in sets), strict=True
+    ):
+        assert each.atoms == alone.atoms
+        assert each.score == pytest.approx(alone.score)
+        assert each.rms == pytest.approx(alone.rms)
+
+
+def test_a_fit_is_the_weighted_least_squares_of_its_columns() -> None:
+    known = dictionary(2)
+    chosen = fit(known, (2, 5, 8), NOISE)
+    index = known.indices(chosen.atoms)
+    columns = known.columns["torque_nm"][:, index].astype(float)
+    gap_on_columns = known.sums["torque_nm"].cross[index]
+    variance = chosen.rms["torque_nm"] ** 2 + NOISE.discrepancy["torque_nm"] ** 2
+    weight = NOISE.effective["torque_nm"] / ROWS / variance
+    normal = weight * columns.T @ columns + np.diag(known.precision[index])
+    expected = np.linalg.solve(normal, weight * gap_on_columns)
+    assert chosen.coefficients == pytest.approx(expected, rel=1e-4)
