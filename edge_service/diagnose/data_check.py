@@ -177,6 +177,13 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
             "would look the same"
         )
     found += _gaps(runs)
+    moving = sum(int(run.moving.sum()) for run in runs)
+    clipped = sum(int((run.clipped & run.moving).sum()) for run in runs)
+    if clipped:
+        found.append(
+            f"{100.0 * clipped / moving:.2g} % of the motion takes more than the drive's torque "
+            "limit: its torque is not compared"
+        )
     speeds = np.concatenate([np.abs(run.motion.speed_rad_s[run.moving]) for run in runs])
     if speeds.size and float(np.quantile(speeds, 0.95)) < 3.0 * float(np.quantile(speeds, 0.05)):
         found.append("nearly one speed only: the shapes of friction cannot be told apart")

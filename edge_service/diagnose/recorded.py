@@ -38,6 +38,8 @@ _LASTING_SHARE = 0.02
 """Of the strongest acceleration: by so much it may change from sample to sample and still last."""
 _SMOOTH_SHARE, _SMOOTH_QUANTILE = 0.1, 0.1257
 """A tenth, and what lies within that quantile of the size of a standard normal variable."""
+_AT_LIMIT = 0.999
+"""Of the drive's limit: as exactly as drives state their torque."""
 TEMPERATURE_MEAN_S = 5.0
 """A housing warms up slowly: its sensor's noise and steps are no warmth."""
 EDGE_S = 0.1
@@ -136,6 +138,11 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         temperature_c=temperature_c,
     )
     motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
+    low_pass_of = Filter.of_period(run.period_s)
+    clipped = np.zeros(len(motion), dtype=np.bool_)
+    if TORQUE in raw:
+        limit_nm = baseline.torque_limit_nm
+        clipped = _clipped(raw[TORQUE][inside], motion.model_torque_nm, limit_nm, low_pass_of)
     stretch = None
     if TABLE_POSITION in raw:
         stretch = raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE]
@@ -144,13 +151,26 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         motion=motion,
         moving=moving,
         resolved=resolved[inside] & _going_on(motion.direction) if slow else resolved[inside],
+        clipped=clipped,
         transmission_m=stretch,
         temperature_c=temperature_c,
         setpoint_m=_inside(raw, SETPOINT, inside),
         recording=number,
-        low_pass=Filter.of_period(run.period_s),
+        low_pass=low_pass_of,
         noise=noise,
     )
+
+
+def _clipped(torque_nm: Floats, model_nm: Floats, limit_nm: float, low_pass_of: Filter) -> Booleans:
+    """Samples whose comparison a reading at the limit reaches, (n,).
+
+    A reading at the limit of motion that takes less is a drive that gives less than it reads: that
+    is a fault and stays.
+    """
+    at_limit = np.abs(torque_nm) >= _AT_LIMIT * limit_nm
+    at_limit &= np.abs(model_nm) > limit_nm
+    reach: Booleans = ndimage.binary_dilation(at_limit, np.ones(len(low_pass_of.taps), np.bool_))
+    return reach
 
 
 def _cutoff_hz(period_s: float) -> float:

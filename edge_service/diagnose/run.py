@@ -101,6 +101,8 @@ class Run:
         motion: of the motor, from the filtered angle, with what the baseline says of it.
         moving: samples that are not at rest.
         resolved: samples whose acceleration the sampling follows; all, unless it is slow.
+        clipped: samples near which the motion takes more torque than the drive's limit, and the
+            reading stays there: the torque is not known but for its least size.
         transmission_m: table position minus that of the angle; None without a linear encoder.
         temperature_c, setpoint_m: None where not recorded.
         recording: number of the file that it comes from.
@@ -110,6 +112,7 @@ class Run:
     motion: Motion
     moving: Booleans
     resolved: Booleans
+    clipped: Booleans
     transmission_m: Floats | None
     temperature_c: Floats | None
     setpoint_m: Floats | None
@@ -137,5 +140,5 @@ class Run:
 
     @property
     def compared_rows(self) -> Booleans:
-        """Rows whose torque can be compared: in motion, and resolved."""
-        return (self.moving & self.resolved)[:: self.low_pass.step]
+        """Rows whose torque can be compared: in motion, resolved, and known."""
+        return (self.moving & self.resolved & ~self.clipped)[:: self.low_pass.step]

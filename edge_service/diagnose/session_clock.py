@@ -107,12 +107,14 @@ def _pieces(run: Run) -> Iterator[Run]:
 
 def _cut(run: Run, span: slice) -> Run:
     """A copy of a part: the rest can be forgotten."""
-    motion = Motion(**{f.name: getattr(run.motion, f.name)[span].copy() for f in fields(Motion)})
+    given = [each.name for each in fields(Motion) if each.init]
+    motion = Motion(**{name: getattr(run.motion, name)[span].copy() for name in given})
     return replace(
         run,
         motion=motion,
         moving=run.moving[span].copy(),
         resolved=run.resolved[span].copy(),
+        clipped=run.clipped[span].copy(),
         transmission_m=_copied(run.transmission_m, span),
         temperature_c=_copied(run.temperature_c, span),
         setpoint_m=_copied(run.setpoint_m, span),

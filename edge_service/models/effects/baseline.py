@@ -1,6 +1,7 @@
 """Measured motion, and the baseline model that says what torque it needs."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -24,6 +25,7 @@ class Baseline:
         inertia_kg_m2: the whole axis' at the motor; `table_inertia_kg_m2` is the table's part.
         coulomb_nm: the whole level of dry friction; `table_coulomb_nm` is what acts on the table.
         position_m, compliance_m_per_n: compliance of the spring over the position, (k,) each.
+        torque_limit_nm: of the drive; infinite where none is stated.
     """
 
     ratio_m_per_rad: float
@@ -34,6 +36,7 @@ class Baseline:
     table_coulomb_nm: float
     position_m: Floats
     compliance_m_per_n: Floats
+    torque_limit_nm: float = math.inf
 
     @classmethod
     def of_machine(cls, machine: Machine) -> Self:
@@ -58,6 +61,7 @@ class Baseline:
             table_coulomb_nm=guide_nm,
             position_m=position,
             compliance_m_per_n=np.array([axial_compliance(plant, x, percent) for x in position]),
+            torque_limit_nm=machine.axis.max_torque_nm or math.inf,
         )
 
     @property
@@ -83,6 +87,7 @@ class Motion:
         model_torque_nm: what the baseline needs for this motion (zero at rest).
         load_torque_nm: the part of it, without friction, that the spring to the table carries.
         temperature_c: of the housing; NaN where unknown.
+        approach: direction of the latest motion, -1 or 1; before any, home's: 1.
     """
 
     time_s: Floats
@@ -95,6 +100,14 @@ class Motion:
     model_torque_nm: Floats
     load_torque_nm: Floats
     temperature_c: Floats
+    approach: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Look once for what many signatures ask for."""
+        moved = np.where(self.direction != 0.0, np.arange(len(self)), -1)
+        latest = np.maximum.accumulate(moved)
+        approach = np.where(latest >= 0, self.direction[latest], 1.0)
+        object.__setattr__(self, "approach", approach)
 
     @classmethod
     def of_samples(
@@ -139,10 +152,3 @@ class Motion:
 
     def __len__(self) -> int:
         return int(self.time_s.shape[0])
-
-    @property
-    def approach(self) -> Floats:
-        """Direction of the latest motion, -1 or 1, (n,); before any, home's: 1."""
-        moved = np.where(self.direction != 0.0, np.arange(len(self)), -1)
-        latest = np.maximum.accumulate(moved)
-        return np.where(latest >= 0, self.direction[latest], 1.0)
