@@ -33,8 +33,9 @@ LESSER_PART = 0.5
 """Of the gap's energy that is left by a force: with more, the force is not what it is about."""
 BLIND_TRUST = 0.5
 """Of the probability of an effect in a torque that is mostly noise: some entry follows noise."""
-SUREST = 0.999
-"""Probability beyond which no weighing of a finite library reaches."""
+SUREST = 0.99
+"""Probability beyond which nothing was shown to be known: of 195 names above .9 on real machines
+with errors added and on the benchmark beside the checkout 194 were right (Laplace: 195 of 197)."""
 LEAST_PROBABILITY = 0.02
 """Probability below which an effect is not named at all."""
 ALL_MOTIONS = "full"

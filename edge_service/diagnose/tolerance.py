@@ -10,7 +10,7 @@ from .session import TORQUE_GAP, TRANSMISSION_GAP
 
 _CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
 """Assumption: no current loop answers later, and no torque is stamped less exactly."""
-TOLERANCE_OF_FLOOR = 0.75
+TOLERANCE_OF_FLOOR = 1.0
 """Gap beyond its floor that nobody acts on where the machine file states none, over the floor."""
 TOLERANCE_OF_TORQUE = 1e-3
 """The same over the greatest torque: drives state their torque in such steps."""

@@ -85,11 +85,18 @@ class SeededCase:
 
 @dataclass(frozen=True, slots=True)
 class SeededRow:
-    """A case with its answer; `effects` are names and probabilities, the most probable first."""
+    """A case with its answer.
+
+    Attributes:
+        effects: names and probabilities, the most probable first.
+        suspects: effects that were named at first, and the structure that each left.
+        right: the first name is that of the error, or cannot be told from it.
+    """
 
     case: SeededCase
     verdict: str
     effects: tuple[tuple[str, float], ...]
+    suspects: Mapping[str, float | None]
     right: bool
 
 
@@ -295,11 +302,13 @@ def run_case(recording: Recording, case: SeededCase, seed: int) -> SeededRow:
         try:
             diagnose(folder / "machine.toml", [trace], folder / "out", reference=reference)
         except BadDataError:
-            return SeededRow(case, "bad_data", (), right=False)
+            return SeededRow(case, "bad_data", (), {}, right=False)
         found = json.loads((folder / "out" / "diagnosis.json").read_text("utf-8"))
     effects = tuple((each["name"], each["probability"]) for each in found["effects"])
     ties = [set(each["class"]) for each in found["effects"]]
-    return SeededRow(case, found["verdict"], effects, _is_right(recording, case, effects, ties))
+    suspects = {name: each["structure"] for name, each in found["suspects"].items()}
+    right = _is_right(recording, case, effects, ties)
+    return SeededRow(case, found["verdict"], effects, suspects, right)
 
 
 def _is_right(
