@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from edge_service.diagnose.conclusion import SUREST
 from edge_service.diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
 from edge_service.diagnose.session import Session
 from edge_service.models.effects.registry import effects, get_effect
@@ -45,7 +46,8 @@ def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
     found, _ = diagnosed(machine, (cause,), seed=3)
     assert found.verdict is Verdict.EXPLAINED
     assert [each.name for each in found.effects] == [cause]
-    assert found.effects[0].probability > 0.9
+    assert 0.9 < found.effects[0].probability <= SUREST
+    assert found.suspects[cause] < 0.05
 
 
 @pytest.mark.slow
