@@ -1,0 +1,154 @@
+"""Answers of the commands before and after a change that is to change none of them.
+
+    python -m tests.bench.same_answers record FOLDER
+    python -m tests.bench.same_answers check FOLDER
+
+`record` makes recordings (own and foreign plant; a second plant and real machines where they lie
+beside the checkout) and keeps what the commands say of them; `check` asks again and compares byte
+by byte. Pages and pictures are not compared. Exit status 1 where an answer differs.
+"""
+
+import argparse
+import filecmp
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import foreign_plant
+
+ROOT = Path(__file__).parents[2]
+BESIDE = ROOT.parent / "shared"
+COMPARED = {".json", ".csv", ".toml", ".txt"}
+MOTIONS = ("friction", "acceleration", "production:duration_s=60")
+CAUSES = ("", "drag_error:change_nm=0.1", "compliance:level_m_per_n=2e-8")
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A machine file and recordings of that machine."""
+
+    name: str
+    machine: Path
+    traces: tuple[Path, ...]
+
+
+def asked(arguments: Sequence[str | Path], said: Path) -> None:
+    """Run a command of the project; keep what it prints, and its exit status, in a file."""
+    command = [sys.executable, "-m", "edge_service", *map(str, arguments)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    said.write_text(f"{done.stdout}{done.stderr}exit {done.returncode}\n", "utf-8")
+
+
+def make_recordings(folder: Path) -> None:
+    """Recordings of the simulated bench and of the foreign plant."""
+    for number, cause in enumerate(CAUSES):
+        for motion in MOTIONS:
+            name = f"{number}_{motion.split(':')[0]}"
+            effect = ["--effect", cause] if cause else []
+            out = folder / "own" / f"{name}.csv"
+            out.parent.mkdir(parents=True, exist_ok=True)
+            asked(
+                ["simulate", "--motion", motion, *effect, "--seed", "5", "--out", out],
+                folder / f"{name}.txt",
+            )
+    foreign = folder / "foreign"
+    foreign.mkdir()
+    text = foreign_plant.nominal_machine_toml(foreign_plant.DIAGNOSIS)
+    (foreign / "machine.toml").write_text(text, "utf-8")
+    for cause in ("", "torque_ripple", "backlash"):
+        effects = ((cause, 1.0),) if cause else ()
+        made = foreign_plant.simulate(
+            foreign_plant.case(effects, "production", seed=5, duration_s=60.0)
+        )
+        table = np.column_stack(list(made.columns.values()))
+        head = ",".join(made.columns)
+        path = foreign / f"{cause or 'healthy'}.csv"
+        np.savetxt(path, table, fmt="%.9g", delimiter=",", header=head, comments="")
+
+
+def recorded(folder: Path) -> Iterator[Recorded]:
+    """All recordings, each with its machine file."""
+    for path in sorted((folder / "own").glob("*.csv")):
+        yield Recorded(f"own_{path.stem}", ROOT / "deploy" / "machine.toml", (path,))
+    for path in sorted((folder / "foreign").glob("*.csv")):
+        yield Recorded(f"foreign_{path.stem}", folder / "foreign" / "machine.toml", (path,))
+    for case in sorted(folder.glob("second/case-*")):
+        traces = tuple(sorted((case / "traces").glob("*.csv")))
+        yield Recorded(f"second_{case.name}", case / "machine.toml", traces)
+    emps = BESIDE / "data" / "emps" / "emps_estimation.csv"
+    if emps.is_file():
+        yield Recorded("emps", ROOT / "deploy" / "emps.toml", (emps,))
+
+
+def ask_all(folder: Path, answers: Path) -> None:
+    """Ask every command of every recording."""
+    answers.mkdir(parents=True)
+    for each in recorded(folder):
+        home = answers / each.name
+        home.mkdir()
+        model: list[str | Path] = ["--machine", each.machine]
+        asked(["gap", *model, *each.traces, "--json"], home / "gap.txt")
+        asked(["diagnose", *model, *each.traces, "--out", home / "diagnosis"], home / "said.txt")
+        asked(["fingerprint", *model, *each.traces, "--out", home / "print"], home / "print.txt")
+        out = home / "estimates.csv"
+        asked(["estimate", *model, each.traces[0], "--out", out], home / "estimate.txt")
+        learnt = home / "commissioned.toml"
+        asked(["commission", *model, each.traces[0], "--out", learnt], home / "commission.txt")
+    asked(["check-config", ROOT / "deploy" / "edge.toml"], answers / "config.txt")
+    for path in answers.rglob("*.txt"):
+        path.write_text(path.read_text("utf-8").replace(str(answers), "ANSWERS"), "utf-8")
+
+
+def differing(before: Path, after: Path) -> list[str]:
+    """Names of answers that differ, or are there once only."""
+    names = {
+        path.relative_to(root)
+        for root in (before, after)
+        for path in root.rglob("*")
+        if path.suffix in COMPARED
+    }
+    return [
+        str(name)
+        for name in sorted(names)
+        if not ((before / name).is_file() and (after / name).is_file())
+        or not filecmp.cmp(before / name, after / name, shallow=False)
+    ]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Record, or check."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=("record", "check"))
+    parser.add_argument("folder", type=Path)
+    given = parser.parse_args(arguments)
+    folder = given.folder.resolve()
+    if given.what == "record":
+        folder.mkdir(parents=True)
+        make_recordings(folder)
+        second = BESIDE / "bench" / "make.py"
+        if second.is_file():
+            made = [sys.executable, str(second), str(folder / "second"), "--seed", "5"]
+            subprocess.run([*made, "--set", "small"], check=True, capture_output=True)
+        ask_all(folder, folder / "answers")
+        return 0
+    with tempfile.TemporaryDirectory(prefix="same-answers-") as home:
+        ask_all(folder, Path(home) / "answers")
+        found = differing(folder / "answers", Path(home) / "answers")
+        for name in found:
+            sys.stdout.write(f"{name}\n")
+            kept = folder / "differing" / name
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            if (Path(home) / "answers" / name).is_file():
+                shutil.copy(Path(home) / "answers" / name, kept)
+    sys.stdout.write(f"{len(found)} answers differ\n")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
