@@ -247,11 +247,12 @@ def _simplest_first(judged: Sequence[Candidate], noise: Noise) -> list[tuple[Can
     """Candidates with their scores, the best first; a parameter that is off comes before an effect.
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
-    that one, however well many observations tell them apart.
+    that one, however well many observations tell them apart. So is, before the data, a part of the
+    best set that leaves as little.
     """
-    ranked = sorted(judged, key=lambda each: -each.fit.score)
+    scored = _parts_doubled(sorted(judged, key=lambda each: -each.fit.score), noise)
+    ranked = [each for each, _ in scored]
     best = ranked[0]
-    scored = [(each, each.fit.score) for each in ranked]
     if best.material <= set(PARAMETERS):
         return scored
     simple = [
@@ -262,12 +263,27 @@ def _simplest_first(judged: Sequence[Candidate], noise: Noise) -> list[tuple[Can
         and _leaves_as_little(each, best, noise)
     ]
     simple.sort(key=lambda each: [PARAMETERS.index(name) for name in sorted(each.material)])
-    level = best.fit.score + math.log(_SIMPLER / max(len(simple), 1))
+    level = scored[0][1] + math.log(_SIMPLER / max(len(simple), 1))
     first = [(each, level) for each in simple]
     rest = [(each, score) for each, score in scored if each not in simple]
     if not simple and best.material & HEATED:
         rest = _with_wandering(rest, noise)
     return first + rest
+
+
+def _parts_doubled(ranked: Sequence[Candidate], noise: Noise) -> list[tuple[Candidate, float]]:
+    """Candidates with their scores, the best first; a part of the best that leaves as little gains.
+
+    What is tolerated can hold what the part lacks: nothing but its prior tells the two apart.
+    """
+    best = ranked[0]
+    scored = [
+        (each, each.fit.score + math.log(_SIMPLER))
+        if each.material and each.material < best.material and _leaves_as_little(each, best, noise)
+        else (each, each.fit.score)
+        for each in ranked
+    ]
+    return sorted(scored, key=lambda pair: -pair[1])
 
 
 def _with_wandering(

@@ -12,6 +12,7 @@ from .answer import ChannelGap, Diagnosis, NamedEffect, Verdict
 from .atoms import Atom
 from .beside_force import beside_force
 from .causes import find_causes
+from .caveats import torque_rms_nm
 from .conclusion import concluded
 from .dictionary import Dictionary
 from .evidence import Fit, Noise, fit
@@ -77,7 +78,7 @@ def _prepared(
     floor = _above_healthy(session, noise_floor(session, gaps))
     noise = Noise(
         floor=floor,
-        tolerance=stated_tolerance(machine, floor),
+        tolerance=stated_tolerance(machine, floor, torque_rms_nm(session)),
         effective=dict.fromkeys(session.channels, MOST_EFFECTIVE),
         discrepancy={name: DISCREPANCY * rows.rms for name, rows in session.channels.items()},
     )
@@ -115,5 +116,5 @@ def _renoised(
     }
     bounded = _above_healthy(session, again)
     floor = {name: min(bounded[name], rms) for name, rms in noise.floor.items()}
-    tolerance = stated_tolerance(machine, floor)
+    tolerance = stated_tolerance(machine, floor, torque_rms_nm(session))
     return replace(noise, effective=effective, floor=floor, tolerance=tolerance)

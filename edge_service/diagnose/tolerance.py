@@ -1,5 +1,6 @@
 """Deviations that a healthy axis may have: parameters within tolerance, a trace of everything."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ _CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
 """Assumption: no current loop answers later, and no torque is stamped less exactly."""
 TOLERANCE_OF_FLOOR = 1.0
 """Gap beyond its floor that nobody acts on where the machine file states none, over the floor."""
+MOST_OF_TORQUE = 0.1
+"""Of the torque in motion: a gap beyond that is acted on, however much else is noise."""
 TOLERANCE_OF_TORQUE = 1e-3
 """The same over the greatest torque: drives state their torque in such steps."""
 INTERPOLATION_M = 5e-8
@@ -70,11 +73,17 @@ def _one(name: str, **shape: float) -> EntryAtom:
     return entry_atom(effect, amounts[0] if amounts else "", shape)
 
 
-def stated_tolerance(machine: Machine, floor: Mapping[str, float]) -> dict[str, float]:
+def stated_tolerance(
+    machine: Machine, floor: Mapping[str, float], torque_nm: float
+) -> dict[str, float]:
     """Gap beyond the floor that nobody acts on, by channel.
 
-    As the machine file states it; otherwise a part of the floor, but no less than a thousandth of
-    the drive's greatest torque, and what a linear encoder's own interpolation makes.
+    As the machine file states it; otherwise as much as the floor, in the torque no more than a
+    tenth of the torque in motion, and no less than a thousandth of the drive's greatest torque, and
+    what a linear encoder's own interpolation makes.
+
+    Args:
+        torque_nm: root mean square of the torque in motion.
     """
     stated = {
         TORQUE_GAP: machine.tolerance.torque_nm,
@@ -84,8 +93,10 @@ def stated_tolerance(machine: Machine, floor: Mapping[str, float]) -> dict[str, 
         TORQUE_GAP: TOLERANCE_OF_TORQUE * (machine.axis.max_torque_nm or 0.0),
         TRANSMISSION_GAP: INTERPOLATION_M,
     }
+    most = {TORQUE_GAP: MOST_OF_TORQUE * torque_nm}
     return {
-        name: stated[name] or max(TOLERANCE_OF_FLOOR * rms, least[name])
+        name: stated[name]
+        or max(min(TOLERANCE_OF_FLOOR * rms, most.get(name, math.inf)), least[name])
         for name, rms in floor.items()
     }
 

@@ -24,7 +24,7 @@ from edge_service.nodes.context import NodeContext
 from edge_service.nodes.service import PIPELINE, run_nodes
 
 CHROMIUM = shutil.which("chromium")
-PATIENCE_MS = 40_000
+PATIENCE_MS = 120_000
 
 
 @pytest.fixture(scope="module")
