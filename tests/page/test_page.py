@@ -146,6 +146,28 @@ def test_a_fingerprint_is_made_read_and_compared(
     page.wait_for_selector("#tests a[href='/api/v1/jobs/2/files/report.html']")
 
 
+def test_a_chosen_recording_stays_chosen_while_another_arrives(
+    make_service: Any, open_page: Any, tmp_path: Path
+) -> None:
+    traces = [tmp_path / f"drive_{number}.csv" for number in (1, 2)]
+    for trace in traces:
+        trace.write_text("time_s,torque_nm\n0,1\n")
+    page = open_page(make_service(**HEALTHY).address).page
+    held: list[Any] = []
+
+    def hold(route: Any) -> None:
+        held.append(route)
+
+    page.route("**/api/v1/recordings/drive_2.csv", hold)
+    with page.expect_request("**/api/v1/recordings/drive_2.csv"):
+        page.set_input_files("#job-file", traces)
+    page.check("#tests [name=recording][value='drive_1.csv']")
+    held.pop().continue_()
+    page.wait_for_selector("#tests [name=recording][value='drive_2.csv']")
+    assert page.is_checked("#tests [name=recording][value='drive_1.csv']")
+    assert not page.is_checked("#tests [name=recording][value='drive_2.csv']")
+
+
 def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_page: Any) -> None:
     def profile(commissioned: float, value: float, low: float, high: float) -> dict[str, Any]:
         names = ("commissioned", "value", "low", "high")

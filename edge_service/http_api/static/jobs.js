@@ -10,6 +10,7 @@ const STARTED = "Started. It takes up to some minutes; the page may be closed me
 const parts = {};
 let axis = null;
 let polling = false;
+let asked = 0;
 
 function build() {
   parts.file = element("input", { type: "file", multiple: "", accept: ".csv,.parquet", id: "job-file" });
@@ -42,7 +43,9 @@ function build() {
 export async function loadTests(state) {
   if (!parts.file) build();
   axis = state.axis;
+  const turn = ++asked;
   const [{ recordings }, { jobs }] = await Promise.all([fetchJson("/api/v1/recordings"), fetchJson("/api/v1/jobs")]);
+  if (turn !== asked) return; // the answer to a newer question is on its way
   refill(parts.list, JSON.stringify(recordings), () => (recordings.length ? recordings.map(recordingNode) : [element("li", { class: "quiet" }, "No recording yet.")]));
   refill(parts.jobs, JSON.stringify(jobs), () => (jobs.length ? jobs.map(jobNode) : [element("li", { class: "quiet" }, "No job yet.")]));
   const fingerprints = jobs.filter((job) => job.files.includes("fingerprint.json"));
@@ -52,7 +55,7 @@ export async function loadTests(state) {
   const running = jobs.some((job) => job.state === "running");
   byId("job-start").disabled = running;
   if (!running && parts.status.textContent === STARTED) write(parts.status, `It is ${jobs[0]?.state ?? "over"}: see below.`);
-  if (running && !polling) poll(state);
+  if (running) poll(state);
 }
 
 function options(select, choices) {
@@ -62,15 +65,17 @@ function options(select, choices) {
 }
 
 function poll(state) {
+  if (polling) return;
   polling = true;
   setTimeout(() => {
     polling = false;
-    loadTests(state).catch(() => {});
+    loadTests(state).catch(() => poll(state));
   }, POLL_MS);
 }
 
 function recordingNode(recording) {
   const box = element("input", { type: "checkbox", name: "recording", value: recording.name, id: `recording-${recording.name}` });
+  box.checked = byId(box.id)?.checked ?? false; // a choice outlasts the list's renewal
   const size = recording.size > 1e6 ? `${(recording.size / 1e6).toFixed(1)} MB` : `${(recording.size / 1e3).toFixed(1)} kB`;
   return element("li", { class: "row" }, box, element("label", { for: box.id }, `${recording.name} (${size})`), button("Remove", { "aria-label": `Remove ${recording.name}` }, () => act(fetchJson(`/api/v1/recordings/${encodeURIComponent(recording.name)}`, { method: "DELETE" }), "Removed.")));
 }
@@ -109,7 +114,7 @@ async function act(request, done) {
   } catch (error) {
     write(parts.status, `It did not work: ${error.message}`);
   }
-  await loadTests({ axis }).catch(() => {});
+  await loadTests({ axis }).catch(() => poll({ axis }));
 }
 
 async function compare() {
