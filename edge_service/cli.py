@@ -59,13 +59,12 @@ def _is_bad_input(error: Exception) -> bool:
     from .fingerprint.fingerprint_document import FingerprintError
     from .http_api.serve import AddressError
     from .models.motion import MotionError
-    from .studies.diagnose_cases import BenchError
     from .studies.machine_gap import DiagnosisError
     from .studies.simulate import SimulationError
     from .trace.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    twin = (MotionError, SimulationError, FingerprintError, DiagnosisError, BenchError)
+    twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
     return isinstance(error, (InputError, ConfigError, TraceError, *bus, *twin))
 
 

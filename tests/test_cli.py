@@ -11,6 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from edge_service.cli import cli, main
+from edge_service.commands.bench import benchmarks
+from edge_service.commands.options import InputError
 
 COMMANDS = sorted(cli.commands)
 
@@ -245,3 +247,23 @@ def test_linear_algebra_keeps_to_one_thread_unless_told(
         env=kept | stated,
     )
     assert (int(done.stdout) == 1) is alone
+
+
+def test_benchmarks_need_a_checkout(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^bench: it needs a checkout of the project[^\n]*$"):
+        benchmarks(tmp_path)
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "another"\n')
+    with pytest.raises(InputError, match=r"^bench: it needs a checkout"):
+        benchmarks(tmp_path)
+
+
+def test_benchmarks_of_the_checkout_are_found_from_any_folder(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "edge_service", "bench", "identification", "--seeds", "0"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "Invalid value for '--seeds'" in done.stderr

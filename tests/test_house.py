@@ -1,8 +1,11 @@
 """The house keeps its layout, and what a user can set or ask is documented."""
 
+import ast
 import re
 import subprocess
 import tomllib
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import get_args
 
@@ -48,6 +51,59 @@ def test_every_room_has_its_place_in_the_rules() -> None:
 def test_no_rule_has_an_exception() -> None:
     for contract in PROJECT["tool"]["importlinter"]["contracts"]:
         assert not contract.get("ignore_imports")
+
+
+def modules() -> dict[str, Path]:
+    """Modules of the checkout by their dotted names."""
+    found = {}
+    for room in ("edge_service", "drivers", "tests"):
+        for path in (ROOT / room).rglob("*.py"):
+            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            found[name.removesuffix(".__init__")] = path
+    return found
+
+
+def imported_names(name: str, path: Path) -> Iterator[str]:
+    """All that a module imports, wherever in it: modules, and names within them."""
+    package = name.split(".") if path.stem == "__init__" else name.split(".")[:-1]
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (each.name for each in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = package[: len(package) - node.level + 1] if node.level else []
+            source = ".".join([*start, *([node.module] if node.module else [])])
+            yield from (f"{source}.{each.name}" for each in node.names)
+
+
+def import_graph(paths: Mapping[str, Path]) -> dict[str, set[str]]:
+    graph: dict[str, set[str]] = {}
+    for name, path in paths.items():
+        used = imported_names(name, path)
+        graph[name] = {each if each in paths else each.rpartition(".")[0] for each in used}
+        graph[name] = (graph[name] & set(paths)) - {name}
+    return graph
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    try:
+        TopologicalSorter(import_graph(modules())).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_a_circle_within_functions_and_across_packages_is_found(tmp_path: Path) -> None:
+    (tmp_path / "one.py").write_text("def late():\n    from .two import name\n")
+    (tmp_path / "two.py").write_text("from tests import one\n")
+    paths = {f"tests.{name}": tmp_path / f"{name}.py" for name in ("one", "two")}
+    with pytest.raises(CycleError):
+        TopologicalSorter(import_graph(paths)).prepare()
+
+
+def test_the_product_names_its_tests_nowhere() -> None:
+    """The project file names the developers' benchmarks; a module of the product names none."""
+    named = re.compile(r"[\"'/]tests\b|\b(from|import) tests\b")
+    files = [*ROOT.glob("edge_service/**/*.py"), *ROOT.glob("drivers/**/*.py")]
+    assert [path for path in files if named.search(path.read_text("utf-8"))] == []
 
 
 def keys_of(model: type[BaseModel]) -> set[str]:

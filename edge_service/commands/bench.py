@@ -1,214 +1,41 @@
-"""Commands that measure: speed and size, and how right the answers are."""
+"""Command that measures the project itself; what it runs stands in a checkout alone."""
 
-import json
-from dataclasses import replace
+import pkgutil
+import sys
+import tomllib
 from pathlib import Path
 
 import click
 
-from ..studies.benches import BENCHES, Bench, BenchReport
-from ..studies.estimator_parts import FIRST_SEED, PARTS, PROCESSES
 from .options import InputError
-from .terminal import progress
+
+CHECKOUT = Path(__file__).parents[2]
+_NONE = "it needs a checkout of the project, and this is an installed package"
 
 
-@click.group(invoke_without_command=True, epilog="Example: edge-service bench identification")
-@click.option("--quick", is_flag=True, help="Shorter measurements.")
-@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
-@click.pass_context
-def bench(context: click.Context, quick: bool, as_json: bool) -> None:
-    """Measure speed and size: start, CPU, memory, delay, replay, estimator steps.
-
-    The sub-commands measure how right the answers are.
-    """
-    if context.invoked_subcommand is not None:
-        if quick or as_json:
-            raise InputError(f"bench: options of {context.invoked_subcommand} come after its name")
-        return
-    from ..studies.pipeline_bench import PipelineBenchSettings, run_pipeline_bench
-
-    _print_report(run_pipeline_bench(PipelineBenchSettings(quick=quick), progress), as_json)
-
-
-def _print_report(report: BenchReport, as_json: bool) -> None:
-    click.echo(json.dumps(report.as_dict(), indent=2) if as_json else report.as_text())
-
-
-def _bench_command(each: Bench) -> click.Command:
-    @click.command(
-        each.name,
-        help=each.purpose,
-        epilog=f"Example: edge-service bench {each.name} --seeds {each.seeds // 10}",
+@click.command(
+    "bench",
+    context_settings={"ignore_unknown_options": True},
+    add_help_option=False,
+    epilog="Example: edge-service bench identification",
+)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def bench(arguments: tuple[str, ...]) -> object:
+    """Measure speed and size, and how right the answers are; in a checkout of the project."""
+    return benchmarks(CHECKOUT).main(
+        list(arguments), prog_name="edge-service bench", standalone_mode=False
     )
-    @click.option(
-        "--seeds", type=click.IntRange(1), default=each.seeds, show_default=True, help="Axes."
-    )
-    @click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
-    def command(seeds: int, as_json: bool) -> None:
-        _print_report(each.run(seeds, progress), as_json)
-
-    return command
 
 
-for _each in BENCHES:
-    bench.add_command(_bench_command(_each))
-
-
-@bench.command("estimator", epilog="Example: edge-service bench estimator --quick --only life")
-@click.option("--quick", is_flag=True, help="Fewer axes, shorter runs.")
-@click.option("--only", type=click.Choice(PARTS), multiple=True, help="A part; may be repeated.")
-@click.option(
-    "--seed",
-    type=click.IntRange(1),
-    default=FIRST_SEED,
-    show_default=True,
-    help="First axis of lives, rates, shifts; first seed of the second plant.",
-)
-@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="How many.")
-@click.option(
-    "--healthy-minutes", type=click.FloatRange(1.0), help="Of healthy production [default: 300]."
-)
-@click.option(
-    "--second-plant",
-    type=click.Path(path_type=Path),
-    help="Folder with the commands of a second plant [default: shared/bench beside the checkout].",
-)
-@click.option("--processes", type=click.IntRange(1), default=PROCESSES, show_default=True)
-@click.option("--plots", type=click.Path(path_type=Path), help="Folder: draw lives, rates, ...")
-@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
-@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: draw the rows instead.")
-def bench_estimator(
-    quick: bool,
-    only: tuple[str, ...],
-    seed: int,
-    seeds: int,
-    healthy_minutes: float | None,
-    second_plant: Path | None,
-    processes: int,
-    plots: Path | None,
-    as_json: bool,
-    pictures: Path | None,
-) -> None:
-    """Measure the preload estimate against plants whose truth is known, beside what was aimed at.
-
-    Parts: own, foreign, thesis and spoiled are single recordings with aims; life is many sessions
-    over months, rates is wear of any speed, healthy counts false conditions, second-plant runs a
-    benchmark that lies beside the checkout, ablation takes the estimator's parts away one by one.
-    """
-    from ..studies.estimator_bench import run_estimator_bench
-    from ..studies.estimator_tasks import BenchSettings
-    from ..studies.second_plant import SecondPlantError
-
-    if pictures is not None:
-        from ..studies.estimator_foreign import CHECKOUT_TESTS
-        from ..studies.estimator_pictures import draw_estimator
-
-        for file in draw_estimator(pictures, CHECKOUT_TESTS, quick, progress):
-            click.echo(file)
-        return
-    settings = BenchSettings(
-        quick=quick,
-        parts=only or PARTS,
-        seed=seed,
-        seeds=seeds,
-        healthy_minutes=healthy_minutes,
-        processes=processes,
-    )
-    if second_plant is not None:
-        settings = replace(settings, second_plant=second_plant)
-    if only == ("second-plant",):
-        _require_second_plant(settings.second_plant)
+def benchmarks(checkout: Path) -> click.Command:
+    """Commands that the project file of a checkout names; `InputError` where it names none."""
     try:
-        found = run_estimator_bench(settings, progress)
-    except SecondPlantError as error:
-        raise InputError(f"--second-plant {settings.second_plant}: {error}") from None
-    if plots is not None:
-        from ..studies.estimator_pictures import draw_rows
-
-        for name, rows in (found.drawn or {}).items():
-            draw_rows(plots, rows, f"{name}.png", progress)
-    click.echo(found.as_json() if as_json else found.as_text())
-
-
-def _require_second_plant(folder: Path) -> None:
-    from ..studies.second_plant import MAKE, has_second_plant
-
-    if not has_second_plant(folder):
-        raise InputError(f"--second-plant {folder}: no {MAKE} in it")
-
-
-@bench.command("diagnose", epilog="Example: edge-service bench diagnose --cases 20")
-@click.option("--cases", type=click.IntRange(1), default=500, show_default=True, help="Cases.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the mixture of cases.")
-@click.option("--out", type=click.Path(path_type=Path), help="Each case as a line of JSON.")
-@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: reliability, confusion.")
-@click.option("--ties", type=click.IntRange(1), help="Instead: do proposed motions settle ties?")
-@click.option(
-    "--second-plant",
-    is_flag=True,
-    help="Instead: the benchmark in shared/bench beside the checkout, whole and thinned.",
-)
-@click.option("--quick", is_flag=True, help="With --second-plant: a dozen cases, two rates.")
-@click.option(
-    "--real-machines",
-    is_flag=True,
-    help="Instead: recordings in shared/data beside the checkout, with errors added to them.",
-)
-def bench_diagnose(
-    cases: int,
-    seed: int,
-    out: Path | None,
-    pictures: Path | None,
-    ties: int | None,
-    second_plant: bool,
-    quick: bool,
-    real_machines: bool,
-) -> None:
-    """Score the diagnosis on a plant that shares no code with the library (checkout only)."""
-    if second_plant:
-        click.echo(_diagnosis_plant(seed, quick, out))
-        return
-    if real_machines:
-        click.echo(_real_machines(seed, out))
-        return
-    if ties is not None:
-        from ..studies.diagnose_ties import run_ties
-
-        click.echo(run_ties(ties, out, seed, progress))
-        return
-    from ..studies.diagnose_bench import run_diagnose_bench
-
-    click.echo(run_diagnose_bench(cases, out, seed=seed, pictures=pictures, progress=progress))
-
-
-def _diagnosis_plant(seed: int, quick: bool, out: Path | None) -> str:
-    from ..studies.diagnose_second_plant import MAKE, has_diagnosis_plant, run_diagnosis_plant
-    from ..studies.second_plant import BESIDE, SecondPlantError
-
-    if not has_diagnosis_plant(BESIDE):
-        raise InputError(f"--second-plant: no {MAKE} in {BESIDE}")
-    try:
-        return run_diagnosis_plant(BESIDE, seed, quick, out, progress)
-    except SecondPlantError as error:
-        raise InputError(f"--second-plant: {error}") from None
-
-
-def _real_machines(seed: int, out: Path | None) -> str:
-    from ..studies.diagnose_cases import BenchError
-    from ..studies.seeded_errors import DATA, run_seeded_errors
-
-    try:
-        return run_seeded_errors(DATA, seed, out, say=progress)
-    except BenchError as error:
-        raise InputError(f"--real-machines: {error}") from None
-
-
-@bench.command("drivers", epilog="Example: edge-service bench drivers --quick")
-@click.option("--quick", is_flag=True, help="Shorter measurements.")
-@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
-def bench_drivers(quick: bool, as_json: bool) -> None:
-    """Measure polls and notifications, many devices in one process, and one that hangs."""
-    from ..studies.drivers_bench import DriversBenchSettings, run_drivers_bench
-
-    figures = run_drivers_bench(DriversBenchSettings(quick=quick), progress)
-    click.echo(json.dumps(figures.as_dict(), indent=2) if as_json else figures.as_text())
+        project = tomllib.loads((checkout / "pyproject.toml").read_text("utf-8"))
+        named = str(project["tool"]["edge-service"]["benchmarks"])
+    except (OSError, KeyError):
+        raise InputError(f"bench: {_NONE}") from None
+    if str(checkout) not in sys.path:
+        sys.path.insert(0, str(checkout))
+    found = pkgutil.resolve_name(named)
+    assert isinstance(found, click.Command)
+    return found

@@ -20,8 +20,8 @@ from ..messages.samples import Floats
 from ..models.machine import Machine
 from .activation import activated
 from .balance import BalanceSettings, IntervalBalance
-from .bank import make_bank
 from .drag import DragFilter, DragSettings
+from .engines import make_bank
 from .excitation import ExcitationSettings, informative
 from .transition import LEVELS_PERCENT, PRINTED_TRANSITION, scaled_transition
 from .validity import Validity, ValiditySettings

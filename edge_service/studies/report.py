@@ -13,7 +13,7 @@ from .figures import draw_figures
 from .thesis_runs import LEVELS, TABLE_WINDOW_STEPS
 
 if TYPE_CHECKING:
-    from .reproduce import Reproduction
+    from .reproduction import Reproduction
 
 
 def write_report(out_dir: Path, result: "Reproduction", numbers: Mapping[str, Any]) -> None:

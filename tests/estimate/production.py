@@ -11,8 +11,9 @@ from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
-from edge_service.studies.estimator_axis import OwnAxis, downsampled
-from edge_service.studies.estimator_scores import MISLEADING_PERCENT
+
+from ..bench.estimator.axis import OwnAxis, downsampled
+from ..bench.estimator.scores import MISLEADING_PERCENT
 
 AXIS = OwnAxis(1)
 FRESH = AXIS.fresh_percent

@@ -9,15 +9,11 @@ from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.models.machine import Machine
-from edge_service.studies.estimator_axis import downsampled
-from edge_service.studies.estimator_foreign import (
-    CHECKOUT_TESTS,
-    commissioned_machine,
-    foreign_plant,
-    recorded,
-)
-from edge_service.studies.estimator_hostile import CASES, spoiled
 
+from .. import foreign_plant as plant
+from ..bench.estimator.axis import downsampled
+from ..bench.estimator.foreign import commissioned_machine, recorded
+from ..bench.estimator.spoiled import CASES, spoiled
 from .production import AXIS, FRESH, held, machine, misled, numbers
 
 LEARNT_S = 20.0
@@ -83,10 +79,9 @@ def test_a_healthy_axis_has_none_of_it() -> None:
 
 def test_a_screw_that_is_warm_at_the_start_is_no_loss() -> None:
     """Grown unevenly, with friction 30 % down: on the plant that shares no code with the model."""
-    plant = foreign_plant(CHECKOUT_TESTS)
     warm = plant.Warmup(start=1.0)
     case = plant.axis_case(seed=405, axis_seed=5, duration_s=40.0, events=(warm,))
-    said = estimates(commissioned_machine(CHECKOUT_TESTS, 5), recorded(CHECKOUT_TESTS, case).blocks)
+    said = estimates(commissioned_machine(5), recorded(case).blocks)
     assert_held(said, plant.Machine().preload_percent)
 
 

@@ -13,7 +13,8 @@ from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.bench import plant_of
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.plant import axial_compliance
-from edge_service.studies.estimator_axis import OwnAxis, downsampled, true_machine
+
+from ..bench.estimator.axis import OwnAxis, downsampled, true_machine
 
 AXIS = OwnAxis(1)
 NOMINAL = AXIS.nominal()

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from edge_service.estimate import general, kernel
-from edge_service.estimate.bank import LinearStep, make_bank
+from edge_service.estimate.bank import LinearStep
+from edge_service.estimate.engines import make_bank
 from edge_service.estimate.kalman import BankRun, BankStart, run_bank, run_kalman_bank, start_state
 from edge_service.estimate.sliding_innovation import run_sliding_innovation_bank
 from edge_service.estimate.transition import PRINTED_TRANSITION, scaled_transition

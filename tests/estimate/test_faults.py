@@ -8,7 +8,8 @@ import pytest
 
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
-from edge_service.studies.estimator_axis import OwnAxis, downsampled
+
+from ..bench.estimator.axis import OwnAxis, downsampled
 
 AXIS = OwnAxis(1)
 HEALTHY_S, STOPPED_S, CHANGED_S = 40.0, 5.0, 60.0

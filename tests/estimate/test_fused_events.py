@@ -7,8 +7,8 @@ import pytest
 
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
-from edge_service.studies.estimator_axis import downsampled
 
+from ..bench.estimator.axis import downsampled
 from .production import AXIS, FRESH, held, machine, misled, numbers, production, run
 
 

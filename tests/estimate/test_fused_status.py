@@ -19,9 +19,9 @@ from edge_service.messages.channels import (
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import PHASES, Fault, FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.studies.estimator_axis import FRAME_ROWS, downsampled
-from edge_service.studies.estimator_hostile import CASES, spoiled
 
+from ..bench.estimator.axis import FRAME_ROWS, downsampled
+from ..bench.estimator.spoiled import CASES, spoiled
 from .production import AXIS, FRESH, RATIO, held, machine, numbers, production, run
 
 

@@ -9,7 +9,8 @@ import pytest
 from edge_service.estimate.fused import FusedPreloadEstimator
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
-from edge_service.studies.estimator_axis import OwnAxis, downsampled
+
+from ..bench.estimator.axis import OwnAxis, downsampled
 
 AXIS = OwnAxis(1)
 FRESH, WORN = AXIS.fresh_percent, 5.0

@@ -12,8 +12,9 @@ from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import FeatureBlock, Phase
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.machine import EffectConfig, Machine, Quantity
-from edge_service.studies.estimator_axis import OwnAxis, downsampled
-from edge_service.studies.estimator_scores import Recorded, follow, score
+
+from ..bench.estimator.axis import OwnAxis, downsampled
+from ..bench.estimator.scores import Recorded, follow, score
 
 AXIS = OwnAxis(1)
 RATIO = 0.02 / (2.0 * math.pi)

@@ -7,7 +7,8 @@ from edge_service.health.outlook import look_ahead, trend_of
 from edge_service.health.trend import draw_trends
 from edge_service.health.wear_series import MOST_POINTS, WearSeries
 from edge_service.messages.outlook import TrendStatus
-from edge_service.studies.trend_coverage import coverage, simulate_life
+
+from ..bench.estimator.trend_coverage import coverage, simulate_life
 
 DAY_S = 86400.0
 NS = 1_000_000_000

@@ -7,16 +7,9 @@ from types import ModuleType
 
 import pytest
 
-from edge_service.models import (
-    ball_screw,
-    bounds,
-    component_drive,
-    friction,
-    linear_drive,
-    series_stiffness,
-    state_space,
-    stiffness,
-)
+from edge_service.models import ball_screw, bounds, friction, linear_drive, state_space, stiffness
+
+from ..bench.oracles import component_drive, series_stiffness
 
 PHYSICS = (ball_screw, component_drive, friction, linear_drive, series_stiffness, stiffness)
 

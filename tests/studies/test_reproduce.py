@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.activation import weighted_level
-from edge_service.studies.reproduce import (
-    PUBLISHED_TABLE,
-    Reproduction,
-    mean_probability,
-    reproduce,
-)
+from edge_service.studies.reproduce import PUBLISHED_TABLE, mean_probability, reproduce
+from edge_service.studies.reproduction import Reproduction
 from edge_service.studies.thesis_runs import (
     LEVELS,
     ThesisCase,

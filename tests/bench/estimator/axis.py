@@ -1,0 +1,194 @@
+"""The axes of the estimator's bench on the library's own plant."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from edge_service.config import DEFAULT_MACHINE, DownsampleConfig, load_machine
+from edge_service.estimate.commissioning import commissioned
+from edge_service.messages.channels import EXTERNAL_FORCE, TABLE_POSITION, TABLE_SPEED, TEMPERATURE
+from edge_service.messages.features import FeatureBlock
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.effects.registry import parse_effect
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.machine import Machine, Quantity
+from edge_service.models.motion import MOTIONS, Dwell, Segment, Setpoints, motion_limits
+from edge_service.nodes.pipeline import make_downsampler
+
+from .scores import Recorded
+
+RATE_HZ = 1000.0
+FRAME_ROWS = 10_000
+GUIDE_N, BEARING_NM = 60.0, 0.05
+FRICTION = ("stribeck:excess_nm=0.08,speed_rad_s=3", "torque_ripple:amplitude_nm=0.01,order=8")
+STROKE_MAP = (0.05, 0.03)
+"""First and second harmonic of the preload along the stroke, over its mean."""
+HIDDEN = (EXTERNAL_FORCE, TEMPERATURE)
+TABLE = (TABLE_POSITION, TABLE_SPEED)
+
+
+@dataclass(frozen=True, slots=True)
+class StatedErrors:
+    """Errors of the nominal machine file, as shares of the true value."""
+
+    inertia: float = 0.0
+    nut_stiffness: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAxis:
+    """One axis: drawn from its tolerances, or exactly nominal with seed 0.
+
+    Attributes:
+        effects: of the true axis beside `FRICTION`.
+        stated: errors of its machine file.
+        one_encoder: whether the table has none.
+    """
+
+    seed: int = 0
+    effects: tuple[str, ...] = ()
+    stated: StatedErrors = StatedErrors()
+    one_encoder: bool = False
+
+    @property
+    def fresh_percent(self) -> float:
+        """Preload of the fresh screw."""
+        return _default().fresh_preload_percent or 0.0
+
+    def frames(
+        self,
+        motion: str,
+        percent: Floats,
+        seed: int,
+        effects: Sequence[str] = (),
+        lubricant: float | Floats = 1.0,
+        pauses: Iterable[tuple[float, float]] = (),
+        **loads: Floats,
+    ) -> Iterator[SampleFrame]:
+        """A motion at 1 kHz with the mean preload of each sample (n,).
+
+        Args:
+            effects: that come on top.
+            lubricant: drag of the nut over that of its preload, everywhere on the stroke, (n,).
+            pauses: standstill (at s, for s), beginning with the next segment.
+            loads: arguments of `FeedDrive.advance`, (n,).
+        """
+        limits = motion_limits(_default())
+        active = [parse_effect(text) for text in (*FRICTION, *self.effects, *effects)]
+        settings = FeedDriveSettings.of_machine(true_machine(self.seed), RATE_HZ, active)
+        drive = FeedDrive(settings, limits.low_m, float(percent[0]), seed)
+        segments = MOTIONS[motion](limits, np.random.default_rng((seed, 1)))
+        setpoints = Setpoints(_paused(segments, pauses), limits.low_m, RATE_HZ)
+        hidden = (*HIDDEN, *TABLE) if self.one_encoder else HIDDEN
+        factor = np.broadcast_to(lubricant, percent.shape)
+        for first in range(0, len(percent), FRAME_ROWS):
+            rows = slice(first, first + FRAME_ROWS)
+            targets = setpoints.take(len(percent[rows]))
+            local = percent[rows] * self._stroke_factor(targets[:, 0])
+            drag_nm = settings.screw_drag_nm(local * factor[rows])
+            acting = {name: load[rows] for name, load in loads.items()}
+            frame = drive.advance(targets, local, drag_nm=drag_nm, **acting)
+            kept = {name: c for name, c in frame.channels.items() if name not in hidden}
+            yield SampleFrame(frame.time_s, kept)
+
+    def _stroke_factor(self, table_m: Floats) -> Floats:
+        phases = np.random.default_rng((self.seed, 2)).uniform(0.0, 2.0 * np.pi, 2)
+        turn = 2.0 * np.pi * table_m / (_default().axis.stroke_m or 1.0)
+        waves = (
+            share * np.cos(k * turn + phase)
+            for k, (share, phase) in enumerate(zip(STROKE_MAP, phases, strict=True), start=1)
+        )
+        return np.asarray(1.0 + sum(waves))
+
+    def nominal(self) -> Machine:
+        """Its machine file before commissioning."""
+        machine = _default()
+        inertia = machine.model.inertia_kg_m2.value * (1.0 + self.stated.inertia)
+        nut = _nut_stiffness(machine) * (1.0 + self.stated.nut_stiffness)
+        table = 20.0 * (1.0 + self.stated.inertia)
+        stated = {
+            "inertia_kg_m2": Quantity(value=inertia, tolerance=0.05),
+            "nut_stiffness_n_per_m": Quantity(value=nut, tolerance=0.1),
+            "table_mass_kg": Quantity(value=table, tolerance=0.02),
+        }
+        return machine.model_copy(update={"model": machine.model.model_copy(update=stated)})
+
+    def commissioned(self) -> Machine:
+        """Its machine file after commissioning on a healthy, cold recording."""
+        return _commissioned(self)
+
+
+def _paused(
+    segments: Iterable[Segment], pauses: Iterable[tuple[float, float]]
+) -> Iterator[Segment]:
+    """Segments with standstill (at s, for s) between them."""
+    left, at_s = sorted(pauses), 0.0
+    for segment in segments:
+        while left and at_s >= left[0][0]:
+            stop = Dwell(left.pop(0)[1])
+            at_s += stop.duration_s
+            yield stop
+        at_s += segment.duration_s
+        yield segment
+
+
+def downsampled(
+    frames: Iterable[SampleFrame], machine: Machine, interval_s: float = 0.1
+) -> list[FeatureBlock]:
+    """Blocks of all frames."""
+    downsampler = make_downsampler(DownsampleConfig(interval_s=interval_s), machine)
+    return [block for frame in frames for block in downsampler.push(frame)]
+
+
+def recorded(
+    frames: Iterable[SampleFrame], machine: Machine, percent: Floats, interval_s: float = 0.1
+) -> Recorded:
+    """Blocks with the mean preload of each sample (n,) as truth."""
+    time_s = np.arange(len(percent)) / RATE_HZ
+    return Recorded(downsampled(frames, machine, interval_s), time_s, percent)
+
+
+@cache
+def _default() -> Machine:
+    return load_machine(DEFAULT_MACHINE)
+
+
+def _nut_stiffness(machine: Machine) -> float:
+    """0.8 K (F_p / 0.1 C_a)^(1/3) with K = 1.6e8 N/m (5.3.11)."""
+    return float(0.8 * 1.6e8 * np.cbrt((machine.fresh_preload_percent or 0.0) / 10.0))
+
+
+@cache
+def true_machine(seed: int) -> Machine:
+    """The axis as it is."""
+    machine, random = _default(), np.random.default_rng((seed, 3))
+
+    def drawn(value: float, share: float) -> Quantity:
+        off = float(np.clip(random.standard_normal(), -2.0, 2.0)) if seed else 0.0
+        return Quantity(value=value * (1.0 + share * off))
+
+    model = machine.model
+    drag = model.preload_drag_nm
+    assert drag is not None
+    truth = {
+        "inertia_kg_m2": drawn(model.inertia_kg_m2.value, 0.01),
+        "viscous_nm_s_per_rad": drawn(model.viscous_nm_s_per_rad.value, 0.05),
+        "preload_drag_nm": drawn(drag.value, 0.01),
+        "guide_force_n": drawn(GUIDE_N, 0.1),
+        "bearing_drag_nm": drawn(BEARING_NM, 0.1),
+        "table_mass_kg": drawn(20.0, 0.005),
+        "nut_stiffness_n_per_m": drawn(_nut_stiffness(machine), 0.05),
+    }
+    return machine.model_copy(update={"model": model.model_copy(update=truth)})
+
+
+@cache
+def _commissioned(axis: OwnAxis) -> Machine:
+    nominal = axis.nominal()
+    recordings = []
+    for number, (motion, duration_s) in enumerate((("production", 60.0), ("friction", 132.0))):
+        percent = np.full(round(duration_s * RATE_HZ), axis.fresh_percent)
+        recordings.append(downsampled(axis.frames(motion, percent, 11 + number), nominal))
+    return commissioned(recordings, nominal)

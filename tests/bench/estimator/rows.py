@@ -1,0 +1,166 @@
+"""Rows of the estimator's bench: their aims, and whether they are met."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+from .aims import AIMS, Aim
+from .foreign import ROW as _FOREIGN
+from .own import Part
+from .scores import Score, pooled
+from .spoiled import CASES
+
+COVERAGE = (0.94, 0.96)
+ALL_FOREIGN = f"{_FOREIGN}all scenarios"
+_AGAIN = (ALL_FOREIGN, "after step 100")
+_SPOILED = frozenset(case.name for case in CASES)
+
+
+@dataclass(frozen=True, slots=True)
+class BenchRow:
+    """One row as measured; `ours` is None where it could not be."""
+
+    row: str
+    ours: Score | None
+    seed: Score | None
+    aim: str
+    met: bool | None
+    added: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class BenchTable:
+    """All rows, in order."""
+
+    rows: tuple[BenchRow, ...]
+
+    def as_text(self) -> str:
+        """For a terminal."""
+        heads = (
+            "row",
+            "wrong",
+            "rows",
+            "cases",
+            "seed MAE",
+            "MAE",
+            "worst",
+            "drop",
+            "cover",
+            "score",
+            "seen s",
+        )
+        lines = [_line(heads, "aim", "met")]
+        lines += [_line(_cells(row), _remark(row), _met(row)) for row in self.rows]
+        judged = [row.met for row in self.rows if row.met is not None]
+        lines.append(f"{sum(judged)} of {len(judged)} aims met; {self._wrong()}")
+        return "\n".join(lines)
+
+    def _wrong(self) -> str:
+        """Count of confidently wrong numbers; rows made of others' numbers are left out."""
+        scores = [row.ours for row in self.rows if row.ours and not row.row.endswith(_AGAIN)]
+        told = sum(each.told for each in scores)
+        wrong = sum(round(each.wrong * each.told) for each in scores if each.wrong > 0.0)
+        return f"confidently wrong: {wrong} of {told} numbers in {_cases(scores)} cases"
+
+    def as_json(self) -> str:
+        """For a program; what is not a number is null."""
+        rows = _jsonable([asdict(row) for row in self.rows])
+        return json.dumps({"schema": "estimator-bench/1", "rows": rows}, indent=2, allow_nan=False)
+
+
+def table_of(parts: Sequence[Part]) -> BenchTable:
+    """Pool the parts of each row and hold them against the aims."""
+    ours = _pooled_by_row(parts, lambda part: part.ours)
+    seed = _pooled_by_row(parts, lambda part: part.seed)
+    rows = [_row(name, aim, ours, seed) for name, aim in AIMS.items()]
+    return BenchTable((*rows, _coverage_row(rows)))
+
+
+def _pooled_by_row(parts: Sequence[Part], pick: Callable[[Part], Score | None]) -> dict[str, Score]:
+    found: dict[str, list[Score]] = {}
+    for part in parts:
+        one = pick(part)
+        if one is None:
+            continue
+        found.setdefault(part.row, []).append(one)
+        if part.row.startswith(_FOREIGN) and not part.row.endswith((" error", "one encoder")):
+            found.setdefault(ALL_FOREIGN, []).append(one)
+    return {row: pooled(scores) for row, scores in found.items()}
+
+
+def _row(name: str, aim: Aim, ours: Mapping[str, Score], seed: Mapping[str, Score]) -> BenchRow:
+    mine, text = ours.get(name), aim.text()
+    if mine is None:
+        return BenchRow(name, None, None, text or "-", None, None)
+    reference = ours.get(aim.reference or "")
+    added = None if reference is None else mine.mae - reference.mae
+    met = aim.met(mine, reference) if text else None
+    return BenchRow(name, mine, seed.get(name), text, met, added)
+
+
+def _coverage_row(rows: Sequence[BenchRow]) -> BenchRow:
+    """Count of rows with honest intervals, too wide ones counted as missed."""
+    told = [row.ours.coverage for row in rows if row.ours and not math.isnan(row.ours.coverage)]
+    low, high = COVERAGE
+    honest = sum(low <= each <= high for each in told)
+    name = f"coverage: {honest} rows of {len(told)} within, {sum(c > high for c in told)} above"
+    return BenchRow(name, None, None, f"each within {low:g} to {high:g}", honest == len(told), None)
+
+
+def _cases(scores: Sequence[Score]) -> int:
+    return sum(each.cases for each in scores)
+
+
+def _line(cells: Sequence[str], aim: str, met: str) -> str:
+    first, *numbers = cells
+    return f"{first:<44}" + "".join(f"{cell:>9}" for cell in numbers) + f"  {met:<7} {aim}"
+
+
+def _cells(row: BenchRow) -> tuple[str, ...]:
+    ours, seed = row.ours, row.seed
+    if ours is None:
+        return (row.row, *["-"] * 10)
+    counted = (_number(ours.wrong), str(ours.told), str(ours.cases))
+    figures = (
+        math.nan if seed is None else seed.mae,
+        ours.mae,
+        ours.worst,
+        ours.false_drop,
+        ours.coverage,
+        ours.interval_score,
+        ours.detection_s,
+    )
+    return (row.row, *counted, *(_number(figure) for figure in figures))
+
+
+def _remark(row: BenchRow) -> str:
+    """The aim, what was added, and for spoiled recordings what was said."""
+    remark = row.aim or "-"
+    if row.added is not None:
+        remark += f"; added {row.added:+.3f}"
+    if row.ours is not None and row.row in _SPOILED:
+        remark += f"; misleading {row.ours.misleading:.1%}; {', '.join(row.ours.notes)}"
+    return remark
+
+
+def _number(figure: float) -> str:
+    if math.isnan(figure):
+        return "-"
+    return "never" if math.isinf(figure) else f"{figure:.3f}"
+
+
+def _met(row: BenchRow) -> str:
+    if row.met is None:
+        return "-" if row.ours is not None else "no data"
+    return "yes" if row.met else "MISSED"
+
+
+def _jsonable(value: object) -> object:
+    if isinstance(value, dict):
+        return {name: _jsonable(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_jsonable(each) for each in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else "never"
+    return value

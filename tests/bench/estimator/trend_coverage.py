@@ -1,0 +1,136 @@
+"""Coverage of the true time of reaching the limit by the trend's band, on simulated wear.
+
+`python -m tests.bench.estimator.trend_coverage` prints it.
+"""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from edge_service.health.outlook import OutlookSettings, crossing_draws
+from edge_service.messages.samples import Floats
+from edge_service.models.wear import Wear
+
+DAY_S = 86400.0
+_LONGEST_DAYS = 3000
+
+
+@dataclass(frozen=True, slots=True)
+class Life:
+    """One simulated screw, day by day: what was estimated, and when it really reaches the limit.
+
+    Attributes:
+        time_s, distance_m, percent: of each day until the question is asked, (n,).
+        half_width_percent: of the estimator's 95 % interval.
+        limit_percent: the limit.
+        crossing_s: true time of reaching it, s.
+    """
+
+    time_s: Floats
+    distance_m: Floats
+    percent: Floats
+    half_width_percent: float
+    limit_percent: float
+    crossing_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Outcome over many lives.
+
+    Attributes:
+        asked: lives in which the question was asked.
+        dated: those with a band.
+        inside: those of them whose band holds the truth.
+        median_width: median width of the bands, share of the time remaining.
+    """
+
+    asked: int
+    dated: int
+    inside: int
+    median_width: float
+
+    @property
+    def share(self) -> float:
+        """Share of bands that hold the truth."""
+        return self.inside / self.dated
+
+
+def simulate_life(rng: np.random.Generator) -> Life:
+    """Wear of the seed's shape: steeper at first, then linear; more preload wears faster."""
+    start = rng.uniform(4.0, 10.0)
+    life_m = 3.0e6 / (start / 7.0) * np.exp(0.3 * rng.standard_normal())
+    wear = Wear(start, 0.0, run_in_loss=rng.uniform(0.1, 0.35))
+    weekday = np.arange(_LONGEST_DAYS) % 7
+    slow = 0.15 * np.cumsum(rng.standard_normal(_LONGEST_DAYS)) / np.sqrt(200.0)
+    daily_m = np.where(weekday < 5, 7000.0, 1500.0) * np.exp(
+        0.25 * rng.standard_normal(_LONGEST_DAYS) + np.clip(slow, -0.4, 0.4)
+    )
+    distance_m: Floats = np.cumsum(daily_m).astype(np.float64)
+    truth = wear.preload_percent(distance_m, life_m)
+    limit = 0.3 * start
+    crossing = int(np.argmax(truth <= limit))
+    half_width = rng.uniform(0.1, 0.4)
+    bias = half_width / 1.96 * rng.standard_normal()
+    errors = bias + _errors(rng, truth.size)
+    ask = int(crossing * rng.uniform(0.2, 0.95))
+    time_s = np.arange(1.0, _LONGEST_DAYS + 1.0, dtype=np.float64) * DAY_S
+    seen = slice(0, max(ask, 2))
+    return Life(
+        time_s[seen],
+        distance_m[seen],
+        (truth + errors)[seen],
+        half_width,
+        limit,
+        float(time_s[crossing]),
+    )
+
+
+def _errors(rng: np.random.Generator, count: int) -> Floats:
+    """Scatter from day to day, and a part that drifts over days."""
+    memory = np.exp(-1.0 / rng.uniform(1.0, 6.0))
+    drift = np.empty(count)
+    drift[0] = rng.standard_normal()
+    steps = np.sqrt(1.0 - memory**2) * rng.standard_normal(count)
+    for day in range(1, count):
+        drift[day] = memory * drift[day - 1] + steps[day]
+    return rng.uniform(0.02, 0.12) * rng.standard_normal(count) + rng.uniform(0.0, 0.15) * drift
+
+
+def coverage(lives: int, seed: int = 1) -> Coverage:
+    """Ask once in each of many lives."""
+    rng = np.random.default_rng(seed)
+    settings = OutlookSettings()
+    inside, widths = 0, []
+    for _ in range(lives):
+        life = simulate_life(rng)
+        band = crossing_draws(
+            life.time_s,
+            life.distance_m,
+            life.percent,
+            life.half_width_percent / 1.96,
+            life.limit_percent,
+        )
+        if band is None:
+            continue
+        tail = 50.0 * (1.0 - settings.level)
+        low, high = np.percentile(band, [tail, 100.0 - tail])
+        remaining = life.crossing_s - life.time_s[-1]
+        inside += bool(low <= remaining <= high)
+        widths.append((high - low) / remaining)
+    return Coverage(lives, len(widths), inside, float(np.median(widths)))
+
+
+def main() -> None:
+    """Print the coverage."""
+    result = coverage(400)
+    sys.stdout.write(
+        f"{result.asked} simulated screws, {result.dated} with a date: the 90 % band holds the "
+        f"true time of reaching the limit in {100.0 * result.share:.1f} % of them; "
+        f"median width {100.0 * result.median_width:.0f} % of the time remaining\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Lives of many sessions, estimated with the state kept between them and with a new start each.
+
+With a kept state the sessions are followed as `estimate --state` does: a session whose clock does
+not go on from the last one is resumed after a stop of unknown length. Nobody tells the estimator
+that a nut was replaced.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from edge_service.estimate.interface import PreloadEstimator
+from edge_service.nodes.offline import UNKNOWN_STOP_S
+
+from ..estimator.scores import Recorded, Score, Track, follow, pooled
+from ..sections import Drawn, Section, mean_of
+from .cases import SHAPES, Life, draw_life
+from .plants import LifePlant, plant_of
+from .scores import LifeScore, joined, life_score
+
+SESSIONS, QUICK_SESSIONS = 16, 6
+SESSION_S, QUICK_SESSION_S = 180.0, 60.0
+QUICK_SHAPES = ("accelerating", "replaced nut")
+KEPT, NEW = "kept", "new"
+HEADS: tuple[str, ...] = (
+    "wrong",
+    "rows",
+    "axes",
+    "sessions",
+    "silent",
+    "MAE ends",
+    "fresh",
+    "MAE rows",
+    "rank",
+)
+HEADS += ("cover", "score", "date", "never", "false")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LifePart:
+    """One life on one axis, estimated in one way (`kept` or `new`)."""
+
+    plant: str
+    life: Life
+    way: str
+    score: LifeScore
+    track: Track
+
+
+class KeptEstimator:
+    """An estimator whose state goes from one session to the next as JSON."""
+
+    def __init__(self, make: Callable[[], PreloadEstimator]) -> None:
+        self._make = make
+        self._state: str | None = None
+        self._end_s = 0.0
+
+    def follow(self, recorded: Recorded) -> Track:
+        """Follow one session, one block or more."""
+        estimator = self._make()
+        if self._state is not None:
+            estimator.restore(json.loads(self._state))
+            if recorded.blocks[0].time_s <= self._end_s:
+                estimator.resume(UNKNOWN_STOP_S)
+        track = follow(estimator, recorded)
+        self._state = json.dumps(estimator.snapshot(), allow_nan=False)
+        self._end_s = recorded.blocks[-1].time_s
+        return track
+
+
+def follow_life(
+    make: Callable[[], PreloadEstimator], recordings: Iterable[Recorded]
+) -> dict[str, list[Track]]:
+    """Tracks of all sessions by the way of estimating."""
+    kept = KeptEstimator(make)
+    tracks: dict[str, list[Track]] = {KEPT: [], NEW: []}
+    for recorded in recordings:
+        tracks[KEPT].append(kept.follow(recorded))
+        tracks[NEW].append(follow(make(), recorded))
+    return tracks
+
+
+def live(plant: str, shape: str, axis_seed: int, quick: bool) -> Iterator[LifePart]:
+    """One life in both ways."""
+    axis = plant_of(plant, axis_seed)
+    life = drawn_life(axis, shape, axis_seed, quick)
+    recordings = (axis.recorded(session) for session in life.sessions)
+    for way, tracks in follow_life(axis.estimator, recordings).items():
+        yield LifePart(plant, life, way, life_score(life, tracks), joined(life, tracks))
+
+
+def drawn_life(axis: LifePlant, shape: str, axis_seed: int, quick: bool) -> Life:
+    """Sessions of one axis; fewer and shorter if `quick`."""
+    count, session_s = (QUICK_SESSIONS, QUICK_SESSION_S) if quick else (SESSIONS, SESSION_S)
+    return draw_life(shape, axis_seed, axis.fresh_percent, count, session_s)
+
+
+def shapes(quick: bool) -> Sequence[str]:
+    """Those that are lived."""
+    return QUICK_SHAPES if quick else tuple(SHAPES)
+
+
+def life_section(parts: Sequence[LifePart]) -> Section:
+    """One row for each plant, shape and way over all axes; then all shapes together."""
+    rows = []
+    for plant, way in sorted({(part.plant, part.way) for part in parts}):
+        mine = [part for part in parts if (part.plant, part.way) == (plant, way)]
+        for shape in dict.fromkeys(part.life.shape for part in mine):
+            same = [part for part in mine if part.life.shape == shape]
+            rows.append((f"{plant}, {shape}, {way}", _figures(same)))
+        rows.append((f"{plant}, all lives, {way}", _figures(mine)))
+        rows += _by_start(f"{plant}, {way}, begun", mine)
+    return Section(
+        name="life",
+        title=f"life: plant, shape, state ({_seeds(parts)})",
+        heads=HEADS,
+        rows=tuple(rows),
+        notes=(
+            "wrong: share of the numbers whose interval misses the truth by more than half a "
+            "point; date: of falling below 60 % of fresh, error as share of the life; never: "
+            "lives in which it was not found; false: found where there is none",
+        ),
+    )
+
+
+def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[str, tuple[object, ...]]]:
+    """One row for each state in which sessions begin; what only a life has is left out."""
+    found: dict[str, list[Score]] = {}
+    for part in parts:
+        for session, each in zip(part.life.sessions, part.score.each, strict=True):
+            found.setdefault(session.start, []).append(each)
+    axes = len({part.life.axis_seed for part in parts})
+    for start, scores in sorted(found.items()):
+        rows = pooled(scores)
+        silent = sum(each.told == 0 for each in scores)
+        counted = (rows.wrong, rows.told, axes, len(scores), silent, None, None, rows.mae, None)
+        yield f"{label} {start}", (*counted, rows.coverage, rows.interval_score, *[None] * 3)
+
+
+def life_pictures(parts: Sequence[LifePart]) -> list[Drawn]:
+    """Every life, its sessions one after another."""
+    return [
+        Drawn(f"life {p.plant} {p.life.axis_seed}: {p.life.shape}, {p.way}", p.track) for p in parts
+    ]
+
+
+def _seeds(parts: Sequence[LifePart]) -> str:
+    seeds = sorted({part.life.axis_seed for part in parts})
+    return "axis seeds " + ", ".join(map(str, seeds))
+
+
+def _figures(parts: Sequence[LifePart]) -> tuple[object, ...]:
+    scores = [part.score for part in parts]
+    rows = pooled(each.rows for each in scores)
+    return (
+        rows.wrong,
+        rows.told,
+        len({part.life.axis_seed for part in parts}),
+        sum(each.sessions for each in scores),
+        sum(each.silent for each in scores),
+        mean_of([each.ends_mae for each in scores]),
+        mean_of([each.fresh_mae for each in scores]),
+        rows.mae,
+        mean_of([each.rank for each in scores]),
+        rows.coverage,
+        rows.interval_score,
+        mean_of([each.crossing for each in scores]),
+        sum(each.crossing == float("inf") for each in scores),
+        sum(each.false_crossing for each in scores),
+    )

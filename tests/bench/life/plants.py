@@ -1,0 +1,134 @@
+"""Sessions of a life on either plant: what an estimator gets of them, and the truth."""
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.machine import Machine
+
+from ... import foreign_plant
+from ..estimator import axis as estimator_axis
+from ..estimator import foreign as estimator_foreign
+from ..estimator.axis import RATE_HZ, OwnAxis
+from ..estimator.foreign import commissioned_machine
+from ..estimator.scores import Recorded
+from .cases import Session
+
+WARM_SHARE, TIME_CONSTANT_S = 0.3, 600.0
+"""Of the dry friction that a warm axis has lost, and how long it takes."""
+GROWTH_K = 4.0
+
+
+class LifePlant(Protocol):
+    """One axis whose sessions can be recorded."""
+
+    name: str
+    fresh_percent: float
+
+    def recorded(self, session: Session) -> Recorded:
+        """Blocks of a session with the truth, on the session's clock."""
+
+    def estimator(self) -> FusedPreloadEstimator:
+        """A new one for the commissioned axis."""
+
+
+class ForeignLife:
+    """An axis of the second plant."""
+
+    name = "foreign"
+
+    def __init__(self, axis_seed: int) -> None:
+        self._axis_seed = axis_seed
+        self._plant: Any = foreign_plant
+        self.fresh_percent = float(self._plant.Machine().preload_percent)
+
+    def recorded(self, session: Session) -> Recorded:
+        """See `LifePlant.recorded`."""
+        return estimator_foreign.recorded(self.case(session), clock_s=session.clock_s)
+
+    def case(self, session: Session) -> Any:
+        """The plant's own description of a session."""
+        plant = self._plant
+        rng = np.random.default_rng([session.seed, 31])
+        warmup = plant.Warmup(time_constant_s=TIME_CONSTANT_S, start=session.warmth)
+        lubricant = plant.Lubricant(session.guide, session.nut, session.bearing, session.viscous)
+        return plant.axis_case(
+            (np.array(session.time_s), np.array(session.percent)),
+            setpoint_m=plant.part_programme(rng, session.duration_s),
+            events=(warmup, lubricant, plant.Payload(((0.0, session.added_kg),))),
+            seed=session.seed,
+            axis_seed=self._axis_seed,
+        )
+
+    def estimator(self) -> FusedPreloadEstimator:
+        """See `LifePlant.estimator`."""
+        return FusedPreloadEstimator(foreign_machine(self._axis_seed))
+
+
+class OwnLife:
+    """An axis of the library's plant."""
+
+    name = "own"
+
+    def __init__(self, axis_seed: int) -> None:
+        self._axis = OwnAxis(axis_seed)
+        self.fresh_percent = self._axis.fresh_percent
+
+    def recorded(self, session: Session) -> Recorded:
+        """See `LifePlant.recorded`."""
+        count = round(session.duration_s * RATE_HZ)
+        time_s = np.arange(count) / RATE_HZ
+        percent: Floats = np.interp(time_s, session.time_s, session.percent)
+        added = np.full(count, session.added_kg)
+        frames = self._axis.frames(
+            "production",
+            percent,
+            session.seed,
+            self.effects(session),
+            session.nut,
+            added_mass_kg=added,
+        )
+        found = estimator_axis.recorded(
+            _later(frames, session.clock_s), self._axis.nominal(), percent
+        )
+        return Recorded(found.blocks, found.time_s + session.clock_s, percent)
+
+    def effects(self, session: Session) -> tuple[str, ...]:
+        """Warmth, growth and the friction of guides, bearings and lubricant as effects."""
+        machine = self._axis.commissioned()
+        assert machine.commissioned is not None
+        faded_nm = WARM_SHARE * machine.commissioned.coulomb_nm
+        cold = 1.0 - session.warmth
+        ratio = machine.transmission_ratio_m_per_rad
+        guide_nm = estimator_axis.GUIDE_N * ratio * (session.guide - 1.0)
+        change_nm = guide_nm + estimator_axis.BEARING_NM * (session.bearing - 1.0) - faded_nm
+        viscous = machine.model.viscous_nm_s_per_rad.value * (session.viscous - 1.0)
+        return (
+            f"drag_error:change_nm={change_nm}",
+            f"warmup:excess_nm={faded_nm * cold},time_constant_s={TIME_CONSTANT_S}",
+            f"thermal_growth:rise_k={GROWTH_K * cold},time_constant_s={1.5 * TIME_CONSTANT_S}",
+            f"viscous_error:change_nm_s_per_rad={viscous}",
+        )
+
+    def estimator(self) -> FusedPreloadEstimator:
+        """See `LifePlant.estimator`."""
+        return FusedPreloadEstimator(self._axis.commissioned())
+
+
+def plant_of(name: str, axis_seed: int) -> LifePlant:
+    """An axis of the plant `foreign` or `own`."""
+    return OwnLife(axis_seed) if name == OwnLife.name else ForeignLife(axis_seed)
+
+
+@cache
+def foreign_machine(axis_seed: int) -> Machine:
+    """An axis of the second plant after commissioning."""
+    return commissioned_machine(axis_seed)
+
+
+def _later(frames: Iterator[SampleFrame], clock_s: float) -> Iterator[SampleFrame]:
+    return (SampleFrame(frame.time_s + clock_s, frame.channels) for frame in frames)

@@ -1,0 +1,237 @@
+"""Modbus at its limits: polls per second, many devices in one process, one that hangs."""
+
+import asyncio
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import aclosing, asynccontextmanager, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.base import Driver, DriverContext, DriverUnavailableError
+from drivers.registry import load_driver
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.messages.samples import Floats
+from edge_service.nodes.acquire_node import BACKOFF_CAP_S, BACKOFF_FIRST_S
+
+from ..figures import Figure, PipelineBenchError
+
+RESPONDER = Path(__file__).with_name("modbus_responder.py")
+REGISTERS = 20
+DEVICES, RATE_HZ = 32, 10.0
+ADDED_JITTER_S = 5e-3
+STALE_S = 2.0
+_REQUEST = struct.Struct(">HHHBBHH")
+
+
+class Responders:
+    """The devices, in a process of their own."""
+
+    def __init__(self, process: "subprocess.Popen[str]", ports: list[int]) -> None:
+        self.ports = ports
+        self._process = process
+
+    def tell(self, command: str, index: int) -> None:
+        """`hang` or `answer`."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{command} {index}\n")
+        self._process.stdin.flush()
+
+
+@contextmanager
+def responders(count: int) -> Iterator[Responders]:
+    """Devices that answer every read."""
+    with subprocess.Popen(
+        [sys.executable, str(RESPONDER), str(count)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            ports = [int(port) for port in process.stdout.readline().split()]
+            if len(ports) != count:
+                raise PipelineBenchError("the devices of the bench did not start")
+            yield Responders(process, ports)
+        finally:
+            process.stdin.close()
+            process.wait()
+
+
+def make_driver(port: int, period_s: float) -> Driver:
+    """A driver that reads REGISTERS registers in one request."""
+    driver = load_driver("modbus")
+    words = ["torque_command_nm", "motor_angle_rad", "table_position_m", "temperature_c"]
+    registers: list[dict[str, Any]] = [
+        {"channel": name, "address": 4 * number, "type": "uint16"}
+        for number, name in enumerate(words)
+    ]
+    registers += [{"heartbeat": True, "address": REGISTERS - 1, "type": "uint16"}]
+    settings = {
+        "port": port,
+        "poll_groups": {"all": period_s},
+        "registers": registers,
+        "max_gap": REGISTERS,
+        "stale_after_s": 3600.0,
+    }
+    context = DriverContext("X", load_machine(DEFAULT_MACHINE))
+    return driver(driver.config_model.model_validate(settings), context)
+
+
+def poll_figures(seconds: float) -> list[Figure]:
+    """Flat out against one device: the driver, and a bare client of struct and socket."""
+    with responders(1) as devices:
+        bare_s, bare_cpu_s = _bare_polls(devices.ports[0], seconds)
+        driver_s, driver_cpu_s = asyncio.run(_driver_polls(devices.ports[0], seconds))
+    return [
+        Figure("modbus_bare_polls_per_s", "Modbus, bare struct client", 1.0 / bare_s, "polls/s"),
+        Figure("modbus_bare_cpu_s", "  processor per poll", bare_cpu_s, "s"),
+        Figure("modbus_polls_per_s", "Modbus driver, flat out", 1.0 / driver_s, "polls/s"),
+        Figure("modbus_cpu_s", "  processor per poll", driver_cpu_s, "s"),
+        Figure(
+            "modbus_cpu_over_bare", "  over the bare client", driver_cpu_s / bare_cpu_s, "times"
+        ),
+    ]
+
+
+def _bare_polls(port: int, seconds: float) -> tuple[float, float]:
+    """Time and processor time per poll, s, of the least that a client can do."""
+    size = 9 + 2 * REGISTERS
+    values = struct.Struct(f">9x{REGISTERS}H")
+    polls, cpu_s, start_s = 0, time.process_time(), time.perf_counter()
+    with socket.create_connection(("127.0.0.1", port)) as link:
+        while time.perf_counter() - start_s < seconds:
+            link.sendall(_REQUEST.pack(polls % 65_536, 0, 6, 1, 3, 0, REGISTERS))
+            reply = link.recv(size, socket.MSG_WAITALL)
+            values.unpack(reply)
+            polls += 1
+    return (time.perf_counter() - start_s) / polls, (time.process_time() - cpu_s) / polls
+
+
+async def _driver_polls(port: int, seconds: float) -> tuple[float, float]:
+    driver = make_driver(port, 1e-4)
+    await driver.open()
+    try:
+        async with aclosing(driver.frames()) as frames:
+            await anext(frames)
+            begun, cpu_s, start_s = (
+                driver.counters["polls"],
+                time.process_time(),
+                time.perf_counter(),
+            )
+            async for _ in frames:
+                if time.perf_counter() - start_s >= seconds:
+                    break
+            polls = driver.counters["polls"] - begun
+            elapsed_s = time.perf_counter() - start_s
+            return elapsed_s / polls, (time.process_time() - cpu_s) / polls
+    finally:
+        await driver.close()
+
+
+@dataclass(slots=True)
+class _Axis:
+    """Record of one reader: times of its rows, and when its device was lost."""
+
+    times_s: list[float] = field(default_factory=list)
+    lost_s: list[float] = field(default_factory=list)
+
+    def late_s(self, from_s: float, to_s: float) -> Floats:
+        """Deviations of the time steps within a window from the period, s."""
+        times = np.array([each for each in self.times_s if from_s <= each < to_s])
+        return np.abs(np.diff(times) - 1.0 / RATE_HZ)
+
+
+def fleet_figures(window_s: float, hang_s: float) -> list[Figure]:
+    """Many devices in one process, before and while one of them hangs."""
+    with responders(DEVICES) as devices:
+        return asyncio.run(_watch_fleet(devices, window_s, hang_s))
+
+
+async def _watch_fleet(devices: Responders, window_s: float, hang_s: float) -> list[Figure]:
+    async with _reading(devices.ports) as axes:
+        loop = asyncio.get_running_loop()
+        await asyncio.sleep(2.0)
+        start_s, cpu_s = loop.time(), time.process_time()
+        await asyncio.sleep(window_s)
+        hung_s, cpu_s = loop.time(), time.process_time() - cpu_s
+        devices.tell("hang", 0)
+        await asyncio.sleep(hang_s)
+        end_s = loop.time()
+        devices.tell("answer", 0)
+        await asyncio.sleep(BACKOFF_CAP_S + 2.0)
+    hanging, others = axes[0], axes[1:]
+    before, during = (
+        float(np.percentile(np.concatenate([axis.late_s(*span) for axis in others]), 99.0))
+        for span in ((start_s, hung_s), (hung_s, end_s))
+    )
+    rows = sum(sum(start_s <= t < hung_s for t in axis.times_s) for axis in axes)
+    lost = [each for each in hanging.lost_s if each >= hung_s]
+    back = [each for each in hanging.times_s if each >= end_s]
+    name = f"{DEVICES} devices at {RATE_HZ:g} Hz"
+    return [
+        Figure("fleet_polls_per_s", f"{name}: polls", rows / (hung_s - start_s), "polls/s"),
+        Figure("fleet_cpu_cores", "  processor", cpu_s / (hung_s - start_s), "cores"),
+        Figure("fleet_jitter_s", "  jitter of a row, 99th percentile", before, "s"),
+        Figure(
+            "fleet_added_jitter_s",
+            f"  added while one hangs for {hang_s:g} s",
+            max(during - before, 0.0),
+            "s",
+            ADDED_JITTER_S,
+        ),
+        Figure(
+            "fleet_lost_after_s",
+            "  the hanging device is called lost after",
+            lost[0] - hung_s if lost else float("inf"),
+            "s",
+            STALE_S,
+        ),
+        Figure(
+            "fleet_back_after_s",
+            "  it is back after it answers again",
+            back[0] - end_s if back else float("inf"),
+            "s",
+            BACKOFF_CAP_S + 1.0,
+        ),
+    ]
+
+
+@asynccontextmanager
+async def _reading(ports: list[int]) -> AsyncIterator[list[_Axis]]:
+    """Read every device until the end, trying again as the service does."""
+    axes = [_Axis() for _ in ports]
+    tasks = [asyncio.create_task(_read(port, axis)) for port, axis in zip(ports, axes, strict=True)]
+    try:
+        yield axes
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _read(port: int, axis: _Axis) -> None:
+    driver, pause_s = make_driver(port, 1.0 / RATE_HZ), BACKOFF_FIRST_S
+    loop = asyncio.get_running_loop()
+    try:
+        while True:
+            try:
+                await driver.open()
+                async with aclosing(driver.frames()) as frames:
+                    async for frame in frames:
+                        pause_s = BACKOFF_FIRST_S
+                        known = ~np.isnan(frame.channels["torque_command_nm"])
+                        axis.times_s += frame.time_s[known].tolist()
+            except DriverUnavailableError:
+                axis.lost_s.append(loop.time())
+                await asyncio.sleep(pause_s)
+                pause_s = min(2.0 * pause_s, BACKOFF_CAP_S)
+    finally:
+        await driver.close()
