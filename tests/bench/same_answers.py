@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import foreign_plant
+from .real_machines import ACTUATOR_TOML, SCREW_TOML, milling_machine, recordings, screw_actuator
 
 ROOT = Path(__file__).parents[2]
 BESIDE = ROOT.parent / "shared"
@@ -36,6 +37,7 @@ class Recorded:
     name: str
     machine: Path
     traces: tuple[Path, ...]
+    options: tuple[str, ...] = ()
 
 
 def asked(arguments: Sequence[str | Path], said: Path) -> None:
@@ -72,6 +74,20 @@ def make_recordings(folder: Path) -> None:
         np.savetxt(path, table, fmt="%.9g", delimiter=",", header=head, comments="")
 
 
+def make_real(folder: Path) -> None:
+    """Traces of the real machines that lie beside the checkout."""
+    folder.mkdir()
+    (folder / "actuator.toml").write_text(ACTUATOR_TOML, "utf-8")
+    (folder / "screw.toml").write_text(SCREW_TOML, "utf-8")
+    for condition in ("normal", "lackLubrication1", "backlash1"):
+        home = folder / condition
+        home.mkdir()
+        recordings(home, condition, "40")
+    for number, name in enumerate(("no-load-square-wave-full-travel", "pp-sine-sweep-10mm")):
+        screw_actuator(folder / f"screw{number}.csv", f"LinA_{name}-0.5Hz")
+    milling_machine(folder / "milling.csv")
+
+
 def recorded(folder: Path) -> Iterator[Recorded]:
     """All recordings, each with its machine file."""
     for path in sorted((folder / "own").glob("*.csv")):
@@ -84,25 +100,67 @@ def recorded(folder: Path) -> Iterator[Recorded]:
     emps = BESIDE / "data" / "emps" / "emps_estimation.csv"
     if emps.is_file():
         yield Recorded("emps", ROOT / "deploy" / "emps.toml", (emps,))
+    yield from really_recorded(folder / "real")
+
+
+def really_recorded(folder: Path) -> Iterator[Recorded]:
+    """Recordings of real machines, each with its machine file; none where there are none."""
+    for home in sorted(each for each in folder.glob("*") if each.is_dir()):
+        traces = tuple(sorted(home.glob("*.csv")))[:2]
+        yield Recorded(f"real_{home.name}", folder / "actuator.toml", traces)
+    for path in sorted(folder.glob("screw*.csv")):
+        yield Recorded(f"real_{path.stem}", folder / "screw.toml", (path,))
+    milling = folder / "milling.csv"
+    if milling.is_file():
+        number = ("--axis-number", "1")
+        yield Recorded("real_milling", folder / "actuator.toml", (milling,), number)
+        yield Recorded("real_no_number", folder / "actuator.toml", (milling,))
+    mill = BESIDE / "data" / "smart_cnc_mill" / "experiment_06.csv"
+    if mill.is_file():
+        yield Recorded("real_slow_mill", ROOT / "deploy" / "cnc_mill.toml", (mill,))
 
 
 def ask_all(folder: Path, answers: Path) -> None:
     """Ask every command of every recording."""
     answers.mkdir(parents=True)
     for each in recorded(folder):
-        home = answers / each.name
-        home.mkdir()
-        model: list[str | Path] = ["--machine", each.machine]
-        asked(["gap", *model, *each.traces, "--json"], home / "gap.txt")
-        asked(["diagnose", *model, *each.traces, "--out", home / "diagnosis"], home / "said.txt")
-        asked(["fingerprint", *model, *each.traces, "--out", home / "print"], home / "print.txt")
-        out = home / "estimates.csv"
-        asked(["estimate", *model, each.traces[0], "--out", out], home / "estimate.txt")
-        learnt = home / "commissioned.toml"
-        asked(["commission", *model, each.traces[0], "--out", learnt], home / "commission.txt")
-    asked(["check-config", ROOT / "deploy" / "edge.toml"], answers / "config.txt")
+        ask_recording(each, answers / each.name)
+    ask_models(answers)
     for path in answers.rglob("*.txt"):
         path.write_text(path.read_text("utf-8").replace(str(answers), "ANSWERS"), "utf-8")
+
+
+def ask_recording(each: Recorded, home: Path) -> None:
+    """Ask every command that reads a recording."""
+    home.mkdir()
+    model: list[str | Path] = ["--machine", each.machine, *each.options]
+    asked(["gap", *model, *each.traces, "--json"], home / "gap.txt")
+    asked(["doctor", *model, *each.traces, "--json"], home / "doctor.txt")
+    asked(["diagnose", *model, *each.traces, "--out", home / "diagnosis"], home / "said.txt")
+    asked(["fingerprint", *model, *each.traces, "--out", home / "print"], home / "print.txt")
+    out, state = home / "estimates.csv", home / "state.json"
+    estimated: list[str | Path] = ["estimate", *model, each.traces[0], "--out", out]
+    asked(estimated, home / "estimate.txt")
+    learnt = home / "commissioned.toml"
+    asked(["commission", *model, each.traces[0], "--out", learnt], home / "commission.txt")
+    if learnt.is_file():
+        known: list[str | Path] = ["--machine", learnt, *each.options, "--state", state]
+        out = home / "known.csv"
+        asked(["estimate", *known, each.traces[-1], "--out", out], home / "known.txt")
+
+
+def ask_models(answers: Path) -> None:
+    """Ask what needs no recording: configurations, motions, the thesis."""
+    deploy = ROOT / "deploy"
+    for path in (deploy / "edge.toml", *sorted((deploy / "drivers").glob("*.toml"))):
+        asked(["check-config", path], answers / f"config_{path.stem}.txt")
+    asked(["motion", "--list"], answers / "motions.txt")
+    asked(
+        ["motion", "friction", "--out", answers / "friction.csv", "--rate", "100"],
+        answers / "motion.txt",
+    )
+    asked(["motion", "isolability", "--motion", "friction"], answers / "isolability.txt")
+    asked(["reproduce", "--out", answers / "thesis"], answers / "thesis.txt")
 
 
 def differing(before: Path, after: Path) -> list[str]:
@@ -135,6 +193,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if second.is_file():
             made = [sys.executable, str(second), str(folder / "second"), "--seed", "5"]
             subprocess.run([*made, "--set", "small"], check=True, capture_output=True)
+        if (BESIDE / "data").is_dir():
+            make_real(folder / "real")
         ask_all(folder, folder / "answers")
         return 0
     with tempfile.TemporaryDirectory(prefix="same-answers-") as home:

@@ -16,18 +16,13 @@ import pytest
 
 from edge_service.cli import main
 
+from ..bench.real_machines import written
 from .conftest import recorded
 
 
 @pytest.fixture(autouse=True)
 def few_twins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-
-
-def written(path: Path, columns: dict[str, np.ndarray]) -> str:
-    table = np.column_stack(list(columns.values()))
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
-    return str(path)
 
 
 def sound(**changes: np.ndarray | None) -> dict[str, np.ndarray]:

@@ -10,8 +10,8 @@ from edge_service.cli import main
 from edge_service.diagnose.answer import ChannelGap, Verdict
 from edge_service.diagnose.caveats import caveats_of
 
+from ..bench.real_machines import written
 from .conftest import recorded
-from .test_bad_input import written
 
 CALM = ChannelGap(0.02, 0.02, 0.018, 0.014, "recording", "N m")
 

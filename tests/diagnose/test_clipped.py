@@ -10,8 +10,9 @@ from edge_service.cli import main
 from edge_service.config import load_machine
 from edge_service.messages.samples import Floats
 
+from ..bench.real_machines import written
 from .conftest import frame_of, recorded, runs
-from .test_bad_input import diagnosed, written
+from .test_bad_input import diagnosed
 
 LIMIT = 0.6
 """Of the greatest torque."""

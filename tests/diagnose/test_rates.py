@@ -9,8 +9,8 @@ import pytest
 from edge_service.cli import main
 
 from .. import foreign_plant
+from ..bench.real_machines import written
 from .conftest import DURATION_S
-from .test_bad_input import written
 
 FASTER_HZ = 2000.0
 

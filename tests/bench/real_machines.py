@@ -1,0 +1,100 @@
+"""Recordings of real machines that lie beside the checkout, as traces; none is copied into it.
+
+Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned. Screw actuators: 100 Hz
+and a data sheet. DMC 60 H: two encoders, 500 Hz, four axes in one file.
+"""
+
+import csv
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from edge_service.messages.samples import Floats
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+SEQUENCES = 10
+"""Moves there and back that make one recording."""
+ACTUATOR_TOML = """
+[axis]
+name = "A"
+lead_m = 0.005
+
+[model]
+inertia_kg_m2 = { value = 3e-5, tolerance = 0.3 }
+viscous_nm_s_per_rad = { value = 1e-5, tolerance = 1.0 }
+preload_drag_nm = { value = 0.05, tolerance = 0.5 }
+"""
+SCREW_TOML = """
+[axis]
+name = "LinA"
+lead_m = 0.006
+
+[model]
+inertia_kg_m2 = { value = 5.2e-4, tolerance = 0.3 }
+viscous_nm_s_per_rad = { value = 1e-3, tolerance = 1.0 }
+preload_drag_nm = { value = 0.02, tolerance = 1.0 }
+"""
+NM_PER_A = 0.0429 * 624.0 / 35.0
+
+
+def written(path: Path, columns: Mapping[str, Floats]) -> str:
+    """Write columns, each (n,), as a trace; returns its path."""
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+    return str(path)
+
+
+def moves(condition: str, load: str) -> Iterator[Floats]:
+    """Sequences of one load: time s, setpoint mm, position error mm, current A, (n, 4) each."""
+    with (DATA / "cranfield" / f"{condition}.csv").open() as file:
+        rows = [
+            [float(row[name]) for name in ("time", "set_point", "position_error", "current")]
+            for row in csv.DictReader(file)
+            if row["load"] == load
+        ]
+    table = np.array(rows)
+    yield from np.split(table, np.flatnonzero(np.diff(table[:, 0]) < 0.0) + 1)
+
+
+def recordings(folder: Path, condition: str, load: str) -> list[str]:
+    """Traces of some sequences each; the current has the sign of the motion that is asked for."""
+    every = list(moves(condition, load))
+    paths = []
+    for start in range(0, len(every), SEQUENCES):
+        part, clock_s = [], 0.0
+        for each in every[start : start + SEQUENCES]:
+            way = np.sign(np.gradient(each[:, 1]))
+            position = 1e-3 * (each[:, 1] - each[:, 2])
+            torque = 0.1 * each[:, 3] * way
+            part.append(np.column_stack((each[:, 0] + clock_s, torque, position)))
+            clock_s = float(part[-1][-1, 0]) + 1.0
+        columns = dict(
+            zip(
+                ("time_s", "torque_command_nm", "table_position_m"),
+                np.vstack(part).T,
+                strict=True,
+            )
+        )
+        paths.append(written(folder / f"{condition}{start}.csv", columns))
+    return paths
+
+
+def screw_actuator(path: Path, name: str) -> str:
+    """Trace of a screw actuator, its torque at the screw."""
+    table = np.loadtxt(DATA / "screw_actuators" / f"{name}.txt")
+    columns = {
+        "time_s": 1e-3 * table[:, 0],
+        "torque_command_nm": NM_PER_A * 1e-3 * table[:, 5],
+        "table_position_m": 1e-3 * table[:, 3],
+        "position_setpoint_m": 1e-3 * table[:, 1],
+    }
+    return written(path, columns)
+
+
+def milling_machine(path: Path) -> str:
+    """Trace of the DMC 60 H with the times that its file lacks."""
+    lines = (DATA / "kit_dmc60h" / "excerpt.csv").read_text().splitlines()
+    timed = [f"{0.002 * k:.3f},{line}" for k, line in enumerate(lines[1:])]
+    path.write_text("\n".join([f"time_s,{lines[0]}", *timed]) + "\n")
+    return str(path)
