@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from edge_service.cli import cli, main
-from edge_service.commands.bench import benchmarks
-from edge_service.commands.options import InputError
+from edge_service.cli.bench import benchmarks
+from edge_service.cli.entry import cli, main
+from edge_service.cli.options import InputError
 
 COMMANDS = sorted(cli.commands)
 
@@ -217,7 +217,7 @@ def test_check_config_says_what_the_default_means(capsys: pytest.CaptureFixture[
 def test_the_command_starts_without_what_it_does_not_need() -> None:
     """`--help` must not load numba, zenoh, scipy or matplotlib."""
     script = (
-        "import sys; from edge_service.cli import main; main(['--help']);"
+        "import sys; from edge_service.cli.entry import main; main(['--help']);"
         "heavy = {'numba', 'zenoh', 'scipy', 'matplotlib', 'pyarrow', 'filterpy'};"
         "print(sorted(heavy & set(sys.modules)))"
     )
@@ -235,7 +235,7 @@ def test_linear_algebra_keeps_to_one_thread_unless_told(
     if not alone and (os.cpu_count() or 1) == 1:
         pytest.skip("one core has one thread")
     script = (
-        "import edge_service.cli, os; import numpy as np; a = np.ones((400, 400)); a @ a;"
+        "import edge_service.cli.entry, os; import numpy as np; a = np.ones((400, 400)); a @ a;"
         "print(len(os.listdir('/proc/self/task')))"
     )
     kept = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}

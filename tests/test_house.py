@@ -13,7 +13,7 @@ import pytest
 from pydantic import BaseModel
 
 from drivers.registry import driver_names, load_driver
-from edge_service.cli import cli
+from edge_service.cli.entry import cli
 from edge_service.config import EdgeConfig, load_config
 from edge_service.estimate.mixture import state
 from edge_service.estimate.mixture.force import FORCED, OUTLIER
@@ -155,7 +155,7 @@ def test_every_topic_stands_in_the_readme_with_its_times() -> None:
 
 
 def test_every_route_stands_in_the_readme() -> None:
-    from edge_service.health.board import Board
+    from edge_service.health.service_state import Board
     from edge_service.http_api.app import create_app
 
     for path in create_app(Board({}, 0), lambda: 0).openapi()["paths"]:

@@ -12,8 +12,8 @@ import numpy as np
 
 from edge_service.messages.samples import SampleFrame
 from edge_service.trace.columns import TraceError
-from edge_service.trace.controller_axis import ControllerAxis
 from edge_service.trace.reader import TraceReader, open_trace
+from edge_service.trace.sinumerik.controller_axis import ControllerAxis
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..frame_cutter import FrameCutter

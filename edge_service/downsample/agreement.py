@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.array_text import decoded, encoded
+from ..messages.arrays import decoded, encoded
 from ..messages.samples import Floats
 from .channel_limits import ChannelLimits
 from .rows import THETA, T, U, X

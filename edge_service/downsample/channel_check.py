@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..messages.array_text import decoded, encoded
+from ..messages.arrays import decoded, encoded
 from ..messages.features import Fault
 from ..messages.samples import Floats
 from .agreement import Agreement, Chunk, Roughness, chunks_of, rests

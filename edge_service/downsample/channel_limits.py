@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..models.machine import Machine
-from ..models.stiffness import STEEL_MODULUS_PA, screw_area
+from ..models.screw.stiffness import STEEL_MODULUS_PA, screw_area
 
 LEAST_PLAY_M = 50e-6
 PLAY_PER_LEAD = 0.01

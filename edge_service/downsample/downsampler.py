@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.array_text import decoded, encoded
+from ..messages.arrays import decoded, encoded
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.quality import is_uncertain

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..messages.array_text import decoded, encoded
+from ..messages.arrays import decoded, encoded
 from ..messages.samples import Floats
 
 _FORGET = 1.0 + 1.0 / 256.0

@@ -8,7 +8,7 @@ from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
 from ..messages.event import Severity
 from ..messages.health import AxisCondition, ComponentStatus, ConsistencyState
-from ..messages.outlook import TrendStatus
+from ..messages.trend import TrendStatus
 
 Timestamp = Annotated[
     str,

@@ -9,17 +9,17 @@ from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 
 from .. import __version__
-from ..health.board import Board
-from .axis_routes import SendCommand, work_router
+from ..health.service_state import Board
 from .context import Clock
-from .diagnose_routes import diagnose_router
-from .download import download_router
 from .guard import LOOPBACK_HOSTS, Guard
-from .job_routes import job_router, on_refused
 from .jobs import JobDesk, RefusedError
 from .metrics import metrics_router
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
-from .routes import axis_router, service_router
+from .routes.axis import SendCommand, work_router
+from .routes.diagnose import diagnose_router
+from .routes.download import download_router
+from .routes.jobs import job_router, on_refused
+from .routes.preload import axis_router, service_router
 from .schemas import schema_router
 from .stream import stream_router
 

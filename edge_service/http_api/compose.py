@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..health.board import Board
 from ..health.history.buckets import Bucket, Spread
 from ..health.history.rows import QUANTITIES
+from ..health.service_state import Board
 from ..health.settings import AxisLimits
 from ..messages.alarm import Alarm
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth, Consistency
-from ..messages.outlook import Trend
+from ..messages.trend import Trend
 from .answers import (
     AlarmAnswer,
     AxesAnswer,

@@ -1,10 +1,10 @@
 """From the board to the answers about one axis' work: traces, use, friction, log."""
 
-from ..health.board import Board
-from ..health.live_features import LivePoint
+from ..health.model_watch.live_features import LivePoint
+from ..health.service_state import Board
 from ..health.stroke import StrokeBand
-from ..messages.outlook import FrictionCurve
 from ..messages.samples import Floats
+from ..messages.trend import FrictionCurve
 from .compose import event_answer
 from .times import rfc3339
 from .work_answers import (

@@ -8,7 +8,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BeforeValidator
 from starlette.exceptions import HTTPException
 
-from ..health.board import Board
+from ..health.service_state import Board
 from .times import parse_moment
 
 Clock = Callable[[], int]

@@ -9,7 +9,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from ..health.board import Board
+from ..health.service_state import Board
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisCondition, ComponentHealth, ComponentStatus
 from .context import BoardDep, NowDep

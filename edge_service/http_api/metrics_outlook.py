@@ -5,9 +5,9 @@ from collections.abc import Iterable
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from ..health.board import Board
+from ..health.service_state import Board
 from ..messages.alarm import AlarmKind
-from ..messages.outlook import Trend, Use
+from ..messages.trend import Trend, Use
 
 _PREFIX = "edge_service"
 

@@ -9,9 +9,9 @@ from fastapi.sse import format_sse_event
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from ..health.board import Board
-from ..health.event_log import LoggedEvent
-from ..health.fan_out import Batch, Subscription, concerns
+from ..health.events.fan_out import Batch, Subscription, concerns
+from ..health.events.log import LoggedEvent
+from ..health.service_state import Board
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .compose import event_answer, health_answer, preload_answer, service_answer
 from .compose_axis import live_answer

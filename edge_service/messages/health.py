@@ -4,7 +4,7 @@ from enum import StrEnum
 
 from .alarm import Alarm
 from .estimate import Frozen
-from .outlook import FrictionCurve, Trend, Use
+from .trend import FrictionCurve, Trend, Use
 
 
 class AxisCondition(StrEnum):

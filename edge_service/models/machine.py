@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from ..messages.channels import CHANNELS, TIME
-from .ball_screw import BallPassOrders, ball_pass_orders, transmission_ratio
 from .commissioned import CommissionedConfig
+from .screw.ball_screw import BallPassOrders, ball_pass_orders, transmission_ratio
 
 DEFAULT_TOLERANCE = 0.01
 """Relative calibration tolerance of a number that states none (one standard deviation)."""

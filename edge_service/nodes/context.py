@@ -9,7 +9,7 @@ from functools import partial
 
 from ..bus.session import Bus
 from ..config import EdgeConfig
-from ..health.component import ComponentStatusMachine
+from ..health.condition.component import ComponentStatusMachine
 from ..messages.codec import encode_json
 from ..messages.health import ComponentStatus
 from ..messages.topics import STATUS

@@ -9,9 +9,9 @@ from ..messages.codec import decode_features, decode_json, encode_json
 from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, FEAT, PRELOAD
 from .context import NodeContext, Reporter
-from .estimate_store import EstimateStore, Kept, identity_of
 from .estimated_axis import EstimatedAxis
 from .pipeline import load_machines, make_estimator, warm_up
+from .stores.estimate_store import EstimateStore, Kept, identity_of
 
 log = logging.getLogger(__name__)
 SAVE_PERIOD_S = 60.0

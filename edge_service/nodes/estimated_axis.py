@@ -7,7 +7,7 @@ from ..estimate.interface import PreloadEstimator
 from ..messages.estimate import PreloadEstimate
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
-from .estimate_store import DAMAGED, EstimateStore, Kept, StateError
+from .stores.estimate_store import DAMAGED, EstimateStore, Kept, StateError
 
 log = logging.getLogger(__name__)
 SILENCE_S = 10.0

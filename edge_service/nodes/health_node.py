@@ -11,10 +11,10 @@ from typing import Any
 from ..bus.publisher import Publisher
 from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
-from ..health.alarm_bench import AlarmSettings
-from ..health.axis_watch import AxisFacts, AxisWatch
+from ..health.alarms.axis_alarms import AlarmSettings
+from ..health.axis_monitor import AxisFacts, AxisWatch
 from ..health.settings import HealthSettings
-from ..health.use_meter import ScrewGeometry
+from ..health.trend.usage import ScrewGeometry
 from ..messages.alarm import Command
 from ..messages.codec import decode_features, decode_json, encode_json
 from ..messages.estimate import PreloadEstimate
@@ -24,7 +24,7 @@ from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from ..models.machine import Machine
 from .context import NodeContext, Reporter
 from .pipeline import load_machines
-from .watch_store import load_snapshot, save_snapshot
+from .stores.watch_store import load_snapshot, save_snapshot
 
 log = logging.getLogger(__name__)
 HEALTH_PERIOD_S = 1.0

@@ -5,7 +5,7 @@ import logging
 import time
 from functools import partial
 
-from ..health.board import Board
+from ..health.service_state import Board
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
 from ..http_api.serve import serve
@@ -15,13 +15,13 @@ from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
-from ..models.stroke_profile import stroke_profile
+from ..models.screw.stroke_profile import stroke_profile
 from .context import NodeContext, Reporter
-from .disagreement_recorder import DisagreementRecorder
 from .health_node import health_settings
-from .history_store import open_history
-from .job_desk import ProcessJobDesk
+from .jobs.job_desk import ProcessJobDesk
 from .pipeline import load_machines
+from .stores.disagreement_recorder import DisagreementRecorder
+from .stores.history_store import open_history
 from .webhook import Webhook
 
 log = logging.getLogger(__name__)

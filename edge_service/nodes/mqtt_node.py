@@ -6,6 +6,11 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from ..bus.mqtt.delivery import MqttDelivery, MqttError, MqttSettings
+from ..bus.mqtt.packet import GONE, PayloadForm
+from ..bus.mqtt.plain_json import PlainJson
+from ..bus.mqtt.sparkplug import Sparkplug
+from ..bus.mqtt.spool import Spool, SpoolError
 from ..bus.subscriber import Subscriber
 from ..config import ConfigError
 from ..config_tables import MqttConfig
@@ -15,11 +20,6 @@ from ..messages.event import Event
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentStatus
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
-from ..outputs.mqtt import MqttDelivery, MqttError, MqttSettings
-from ..outputs.packet import GONE, PayloadForm
-from ..outputs.plain_json import PlainJson
-from ..outputs.sparkplug import Sparkplug
-from ..outputs.spool import Spool, SpoolError
 from .context import NodeContext, Reporter
 
 _ABSENCE_PERIOD_S = 0.5

@@ -16,9 +16,9 @@ from ..downsample import Downsampler, DownsampleSettings
 from ..downsample.channel_limits import channel_limits
 from ..downsample.phases import PhaseSettings
 from ..downsample.statistics import PlausibilitySettings
-from ..estimate.fused import FusedPreloadEstimator
+from ..estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
 from ..estimate.interface import PreloadEstimator
-from ..estimate.preload import ImmPreloadEstimator, ImmSettings
+from ..estimate.mixture.estimator import FusedPreloadEstimator
 from ..messages.channels import ANGLE, TORQUE
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine

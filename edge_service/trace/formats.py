@@ -5,8 +5,10 @@ from pathlib import Path
 
 from .block import Source
 from .columns import ColumnLike, TraceError
-from .controller_axis import ControllerAxis
-from .controller_signals import (
+from .csv_source import CsvSource
+from .parquet_source import MAGIC, ParquetSource
+from .sinumerik.controller_axis import ControllerAxis
+from .sinumerik.controller_signals import (
     EDGE_SIGNALS,
     SINUMERIK_SIGNALS,
     ControllerColumns,
@@ -14,9 +16,7 @@ from .controller_signals import (
     edge_signals,
     map_signals,
 )
-from .csv_source import CsvSource
-from .parquet_source import MAGIC, ParquetSource
-from .sinumerik_xml import HEAD_BYTES, SinumerikSource, is_sinumerik
+from .sinumerik.source import HEAD_BYTES, SinumerikSource, is_sinumerik
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 

@@ -11,8 +11,8 @@ from ..messages.channels import CHANNELS, TIME
 from ..messages.samples import Floats, SampleFrame
 from .block import Block, Source, Text
 from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
-from .controller_axis import ControllerAxis
 from .formats import controller_columns, open_source
+from .sinumerik.controller_axis import ControllerAxis
 
 
 class TraceReader:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from edge_service.commands.options import InputError
-from edge_service.commands.terminal import progress
+from edge_service.cli.options import InputError
+from edge_service.cli.terminal import progress
 
 from .estimator.parts import FIRST_SEED, PARTS, PROCESSES
 from .figures import PipelineBench

@@ -27,6 +27,8 @@ ROOT = Path(__file__).parents[2]
 BESIDE = ROOT.parent / "shared"
 COMPARED = {".json", ".csv", ".toml", ".txt"}
 MOTIONS = ("friction", "acceleration", "production:duration_s=60")
+SECOND = 4
+"""Cases of the second plant, five recordings each."""
 CAUSES = ("", "drag_error:change_nm=0.1", "compliance:level_m_per_n=2e-8")
 
 
@@ -94,7 +96,7 @@ def recorded(folder: Path) -> Iterator[Recorded]:
         yield Recorded(f"own_{path.stem}", ROOT / "deploy" / "machine.toml", (path,))
     for path in sorted((folder / "foreign").glob("*.csv")):
         yield Recorded(f"foreign_{path.stem}", folder / "foreign" / "machine.toml", (path,))
-    for case in sorted(folder.glob("second/case-*")):
+    for case in sorted(folder.glob("second/case-*"))[:SECOND]:
         traces = tuple(sorted((case / "traces").glob("*.csv")))
         yield Recorded(f"second_{case.name}", case / "machine.toml", traces)
     emps = BESIDE / "data" / "emps" / "emps_estimation.csv"
@@ -137,7 +139,7 @@ def ask_recording(each: Recorded, home: Path) -> None:
     asked(["gap", *model, *each.traces, "--json"], home / "gap.txt")
     asked(["doctor", *model, *each.traces, "--json"], home / "doctor.txt")
     asked(["diagnose", *model, *each.traces, "--out", home / "diagnosis"], home / "said.txt")
-    asked(["fingerprint", *model, *each.traces, "--out", home / "print"], home / "print.txt")
+    asked(["fingerprint", *model, *each.traces[:2], "--out", home / "print"], home / "print.txt")
     out, state = home / "estimates.csv", home / "state.json"
     estimated: list[str | Path] = ["estimate", *model, each.traces[0], "--out", out]
     asked(estimated, home / "estimate.txt")

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from edge_service.diagnose.all_sets import MOST_EFFECTS, leading_sets
-from edge_service.diagnose.dictionary import Dictionary, Sums
-from edge_service.diagnose.evidence import Noise, fit, fits
-from edge_service.diagnose.session import Session
+from edge_service.diagnose.candidates.design_matrix import Dictionary, Sums
+from edge_service.diagnose.selection.evidence import Noise, fit, fits
+from edge_service.diagnose.selection.exhaustive import MOST_EFFECTS, leading_sets
+from edge_service.diagnose.session.session import Session
 
 ROWS, EFFECTS = 400, 9
 NOISE = Noise({"torque_nm": 0.1}, {"torque_nm": 0.1}, {"torque_nm": 200.0}, {"torque_nm": 0.02})

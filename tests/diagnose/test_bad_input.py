@@ -14,7 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 
 from ..bench.real_machines import written
 from .conftest import recorded
@@ -157,7 +157,7 @@ def test_two_hours_in_bounded_memory(machine_file, tmp_path, capsys, form):
         for repeat in range(7200 * 1000 // rows):
             write(repeat * (rows * 1e-3 + 1.0) + 1e-3 * np.arange(rows))
     script = (
-        "import sys; from edge_service.cli import main; code = main(sys.argv[1:]);"
+        "import sys; from edge_service.cli.entry import main; code = main(sys.argv[1:]);"
         "status = dict(line.split(':', 1) for line in open('/proc/self/status'));"
         "print(status['VmHWM'].split()[0], file=sys.stderr); sys.exit(code)"
     )

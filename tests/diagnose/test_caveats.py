@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.cli import main
-from edge_service.diagnose.answer import ChannelGap, Verdict
-from edge_service.diagnose.caveats import caveats_of
+from edge_service.cli.entry import main
+from edge_service.diagnose.result import ChannelGap, Verdict
+from edge_service.diagnose.validation.caveats import caveats_of
 
 from ..bench.real_machines import written
 from .conftest import recorded

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 
 from .conftest import recorded
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.diagnose.data_check import check_data
+from edge_service.diagnose.session.data_check import check_data
 from edge_service.models.machine import Machine
 
 from .conftest import frame_of, recorded, runs

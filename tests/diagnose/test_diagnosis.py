@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.diagnose.conclusion import SUREST
-from edge_service.diagnose.diagnosis import Diagnosis, Verdict, diagnose_session
-from edge_service.diagnose.session import Session
+from edge_service.diagnose.pipeline import Diagnosis, Verdict, diagnose_session
+from edge_service.diagnose.session.session import Session
+from edge_service.diagnose.validation.verdict import SUREST
 from edge_service.models.effects.registry import effects, get_effect
 from edge_service.models.machine import Machine
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "emps"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from edge_service.cli import main
-from edge_service.diagnose.recorded import Filter
-from edge_service.diagnose.session import TORQUE_GAP, TRANSMISSION_GAP
+from edge_service.cli.entry import main
+from edge_service.diagnose.session.recordings import Filter
+from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
 from edge_service.models.machine import Machine
 
 from .conftest import frame_of, recorded, session_of

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from edge_service.diagnose.impostor import Claim, claims, has_impostor
-from edge_service.diagnose.nameless import UNKNOWN, nameless_forms
-from edge_service.diagnose.predictable import foretold
-from edge_service.diagnose.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
+from edge_service.diagnose.candidates.null_shapes import UNKNOWN, nameless_forms
+from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
+from edge_service.diagnose.validation.misattribution import Claim, claims, has_impostor
+from edge_service.diagnose.validation.residual_structure import foretold
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from edge_service.diagnose.diagnosis import Verdict, diagnose_session
-from edge_service.diagnose.twin import healthy_session
+from edge_service.diagnose.pipeline import Verdict, diagnose_session
+from edge_service.diagnose.session.twin import healthy_session
 from edge_service.models.machine import EffectConfig, Machine
 
 from .conftest import frame_of, recorded, runs

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.diagnose.data_check import DataCheck, check_data
-from edge_service.diagnose.recorded import runs_of
-from edge_service.diagnose.twin import rigid_baseline
+from edge_service.diagnose.session.data_check import DataCheck, check_data
+from edge_service.diagnose.session.recordings import runs_of
+from edge_service.diagnose.session.twin import rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from edge_service.diagnose.atoms import entry_atom
-from edge_service.diagnose.profile import joined, slopes_of
-from edge_service.diagnose.refine import Problem
-from edge_service.diagnose.session import TORQUE_GAP, TRANSMISSION_GAP
+from edge_service.diagnose.candidates.regressor import entry_atom
+from edge_service.diagnose.estimation.profile_likelihood import joined, slopes_of
+from edge_service.diagnose.estimation.refine import Problem
+from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
 from edge_service.models.effects.registry import get_effect
 from edge_service.models.machine import Machine
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.diagnose.isolability import DECISIVE, Separation, strength_told
-from edge_service.diagnose.proposal import candidates, propose
+from edge_service.diagnose.experiment.isolability import DECISIVE, Separation, strength_told
+from edge_service.diagnose.experiment.proposal import candidates, propose
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, motion_limits
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 
 from ..bench.real_machines import (
     ACTUATOR_TOML,

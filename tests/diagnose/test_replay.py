@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.diagnose import replay as replay_module
-from edge_service.diagnose.diagnosis import diagnose_session
-from edge_service.diagnose.led_axis import LedAxis
-from edge_service.diagnose.recorded import Run, runs_of
-from edge_service.diagnose.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from edge_service.diagnose.twin import rigid_baseline, rigid_plant
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.session.prescribed_motion import LedAxis
+from edge_service.diagnose.session.recordings import Run, runs_of
+from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
+from edge_service.diagnose.session.twin import rigid_baseline, rigid_plant
+from edge_service.diagnose.validation import replay as replay_module
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import active_effect, effects, get_effect
 from edge_service.models.effects.signature import transmission_signature
-from edge_service.models.encoders import Sensors
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
+from edge_service.models.plant.encoders import Sensors
+from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
 from .conftest import frame_of, recorded, runs, session_of
 from .test_diagnosis import diagnosed

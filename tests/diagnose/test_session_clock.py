@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from edge_service.diagnose.data_check import check_data
-from edge_service.diagnose.recorded import runs_of
-from edge_service.diagnose.session import TORQUE_GAP, Session
-from edge_service.diagnose.session_clock import LONGEST_S, PAUSE_S
-from edge_service.diagnose.twin import rigid_baseline
+from edge_service.diagnose.session.clock import LONGEST_S, PAUSE_S
+from edge_service.diagnose.session.data_check import check_data
+from edge_service.diagnose.session.recordings import runs_of
+from edge_service.diagnose.session.session import TORQUE_GAP, Session
+from edge_service.diagnose.session.twin import rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 

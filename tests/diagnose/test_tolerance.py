@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 from edge_service.config import load_machine
-from edge_service.diagnose.tolerance import (
+from edge_service.diagnose.session.healthy_prior import (
     INTERPOLATION_M,
     MATERIAL_TOLERANCES,
     TOLERANCE_OF_FLOOR,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from edge_service.diagnose.twin import LONGEST_TWIN_S, excerpt
+from edge_service.diagnose.session.twin import LONGEST_TWIN_S, excerpt
 from edge_service.models.machine import Machine
 
 from .conftest import DURATION_S, frame_of, recorded, runs

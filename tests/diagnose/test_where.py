@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from edge_service.diagnose.session import TORQUE_GAP, Rows
-from edge_service.diagnose.where import where
+from edge_service.diagnose.localisation.places import where
+from edge_service.diagnose.session.session import TORQUE_GAP, Rows
 
 ROWS = 12_000
 

@@ -10,7 +10,7 @@ from edge_service.downsample.vibration import VibrationReducer, VibrationSetting
 from edge_service.messages.samples import Floats
 from edge_service.messages.vibration import VibrationFeatures
 from edge_service.messages.waveform import Waveform
-from edge_service.models.accelerometer import Accelerometer, AccelerometerSettings
+from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
 
 RATE_HZ = 10_000.0
 ORDERS = {"screw": 1.0, "ball_pass": 9.56}

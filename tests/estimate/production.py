@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from edge_service.estimate.activation import (
+from edge_service.estimate.imm.mode_weighting import (
     StreamingMovingAverage,
     activated,
     causal_moving_average,

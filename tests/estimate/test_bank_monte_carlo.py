@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from edge_service.estimate.bank import LinearStep
-from edge_service.estimate.kalman import BankRun, BankStart, run_kalman_bank
+from edge_service.estimate.imm.filter_bank import LinearStep
+from edge_service.estimate.imm.kalman import BankRun, BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
-from edge_service.studies.thesis_runs import ThesisCase, bank_inputs, run_case
+from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 
 SIGNIFICANCE = 1e-3
 """Of both sides together; the seeds are fixed, so a pass stays a pass."""

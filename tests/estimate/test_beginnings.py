@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.models.machine import Machine

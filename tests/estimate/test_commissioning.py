@@ -6,13 +6,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from edge_service.estimate.commissioning import CommissioningError, commissioned, shared_out
+from edge_service.estimate.commissioning.identification import (
+    CommissioningError,
+    commissioned,
+    shared_out,
+)
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.bench import plant_of
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.plant import axial_compliance
+from edge_service.models.plant.from_machine import plant_of
+from edge_service.models.plant.two_mass import axial_compliance
 
 from ..bench.estimator.axis import OwnAxis, downsampled, true_machine
 

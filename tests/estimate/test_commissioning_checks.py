@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from edge_service.config import ConfigError, DownsampleConfig, load_config, load_machine
-from edge_service.estimate.commissioning import CommissioningError, commissioned
-from edge_service.estimate.steady_phases import SteadyPhases, observed_limits
-from edge_service.estimate.torque_lag import torque_lag
-from edge_service.estimate.wide_windows import wide_inertia
+from edge_service.estimate.commissioning.identification import CommissioningError, commissioned
+from edge_service.estimate.commissioning.steady_phases import SteadyPhases, observed_limits
+from edge_service.estimate.commissioning.torque_lag import torque_lag
+from edge_service.estimate.commissioning.wide_windows import wide_inertia
 from edge_service.messages.channels import TORQUE
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
-from edge_service.nodes.commission import commission_to_file
 from edge_service.nodes.pipeline import make_downsampler
+from edge_service.offline.commission import commission_to_file
 
 from .plain_axis import PlainAxis
 

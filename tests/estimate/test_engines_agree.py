@@ -7,13 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.estimate import general, kernel
-from edge_service.estimate.bank import LinearStep
-from edge_service.estimate.engines import make_bank
-from edge_service.estimate.kalman import BankRun, BankStart, run_bank, run_kalman_bank, start_state
-from edge_service.estimate.sliding_innovation import run_sliding_innovation_bank
-from edge_service.estimate.transition import PRINTED_TRANSITION, scaled_transition
-from edge_service.studies.thesis_runs import ThesisCase, bank_inputs, run_case
+from edge_service.estimate.imm import general, kernel
+from edge_service.estimate.imm.engines import make_bank
+from edge_service.estimate.imm.filter_bank import LinearStep
+from edge_service.estimate.imm.kalman import (
+    BankRun,
+    BankStart,
+    run_bank,
+    run_kalman_bank,
+    start_state,
+)
+from edge_service.estimate.imm.mode_transition import PRINTED_TRANSITION, scaled_transition
+from edge_service.estimate.imm.sliding_innovation import run_sliding_innovation_bank
+from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 
 LOG_SMALLEST = -700.0
 """Below this, filterpy's likelihoods are no longer what they should be."""

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
 
 from ..bench.estimator.axis import OwnAxis, downsampled

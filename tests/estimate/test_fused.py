@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.estimate.fused import FusedPreloadEstimator
-from edge_service.messages.array_text import decoded, encoded
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.messages.arrays import decoded, encoded
 from edge_service.messages.features import Phase
 
 from .production import AXIS, machine, production, run

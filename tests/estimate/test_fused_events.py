@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
 
 from ..bench.estimator.axis import downsampled

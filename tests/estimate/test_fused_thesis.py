@@ -1,7 +1,7 @@
 """The fused estimator on the seed's own plant."""
 
-from edge_service.estimate.fused import FusedPreloadEstimator
-from edge_service.studies.thesis_runs import ThesisCase, run_case
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.offline.thesis.runs import ThesisCase, run_case
 
 from ..bench.estimator.thesis import SETTINGS, thesis_blocks, thesis_machine
 from .production import run

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from edge_service.downsample.statistics import absent_block
-from edge_service.estimate.gathering import WHOLE_S, Gathering
+from edge_service.estimate.mixture.gathering import WHOLE_S, Gathering
 from edge_service.messages.features import Fault, FeatureBlock, Phase
 
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.estimate.commissioning import commissioned
-from edge_service.estimate.fused import FusedPreloadEstimator
-from edge_service.estimate.known_effects import KnownEffects
+from edge_service.estimate.commissioning.identification import commissioned
+from edge_service.estimate.effect_compensation import KnownEffects
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import FeatureBlock, Phase
 from edge_service.models.effects.registry import parse_effect

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm, truncnorm
 
+from edge_service.estimate.imm.mode_transition import LEVELS_PERCENT
 from edge_service.estimate.mixture import posterior
 from edge_service.estimate.mixture.posterior import (
     LOOSE_SHARE,
@@ -37,7 +38,6 @@ from edge_service.estimate.mixture.state import (
     Bank,
     empty_bank,
 )
-from edge_service.estimate.transition import LEVELS_PERCENT
 from edge_service.messages.samples import Floats
 
 from .mixture_axis import (

@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.estimate.mixture.force import FORCED
 from edge_service.estimate.mixture.hypotheses import leader_of
-from edge_service.estimate.mixture.start import begun
+from edge_service.estimate.mixture.initial import begun
 from edge_service.estimate.mixture.state import LOSS, PRELOAD, STEADY, TOTAL_LOSS, Bank, Reading
 from edge_service.estimate.mixture.step import take
 

@@ -13,7 +13,7 @@ from edge_service.estimate.mixture.hypotheses import (
     leader_of,
     normalise,
 )
-from edge_service.estimate.mixture.start import LOAD_SLOT, NUT_SLOT, begun, go_on
+from edge_service.estimate.mixture.initial import LOAD_SLOT, NUT_SLOT, begun, go_on
 from edge_service.estimate.mixture.state import (
     BEFORE,
     CHALLENGERS,

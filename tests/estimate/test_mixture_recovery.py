@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from edge_service.estimate.mixture.initial import begun, go_on
 from edge_service.estimate.mixture.posterior import Answers, answers, limits_of
-from edge_service.estimate.mixture.start import begun, go_on
 from edge_service.estimate.mixture.state import SINCE_SPAWN_S, Bank
 from edge_service.estimate.mixture.step import take
 

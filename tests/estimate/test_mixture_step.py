@@ -16,7 +16,7 @@ from edge_service.estimate.mixture import (
     step,
 )
 from edge_service.estimate.mixture.hypotheses import leader_of
-from edge_service.estimate.mixture.start import begun
+from edge_service.estimate.mixture.initial import begun
 from edge_service.estimate.mixture.state import (
     FORCED_S,
     MOST_SHARE,

@@ -10,14 +10,14 @@ import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.estimate.preload import ImmPreloadEstimator, ImmSettings
+from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
 from edge_service.messages.channels import ANGLE, TORQUE
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
 MACHINE = load_machine(DEFAULT_MACHINE)
 RATE_HZ = 1000.0
@@ -305,7 +305,7 @@ EMPS = Path(__file__).parents[2].parent / "shared" / "data" / "emps"
 )
 def test_the_real_axis_has_its_published_drag(file: str, force_n: float) -> None:
     """Janot, Gautier, Brunot (2019): Coulomb friction 20.39 N at the table."""
-    from edge_service.nodes.columns import column_maps
+    from edge_service.offline.columns import column_maps
     from edge_service.trace.reader import open_trace
 
     machine = load_machine(Path(__file__).parents[2] / "deploy" / "emps.toml")

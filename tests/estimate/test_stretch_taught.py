@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from edge_service.estimate.steady_phases import SteadyPhases
-from edge_service.estimate.stretch_taught import StretchTaught, teach_stretch
+from edge_service.estimate.commissioning.series_compliance import StretchTaught, teach_stretch
+from edge_service.estimate.commissioning.steady_phases import SteadyPhases
 from edge_service.messages.samples import Floats
 
 from .mixture_axis import RATIO, STROKE_M, machine

@@ -8,25 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.axis_fingerprint import AxisFingerprint, fingerprint_axis
-from edge_service.fingerprint.baseline_comparison import appeared_figures, compare_fingerprints
-from edge_service.fingerprint.cruise_tests import measure_signature
-from edge_service.fingerprint.fingerprint_document import (
+from edge_service.fingerprint.compare import appeared_figures, compare_fingerprints
+from edge_service.fingerprint.document import (
     FingerprintError,
     read_fingerprint,
     to_document,
 )
-from edge_service.fingerprint.identified import around
-from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun
-from edge_service.fingerprint.section import Section, Status, mean_of, rounded_rpm
+from edge_service.fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
+from edge_service.fingerprint.friction.cruise_tests import measure_signature
+from edge_service.fingerprint.regression.conditioning import PreparationSettings, PreparedRun
+from edge_service.fingerprint.regression.interval_estimate import around
+from edge_service.fingerprint.result import Section, Status, mean_of, rounded_rpm
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.ball_screw import ball_pass_orders
 from edge_service.models.effects.registry import parse_effect
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Dwell, Move, Segment, motion_limits
-from edge_service.models.plant import axial_compliance
+from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.plant.two_mass import axial_compliance
+from edge_service.models.screw.ball_screw import ball_pass_orders
 
 from .conftest import FRESH, run_axis, setpoints_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from edge_service.fingerprint.frequency_response import (
+from edge_service.fingerprint.response.frequency_response import (
     Complexes,
     FrequencyResponse,
     ResponseSettings,
@@ -14,13 +14,13 @@ from edge_service.fingerprint.frequency_response import (
     drive_responses_along,
     transmission_response,
 )
-from edge_service.fingerprint.two_mass_fit import TwoMassFit, fit_two_mass
+from edge_service.fingerprint.response.two_mass_fit import TwoMassFit, fit_two_mass
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, motion_limits
-from edge_service.models.plant import axial_compliance
+from edge_service.models.plant.feed_drive import FeedDriveSettings
+from edge_service.models.plant.two_mass import axial_compliance
 
 from .conftest import FRESH, run_axis, setpoints_of
 

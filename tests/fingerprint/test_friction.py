@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.friction_fit import (
+from edge_service.fingerprint.friction.fit import (
     FrictionForm,
     fit_directional_friction,
     fit_friction,
 )
-from edge_service.fingerprint.friction_points import FrictionPoint, friction_points
-from edge_service.fingerprint.preparation import PreparationSettings, prepare
+from edge_service.fingerprint.friction.points import FrictionPoint, friction_points
+from edge_service.fingerprint.regression.conditioning import PreparationSettings, prepare
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.friction import Friction, exponential_friction
 from edge_service.models.machine import Machine
 from edge_service.models.motion import Dwell, Move
+from edge_service.models.screw.friction import Friction, exponential_friction
 
 from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, setpoints_of
 

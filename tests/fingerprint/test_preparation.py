@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.preparation import (
+from edge_service.fingerprint.regression.conditioning import (
     PreparationSettings,
     central_difference,
     derivative_noise_rms,
     prepare,
     white_noise_rms,
 )
-from edge_service.fingerprint.uniform import uniform_runs
+from edge_service.fingerprint.regression.screening import uniform_runs
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from edge_service.fingerprint import identified
-from edge_service.fingerprint.identified import around, undetermined
-from edge_service.fingerprint.regression import (
+from edge_service.fingerprint.regression import interval_estimate
+from edge_service.fingerprint.regression.interval_estimate import around, undetermined
+from edge_service.fingerprint.regression.linear import (
     correlation_time,
     effective_size,
     instrumental_variables,
@@ -153,4 +153,4 @@ def test_too_few_independent_observations_have_no_interval() -> None:
 
 
 def test_the_examples_in_the_docstrings_hold() -> None:
-    assert doctest.testmod(identified).failed == 0
+    assert doctest.testmod(interval_estimate).failed == 0

@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.identified import around, undetermined
-from edge_service.fingerprint.nut_preload import preload_from_stiffness
-from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun, prepare
-from edge_service.fingerprint.station import StiffnessStation, backlash
-from edge_service.fingerprint.stiffness_fit import StiffnessFit, fit_stiffness
+from edge_service.fingerprint.regression.conditioning import (
+    PreparationSettings,
+    PreparedRun,
+    prepare,
+)
+from edge_service.fingerprint.regression.interval_estimate import around, undetermined
+from edge_service.fingerprint.transmission.nut_preload import preload_from_stiffness
+from edge_service.fingerprint.transmission.stiffness_fit import StiffnessFit, fit_stiffness
+from edge_service.fingerprint.transmission.stiffness_point import StiffnessStation, backlash
 from edge_service.messages.channels import ANGLE, TABLE_POSITION
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.plant import axial_compliance
-from edge_service.models.stiffness import nut_stiffness
+from edge_service.models.plant.feed_drive import FeedDriveSettings
+from edge_service.models.plant.two_mass import axial_compliance
+from edge_service.models.screw.stiffness import nut_stiffness
 
 from .conftest import FRESH, GUIDE_FORCE_N, production_setpoints, run_axis
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from edge_service.health.judge import HealthJudge
+from edge_service.health.condition.condition_monitor import HealthJudge
 from edge_service.health.settings import HealthSettings
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event

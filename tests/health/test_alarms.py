@@ -4,16 +4,16 @@ import json
 
 import pytest
 
-from edge_service.health.alarm_bench import AlarmSettings, SuddenDrop
-from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
-from edge_service.health.axis_watch import AxisFacts, AxisWatch
+from edge_service.health.alarms.axis_alarms import AlarmSettings, SuddenDrop
+from edge_service.health.alarms.latch import AlarmLatch, AlarmRule
+from edge_service.health.axis_monitor import AxisFacts, AxisWatch
 from edge_service.health.settings import HealthSettings
-from edge_service.health.use_meter import ScrewGeometry
+from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.messages.alarm import AlarmKind, Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Severity
 from edge_service.messages.header import Header
-from edge_service.messages.outlook import Trend, TrendStatus
+from edge_service.messages.trend import Trend, TrendStatus
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS

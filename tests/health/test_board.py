@@ -5,10 +5,10 @@ import asyncio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.health.board import Board
-from edge_service.health.board_settings import BoardSettings
-from edge_service.health.event_log import EventLog, LoggedEvent
-from edge_service.health.fan_out import FanOut
+from edge_service.health.events.fan_out import FanOut
+from edge_service.health.events.log import EventLog, LoggedEvent
+from edge_service.health.service_state import Board
+from edge_service.health.state_settings import BoardSettings
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.header import Header

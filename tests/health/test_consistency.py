@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from edge_service.health.consistency import STRETCH_S, ConsistencyWatch, Disagreement
-from edge_service.health.watched_channel import JUDGED, LEARNED
+from edge_service.health.model_watch.channel_model import JUDGED, LEARNED
+from edge_service.health.model_watch.consistency import STRETCH_S, ConsistencyWatch, Disagreement
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
 from edge_service.messages.health import ConsistencyState
 

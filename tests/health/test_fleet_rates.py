@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edge_service.health.fleet_rates import DOUBT, WearRate, against_peers
+from edge_service.health.trend.fleet_rates import DOUBT, WearRate, against_peers
 
 FLEETS = 1000
 

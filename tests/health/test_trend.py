@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from edge_service.health.outlook import look_ahead, trend_of
-from edge_service.health.trend import draw_trends
-from edge_service.health.wear_series import MOST_POINTS, WearSeries
-from edge_service.messages.outlook import TrendStatus
+from edge_service.health.trend.broken_line import draw_trends
+from edge_service.health.trend.preload_history import MOST_POINTS, WearSeries
+from edge_service.health.trend.remaining_life import look_ahead, trend_of
+from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.trend_coverage import coverage, simulate_life
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.health.event_journal import EventJournal
-from edge_service.health.event_log import EventLog, LoggedEvent
-from edge_service.health.friction_watch import FrictionWatch
-from edge_service.health.live_features import LiveFeatures
-from edge_service.health.use_meter import FORCE_EDGES_N, ScrewGeometry, UseMeter
+from edge_service.health.events.journal import EventJournal
+from edge_service.health.events.log import EventLog, LoggedEvent
+from edge_service.health.model_watch.friction_watch import FrictionWatch
+from edge_service.health.model_watch.live_features import LiveFeatures
+from edge_service.health.trend.usage import FORCE_EDGES_N, ScrewGeometry, UseMeter
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 

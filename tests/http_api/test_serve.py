@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
-from edge_service.health.board_settings import BoardSettings
+from edge_service.health.state_settings import BoardSettings
 from edge_service.http_api.serve import AddressError, PortInUseError, bind, serve
 from edge_service.http_api.stream import MOST_READERS
 

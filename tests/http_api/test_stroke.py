@@ -3,7 +3,7 @@
 import httpx
 import numpy as np
 
-from edge_service.health.board import Board
+from edge_service.health.service_state import Board
 from edge_service.health.stroke import StrokeBand
 from edge_service.http_api.app import create_app
 from edge_service.messages.keys import MachineKeys

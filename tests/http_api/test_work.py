@@ -12,7 +12,7 @@ from edge_service.http_api.app import create_app
 from edge_service.messages.alarm import Alarm, AlarmKind, Command
 from edge_service.messages.event import Severity
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
-from edge_service.messages.outlook import Crossing, FrictionCurve, Trend, TrendStatus, Use
+from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
 
 NS = 1_000_000_000
 BASE = "/api/v1/axes/X"
@@ -210,10 +210,10 @@ async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_sc
     """The figure of the README, in processor time: what else a machine does must not count."""
     from time import process_time
 
-    from edge_service.health.board import Board
-    from edge_service.health.board_settings import Keeping
     from edge_service.health.history.rows import single_rows
     from edge_service.health.history.tier import HOUR, FileTier
+    from edge_service.health.service_state import Board
+    from edge_service.health.state_settings import Keeping
 
     scene = make_scene()
     year_s = 365 * 86400.0

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.models.bench import plant_of
 from edge_service.models.machine import Machine
-from edge_service.models.plant import Plant
+from edge_service.models.plant.from_machine import plant_of
+from edge_service.models.plant.two_mass import Plant
 
 BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 

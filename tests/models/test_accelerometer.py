@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.messages.samples import Floats
-from edge_service.models.accelerometer import (
+from edge_service.models.plant.accelerometer import (
     REFERENCE_SPEED_RAD_S,
     Accelerometer,
     AccelerometerSettings,

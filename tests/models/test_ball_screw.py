@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.models.ball_screw import (
+from edge_service.models.machine import Machine
+from edge_service.models.screw.ball_screw import (
     ball_pass_orders,
     drag_torque,
     lead_angle,
@@ -17,7 +18,6 @@ from edge_service.models.ball_screw import (
     table_inertia,
     transmission_ratio,
 )
-from edge_service.models.machine import Machine
 
 LEAD_M = 0.02
 STEEL_KG_M3 = 8050.0  # Table 4.1

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.models.controller import Gains, command_torque, gains_for
+from edge_service.models.plant.controller import Gains, command_torque, gains_for
 
 INERTIA, RATIO, LIMIT_NM = 1.5e-3, 0.02 / (2.0 * math.pi), 16.0
 GAINS = gains_for(INERTIA, RATIO, LIMIT_NM, 1e-3)

@@ -11,11 +11,12 @@ from edge_service.messages import channels
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.forward import put_into
 from edge_service.models.effects.registry import effect_names, parse_effect
-from edge_service.models.encoders import Sensors
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motion import Dwell, Move, Setpoints
-from edge_service.models.plant import (
+from edge_service.models.plant.encoders import Sensors
+from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.plant.tables import find_friction, misreading, nut_shift
+from edge_service.models.plant.two_mass import (
     MOTOR_FRICTION,
     MOTOR_SPEED,
     MOTOR_TRAVEL,
@@ -29,7 +30,6 @@ from edge_service.models.plant import (
     advance_plant,
     axial_compliance,
 )
-from edge_service.models.tables import find_friction, misreading, nut_shift
 
 IDEAL = Sensors(*[0.0] * len(Sensors._fields))
 START_M, HOME_M, PERCENT = 0.4, 0.2, 6.8

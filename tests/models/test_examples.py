@@ -7,7 +7,9 @@ from types import ModuleType
 
 import pytest
 
-from edge_service.models import ball_screw, bounds, friction, linear_drive, state_space, stiffness
+from edge_service.models import bounds
+from edge_service.models.screw import ball_screw, friction, stiffness
+from tests.bench.oracles import linear_drive, state_space
 
 from ..bench.oracles import component_drive, series_stiffness
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.models.friction import DirectionalFriction, Friction, exponential_friction
+from edge_service.models.screw.friction import DirectionalFriction, Friction, exponential_friction
 
 GUIDE = Friction(
     coulomb_n=60.0,

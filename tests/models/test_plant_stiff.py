@@ -12,11 +12,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from edge_service.messages.samples import Floats
-from edge_service.models.bench import plant_of
 from edge_service.models.effects.forward import Forward, put_into
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.machine import Machine
-from edge_service.models.plant import (
+from edge_service.models.plant.from_machine import plant_of
+from edge_service.models.plant.two_mass import (
     MOTOR_FRICTION,
     MOTOR_SPEED,
     MOTOR_TRAVEL,

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from edge_service.models.plant import Plant, axial_compliance
-from edge_service.models.stiffness import (
+from edge_service.models.plant.two_mass import Plant, axial_compliance
+from edge_service.models.screw.stiffness import (
     LEAST_NUT_LOAD_PERCENT,
     catalogue_nut_stiffness,
     nut_stiffness,

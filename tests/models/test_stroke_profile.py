@@ -6,7 +6,7 @@ import pytest
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.models.commissioned import CommissionedConfig, TransmissionConfig
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.stroke_profile import stroke_profile
+from edge_service.models.screw.stroke_profile import stroke_profile
 
 MASS_KG = 20.0
 REST_N_PER_M, NUT_N_PER_M = 5.0e7, 1.0e8

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from edge_service.models.wear import SCENARIOS, Wear
+from edge_service.models.screw.wear import SCENARIOS, Wear
 
 LIFE_S = 3600.0
 

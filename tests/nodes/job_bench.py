@@ -8,10 +8,10 @@ from pathlib import Path
 import httpx
 
 from edge_service.config import DEFAULT_MACHINE
-from edge_service.health.board import Board
+from edge_service.health.service_state import Board
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import JobKind
-from edge_service.nodes.job_desk import ProcessJobDesk
+from edge_service.nodes.jobs.job_desk import ProcessJobDesk
 
 from .conftest import until
 

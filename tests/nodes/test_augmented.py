@@ -9,12 +9,12 @@ import httpx
 import numpy as np
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, AxisConfig, load_machine
-from edge_service.diagnose.diagnosis import NamedEffect
-from edge_service.diagnose.shrink import Shrink
+from edge_service.diagnose.pipeline import NamedEffect
+from edge_service.diagnose.validation.shrink import Shrink
 from edge_service.models.effects.registry import effect_names, get_effect
-from edge_service.studies.diagnosis_document import augmented_toml
+from edge_service.offline.report.diagnosis_document import augmented_toml
 
 from .conftest import config_of, running, until
 

@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.samples import SampleFrame
-from edge_service.nodes.disagreement_recorder import (
+from edge_service.nodes.stores.disagreement_recorder import (
     AFTER_S,
     BEFORE_S,
     KEEP_S,

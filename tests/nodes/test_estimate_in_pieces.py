@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")

@@ -28,7 +28,7 @@ from edge_service.config import (
     load_machine,
 )
 from edge_service.config_tables import HistoryConfig
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.alarm import Command
 from edge_service.messages.codec import decode_json, encode_features, encode_json
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
@@ -36,13 +36,18 @@ from edge_service.messages.features import FeatureBlock
 from edge_service.messages.header import Header
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.topics import COMMAND, FEAT, PRELOAD, STATUS
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
-from edge_service.nodes.estimate_store import AHEAD_S, LONGEST_STOP_S, EstimateStore, identity_of
+from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.nodes.estimated_axis import EstimatedAxis
 from edge_service.nodes.pipeline import make_downsampler
-from edge_service.nodes.replay_service import replay_trace
+from edge_service.nodes.stores.estimate_store import (
+    AHEAD_S,
+    LONGEST_STOP_S,
+    EstimateStore,
+    identity_of,
+)
+from edge_service.offline.replay import replay_trace
 
 from .conftest import PATIENCE_S, Running, config_of, running, until
 
@@ -168,7 +173,7 @@ async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) 
         f"[history]\nfolder = '{tmp_path}'\n[[axes]]\nname = 'X'\nmachine = '{COMMISSIONED}'\n"
     )
     code = (
-        "from edge_service.cli import main; from edge_service.nodes import estimate_node;"
+        "from edge_service.cli.entry import main; from edge_service.nodes import estimate_node;"
         "estimate_node.SAVE_PERIOD_S = 0.1;"
         f"main(['node', 'estimate', {str(file)!r}, '--bus', {bus.endpoint!r}])"
     )

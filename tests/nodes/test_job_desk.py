@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from edge_service.http_api.jobs import JobKind
-from edge_service.nodes.job_desk import JOB_COMMANDS
+from edge_service.nodes.jobs.job_desk import JOB_COMMANDS
 
 from .job_bench import Bench, bench_in
 
@@ -69,10 +69,10 @@ async def test_only_plain_names_of_traces_are_taken(bench, name):
 
 
 async def test_an_upload_is_whole_or_not_at_all(bench, monkeypatch):
-    monkeypatch.setattr("edge_service.nodes.job_desk.MOST_BYTES", 10)
+    monkeypatch.setattr("edge_service.nodes.jobs.job_desk.MOST_BYTES", 10)
     assert (await bench.client.put("recordings/big.csv", content=b"x" * 11)).status_code == 413
     with monkeypatch.context() as full:
-        full.setattr("edge_service.nodes.job_desk.MOST_KEPT_BYTES", 5)
+        full.setattr("edge_service.nodes.jobs.job_desk.MOST_KEPT_BYTES", 5)
         assert (await bench.client.put("recordings/more.csv", content=b"1")).status_code == 507
     assert (await bench.client.put("recordings/empty.csv", content=b"")).status_code == 422
     folder = bench.desk._recordings
@@ -157,7 +157,7 @@ async def test_a_second_diagnosis_waits_for_the_first_or_its_end(bench):
 async def test_what_is_no_request_for_a_diagnosis_is_refused(
     bench, monkeypatch, content, kind, status
 ):
-    monkeypatch.setattr("edge_service.http_api.diagnose_routes.MOST_UPLOADED_BYTES", 50)
+    monkeypatch.setattr("edge_service.http_api.routes.diagnose.MOST_UPLOADED_BYTES", 50)
     headers = {"content-type": kind}
     answer = await bench.client.post("axes/X/diagnose", content=content, headers=headers)
     assert answer.status_code == status

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.nodes.job_records import known_jobs
+from edge_service.nodes.jobs.job_records import known_jobs
 
 from .job_bench import Bench, bench_in
 
@@ -71,7 +71,7 @@ async def test_files_that_were_removed_by_hand_are_not_offered(bench, tmp_path):
 
 
 async def test_what_is_forgotten_stays_forgotten(bench, tmp_path, monkeypatch):
-    monkeypatch.setattr("edge_service.nodes.job_desk.MOST_JOBS", 1)
+    monkeypatch.setattr("edge_service.nodes.jobs.job_desk.MOST_JOBS", 1)
     for _ in range(2):
         await bench.start()
         await bench.ended()

@@ -8,11 +8,11 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, ConfigError
 from edge_service.config_tables import HistoryConfig
-from edge_service.nodes.history_store import open_history
-from edge_service.nodes.watch_store import snapshot_path
+from edge_service.nodes.stores.history_store import open_history
+from edge_service.nodes.stores.watch_store import snapshot_path
 
 from .conftest import config_of, running, until
 

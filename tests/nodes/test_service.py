@@ -21,10 +21,10 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.topics import PRELOAD, STATUS
 from edge_service.nodes.context import NodeContext
-from edge_service.nodes.offline import estimates
 from edge_service.nodes.record_node import record_axis
-from edge_service.nodes.replay_service import replay_trace
 from edge_service.nodes.service import NodeName, run_nodes
+from edge_service.offline.estimate import estimates
+from edge_service.offline.replay import replay_trace
 from edge_service.trace.reader import open_trace, read_trace
 
 from .conftest import config_of, running, until

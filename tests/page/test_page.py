@@ -114,7 +114,7 @@ def test_a_fingerprint_is_made_read_and_compared(
     make_service: Any, open_page: Any, tmp_path: Path
 ) -> None:
     from edge_service.config import DEFAULT_MACHINE, load_machine
-    from edge_service.studies.simulate import SimulationSettings, simulate
+    from edge_service.offline.simulate import SimulationSettings, simulate
 
     traces = []
     for seed in (1, 2):

@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.health.board import Board
+from edge_service.health.service_state import Board
 from edge_service.http_api.metrics import BoardCollector
 from edge_service.http_api.metrics_outlook import OutlookCollector
 

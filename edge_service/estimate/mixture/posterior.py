@@ -10,8 +10,8 @@ import numpy.typing as npt
 from ...messages.samples import Floats
 from ...models.compiled import compiled
 from ...models.machine import Machine
-from ...models.stiffness import LEAST_NUT_LOAD_PERCENT
-from ..transition import LEVELS_PERCENT
+from ...models.screw.stiffness import LEAST_NUT_LOAD_PERCENT
+from ..imm.mode_transition import LEVELS_PERCENT
 from .state import (
     BEARING_FRICTION,
     GUIDE_FRICTION,

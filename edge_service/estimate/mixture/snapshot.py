@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ...messages.array_text import decoded, encoded
+from ...messages.arrays import decoded, encoded
 from . import state
 from .state import Bank
 

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...messages.samples import Floats
-from ..ball_screw import table_inertia
-from ..bench import plant_of
 from ..machine import Machine
-from ..plant import axial_compliance
+from ..plant.from_machine import plant_of
+from ..plant.two_mass import axial_compliance
+from ..screw.ball_screw import table_inertia
 
 _COMPLIANCE_POINTS = 129
 Booleans = npt.NDArray[np.bool_]

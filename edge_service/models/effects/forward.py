@@ -7,8 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...messages.samples import Floats
-from ..plant import Plant
-from ..tables import (
+from ..plant.tables import (
     COLUMNS,
     DRY_MOTOR,
     DRY_TABLE,
@@ -22,6 +21,7 @@ from ..tables import (
     speed_grid,
     stack,
 )
+from ..plant.two_mass import Plant
 from .contribution import (
     Change,
     Contribution,

@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from ...messages.samples import Floats
 from ..compiled import compiled
-from ..dry_friction import Levels, bristle_stiffness
+from ..plant.dry_friction import Levels, bristle_stiffness
 
 
 @compiled

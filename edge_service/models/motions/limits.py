@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..controller import MAX_TORQUE_NM
 from ..machine import Machine
+from ..plant.controller import MAX_TORQUE_NM
 
 DEFAULT_STROKE_M = 0.8
 DEFAULT_LEAD_M = 0.02  # Table A.1

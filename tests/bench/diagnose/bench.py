@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_service.diagnose.diagnosis import Diagnosis
-from edge_service.diagnose.session import Session
+from edge_service.diagnose.pipeline import Diagnosis
+from edge_service.diagnose.session.session import Session
 from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
 

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_service.commands.options import InputError
+from edge_service.cli.options import InputError
 from edge_service.config import load_machine
-from edge_service.diagnose.diagnosis import Diagnosis, diagnose_session
-from edge_service.diagnose.recorded import runs_of
-from edge_service.diagnose.session import Session
-from edge_service.diagnose.twin import rigid_baseline
+from edge_service.diagnose.pipeline import Diagnosis, diagnose_session
+from edge_service.diagnose.session.recordings import runs_of
+from edge_service.diagnose.session.session import Session
+from edge_service.diagnose.session.twin import rigid_baseline
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import effects
 from edge_service.models.machine import Machine

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edge_service.diagnose.session import Rows, Session
-from edge_service.diagnose.where import Place
+from edge_service.diagnose.localisation.places import Place
+from edge_service.diagnose.session.session import Rows, Session
 from edge_service.messages.samples import Floats
 
 _CELLS = 96

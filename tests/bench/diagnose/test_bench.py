@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from edge_service.diagnose.proposal import Candidate
-from edge_service.diagnose.where import Place
+from edge_service.diagnose.experiment.proposal import Candidate
+from edge_service.diagnose.localisation.places import Place
 from edge_service.models.motion import motion_limits
 
 from ...foreign_plant import MOTIONS

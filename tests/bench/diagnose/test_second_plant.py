@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from edge_service.cli import main
+from edge_service.cli.entry import main
 
 from ..estimator.second_plant import BESIDE, SecondPlantError, run_command
 from .second_plant import (

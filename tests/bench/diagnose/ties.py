@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_service.diagnose.diagnosis import Diagnosis
-from edge_service.diagnose.proposal import Candidate, propose
+from edge_service.diagnose.experiment.proposal import Candidate, propose
+from edge_service.diagnose.pipeline import Diagnosis
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits

@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from edge_service.config import DEFAULT_CONFIG, EdgeConfig, load_config, load_machine
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.estimate.mixture.model import MixtureSettings
 from edge_service.estimate.mixture.state import LOAD, LOOSENING, LOSS, LUBRICATION, TOTAL_LOSS
 from edge_service.models.machine import Machine
-from edge_service.nodes.columns import column_maps
-from edge_service.nodes.commission import commission_to_file
-from edge_service.nodes.convert import controller_axis
 from edge_service.nodes.pipeline import make_downsampler
+from edge_service.offline.columns import column_maps
+from edge_service.offline.commission import commission_to_file
+from edge_service.offline.convert import controller_axis
 from edge_service.trace.reader import open_trace
 
 from ... import foreign_plant

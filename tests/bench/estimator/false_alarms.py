@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.estimate.mixture.state import PRELOAD, Bank
 from edge_service.messages.samples import Floats
-from edge_service.studies.thesis_runs import SETTLED_STEPS, ThesisCase, run_case
+from edge_service.offline.thesis.runs import SETTLED_STEPS, ThesisCase, run_case
 
 from ..figures import Figure
 from .batch import MixtureBatch

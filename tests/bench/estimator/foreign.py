@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from edge_service.estimate.commissioning import commissioned
+from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.messages.channels import TABLE_POSITION, TABLE_SPEED, TIME
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.estimate.fused import FusedPreloadEstimator, plausible
-from edge_service.estimate.gathering import SteadyInterval
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator, plausible
+from edge_service.estimate.mixture.gathering import SteadyInterval
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.estimate.fused import FusedPreloadEstimator
-from edge_service.estimate.preload import ImmPreloadEstimator, ImmSettings
+from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.estimate.validity import ValiditySettings
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import median
 
-from edge_service.estimate.bank import FilterBank, LinearStep
-from edge_service.estimate.engines import make_bank
-from edge_service.estimate.kalman import BankStart, run_kalman_bank
+from edge_service.estimate.imm.engines import make_bank
+from edge_service.estimate.imm.filter_bank import FilterBank, LinearStep
+from edge_service.estimate.imm.kalman import BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
-from edge_service.studies.thesis_runs import ThesisCase, bank_inputs, run_case
+from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 
 REPEATS = 7
 SINGLE_STEPS = 500

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.start import begun
+from edge_service.estimate.mixture.initial import begun
 from edge_service.estimate.mixture.state import AxisModel, Bank, Process
 from edge_service.estimate.mixture.step import take
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture.state import HYPOTHESES
-from edge_service.studies.thesis_runs import ThesisCase, run_case
+from edge_service.offline.thesis.runs import ThesisCase, run_case
 
 from ..figures import Figure
 from ..sections import Drawn

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from edge_service.cli import cli
-from edge_service.commands.options import InputError
+from edge_service.cli.entry import cli
+from edge_service.cli.options import InputError
 
 from .bench import run_estimator_bench
 from .second_plant import (

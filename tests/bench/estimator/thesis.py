@@ -5,14 +5,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.estimate.mixture.model import MixtureSettings
 from edge_service.estimate.mixture.state import LUBRICATION
 from edge_service.messages.features import Fault, FeatureBlock, Phase
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
-from edge_service.models.thesis_plant import (
+from edge_service.offline.thesis.plant import (
     DRAG_PER_PERCENT_NM,
     DURATION_S,
     PRINTED_STEP_S,
@@ -21,7 +21,7 @@ from edge_service.models.thesis_plant import (
     preload_profile,
     simulate,
 )
-from edge_service.studies.thesis_runs import ThesisCase, run_case, smoothed_preload
+from edge_service.offline.thesis.runs import ThesisCase, run_case, smoothed_preload
 
 from .own import Part
 from .scores import Recorded, Score, Track, detection, follow, score

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.health.outlook import OutlookSettings, crossing_draws
+from edge_service.health.trend.remaining_life import OutlookSettings, crossing_draws
 from edge_service.messages.samples import Floats
-from edge_service.models.wear import Wear
+from edge_service.models.screw.wear import Wear
 
 DAY_S = 86400.0
 _LONGEST_DAYS = 3000

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from edge_service.fingerprint.identified import LEVEL
+from edge_service.fingerprint.regression.interval_estimate import LEVEL
 
 from ..figures import Progress
 from .cases import Recovered, Recoveries, recoveries

@@ -7,24 +7,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.fingerprint.frequency_response import drive_responses_along
-from edge_service.fingerprint.friction_fit import fit_friction
-from edge_service.fingerprint.friction_points import friction_points
-from edge_service.fingerprint.identified import Identified
-from edge_service.fingerprint.inverse_dynamics import identify_inverse_dynamics
-from edge_service.fingerprint.preparation import PreparationSettings, PreparedRun, prepare
-from edge_service.fingerprint.regressors import DIRECTIONAL, SYMMETRIC
-from edge_service.fingerprint.station import backlash
-from edge_service.fingerprint.stiffness_fit import fit_stiffness
-from edge_service.fingerprint.two_mass_fit import fit_two_mass
+from edge_service.fingerprint.friction.fit import fit_friction
+from edge_service.fingerprint.friction.points import friction_points
+from edge_service.fingerprint.regression.conditioning import (
+    PreparationSettings,
+    PreparedRun,
+    prepare,
+)
+from edge_service.fingerprint.regression.interval_estimate import Identified
+from edge_service.fingerprint.regression.inverse_dynamics import identify_inverse_dynamics
+from edge_service.fingerprint.regression.regressors import DIRECTIONAL, SYMMETRIC
+from edge_service.fingerprint.response.frequency_response import drive_responses_along
+from edge_service.fingerprint.response.two_mass_fit import fit_two_mass
+from edge_service.fingerprint.transmission.stiffness_fit import fit_stiffness
+from edge_service.fingerprint.transmission.stiffness_point import backlash
 from edge_service.messages.channels import TORQUE
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.registry import parse_effect
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import motion_limits
-from edge_service.models.plant import axial_compliance
-from edge_service.studies.commanded_motion import MotionWish
+from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.plant.two_mass import axial_compliance
+from edge_service.offline.commanded_motion import MotionWish
 
 RATE_HZ = 1000.0
 GUIDE_N, BEARING_NM, TABLE_KG = 40.0, 0.05, 20.0

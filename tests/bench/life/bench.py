@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from edge_service.estimate.interface import PreloadEstimator
-from edge_service.nodes.offline import UNKNOWN_STOP_S
+from edge_service.offline.estimate import UNKNOWN_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
 from ..sections import Drawn, Section, mean_of

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from edge_service.estimate.fused import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 

@@ -17,9 +17,9 @@ from scipy.integrate import solve_ivp
 
 from edge_service.messages.samples import Floats
 from edge_service.models.bounds import require_not_negative, require_positive
-from edge_service.models.friction import DirectionalFriction, Friction
-from edge_service.models.linear_drive import INPUTS, OUTPUTS
-from edge_service.models.state_space import LinearModel
+from edge_service.models.screw.friction import DirectionalFriction, Friction
+from tests.bench.oracles.linear_drive import INPUTS, OUTPUTS
+from tests.bench.oracles.state_space import LinearModel
 
 SHAFT_ANGLE = 0  # rad, at the shaft's input: the rotary encoder
 SHAFT_SPEED = 1  # rad/s

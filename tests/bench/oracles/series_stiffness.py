@@ -8,16 +8,16 @@ from typing import Literal
 import numpy as np
 
 from edge_service.messages.samples import Floats
-from edge_service.models.bench import (
+from edge_service.models.bounds import require_positive
+from edge_service.models.machine import Machine, Quantity
+from edge_service.models.plant.from_machine import (
     BEARING_N_PER_M,
     COUPLING_NM_PER_RAD,
     NUT_CATALOGUE_N_PER_M,
     SCREW_DIAMETER_M,
     SCREW_LENGTH_M,
 )
-from edge_service.models.bounds import require_positive
-from edge_service.models.machine import Machine, Quantity
-from edge_service.models.stiffness import (
+from edge_service.models.screw.stiffness import (
     STEEL_MODULUS_PA,
     catalogue_nut_stiffness,
     nut_stiffness,

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.models.friction import DirectionalFriction, Friction
-from edge_service.models.linear_drive import TwoMassDrive
-from edge_service.models.plant import STATE_SIZE as PLANT_SIZE
-from edge_service.models.plant import Load, Plant, advance_plant, axial_compliance
+from edge_service.models.plant.two_mass import STATE_SIZE as PLANT_SIZE
+from edge_service.models.plant.two_mass import Load, Plant, advance_plant, axial_compliance
+from edge_service.models.screw.friction import DirectionalFriction, Friction
+from tests.bench.oracles.linear_drive import TwoMassDrive
 
 from .component_drive import STATE_SIZE, TABLE_SPEED, ComponentDrive, ComponentRun, simulate
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.models.bench import plant_of
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.plant import axial_compliance
-from edge_service.models.stiffness import (
+from edge_service.models.plant.from_machine import plant_of
+from edge_service.models.plant.two_mass import axial_compliance
+from edge_service.models.screw.stiffness import (
     LEAST_NUT_LOAD_PERCENT,
     axial_stiffness_of_torsion,
     nut_stiffness,

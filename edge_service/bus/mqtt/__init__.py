@@ -1,0 +1,1 @@
+"""Messages of the bus to an MQTT broker: spooled on disk, in order, in three forms."""

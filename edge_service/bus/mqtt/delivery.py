@@ -1,0 +1,206 @@
+"""Messages of a spool to an MQTT broker: in order, at least once, however long it is away."""
+
+import asyncio
+import ssl
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import aiomqtt
+
+from ...cancellation import heed_cancellation
+from .packet import Packet, PayloadForm
+from .spool import Message, Spool, SpoolError
+
+BATCH = 64
+"""Messages that may wait for their acknowledgement at once."""
+BACKOFF_FIRST_S, BACKOFF_CAP_S = 0.5, 5.0
+
+
+class MqttError(Exception):
+    """Settings that cannot work; the text is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class MqttSettings:
+    """Settings of the connection to the broker.
+
+    Attributes:
+        host, port: of the broker.
+        client_id: ours; the broker knows us again by it.
+        user, password: None without.
+        ca_certificate: file of the authority that signed the broker's certificate; None is no TLS.
+        client_certificate, client_key: files of ours, for a broker that asks for them.
+        timeout_s: for a connection and for each acknowledgement.
+    """
+
+    host: str
+    port: int
+    client_id: str
+    user: str | None = None
+    password: str | None = None
+    ca_certificate: Path | None = None
+    client_certificate: Path | None = None
+    client_key: Path | None = None
+    timeout_s: float = 5.0
+
+
+class MqttDelivery:
+    """Empties a spool into a broker.
+
+    A message stays on disk until the broker has it. One that it got just before a connection broke
+    may come twice: its `sequence` and `boot_epoch` tell.
+
+    Args:
+        form: what the broker is told of a message, and of our coming and going.
+        on_change: called with "" when the broker is there, else with what is wrong.
+
+    Raises:
+        MqttError: a certificate that cannot be read.
+    """
+
+    def __init__(
+        self,
+        settings: MqttSettings,
+        form: PayloadForm,
+        spool: Spool,
+        on_change: Callable[[str], None],
+    ) -> None:
+        self._settings = settings
+        self._form = form
+        self._spool = spool
+        self._on_change = on_change
+        self.delivered = 0
+        """Messages that the broker has."""
+        self.connections = 0
+        """Times that the broker was reached."""
+        self._connections_before = 0
+        self._late_until = 0
+        self._turn = asyncio.Lock()
+        self._tls = _tls(settings)
+
+    async def run(self) -> None:
+        """Deliver until cancelled."""
+        tries = 0
+        while True:
+            try:
+                await self._connected()
+            except (aiomqtt.MqttError, SpoolError) as error:
+                tries = 1 if self.connections > self._connections_before else tries + 1
+                self._connections_before = self.connections
+                self._on_change(f"{self._settings.host}:{self._settings.port}: {error}")
+            await asyncio.sleep(min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(tries - 1, 10)))
+
+    async def _connected(self) -> None:
+        """Deliver as long as the connection lasts. Raises the library's error."""
+        async with self._client() as client:
+            self.connections += 1
+            self._spool.count_session()
+            try:
+                if self._form.commands is not None:
+                    await client.subscribe(self._form.commands, qos=1)
+                await self._greet(client)
+                self._on_change("")
+                heed_cancellation()
+                await _first_to_end(self._deliver_all(client), self._obey(client))
+            except asyncio.CancelledError:
+                with suppress(aiomqtt.MqttError):
+                    await _publish(client, self._form.farewell())
+                raise
+
+    def _client(self) -> aiomqtt.Client:
+        settings = self._settings
+        will = self._form.will(self._spool.sessions)
+        client = aiomqtt.Client(
+            settings.host,
+            settings.port,
+            identifier=settings.client_id,
+            username=settings.user,
+            password=settings.password,
+            tls_context=self._tls,
+            timeout=settings.timeout_s,
+            clean_session=True,
+            will=aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
+        )
+        client.pending_calls_threshold = 2 * BATCH  # it warns of more
+        return client
+
+    async def _greet(self, client: aiomqtt.Client) -> None:
+        """Say who we are. What waits now is old: the greeting told the newest of it."""
+        newest = self._spool.newest
+        self._late_until = max((each.number for each in newest.values()), default=0)
+        for packet in self._form.greeting(newest):
+            await _publish(client, packet)
+
+    async def _obey(self, client: aiomqtt.Client) -> None:
+        """Greet again when somebody asks for it; ends, with the connection's error, with it."""
+        async for command in client.messages:
+            heed_cancellation()
+            if isinstance(command.payload, bytes) and self._form.asks_for_greeting(command.payload):
+                async with self._turn:
+                    await self._greet(client)
+
+    async def _deliver_all(self, client: aiomqtt.Client) -> None:
+        while True:
+            heed_cancellation()
+            await self._spool.wait()
+            async with self._turn:
+                await self._deliver(client, self._spool.oldest(BATCH))
+
+    async def _deliver(self, client: aiomqtt.Client, batch: list[Message]) -> None:
+        """Publish a batch; what the broker has leaves the spool even if the rest fails."""
+        packets = [
+            (message, packet)
+            for message in batch
+            for packet in self._form.packets(
+                message, self._spool.newest, message.number <= self._late_until
+            )
+        ]
+        results = await asyncio.gather(
+            *(_publish(client, packet) for _, packet in packets), return_exceptions=True
+        )
+        if self._form.commands is not None:
+            # Nothing acknowledges quality of service 0. A subscription is, and a broker reads one
+            # packet after the other: once it answers, it has what was sent before.
+            await client.subscribe(self._form.commands, qos=1)
+        failed = [result for result in results if isinstance(result, BaseException)]
+        told = zip(packets, results, strict=True)
+        lost = {message.number for (message, _), result in told if result is not None}
+        taken = [message for message in batch if message.number not in lost]
+        self._spool.remove(taken)
+        self.delivered += len(taken)
+        if failed:
+            raise failed[0]
+
+
+async def _publish(client: aiomqtt.Client, packet: Packet) -> None:
+    await client.publish(packet.topic, packet.payload, packet.qos, packet.retain)
+
+
+async def _first_to_end(*jobs: Coroutine[None, None, None]) -> None:
+    """Run jobs until one of them ends; end the others and raise what ended it."""
+    tasks = [asyncio.ensure_future(job) for job in jobs]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _tls(settings: MqttSettings) -> ssl.SSLContext | None:
+    if settings.ca_certificate is None:
+        return None
+    key, path = "ca_certificate", settings.ca_certificate
+    try:
+        context = ssl.create_default_context(cafile=str(path))
+        if settings.client_certificate is not None:
+            key, path = "client_certificate", settings.client_certificate
+            # Without a password a key that has one would ask for it on the terminal, and wait.
+            context.load_cert_chain(path, settings.client_key, password=lambda: "")
+    except (OSError, ssl.SSLError, ValueError) as error:
+        raise MqttError(f"mqtt.{key}: {path}: cannot be used ({error})") from None
+    return context

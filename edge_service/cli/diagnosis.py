@@ -1,0 +1,104 @@
+"""Commands that hold a model against an axis: fingerprint, gap, diagnosis, the seed's studies."""
+
+import json
+from pathlib import Path
+
+import click
+
+from .options import AXIS_NUMBER, MACHINE, Greedy
+from .terminal import progress
+
+
+@click.command(
+    epilog="Example: edge-service fingerprint friction.csv acceleration.csv --out out/now"
+)
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@MACHINE
+@AXIS_NUMBER
+@click.option("--baseline", type=click.Path(path_type=Path), help="An older fingerprint.json.")
+@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: pictures as PNG, too.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+def fingerprint(
+    traces: tuple[Path, ...],
+    machine: Path,
+    axis_number: int | None,
+    baseline: Path | None,
+    pictures: Path | None,
+    out: Path,
+) -> None:
+    """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload.
+
+    Several friction tests of one session are also drawn over one another, from first to last.
+    """
+    from ..offline.fingerprint import fingerprint as run_fingerprint
+
+    click.echo(run_fingerprint(machine, traces, out, baseline, pictures, axis_number))
+
+
+@click.command(epilog="Example: edge-service gap --machine m.toml trace.csv --json")
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@MACHINE
+@AXIS_NUMBER
+@click.option("--json", "as_json", is_flag=True, help="One JSON object: channel -> RMS.")
+def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_json: bool) -> None:
+    """Measure the gap between model and machine: torque in motion, and table against motor."""
+    from ..offline.gap import gap as measure_gap
+
+    found = measure_gap(machine, traces, progress, axis_number)
+    if as_json:
+        click.echo(json.dumps(found))
+    else:
+        for name, rms in found.items():
+            click.echo(f"{name}: {rms:.4g}")
+
+
+@click.command(
+    cls=Greedy,
+    epilog="Example: edge-service diagnose --machine m.toml trace.csv --out out/diagnosis",
+)
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@MACHINE
+@AXIS_NUMBER
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+@click.option(
+    "--reference",
+    multiple=True,
+    metavar="FILE...",
+    type=click.Path(path_type=Path),
+    help="Recordings of the healthy machine: what they have beyond the model is no fault.",
+)
+def diagnose(
+    traces: tuple[Path, ...],
+    machine: Path,
+    axis_number: int | None,
+    out: Path,
+    reference: tuple[Path, ...],
+) -> None:
+    """Say where model and machine disagree, which effect causes it, and how far it shrinks.
+
+    Ends with status 3 where the recordings are unfit for it; the report says why.
+    """
+    from ..offline.diagnose import diagnose as run_diagnosis
+
+    click.echo(run_diagnosis(machine, traces, out, progress, reference, axis_number))
+
+
+@click.command(epilog="Example: edge-service reproduce --out out/reproduce")
+@click.argument("study", type=click.Choice(["thesis", "puzzle"]), default="thesis")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/reproduce"), show_default=True
+)
+def reproduce(study: str, out: Path) -> None:
+    """Repeat the seed's simulations and its Table 4.2 beside the published figures.
+
+    STUDY puzzle: why linear models would not fit its bench (Figure 5.13), told by the diagnosis.
+    """
+    if study == "puzzle":
+        from ..offline.thesis.puzzle import reproduce_puzzle
+
+        click.echo(reproduce_puzzle(out, progress))
+        return
+    from ..offline.thesis.reproduce import reproduce as run_study
+
+    click.echo(run_study(out, progress=progress).as_text())
+    click.echo(f"report: {out / 'report.html'}")

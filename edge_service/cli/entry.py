@@ -1,0 +1,86 @@
+"""The `edge-service` command: gathers the commands, turns mistakes into one line."""
+
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from .. import __version__
+from ..config import ConfigError
+from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
+from .bench import bench
+from .diagnosis import diagnose, fingerprint, gap, reproduce
+from .fleet import fleet
+from .motion import motion
+from .options import InputError
+from .preload import commission, estimate
+from .recordings import convert, record, simulate
+from .service import check_config, node, replay, run
+from .sources import doctor, stub
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status: 0 done, 2 bad input, 3 bad data, 1 a failure."""
+    try:
+        status = cli.main(args=arguments, prog_name="edge-service", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return BAD_INPUT
+    except click.ClickException as error:
+        return _complain(error.format_message(), BAD_INPUT)
+    except (KeyboardInterrupt, click.Abort):
+        return INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our pipe has gone; nothing is left to say
+        return INTERNAL_FAILURE
+    except Exception as error:  # the outermost edge: no traceback reaches a user
+        return _explain(error)
+    return status if isinstance(status, int) else DONE
+
+
+def _explain(error: Exception) -> int:
+    from ..offline.gap import BadDataError
+
+    if isinstance(error, BadDataError):
+        return _complain(str(error), BAD_DATA)
+    if _is_bad_input(error):
+        return _complain(str(error), BAD_INPUT)
+    if os.environ.get("EDGE_SERVICE_DEBUG"):
+        raise error
+    kind = type(error).__name__
+    return _complain(
+        f"internal failure: {kind}: {error} (EDGE_SERVICE_DEBUG=1 shows where)", INTERNAL_FAILURE
+    )
+
+
+def _is_bad_input(error: Exception) -> bool:
+    from ..bus.session import BusConfigurationError, BusUnavailableError
+    from ..fingerprint.document import FingerprintError
+    from ..http_api.serve import AddressError
+    from ..models.motion import MotionError
+    from ..offline.gap import DiagnosisError
+    from ..offline.simulate import SimulationError
+    from ..trace.columns import TraceError
+
+    bus = (BusConfigurationError, BusUnavailableError, AddressError)
+    twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
+    return isinstance(error, (InputError, ConfigError, TraceError, *bus, *twin))
+
+
+def _complain(line: str, status: int) -> int:
+    click.echo(f"edge-service: {' '.join(line.split())}", err=True)
+    return status
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="edge-service")
+def cli() -> None:
+    """Ball-screw preload from the signals a feed drive already has."""
+
+
+for _command in (
+    *(run, node, check_config, replay, doctor, stub, record, convert, simulate),
+    *(commission, estimate, motion, fingerprint, gap, diagnose, reproduce, fleet, bench),
+):
+    cli.add_command(_command)

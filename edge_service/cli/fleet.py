@@ -1,0 +1,61 @@
+"""The command that shows the axes of many services."""
+
+import sys
+import time
+from pathlib import Path
+
+import click
+from pydantic import ValidationError
+
+from ..config import explain, load_fleet
+from ..config_tables import FleetConfig, FleetServiceConfig
+from .options import InputError
+
+
+@click.command(epilog="Example: edge-service fleet http://127.0.0.1:8080 --services fleet.toml")
+@click.argument("addresses", nargs=-1)
+@click.option("--services", type=click.Path(path_type=Path), help="TOML file with [[services]].")
+@click.option(
+    "--timeout", "timeout_s", type=click.FloatRange(0.1, 60.0), help="For all of it, s; 5."
+)
+@click.option("--json", "as_json", is_flag=True, help="Rows as JSON, one line per round.")
+@click.option(
+    "--watch", "period_s", type=click.FloatRange(1.0), help="Ask again after so many seconds."
+)
+def fleet(
+    addresses: tuple[str, ...],
+    services: Path | None,
+    timeout_s: float | None,
+    as_json: bool,
+    period_s: float | None,
+) -> None:
+    """Show the axes of many services in one table, the worst first."""
+    from ..offline.fleet.ask import ask_fleet
+    from ..offline.fleet.table import as_json_line, table_of
+
+    settings = _fleet_of(addresses, services, timeout_s)
+    while True:
+        rows = ask_fleet(settings)
+        if period_s is not None and sys.stdout.isatty() and not as_json:
+            click.clear()
+        click.echo(as_json_line(rows) if as_json else table_of(rows))
+        if period_s is None:
+            return
+        sys.stdout.flush()
+        time.sleep(period_s)
+
+
+def _fleet_of(
+    addresses: tuple[str, ...], services: Path | None, timeout_s: float | None
+) -> FleetConfig:
+    """Services that are named, and those of the file."""
+    if not addresses and services is None:
+        raise InputError("fleet: expected addresses, or --services with a file of them")
+    try:
+        named = tuple(FleetServiceConfig(address=each) for each in addresses)
+    except ValidationError as error:
+        raise InputError(f"fleet: {explain(error, FleetServiceConfig)}") from None
+    listed = FleetConfig(services=named) if services is None else load_fleet(services)
+    every = listed.services if services is None else (*named, *listed.services)
+    wanted = listed.timeout_s if timeout_s is None else timeout_s
+    return FleetConfig(timeout_s=wanted, services=every)

@@ -1,0 +1,93 @@
+"""The command that writes motions for a controller."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..config import load_machine
+from .options import MACHINE, InputError
+from .terminal import progress
+
+if TYPE_CHECKING:
+    from ..offline.motion import MotionFileSettings
+
+
+@click.command(epilog="Example: edge-service motion next out/diagnosis.json --out setpoints.csv")
+@click.argument("name", required=False)
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@MACHINE
+@click.option("--list", "list_all", is_flag=True, help="Name every motion; --out .png draws them.")
+@click.option("--duration", "duration_s", type=float, help="Of the whole, s.")
+@click.option("--rate", "rate_hz", default=1000.0, show_default=True, help="Setpoints per second.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--clip", is_flag=True, help="Leave out what the axis does not allow, and name it.")
+@click.option("--effect", "effects", multiple=True, help="With `next`: a tied effect; repeatable.")
+@click.option("--motion", "rehearsed", help="With `isolability`: the motion to look at.")
+@click.option("--out", type=click.Path(path_type=Path), help=".csv setpoints or .mpf NC program")
+def motion(
+    name: str | None,
+    files: tuple[Path, ...],
+    machine: Path,
+    list_all: bool,
+    duration_s: float | None,
+    rate_hz: float,
+    seed: int,
+    clip: bool,
+    effects: tuple[str, ...],
+    rehearsed: str | None,
+    out: Path | None,
+) -> None:
+    """Write a motion for a controller: setpoints as CSV, or an NC program.
+
+    `motion next DIAGNOSIS.json` proposes the shortest motion that tells apart what a diagnosis left
+    tied, with the evidence to expect. `motion isolability TRACE`, or with --motion NAME, shows what
+    a motion can tell apart, before anything is measured.
+
+    It keeps to stroke, speed, acceleration and torque of the machine file, or is refused.
+    """
+    from ..offline.motion import MotionFileSettings, write_motion
+
+    if list_all:
+        _list(machine, out)
+        return
+    settings = MotionFileSettings(duration_s, rate_hz, seed, clip)
+    if name == "next":
+        click.echo(_proposed(machine, files, effects, out, settings))
+        return
+    if name == "isolability":
+        from ..offline.isolability import isolability
+
+        click.echo(isolability(load_machine(machine), rehearsed, files, progress))
+        return
+    if files:
+        raise InputError(f"motion: {files[0]}: {name} takes no file")
+    if name is None or out is None:
+        raise InputError("motion: expected a NAME and --out, or --list")
+    click.echo(write_motion(name, load_machine(machine), out, settings, progress))
+
+
+def _list(machine: Path, out: Path | None) -> None:
+    from ..offline.motion import list_motions
+    from ..offline.report.motion_picture import write_motions_picture
+
+    axis = load_machine(machine)
+    click.echo(list_motions(axis))
+    if out is not None:
+        click.echo(write_motions_picture(axis, out))
+
+
+def _proposed(
+    machine: Path,
+    files: tuple[Path, ...],
+    effects: tuple[str, ...],
+    out: Path | None,
+    settings: "MotionFileSettings",
+) -> str:
+    """The motion that tells tied effects apart."""
+    from ..offline.next_motion import next_motion, tied_effects, typical
+
+    if len(files) + bool(effects) != 1:
+        raise InputError("motion next: expected one DIAGNOSIS.json, or --effect twice or more")
+    tied = tied_effects(files[0]) if files else typical(effects)
+    return next_motion(load_machine(machine), tied, out, settings, progress)

@@ -1,0 +1,60 @@
+"""Commands that learn a healthy axis and estimate its preload from recordings."""
+
+from pathlib import Path
+
+import click
+
+from ..config import DEFAULT_CONFIG, load_config
+from .options import AXIS_NUMBER, MACHINE
+
+
+@click.command(
+    epilog="Example: edge-service commission --machine m.toml healthy.csv --out commissioned.toml"
+)
+@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@MACHINE
+@AXIS_NUMBER
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Machine file to write."
+)
+@click.option("--config", type=click.Path(path_type=Path), help="Length of the intervals.")
+def commission(
+    traces: tuple[Path, ...],
+    machine: Path,
+    axis_number: int | None,
+    out: Path,
+    config: Path | None,
+) -> None:
+    """Learn from recordings of a healthy, cold axis what the estimator needs."""
+    from ..offline.commission import commission_to_file
+
+    service = load_config(config or DEFAULT_CONFIG)
+    click.echo(commission_to_file(machine, traces, out, service, axis_number))
+
+
+@click.command(
+    epilog="Example: edge-service estimate --machine m.toml trace.csv --out estimates.csv"
+)
+@click.argument("trace", type=click.Path(path_type=Path))
+@MACHINE
+@AXIS_NUMBER
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="CSV, a row per block.")
+@click.option("--config", type=click.Path(path_type=Path), help="Choices of the estimator.")
+@click.option(
+    "--state",
+    type=click.Path(path_type=Path),
+    help="Go on from this file if it is there; leave it.",
+)
+def estimate(
+    trace: Path,
+    machine: Path,
+    axis_number: int | None,
+    out: Path,
+    config: Path | None,
+    state: Path | None,
+) -> None:
+    """Run the live estimator over a recording as fast as it can."""
+    from ..offline.estimate import estimate_to_csv
+
+    service = load_config(config or DEFAULT_CONFIG)
+    click.echo(estimate_to_csv(trace, machine, out, service, state, axis_number))

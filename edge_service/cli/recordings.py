@@ -1,0 +1,141 @@
+"""Commands that make a trace: of a running service, a foreign file or the simulated axis."""
+
+import asyncio
+import sys
+from pathlib import Path
+
+import click
+
+from ..config import load_machine
+from .options import AXIS_NUMBER, BUS, CONFIG, MACHINE, InputError, configured
+from .terminal import progress
+
+
+@click.command(epilog="Example: edge-service record --axis X --duration 60 --out trace.csv")
+@CONFIG
+@click.option("--axis", help="Axis to record; the first configured one by default.")
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help=".csv or .parquet")
+@BUS
+def record(
+    config: Path | None, axis: str | None, duration_s: float | None, out: Path, endpoint: str | None
+) -> None:
+    """Write what a running service publishes to a trace file, until --duration or Ctrl-C."""
+    from ..nodes.record_node import record_axis
+
+    settings = configured(config, None, endpoint)
+    name = axis or settings.axes[0].name
+    rows, lost = asyncio.run(record_axis(settings, name, out, duration_s))
+    click.echo(f"{out}: {rows} rows of axis {name}, {lost} payloads lost")
+
+
+@click.command(epilog="Example: edge-service convert trace.xml --axis-number 7 --out trace.parquet")
+@click.argument("source", type=click.Path(path_type=Path))
+@MACHINE
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Ends in .csv, .parquet or .mcap."
+)
+@AXIS_NUMBER
+@click.option(
+    "--torque-constant",
+    "torque_constant_nm_per_a",
+    type=click.FloatRange(0.0, min_open=True),
+    help="N m per A: reads a current as torque where there is no torque.",
+)
+@click.option("--interpolate", is_flag=True, help="Draw slower positions as lines, not as steps.")
+@click.option("--all", "keep_all", is_flag=True, help="Keep columns that are no channel.")
+def convert(
+    source: Path,
+    machine: Path,
+    out: Path,
+    axis_number: int | None,
+    torque_constant_nm_per_a: float | None,
+    interpolate: bool,
+    keep_all: bool,
+) -> None:
+    """Read a recording of any form and write it as a trace: CSV, Parquet or MCAP.
+
+    SOURCE is CSV, Parquet or the XML of a SINUMERIK trace; SINUMERIK and Industrial Edge names are
+    known. The machine file gives the lead and, under [columns], what comes before those names.
+    """
+    from ..offline.convert import controller_axis
+    from ..offline.convert import convert as convert_trace
+
+    model = load_machine(machine)
+    axis = controller_axis(
+        model, axis_number, torque_constant_nm_per_a, interpolate_positions=interpolate
+    )
+    with click.progressbar(
+        length=1000, label="convert", file=sys.stderr, hidden=not sys.stderr.isatty()
+    ) as bar:
+        summary = convert_trace(
+            source,
+            out,
+            model,
+            axis,
+            keep_all=keep_all,
+            progress=lambda fraction: bar.update(int(1000 * fraction) - bar.pos),
+        )
+    click.echo(summary.as_text())
+
+
+@click.command(
+    epilog="Example: edge-service simulate --motion friction --effect stribeck:excess_nm=0.2 "
+    "--seed 7 --out trace.csv"
+)
+@MACHINE
+@click.option(
+    "--motion",
+    "motions",
+    multiple=True,
+    default=("production",),
+    show_default="production",
+    help="NAME[:duration_s=SECONDS]; several are run one after another on one axis.",
+)
+@click.option("--effect", "effects", multiple=True, help="NAME[:key=value,...]; repeatable.")
+@click.option("--duration", "duration_s", type=float, help="Axis time, s; the motion's own.")
+@click.option("--preload", "preload_percent", type=float, help="Percent; fresh by default.")
+@click.option("--added-mass", "added_mass_kg", default=0.0, help="Weight plates, kg.")
+@click.option("--external-force", "external_force_n", default=0.0, help="Loading screw, N.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0))
+@click.option(
+    "--format",
+    "file_format",
+    type=click.Choice(["csv", "parquet"]),
+    help="Of the files in a folder; csv by default.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help=".csv or .parquet; with several motions a folder for 01_NAME.csv, 02_NAME.csv, ...",
+)
+def simulate(
+    machine: Path,
+    motions: tuple[str, ...],
+    effects: tuple[str, ...],
+    duration_s: float | None,
+    preload_percent: float | None,
+    added_mass_kg: float,
+    external_force_n: float,
+    seed: int,
+    file_format: str | None,
+    out: Path,
+) -> None:
+    """Record the simulated axis with any set of effects."""
+    from ..offline.simulate import SimulationSettings, simulate_session
+    from ..offline.simulate import simulate as run_simulation
+    from ..trace.writer import TraceFormat
+
+    settings = SimulationSettings(
+        motions[0], effects, duration_s, preload_percent, added_mass_kg, external_force_n, seed
+    )
+    if len(motions) == 1:
+        if file_format is not None:
+            raise InputError("--format: with one motion the name of --out says it")
+        click.echo(run_simulation(load_machine(machine), settings, out, progress))
+        return
+    if duration_s is not None:
+        raise InputError("--duration: with several motions expected NAME:duration_s=SECONDS")
+    files = TraceFormat(file_format or "csv")
+    click.echo(simulate_session(load_machine(machine), settings, motions, out, files, progress))

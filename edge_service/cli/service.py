@@ -1,0 +1,134 @@
+"""Commands that run the service, or check what it would run."""
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..config import DEFAULT_CONFIG, EdgeConfig, load_config
+from .options import AXIS_NUMBER, BUS, CONFIG, MACHINE, PORT, InputError, configured
+from .terminal import announce, log_to_stderr
+
+if TYPE_CHECKING:
+    from ..nodes.service import NodeName
+
+
+@click.command(epilog="Example: edge-service run deploy/edge.toml --port 8080")
+@CONFIG
+@PORT
+@BUS
+def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
+    """Run all nodes in one process: drives, bus, downsampling, estimator, health, HTTP.
+
+    Without CONFIG the simulated drive of the embedded default is run.
+    """
+    from ..nodes.service import run_service
+
+    log_to_stderr()
+    asyncio.run(run_service(configured(config, port, endpoint), announce))
+
+
+@click.command(epilog="Example: edge-service node bus & edge-service node http deploy/edge.toml")
+@click.argument(
+    "name",
+    type=click.Choice(
+        ["bus", "acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"]
+    ),
+)
+@CONFIG
+@PORT
+@BUS
+def node(name: "NodeName", config: Path | None, port: int | None, endpoint: str | None) -> None:
+    """Run one node alone. `bus` listens at the endpoint; every other node joins it there."""
+    from ..nodes.service import run_node
+
+    log_to_stderr()
+    settings = configured(config, port, endpoint)
+    asyncio.run(run_node(settings, name, announce))
+
+
+@click.command("check-config", epilog="Example: edge-service check-config deploy/edge.toml")
+@CONFIG
+def check_config(config: Path | None) -> None:
+    """Check a configuration with its machine files and driver settings; print what it means."""
+    from drivers.registry import driver_names
+
+    from ..nodes.service import check_service
+
+    settings = load_config(config or DEFAULT_CONFIG)
+    unreachable = asyncio.run(check_service(settings))
+    for line in _axes(settings):
+        click.echo(line)
+    for line in unreachable:
+        click.echo(f"not reachable now: {line}")
+    click.echo(f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}")
+    click.echo(_history(settings))
+    click.echo(f"drivers installed: {', '.join(driver_names())}")
+    click.echo("configuration is right")
+
+
+def _axes(settings: EdgeConfig) -> Iterator[str]:
+    """A line for each axis: where it comes from, and what can be said of it."""
+    from ..nodes.pipeline import load_machines
+
+    machines = load_machines(settings)
+    for axis in settings.axes:
+        missing = machines[axis.name].missing_for_percent()
+        said = f"drag only ({missing} is unknown)" if missing else "preload in %"
+        yield f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, {said}"
+
+
+def _history(settings: EdgeConfig) -> str:
+    folder = settings.history.folder
+    if folder is None:
+        return "history in memory, it ends with the service ([history] folder)"
+    return f"history in {folder}, up to {settings.history.budget_mb:g} MB"
+
+
+@click.command(
+    epilog="Example: edge-service replay --machine deploy/emps.toml trace.csv --speed 10"
+)
+@click.argument("trace", type=click.Path(path_type=Path))
+@MACHINE
+@AXIS_NUMBER
+@click.option(
+    "--speed", default=1.0, show_default=True, help="Times real time; 0: as fast as possible."
+)
+@click.option("--loop", is_flag=True, help="Begin again at the end.")
+@click.option("--hold", is_flag=True, help="Keep serving after the end.")
+@click.option("--config", type=click.Path(path_type=Path), help="Configuration without its axes.")
+@PORT
+@BUS
+def replay(
+    trace: Path,
+    machine: Path,
+    axis_number: int | None,
+    speed: float,
+    loop: bool,
+    hold: bool,
+    config: Path | None,
+    port: int | None,
+    endpoint: str | None,
+) -> None:
+    """Send a recording through the whole service, and print the last answer at its end."""
+    from ..offline.replay import replay_trace
+
+    log_to_stderr()
+    if speed < 0.0:
+        raise InputError(f"--speed: {speed:g}, expected 0 or more")
+    settings = configured(config, port, endpoint)
+    for line in asyncio.run(
+        replay_trace(
+            settings,
+            trace,
+            machine,
+            speed,
+            loop=loop,
+            hold=hold,
+            announce=announce,
+            axis_number=axis_number,
+        )
+    ):
+        click.echo(line)

@@ -1,0 +1,94 @@
+"""Commands about what samples come from: a driver's source, and a server that plays one."""
+
+import asyncio
+from pathlib import Path
+
+import click
+
+from ..config import DEFAULT_CONFIG, load_config
+from .options import AXIS_NUMBER, CONFIG, MACHINE, InputError
+from .terminal import announce, log_to_stderr
+
+
+@click.command(epilog="Example: edge-service doctor --config deploy/drivers/modbus.toml")
+@click.argument("traces", nargs=-1, type=click.Path(path_type=Path))
+@MACHINE
+@AXIS_NUMBER
+@click.option("--config", type=click.Path(path_type=Path), help="Read its drivers instead.")
+@click.option("--axis", help="One axis of --config; all by default.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0.1),
+    default=10.0,
+    show_default=True,
+    help="How long to listen to the drivers of --config.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Findings as JSON, one object per axis.")
+def doctor(
+    traces: tuple[Path, ...],
+    machine: Path,
+    axis_number: int | None,
+    config: Path | None,
+    axis: str | None,
+    seconds: float,
+    as_json: bool,
+) -> None:
+    """Check that a source is what its configuration says: rate, quality, units and signs.
+
+    Give recordings and their machine file, or a configuration whose drivers shall be listened to
+    while the axis moves.
+    """
+    from ..offline.doctor import examine_sources, examine_traces
+
+    if bool(traces) == (config is not None):
+        raise InputError("doctor: expected either TRACES or --config")
+    if config is None:
+        examined = [examine_traces(machine, traces, axis_number)]
+    else:
+        examined = asyncio.run(examine_sources(load_config(config), axis, seconds))
+    for each in examined:
+        click.echo(each.as_json() if as_json else each.as_text())
+
+
+@click.command(
+    epilog="Example: edge-service stub modbus deploy/drivers/modbus.toml --fault delay:0.3"
+)
+@click.argument("protocol")
+@CONFIG
+@click.option("--axis", help="One axis; all that use this protocol by default.")
+@click.option(
+    "--scenario",
+    type=click.Choice(["healthy", "gradual", "partial", "sudden"]),
+    default="healthy",
+    show_default=True,
+    help="How the simulated screw loses its preload.",
+)
+@click.option(
+    "--nodesets",
+    type=click.Path(path_type=Path),
+    help="OPC UA: folder of companion specifications for the Machine Tool address space.",
+)
+@click.option("--fault", default="none", help="NAME[:amount]: delay, exception, stale, drop, ...")
+def stub(
+    protocol: str,
+    config: Path | None,
+    axis: str | None,
+    scenario: str,
+    nodesets: Path | None,
+    fault: str,
+) -> None:
+    """Serve the simulated drive over a real protocol, by the map that CONFIG gives its driver.
+
+    PROTOCOL is modbus or opcua. Faults are given here, or written into the running server.
+    """
+    from drivers.stub import parse_fault
+
+    from ..nodes.stub_node import run_stub
+
+    log_to_stderr()
+    try:
+        wanted = parse_fault(fault)
+    except ValueError as error:
+        raise InputError(f"--fault: {error}") from None
+    settings = load_config(config or DEFAULT_CONFIG)
+    asyncio.run(run_stub(protocol, settings, axis, scenario, nodesets, wanted, announce))

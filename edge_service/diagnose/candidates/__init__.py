@@ -1,0 +1,1 @@
+"""Candidate causes as regressors, and the normal equations that their fits need."""

@@ -1,0 +1,102 @@
+"""Forces on the table for a while, found where the torque has a mean of its own."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...fingerprint.regression.linear import Booleans
+from ...messages.samples import Floats
+from ...models.effects.baseline import Baseline, Motion
+from ..session.session import TORQUE_GAP, Session
+
+_DISTURBED_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A force on the table within a span of time."""
+
+    start_s: float
+    end_s: float
+    against_motion: bool
+
+    name = "external_force"
+    size = 1
+
+    @property
+    def form(self) -> str:
+        """Name of the form: `against` if the force turns with the motion, otherwise `steady`."""
+        return "against" if self.against_motion else "steady"
+
+    def columns(self, session: Session, channel: str) -> Floats:
+        """Torque per N, (n, 1)."""
+        if channel != TORQUE_GAP:
+            return np.zeros((len(session.channels[channel].gap), 1))
+        return session.torque_column(lambda motion: self._torque(motion, session.baseline))[:, None]
+
+    def covers(self, time_s: Floats) -> Booleans:
+        """Times that it disturbs, with the controller's answer to its end, (n,)."""
+        inside: Booleans = (time_s >= self.start_s - _DISTURBED_S) & (
+            time_s < self.end_s + _DISTURBED_S
+        )
+        return inside
+
+    def _torque(self, motion: Motion, baseline: Baseline) -> Floats:
+        inside = (motion.time_s >= self.start_s) & (motion.time_s < self.end_s)
+        way = motion.direction if self.against_motion else np.ones(len(motion))
+        return np.where(inside, -baseline.ratio_m_per_rad * way, 0.0)
+
+
+def pushes(time_s: Floats, direction: Floats, left: Floats, most: int = 10) -> Iterator[Push]:
+    """Spans of time in which what is left of the torque has a mean of its own, strongest first.
+
+    Args:
+        time_s, direction, left: of the rows of one unbroken clock, (n,).
+    """
+    cells = np.floor((time_s - time_s[0]) / 0.1).astype(int)
+    count = np.bincount(cells).astype(float)
+    remaining = {False: left.copy(), True: left * direction}
+    for _ in range(most):
+        spans = [
+            (*_strongest_span(np.bincount(cells, values).astype(np.float64), count), against)
+            for against, values in remaining.items()
+        ]
+        first, last, _, against = max(spans, key=lambda span: span[2])
+        inside = (cells >= first) & (cells < last)
+        if not inside.any():
+            return
+        yield Push(time_s[0] + 0.1 * first, time_s[0] + 0.1 * last, against)
+        mean = float(remaining[against][inside].mean())
+        taken = mean * (direction[inside] if against else 1.0)
+        remaining[False][inside] -= taken
+        remaining[True][inside] -= taken * direction[inside]
+
+
+def _strongest_span(sums: Floats, count: Floats) -> tuple[int, int, float]:
+    """Cells [i, j) of at most 20 s that hold the most energy in their mean."""
+    total = np.concatenate(([0.0], np.cumsum(sums)))
+    rows = np.concatenate(([0.0], np.cumsum(count)))
+    best = (0, 0, 0.0)
+    for length in np.unique(np.geomspace(3, 200, 30).astype(int)):
+        if length >= len(total):
+            break
+        energy = (total[length:] - total[:-length]) ** 2
+        energy /= np.maximum(rows[length:] - rows[:-length], 5.0)
+        k = int(np.argmax(energy))
+        if energy[k] > best[2]:
+            best = (k, k + int(length), float(energy[k]))
+    return best
+
+
+def lone_forms(session: Session, left: Floats) -> Sequence[Push]:
+    """Pushes of a session, for what is left of its torque."""
+    rows = session.channels[TORQUE_GAP]
+    order = np.argsort(rows.variables["time_s"], kind="stable")
+    return list(
+        pushes(
+            rows.variables["time_s"][order],
+            np.sign(rows.variables["direction"][order]),
+            left[order],
+        )
+    )

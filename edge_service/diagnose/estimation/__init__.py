@@ -1,0 +1,1 @@
+"""Estimation of the named effects: values, intervals, contributions."""

@@ -1,0 +1,1 @@
+"""Experiments that would decide: what a motion can tell apart, and which is shortest."""

@@ -1,0 +1,174 @@
+"""Isolability of effects: what a motion could tell apart, before anything is measured."""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ...messages.samples import SampleFrame
+from ...models.effects.registry import get_effect
+from ...models.effects.signature import torque_signature, transmission_signature
+from ...models.machine import Machine
+from ...models.motion import MOTIONS, Setpoints, motion_limits
+from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
+from ..candidates.design_matrix import Dictionary
+from ..selection.evidence import Fit, Noise, fit
+from ..selection.stepwise import pursue
+from ..session.healthy_prior import tolerated
+from ..session.recordings import runs_of
+from ..session.session import TORQUE_GAP, Rows, Session
+from ..session.twin import rigid_baseline, rigid_plant
+
+LONGEST_S = 60.0
+DECISIVE = 5.0
+"""Logarithm of the evidence from which on two explanations are told apart."""
+_OBSERVATIONS = 400.0
+_FLOOR_OF_NOISE = 2.0
+_PRELOAD_PERCENT = 7.0
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Separation:
+    """Separation of two effects by a motion.
+
+    Attributes:
+        rival: None stands for a healthy axis.
+        evidence: expected logarithm of the evidence for `effect` against `rival`, if `effect` is
+            there.
+        ratios: what the rival leaves of each channel, over what a healthy axis leaves.
+        strain: squared distance of the parameters from their values, in their tolerances, that
+            the rival needs.
+    """
+
+    effect: str
+    rival: str | None
+    evidence: float
+    ratios: tuple[float, ...]
+    strain: float
+
+
+def rehearsed(
+    machine: Machine, motion: str, duration_s: float | None = None, rate_hz: float = 1000.0
+) -> Session:
+    """A healthy axis on a named motion, simulated; unless asked, at most `LONGEST_S` of it.
+
+    Args:
+        duration_s: of the rehearsal.
+
+    Raises:
+        MotionError: the axis does not allow the motion.
+    """
+    limits = motion_limits(machine)
+    plan = MOTIONS[motion]
+    if duration_s is None:
+        duration_s = min(plan.duration_s(limits) or LONGEST_S, LONGEST_S)
+    count = round(duration_s * rate_hz)
+    segments = iter(plan(limits, np.random.default_rng(1)))
+    setpoints = Setpoints(segments, limits.low_m, rate_hz).take(count)
+    settings = FeedDriveSettings.of_machine(machine, rate_hz)
+    settings = replace(settings, plant=rigid_plant(settings.plant))
+    drive = FeedDrive(settings, limits.low_m, _PRELOAD_PERCENT, 1)
+    frame = drive.advance(setpoints, np.full(count, _PRELOAD_PERCENT))
+    kept = {name: frame.channels[name] for name in (ANGLE, TORQUE, TABLE_POSITION)}
+    baseline = rigid_baseline(machine)
+    return Session.of_runs(list(runs_of([SampleFrame(frame.time_s, kept)], baseline)), baseline)
+
+
+def separations(
+    session: Session,
+    machine: Machine,
+    names: Sequence[str],
+    values: Mapping[str, Mapping[str, float]] | None = None,
+) -> list[Separation]:
+    """Separations of some effects, each from each other one, by a motion.
+
+    Args:
+        values: of the effects; those of a typical fault unless given, or where given values make
+            no gap.
+    """
+    period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
+    prior = tolerated(machine, period_s, session.baseline.coulomb_nm)
+    library = [get_effect(name) for name in names]
+    dictionary = Dictionary.of_session(session, prior, library)
+    floor = {name: _FLOOR_OF_NOISE * rows.rms for name, rows in session.channels.items()}
+    noise = Noise(floor, floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
+    found = []
+    for name in names:
+        added = _faulty(session, name, (values or {}).get(name, {}))
+        if not any(np.any(rows.gap) for rows in added.values()):
+            added = _faulty(session, name, {})
+        target = _aimed(dictionary, added, floor)
+        alone = fit(target, (), noise)
+        fits = {None: alone} | {
+            rival: pursue(target, noise, allowed) if (allowed := _atoms(target, rival)) else alone
+            for rival in names
+            if rival != name
+        }
+        found += [_separation(name, rival, each, target, floor) for rival, each in fits.items()]
+    return found
+
+
+def _atoms(dictionary: Dictionary, name: str) -> list[int]:
+    return [a for a in dictionary.candidates if dictionary.atoms[a].name == name]
+
+
+def _separation(
+    name: str, rival: str | None, found: Fit, dictionary: Dictionary, floor: Mapping[str, float]
+) -> Separation:
+    ratios = tuple(found.rms[channel] / floor[channel] for channel in floor)
+    count = int(dictionary.first[dictionary.tolerated])
+    strained = found.coefficients[:count] ** 2 @ dictionary.precision[:count]
+    return Separation(name, rival, _evidence(ratios, float(strained)), ratios, float(strained))
+
+
+def strength_told(separation: Separation) -> float:
+    """Share of the fault from which on it would be told from its rival; infinite if never."""
+    if max(*separation.ratios, separation.strain) < _NOTHING:
+        return math.inf
+    low, high = 1e-6, 1e6
+    for _ in range(60):
+        middle = math.sqrt(low * high)
+        ratios = tuple(middle * ratio for ratio in separation.ratios)
+        enough = _evidence(ratios, middle**2 * separation.strain) >= DECISIVE
+        low, high = (low, middle) if enough else (middle, high)
+    return high
+
+
+def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str, Rows]:
+    """Contribution of a fault to the gap of each channel."""
+    effect = get_effect(name)
+    values = effect.complete(given)
+    baseline = session.baseline
+    added = {}
+    for channel, rows in session.channels.items():
+        place = session.torque_column if channel == TORQUE_GAP else session.transmission_column
+        signature = torque_signature if channel == TORQUE_GAP else transmission_signature
+        curve = functools.partial(signature, effect, values, baseline=baseline)
+        added[channel] = replace(rows, gap=place(curve))
+    return added
+
+
+def _aimed(
+    dictionary: Dictionary, channels: Mapping[str, Rows], floor: Mapping[str, float]
+) -> Dictionary:
+    """The dictionary with other gaps; where an effect shows nothing its gap is hardly one."""
+    sums = {
+        name: replace(
+            each,
+            cross=dictionary.columns[name].T @ channels[name].gap,
+            square=max(
+                float(channels[name].gap @ channels[name].gap),
+                each.rows * (_NOTHING * floor[name]) ** 2,
+            ),
+        )
+        for name, each in dictionary.sums.items()
+    }
+    return replace(dictionary, sums=sums, mean=np.zeros_like(dictionary.mean))
+
+
+def _evidence(ratios: Sequence[float], strain: float) -> float:
+    return 0.5 * strain + sum(0.5 * _OBSERVATIONS * math.log1p(ratio**2) for ratio in ratios)

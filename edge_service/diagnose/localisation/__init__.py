@@ -1,0 +1,1 @@
+"""Location of the gap: over which variables, in which intervals."""

@@ -1,0 +1,1 @@
+"""Selection of causes: evidence of a set, stepwise and exhaustive search, posterior."""

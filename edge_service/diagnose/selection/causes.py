@@ -1,0 +1,338 @@
+"""Choice of effects: material ones, a posterior over sets of them, and indistinguishable ones."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..candidates.design_matrix import Dictionary
+from ..candidates.null_shapes import UNKNOWN
+from ..session.healthy_prior import MATERIAL_TOLERANCES
+from ..session.session import TRANSMISSION_GAP
+from .evidence import Fit, Noise, fit
+from .exhaustive import leading_sets
+from .stepwise import pursue
+
+LEAST_RISE_OF_GAP = 0.05
+"""An effect that is less than this part of the whole gap is immaterial: others are no better known.
+"""
+LEAST_RISE_BESIDE_ALIKE = 0.22
+"""Beside a greater effect whose entry may lack what this one adds."""
+COMPLETE = 0.3
+"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
+entry of another one, which would be wrong in some way of its own."""
+BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
+"""Effects that give between motor and table show between their encoders, whatever else they do."""
+STOPGAP_FOR = {
+    "backlash": {"compliance", "presliding"},
+    "compliance": {"presliding", "timestamp_skew"},
+    "lead_error": {"thermal_growth"},
+    "presliding": {"backlash", "compliance", "stribeck", "quadratic_friction"},
+    "quadratic_friction": {"presliding", "stribeck"},
+    "stribeck": {"presliding", "quadratic_friction"},
+    "timestamp_skew": {"compliance"},
+}
+"""Effects that resemble what a few numbers leave of others. Widths of play add up to what a spring
+does; a spring stretches with the acceleration, as no play does. A screw that grows unevenly looks
+like one with another lead, which does not grow.
+"""
+MISSED = 0.5
+"""Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
+TIED = 5.0
+"""Scores closer than this leave a doubt worth naming."""
+PARAMETERS = ("drag_error", "viscous_error", "inertia_error", "delay", "torque_gain_error")
+"""Parameters of the model, those first that change most often on a machine."""
+RANGES = frozenset({"delay"})
+"""Parameters of which a healthy axis may have anything within a range."""
+HEATED = frozenset({"thermal_growth", "warmup"})
+"""Effects that follow time or one sensor, where motion heats an axis in places of its own."""
+_SIMPLER = 2.0
+_AS_LITTLE = 1.0 / 3.0
+"""Of the tolerance: by so much more a set may leave and still leave as little."""
+_LEADERS = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A set of effects, and those of it that matter."""
+
+    fit: Fit
+    material: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Causes:
+    """The posterior.
+
+    Attributes:
+        best: the most probable set.
+        probability: of each effect to be part of the cause.
+        classes: effect -> itself and what this data cannot tell from it.
+        candidates: all sets considered, best first, with their probabilities.
+    """
+
+    best: Candidate
+    probability: Mapping[str, float]
+    classes: Mapping[str, tuple[str, ...]]
+    candidates: Sequence[tuple[Candidate, float]]
+
+
+def find_causes(
+    dictionary: Dictionary,
+    noise: Noise,
+    limits: Mapping[str, tuple[float, float]],
+    known: Sequence[int] = (),
+) -> Causes:
+    """Weigh sets of effects.
+
+    Args:
+        limits: effect -> healthy mean and tolerance of its amount, for parameters.
+        known: atoms of a set that was best under another noise.
+    """
+    best = pursue(dictionary, noise, dictionary.candidates, known=known)
+    fits = [best, fit(dictionary, (), noise)]
+    for name in list(_by_weight(dictionary, best, noise))[:_LEADERS]:
+        fits.append(_pursue_names(dictionary, noise, {name}, banned=True))
+    fits += leading_sets(dictionary, noise, fits)
+    fits += [_pursue_names(dictionary, noise, {name}) for name in sorted(limits)]
+    fits.append(_pursue_names(dictionary, noise, limits))
+    fits = [_named_beyond(dictionary, each, noise, limits) for each in fits]
+    judged = [
+        Candidate(each, material_names(dictionary, each, noise, limits)) for each in _unique(fits)
+    ]
+    return _posterior(_simplest_first(judged, noise))
+
+
+def without(causes: Causes, name: str) -> Causes | None:
+    """The posterior over the sets that lack an effect; None where there is none with a cause."""
+    others = [c for c, _ in causes.candidates if name not in c.material]
+    others.sort(key=lambda each: -each.fit.score)
+    if not others or not others[0].material:
+        return None
+    return _posterior([(each, each.fit.score) for each in others])
+
+
+def _pursue_names(
+    dictionary: Dictionary, noise: Noise, names: Iterable[str], *, banned: bool = False
+) -> Fit:
+    wanted = set(names)
+    allowed = [a for a in dictionary.candidates if (dictionary.atoms[a].name in wanted) != banned]
+    return pursue(dictionary, noise, allowed)
+
+
+def _named_beyond(
+    dictionary: Dictionary, whole: Fit, noise: Noise, limits: Mapping[str, tuple[float, float]]
+) -> Fit:
+    """The set with a lag that it needs beyond what a healthy drive may have: that is a cause.
+
+    Its bounds are no calibration, which could be a little off.
+    """
+    tolerated = {dictionary.atoms[k].name: k for k in range(dictionary.tolerated)}
+    lacking = []
+    for name in sorted((RANGES & limits.keys() & tolerated.keys()) - whole.names(dictionary)):
+        value = float(whole.coefficients[dictionary.first[tolerated[name]]])
+        free = [a for a in dictionary.candidates if dictionary.atoms[a].name == name]
+        if free and abs(value - limits[name][0]) > MATERIAL_TOLERANCES * limits[name][1]:
+            lacking.append(free[0])
+    return fit(dictionary, (*whole.atoms[dictionary.tolerated :], *lacking), noise)
+
+
+def _unique(fits: Sequence[Fit]) -> list[Fit]:
+    best: dict[tuple[int, ...], Fit] = {}
+    for each in fits:
+        best[tuple(sorted(each.atoms))] = each
+    return list(best.values())
+
+
+def _by_weight(dictionary: Dictionary, whole: Fit, noise: Noise) -> list[str]:
+    """Names of a fit, the one that it can spare least first."""
+    loss = {
+        name: whole.score - _without(dictionary, whole, name, noise).score
+        for name in whole.names(dictionary)
+    }
+    return sorted(loss, key=lambda name: -loss[name])
+
+
+def _without(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> Fit:
+    kept = [a for a in whole.atoms[dictionary.tolerated :] if dictionary.atoms[a].name != name]
+    return fit(dictionary, kept, noise)
+
+
+def material_names(
+    dictionary: Dictionary, whole: Fit, noise: Noise, limits: Mapping[str, tuple[float, float]]
+) -> frozenset[str]:
+    """Effects of a fit that matter: significant alone is not enough.
+
+    Two that stand in for one another would both be idle, and nothing would be named of a gap that
+    they explain: the one that can be spared is taken out, and the others are looked at again.
+    """
+    while True:
+        names = whole.names(dictionary)
+        material = frozenset(
+            name for name in names if _is_material(dictionary, whole, name, noise, limits)
+        )
+        if material == names or not _is_missed(dictionary, whole, material, noise):
+            return material
+        idle = [name for name in _by_weight(dictionary, whole, noise) if name not in material]
+        whole = _without(dictionary, whole, idle[-1], noise)
+
+
+def _is_missed(dictionary: Dictionary, whole: Fit, material: frozenset[str], noise: Noise) -> bool:
+    """Tell whether the material effects leave most of what all effects explain of a channel."""
+    chosen = whole.atoms[dictionary.tolerated :]
+    kept = [a for a in chosen if dictionary.atoms[a].name in material]
+    count = int(dictionary.first[dictionary.tolerated])
+    alone = fit(dictionary, kept, noise, whole.coefficients[:count])
+    return any(
+        noise.matters(channel, alone.rms[channel])
+        and alone.rms[channel] ** 2 - whole.rms[channel] ** 2
+        > MISSED * (sums.square / sums.rows - whole.rms[channel] ** 2)
+        for channel, sums in dictionary.sums.items()
+    )
+
+
+def _is_material(
+    dictionary: Dictionary,
+    whole: Fit,
+    name: str,
+    noise: Noise,
+    limits: Mapping[str, tuple[float, float]],
+) -> bool:
+    """Tell whether an effect adds to a gap what nothing else that is named can replace."""
+    if name in limits and _excess(dictionary, whole, name, *limits[name]) <= MATERIAL_TOLERANCES:
+        return False
+    rises = _rises(dictionary, whole, name, noise)
+    alike = [
+        _rises(dictionary, whole, other, noise)
+        for other in STOPGAP_FOR.get(name, set()) & whole.names(dictionary)
+    ]
+    count = sum(dictionary.atoms[a].name == name for a in whole.atoms[dictionary.tolerated :])
+    for channel, sums in dictionary.sums.items():
+        elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in dictionary.sums
+        if name in BETWEEN_ENCODERS and elsewhere:
+            continue
+        before = math.sqrt(sums.square / sums.rows)
+        if not noise.matters(channel, before):
+            continue
+        overshadowed = any(other[channel] > rises[channel] for other in alike)
+        left = noise.beyond(channel, whole.rms[channel])
+        completes = count == 1 and left < COMPLETE * rises[channel]
+        is_stopgap = overshadowed and not completes
+        part = LEAST_RISE_BESIDE_ALIKE if is_stopgap else LEAST_RISE_OF_GAP
+        if rises[channel] >= max(noise.tolerance[channel], part * before):
+            return True
+    return False
+
+
+def _rises(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> dict[str, float]:
+    """Contribution of an effect to each channel's gap, as a root mean square.
+
+    What is tolerated stays as it is meanwhile: it must not stretch to hide a cause.
+    """
+    kept = [a for a in whole.atoms[dictionary.tolerated :] if dictionary.atoms[a].name != name]
+    count = int(dictionary.first[dictionary.tolerated])
+    lesser = fit(dictionary, kept, noise, whole.coefficients[:count])
+    return {
+        channel: math.sqrt(max(lesser.rms[channel] ** 2 - whole.rms[channel] ** 2, 0.0))
+        for channel in dictionary.sums
+    }
+
+
+def _excess(dictionary: Dictionary, whole: Fit, name: str, healthy: float, sigma: float) -> float:
+    """By how many tolerances a parameter is off, the tolerated part included."""
+    mine = [a for a in whole.atoms if dictionary.atoms[a].name == name]
+    return abs(float(whole.of_atoms(dictionary, mine).sum()) - healthy) / sigma
+
+
+def _simplest_first(judged: Sequence[Candidate], noise: Noise) -> list[tuple[Candidate, float]]:
+    """Candidates with their scores, the best first; a parameter that is off comes before an effect.
+
+    As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
+    that one, however well many observations tell them apart. So is, before the data, a part of the
+    best set that leaves as little.
+    """
+    scored = _parts_doubled(sorted(judged, key=lambda each: -each.fit.score), noise)
+    ranked = [each for each, _ in scored]
+    best = ranked[0]
+    if best.material <= set(PARAMETERS):
+        return scored
+    simple = [
+        each
+        for each in ranked
+        if 0 < len(each.material) <= len(best.material)
+        and each.material <= set(PARAMETERS)
+        and _leaves_as_little(each, best, noise)
+    ]
+    simple.sort(key=lambda each: [PARAMETERS.index(name) for name in sorted(each.material)])
+    level = scored[0][1] + math.log(_SIMPLER / max(len(simple), 1))
+    first = [(each, level) for each in simple]
+    rest = [(each, score) for each, score in scored if each not in simple]
+    if not simple and best.material & HEATED:
+        rest = _with_wandering(rest, noise)
+    return first + rest
+
+
+def _parts_doubled(ranked: Sequence[Candidate], noise: Noise) -> list[tuple[Candidate, float]]:
+    """Candidates with their scores, the best first; a part of the best that leaves as little gains.
+
+    What is tolerated can hold what the part lacks: nothing but its prior tells the two apart.
+    """
+    best = ranked[0]
+    scored = [
+        (each, each.fit.score + math.log(_SIMPLER))
+        if each.material and each.material < best.material and _leaves_as_little(each, best, noise)
+        else (each, each.fit.score)
+        for each in ranked
+    ]
+    return sorted(scored, key=lambda pair: -pair[1])
+
+
+def _with_wandering(
+    scored: Sequence[tuple[Candidate, float]], noise: Noise
+) -> list[tuple[Candidate, float]]:
+    """Candidates with their scores, parameters that leave nothing that matters raised.
+
+    Friction of a healthy axis wanders: a level that is off, and drifts by less than anybody acts
+    on, may be no more than that, whatever the drift resembles.
+    """
+    top = scored[0][1]
+    raised = [
+        (each, max(score, top - math.log(_SIMPLER)))
+        if each.material
+        and each.material <= set(PARAMETERS)
+        and not any(noise.matters(channel, rms) for channel, rms in each.fit.rms.items())
+        else (each, score)
+        for each, score in scored
+    ]
+    return sorted(raised, key=lambda pair: -pair[1])
+
+
+def _leaves_as_little(one: Candidate, best: Candidate, noise: Noise) -> bool:
+    return all(
+        one.fit.rms[channel] ** 2 - rms**2 <= (_AS_LITTLE * noise.tolerance[channel]) ** 2
+        for channel, rms in best.fit.rms.items()
+    )
+
+
+def _posterior(scored: Sequence[tuple[Candidate, float]]) -> Causes:
+    ranked = [each for each, _ in scored]
+    top = scored[0][1]
+    weights = [math.exp(max(score - top, -700.0)) for _, score in scored]
+    total = sum(weights)
+    candidates = [(each, weight / total) for each, weight in zip(ranked, weights, strict=True)]
+    names = {name for each in ranked for name in each.material}
+    probability = {
+        name: sum(p for each, p in candidates if name in each.material) for name in sorted(names)
+    }
+    best = ranked[0]
+    classes = {name: (name, *sorted(_rivals(name, best, scored))) for name in sorted(best.material)}
+    return Causes(best, probability, classes, candidates)
+
+
+def _rivals(name: str, best: Candidate, scored: Sequence[tuple[Candidate, float]]) -> set[str]:
+    """Effects that stand in for one in a set that is as good."""
+    found: set[str] = set()
+    for each, score in scored:
+        close = score >= scored[0][1] - TIED
+        if close and name not in each.material and each.material:
+            found |= each.material - best.material
+    return found - {UNKNOWN}

@@ -1,0 +1,57 @@
+"""Effects that a session could show at all, and why it cannot show the others."""
+
+import numpy as np
+
+from ...models.effects.registry import effects
+from ..candidates.empirical_shapes import free_forms
+from ..candidates.regressor import Atom, atoms_of
+from ..session.run import SLOW_HZ
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
+
+TOO_FAST = frozenset(
+    {
+        *("delay", "presliding", "saturation"),
+        *("torque_ripple", "once_per_rev_friction", "encoder_eccentricity"),
+    }
+)
+"""Effects that come and go between the samples of a slow recording."""
+
+
+def is_too_slow(name: str, session: Session) -> bool:
+    """Tell whether the sampling is too slow to see an effect."""
+    return name in TOO_FAST and any(run.is_slow for run in session.runs)
+
+
+def not_judged(session: Session) -> dict[str, str]:
+    """Effects that the recording could not show, by name, and why."""
+    free = {form.name for form in free_forms(session)}
+    rate_hz = 1.0 / max(run.low_pass.period_s for run in session.runs)
+    found = {}
+    for name in effects():
+        if is_too_slow(name, session):
+            found[name] = f"sampled too slowly: at {rate_hz:.3g} Hz, expected {SLOW_HZ:g} Hz"
+        elif name not in free and not _shows(name, session):
+            found[name] = _lacking(session)
+    return found
+
+
+def _lacking(session: Session) -> str:
+    """Reason why an effect has no signature at all."""
+    if TRANSMISSION_GAP not in session.channels:
+        return "one encoder only: nothing between motor and table is seen"
+    if TORQUE_GAP not in session.channels:
+        return "no torque recorded"
+    return "the motion does not show it"
+
+
+def _shows(name: str, session: Session) -> bool:
+    """Tell whether the first atom of each form, or its last, has a signature."""
+    forms: dict[str, Atom] = {}
+    for atom in atoms_of(effects()[name], session):
+        forms.setdefault(atom.form, atom)
+        forms[atom.form + " last"] = atom
+    return any(
+        bool(np.any(np.abs(atom.columns(session, channel)) > 0.0))
+        for atom in forms.values()
+        for channel in session.channels
+    )

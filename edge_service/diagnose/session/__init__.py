@@ -1,0 +1,1 @@
+"""Recordings of one axis as rows of two channels, with noise floor and tolerance."""

@@ -1,0 +1,125 @@
+"""One clock for the recordings of a session, and a bound on how much of them is kept."""
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.effects.baseline import Motion
+from .run import Run
+
+LONGEST_S = 600.0
+"""Of a longer session every second minute is kept, or every fourth, and so on."""
+PIECE_S = 60.0
+PAUSE_S = 1.0
+"""Between recordings whose own clocks do not tell how far apart they were made."""
+
+
+def on_one_clock(runs: Iterable[Run]) -> list[Run]:
+    """Runs in the order of one clock, whatever the order of the recordings.
+
+    Recordings whose clocks overlap (each may begin at 0) follow one another, the coldest first:
+    an axis warms up in a session.
+    """
+    recordings = _by_recording(thinned(runs))
+    spans = sorted((_start_s(each), _end_s(each)) for each in recordings)
+    if all(before[1] < after[0] for before, after in itertools.pairwise(spans)):
+        return [run for each in sorted(recordings, key=_start_s) for run in each]
+    placed: list[Run] = []
+    clock_s = 0.0
+    for number, each in enumerate(sorted(recordings, key=_coldness)):
+        shift_s = clock_s - _start_s(each) if number else 0.0
+        placed += [_shifted(run, shift_s) for run in each]
+        clock_s = _end_s(placed[-1:]) + PAUSE_S
+    return placed
+
+
+def thinned(runs: Iterable[Run]) -> list[Run]:
+    """Runs of at most about `LONGEST_S` in all, evenly spread over what was recorded."""
+    kept: list[tuple[int, Run]] = []
+    stride, number, held_s = 1, 0, 0.0
+    for run in runs:
+        parts = [run] if stride == 1 else _pieces(run)
+        for part in parts:
+            if number % stride == 0:
+                kept.append((number, part))
+                held_s += _duration_s(part)
+            number += 1
+        while held_s > LONGEST_S:
+            if stride == 1:
+                cut = [piece for _, each in kept for piece in _pieces(each)]
+                kept, number = list(enumerate(cut)), len(cut)
+            stride *= 2
+            kept = [(k, each) for k, each in kept if k % stride == 0]
+            held_s = sum(_duration_s(each) for _, each in kept)
+    return [run for _, run in kept]
+
+
+def _by_recording(runs: Sequence[Run]) -> list[list[Run]]:
+    found: dict[int, list[Run]] = {}
+    for run in runs:
+        found.setdefault(run.recording, []).append(run)
+    return list(found.values())
+
+
+def _start_s(runs: Sequence[Run]) -> float:
+    return min(float(run.motion.time_s[0]) for run in runs)
+
+
+def _end_s(runs: Sequence[Run]) -> float:
+    return max(float(run.motion.time_s[-1]) for run in runs)
+
+
+def _duration_s(run: Run) -> float:
+    return float(run.motion.time_s[-1] - run.motion.time_s[0])
+
+
+def _coldness(runs: Sequence[Run]) -> tuple[float, ...]:
+    """Temperature, then whatever else tells recordings apart without regard to their order."""
+    first = runs[0]
+    warmth = [float(run.temperature_c.mean()) for run in runs if run.temperature_c is not None]
+    motion = first.motion
+    return (
+        min(warmth, default=0.0),
+        float(motion.time_s[0]),
+        float(sum(map(_duration_s, runs))),
+        float(motion.angle_rad[0]),
+        float(np.square(motion.angle_rad).mean()),
+    )
+
+
+def _shifted(run: Run, shift_s: float) -> Run:
+    motion = replace(run.motion, time_s=run.motion.time_s + shift_s)
+    return replace(run, motion=motion)
+
+
+def _pieces(run: Run) -> Iterator[Run]:
+    step = max(round(PIECE_S * len(run.motion) / max(_duration_s(run), 1e-9)), 1)
+    if len(run.motion) <= 1.5 * step:
+        yield run
+        return
+    for start in range(0, len(run.motion) - step // 2, step):
+        end = start + step if len(run.motion) - start - step >= step // 2 else len(run.motion)
+        yield _cut(run, slice(start, end))
+
+
+def _cut(run: Run, span: slice) -> Run:
+    """A copy of a part: the rest can be forgotten."""
+    given = [each.name for each in fields(Motion) if each.init]
+    motion = Motion(**{name: getattr(run.motion, name)[span].copy() for name in given})
+    return replace(
+        run,
+        motion=motion,
+        moving=run.moving[span].copy(),
+        resolved=run.resolved[span].copy(),
+        clipped=run.clipped[span].copy(),
+        transmission_m=_copied(run.transmission_m, span),
+        temperature_c=_copied(run.temperature_c, span),
+        setpoint_m=_copied(run.setpoint_m, span),
+    )
+
+
+def _copied(values: Floats | None, span: slice) -> Floats | None:
+    return None if values is None else values[span].copy()

@@ -1,0 +1,214 @@
+"""Check of a recording before anything is fitted to it: units, signs, cover, faults."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...fingerprint.regression.linear import Booleans
+from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
+from ...messages.samples import Floats
+from .recordings import Run
+from .same_axis import FileFit, fits_of, strangers
+
+LEAST_MOTION_S = 2.0
+SHORT_MOTION_S = 10.0
+LEAST_TRAVEL_REV = 0.5
+LEAST_RATE_HZ = 20.0
+_GAIN_RANGE = (0.2, 5.0)
+_FRICTION_RANGE = (0.03, 30.0)
+"""The same where the torque shows nothing but friction, of which a data sheet says little."""
+_LEAST_INERTIAL = 0.02
+"""Of the model's energy: with less of it no friction could stand in for, the inertia is unseen."""
+_LEAST_MOVING = 100
+_FOLLOWED = (0.2, 5.0)
+"""Travel of a setpoint over that of its axis: beyond it no lag explains it, but a unit does."""
+_STUCK_SHARE = 0.3
+_NO_RUN = "no unbroken run of a second or more: rows or channels are missing, or a channel is stuck"
+
+
+@dataclass(frozen=True, slots=True)
+class DataCheck:
+    """Faults that forbid a diagnosis, one line each, and remarks that do not."""
+
+    faults: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str] = ()) -> DataCheck:
+    """Judge the runs of one axis.
+
+    Args:
+        names: of the recordings, by their number.
+    """
+    if not runs:
+        return DataCheck((_NO_RUN,), ())
+    faults = [*_cover(runs)]
+    if not faults:
+        fits = fits_of(runs, ratio_m_per_rad)
+        lead_m = 2.0 * np.pi * ratio_m_per_rad
+        called = dict(enumerate(names))
+        mixed = strangers(fits, lead_m, lambda k: called.get(k, f"recording {k + 1}"))
+        faults += [mixed] if mixed else [*_units(fits), *_stuck(runs), *_torque(runs)]
+    return DataCheck(tuple(faults), tuple(_remarks(runs)))
+
+
+def _cover(runs: Sequence[Run]) -> list[str]:
+    period_s = max(_period(run) for run in runs)
+    if 1.0 / period_s < LEAST_RATE_HZ:
+        return [f"sampled at {1.0 / period_s:.3g} Hz, expected {LEAST_RATE_HZ:g} Hz or more"]
+    moving_s = sum(float(run.moving.sum()) * _period(run) for run in runs)
+    if moving_s < LEAST_MOTION_S:
+        return [f"the axis moves for {moving_s:.2g} s, expected {LEAST_MOTION_S:g} s or more"]
+    travel = sum(
+        float(np.abs(np.diff(run.motion.angle_rad[:: max(1, round(0.01 / _period(run)))])).sum())
+        for run in runs
+    )
+    if travel < LEAST_TRAVEL_REV * 2.0 * np.pi:
+        return [f"the screw turns {travel / 6.2832:.2g} revolutions in all, expected more"]
+    return []
+
+
+def _period(run: Run) -> float:
+    return float(run.motion.time_s[1] - run.motion.time_s[0])
+
+
+def _units(fits: Sequence[FileFit]) -> list[str]:
+    """Table and setpoint against motor: the lead says how far one turn goes."""
+    for fit in fits:
+        travel = fit.travel
+        if abs(travel.lead - 1.0) > travel.lead_reach:
+            return [_other_lead(TABLE_POSITION, travel.lead)]
+        if not _is_late(travel.setpoint_lead):
+            return [_other_lead(SETPOINT, travel.setpoint_lead)]
+    return []
+
+
+def _is_late(lead: float) -> bool:
+    """Tell whether a setpoint's lead is that of an axis that follows it, however late."""
+    return math.isnan(lead) or _FOLLOWED[0] < lead < _FOLLOWED[1]
+
+
+def _other_lead(channel: str, lead: float) -> str:
+    what = "its sign is turned" if lead < 0.0 else "a unit or the lead is wrong"
+    return f"{channel} moves {lead:.3g} times as far as {ANGLE} says: {what}"
+
+
+def _stuck(runs: Sequence[Run]) -> list[str]:
+    moving = np.concatenate(
+        [run.moving[1:] for run in runs if run.has_torque] or [np.zeros(0, bool)]
+    )
+    still = np.concatenate(
+        [_repeats(run.motion.torque_nm) for run in runs if run.has_torque] or [np.zeros(0, bool)]
+    )
+    if moving.any() and float(still[moving].mean()) > _STUCK_SHARE:
+        return ["torque_command_nm does not change while the axis moves"]
+    return []
+
+
+def _repeats(values: Floats) -> Booleans:
+    found: Booleans = np.abs(np.diff(values)) <= 1e-12 * max(float(np.abs(values).max()), 1e-12)
+    return found
+
+
+def _torque(runs: Sequence[Run]) -> list[str]:
+    """Torque against the model: sign and scale must be of the same kind."""
+    middle = _gain(runs, _whole_gain)
+    if middle < -0.2:
+        return ["torque_command_nm has the wrong sign: it drives against the motion"]
+    if math.isnan(middle) or _GAIN_RANGE[0] < abs(middle) < _GAIN_RANGE[1]:
+        return []
+    of_inertia = _gain(runs, _inertial_gain)
+    if math.isnan(of_inertia):
+        is_friction = _FRICTION_RANGE[0] < abs(middle) < _FRICTION_RANGE[1]
+    else:
+        is_friction = _GAIN_RANGE[0] < of_inertia < _GAIN_RANGE[1]
+    if is_friction:
+        return []
+    return [
+        f"torque_command_nm is {middle:.3g} times what the machine file needs: "
+        "expected N m at the motor shaft; a unit, the inertia or the machine file is wrong"
+    ]
+
+
+def _gain(runs: Sequence[Run], of: Callable[[Run], float]) -> float:
+    """Median over the recordings of the torque over that of the model; NaN where none tells."""
+    gains: dict[int, float] = {}
+    for run in runs:
+        if run.has_torque and run.moving.sum() >= _LEAST_MOVING:
+            gain = of(run)
+            if not math.isnan(gain):
+                gains[run.recording] = gain
+    return float(np.median(list(gains.values()))) if gains else math.nan
+
+
+def _whole_gain(run: Run) -> float:
+    model, torque = run.motion.model_torque_nm[run.moving], run.motion.torque_nm[run.moving]
+    return float(model @ torque) / max(float(model @ model), 1e-300)
+
+
+def _inertial_gain(run: Run) -> float:
+    """Gain of that part of the model which no friction can stand in for; NaN where that is none."""
+    motion, moving = run.motion, run.moving
+    friction = np.column_stack((motion.direction, motion.speed_rad_s, np.ones(len(moving))))
+    model, torque = motion.model_torque_nm[moving], motion.torque_nm[moving]
+    both = np.column_stack((model, torque))
+    rest = both - friction[moving] @ np.linalg.lstsq(friction[moving], both, rcond=None)[0]
+    own = float(rest[:, 0] @ rest[:, 0])
+    if own < _LEAST_INERTIAL * float(model @ model):
+        return math.nan
+    return float(rest[:, 0] @ rest[:, 1]) / own
+
+
+def _remarks(runs: Sequence[Run]) -> list[str]:
+    found = []
+    moving_s = sum(float(run.moving.sum()) * _period(run) for run in runs)
+    if moving_s < SHORT_MOTION_S:
+        found.append(f"{moving_s:.0f} s of motion in all: what shows seldom or weakly is not seen")
+    if not any(run.has_torque for run in runs):
+        found.append("no torque_command_nm: friction, inertia and torque are not judged")
+    if all(run.transmission_m is None for run in runs):
+        found.append("one encoder only: nothing between motor and table is judged")
+    gain = abs(_gain(runs, _whole_gain))
+    if not _torque(runs) and (gain < _GAIN_RANGE[0] or gain > _GAIN_RANGE[1]):
+        found.append(
+            f"friction is {gain:.2g} times what the machine file says: a torque in a wrong unit "
+            "would look the same"
+        )
+    found += _gaps(runs)
+    moving = sum(int(run.moving.sum()) for run in runs)
+    clipped = sum(int((run.clipped & run.moving).sum()) for run in runs)
+    if clipped:
+        found.append(
+            f"{100.0 * clipped / moving:.2g} % of the motion takes more than the drive's torque "
+            "limit: its torque is not compared"
+        )
+    speeds = np.concatenate([np.abs(run.motion.speed_rad_s[run.moving]) for run in runs])
+    if speeds.size and float(np.quantile(speeds, 0.95)) < 3.0 * float(np.quantile(speeds, 0.05)):
+        found.append("nearly one speed only: the shapes of friction cannot be told apart")
+    return found
+
+
+def _gaps(runs: Sequence[Run]) -> list[str]:
+    """Remark on how much of the time between first and last rows is there, if not all of it is."""
+    files: dict[int, list[Run]] = {}
+    for run in runs:
+        files.setdefault(run.recording, []).append(run)
+    if len(files) == len(runs):
+        return []
+    held_s = sum(_duration(run) for run in runs)
+    spans = [
+        max(run.motion.time_s[-1] for run in file) - min(run.motion.time_s[0] for run in file)
+        for file in files.values()
+    ]
+    if held_s > 0.8 * sum(spans):
+        return [f"gaps in the recording: {len(runs)} unbroken runs"]
+    return [
+        f"{held_s / 60.0:.0f} of {sum(spans) / 60.0:.0f} min are looked at, in {len(runs)} runs "
+        "spread over them"
+    ]
+
+
+def _duration(run: Run) -> float:
+    return float(run.motion.time_s[-1] - run.motion.time_s[0])

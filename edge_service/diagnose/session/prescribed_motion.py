@@ -1,0 +1,225 @@
+"""A simulated axis that is led along the measured motion of a run, in place of the real one.
+
+Its motor makes the measured motion (`models.driven_motion`), so controllers and following errors
+have no part in what is compared. What lies outside the plant is put on afterwards: the torque path
+is undone from shaft to command, and the encoders' errors are read as they were made.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
+import numpy as np
+from scipy import interpolate
+
+from ...fingerprint.regression.conditioning import central_difference
+from ...messages.samples import Floats
+from ...models.effects.baseline import Baseline, Motion
+from ...models.effects.effect import ActiveEffect
+from ...models.effects.forward import Forward, TimeLoad, put_into
+from ...models.effects.registry import machine_effects
+from ...models.machine import Machine
+from ...models.plant.feed_drive import SUBSTEP_RATE_HZ
+from ...models.plant.from_machine import plant_of
+from ...models.plant.prescribed_motion import STRETCH, TORQUE, Way, carried_along, lead_along
+from ...models.plant.tables import misreading
+from ...models.plant.two_mass import Plant, axial_compliance
+from .run import Run
+from .session import Integers
+from .twin import rigid_plant
+
+_DAMPING_RATIO = 0.3
+"""Of the table on its spring: what is compared ends below that resonance."""
+_PRELOAD_PERCENT = 7.0
+"""The nut of a plant whose springs are too stiff to show."""
+_INVERSIONS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LedAxis:
+    """The axis of a machine file, as stiff as its model takes it for.
+
+    Attributes:
+        screw_nm: drag of the screw.
+        known: effects of the machine file.
+    """
+
+    plant: Plant
+    baseline: Baseline
+    screw_nm: float
+    known: tuple[ActiveEffect, ...]
+
+    @classmethod
+    def of_machine(cls, machine: Machine, baseline: Baseline) -> "LedAxis":
+        """The axis behind a baseline."""
+        plant = rigid_plant(plant_of(machine))
+        others_nm = plant.bearing_drag_nm + plant.guide_force_n * plant.ratio_m_per_rad
+        known = tuple(machine_effects(machine))
+        return cls(plant, baseline, baseline.coulomb_nm - others_nm, known)
+
+    def with_effects(self, effects: Sequence[ActiveEffect]) -> Forward:
+        """The plant with further effects, damped.
+
+        Raises:
+            ValueError: they leave no mass on the table.
+        """
+        forward = put_into(self.plant, (*self.known, *effects), self.screw_nm)
+        plant = forward.plant
+        compliance = axial_compliance(plant, 0.5 * plant.screw_length_m, _PRELOAD_PERCENT)
+        damping = 2.0 * _DAMPING_RATIO * math.sqrt(plant.table_mass_kg / compliance)
+        return replace(forward, plant=plant._replace(damping_n_s_per_m=damping))
+
+    def led(self, run: Run, variants: Sequence[Forward], number: Integers) -> Run:
+        """The run with torque and transmission of the simulated plant.
+
+        Args:
+            variants: plants with effects.
+            number: which of them holds at each sample, (n,).
+
+        Raises:
+            ValueError: a plant leaves the finite numbers.
+        """
+        motion, ratio = run.motion, self.plant.ratio_m_per_rad
+        misread = _chosen(number, [_misread_rad(each, motion.angle_rad) for each in variants])
+        travel = ratio * (motion.angle_rad - misread)
+        speed = motion.speed_rad_s - central_difference(misread, _period_s(motion))
+        shaft_nm, ahead_m = self._moved(motion, travel, ratio * speed, variants, number)
+        command_nm = _command(motion, shaft_nm, variants, number)
+        lag_s = _of(number, variants, "position_lag_s")
+        if np.any(lag_s):
+            table_m = interpolate.CubicSpline(motion.time_s, travel + ahead_m)
+            ahead_m = table_m(motion.time_s - lag_s) - travel
+        stretch_m = ahead_m - ratio * misread
+        if not (np.isfinite(command_nm).all() and np.isfinite(stretch_m).all()):
+            raise ValueError("the simulated plant with these effects leaves the finite numbers")
+        return replace(
+            run,
+            motion=replace(motion, torque_nm=command_nm) if run.has_torque else motion,
+            transmission_m=None if run.transmission_m is None else stretch_m,
+        )
+
+    def _moved(
+        self,
+        motion: Motion,
+        travel: Floats,
+        speed: Floats,
+        variants: Sequence[Forward],
+        number: Integers,
+    ) -> tuple[Floats, Floats]:
+        """Torque at the shaft, and how far the table is ahead of the motor, (n,) each."""
+        period_s = _period_s(motion)
+        loads = [each.over_time(motion.time_s, motion.temperature_c) for each in variants]
+        way = self._way(motion, speed, loads, number)
+        offset_m = float(np.median(motion.position_m - travel))
+        plants = [_placed(each.plant, offset_m) for each in variants]
+        first = float(travel[0]), float(way.speed_m_s[0]), float(way.strain[0])
+        state = carried_along(plants[number[0]], *first, float(motion.approach[0]))
+        out = np.empty((len(motion), 2))
+        substeps = math.ceil(SUBSTEP_RATE_HZ * period_s)
+        edges = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(motion)]
+        for start, end in itertools.pairwise(edges):
+            part = Way(*(each[start : end + 1] for each in way))
+            screw = self.screw_nm, _PRELOAD_PERCENT
+            plant = plants[number[start]]
+            out[start:end] = lead_along(plant, *screw, period_s, substeps, state, part)
+        return _at_samples(out[:, TORQUE]), out[:, STRETCH]
+
+    def _way(
+        self, motion: Motion, speed: Floats, loads: Sequence[TimeLoad], number: Integers
+    ) -> Way:
+        """One sample longer than the motion, which goes on as it ends."""
+
+        def by_time(name: str) -> Floats:
+            return _chosen(number, [getattr(load, name) for load in loads])
+
+        columns = (
+            speed,
+            motion.position_m,
+            by_time("force_n") + self._known_force(motion),
+            by_time("motor_dry_nm"),
+            by_time("table_dry_nm"),
+            by_time("motor_viscous_nm_s_per_rad"),
+            by_time("resisting_nm"),
+            by_time("strain"),
+        )
+        return Way(*(np.append(each, 2.0 * each[-1] - each[-2]) for each in columns))
+
+    def _known_force(self, motion: Motion) -> Floats:
+        """Recorded external force on the table, N, (n,): it is part of the model's load torque."""
+        base = self.baseline
+        inertia = base.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        pushed = motion.load_torque_nm - inertia
+        force: Floats = -pushed / base.ratio_m_per_rad
+        return force
+
+
+def _period_s(motion: Motion) -> float:
+    return float(motion.time_s[1] - motion.time_s[0])
+
+
+def _at_samples(mean: Floats) -> Floats:
+    """Values at the samples, (n,), from the means over the periods that begin there.
+
+    The mean of two periods is low by (w T)^2 / 6, which is put back.
+    """
+    padded = np.concatenate((mean[:1], mean))
+    values = 0.5 * (padded[1:] + padded[:-1])
+    bend = np.zeros_like(values)
+    bend[1:-1] = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    found: Floats = values - bend / 6.0
+    return found
+
+
+def _command(
+    motion: Motion, shaft_nm: Floats, variants: Sequence[Forward], number: Integers
+) -> Floats:
+    """Torque command behind a torque at the shaft: ahead of it, scaled, and with what was cut off.
+
+    How far a controller asks for more than the drive gives is its own doing; what it asked for
+    beyond the limit in the recording it asks for here.
+    """
+    lag_s = _of(number, variants, "plant.torque_lag_s")
+    command = shaft_nm + lag_s * np.gradient(shaft_nm, motion.time_s)
+    command = command * _of(number, variants, "command_per_torque")
+    beyond = np.abs(motion.torque_nm) - _of(number, variants, "torque_limit_nm")
+    cut_off = np.sign(motion.torque_nm) * np.maximum(beyond, 0.0)
+    found: Floats = command + np.nan_to_num(cut_off)
+    return found
+
+
+def _placed(plant: Plant, offset_m: float) -> Plant:
+    """The plant whose positions count as the table's, which is `offset_m` ahead of the travel.
+
+    What the torque path does is put on afterwards.
+    """
+    low_m = plant.tables.position_low_m - offset_m
+    return plant._replace(torque_lag_s=0.0, tables=plant.tables._replace(position_low_m=low_m))
+
+
+def _misread_rad(forward: Forward, reading_rad: Floats) -> Floats:
+    """Error of the rotary encoder where it reads these angles: r = a + e(a), solved for e."""
+    tables = forward.plant.tables
+    if tables.angle_points == 0:
+        return np.zeros_like(reading_rad)
+    errors = np.array([misreading(tables, angle)[0] for angle in _TURN])
+    error = np.zeros_like(reading_rad)
+    for _ in range(_INVERSIONS):
+        error = np.interp(np.mod(reading_rad - error, _TURN[-1]), _TURN, errors)
+    return error
+
+
+_TURN = np.linspace(0.0, 2.0 * math.pi, 4097)
+
+
+def _chosen(number: Integers, each: Sequence[Floats]) -> Floats:
+    """Of several series (n,) the one that holds at each sample."""
+    found: Floats = np.choose(number, each)
+    return found
+
+
+def _of(number: Integers, variants: Sequence[Forward], name: str) -> Floats:
+    """A constant of the variant that holds at each sample, (n,)."""
+    found: Floats = np.array([attrgetter(name)(each) for each in variants])[number]
+    return found

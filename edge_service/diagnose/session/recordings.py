@@ -1,0 +1,239 @@
+"""Recordings as runs of native-rate motion on one clock."""
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from ...fingerprint.regression.conditioning import central_difference, low_pass, white_noise_rms
+from ...fingerprint.regression.linear import Booleans
+from ...fingerprint.regression.screening import UniformRun, uniform_runs
+from ...messages.channels import (
+    ANGLE,
+    EXTERNAL_FORCE,
+    SETPOINT,
+    TABLE_POSITION,
+    TEMPERATURE,
+    TORQUE,
+)
+from ...messages.samples import Floats, SampleFrame
+from ...models.effects.baseline import Baseline, Motion
+from .clock import on_one_clock
+from .run import FILTER_ORDER, Filter, Run, is_slow
+
+__all__ = ["Filter", "Run", "runs_of", "unbroken_runs"]
+
+MOTION_CUTOFF_HZ = 100.0
+"""Low-pass of the measured angle before it is differentiated."""
+STILL_RAD_S = 0.1
+"""Up to this motor speed the axis is at rest, unless the encoder's noise asks for more."""
+_TOLD = 6.0
+"""Standard deviations of noise from which on a value is surely none."""
+_SLOWEST_SHARE = 0.1
+"""Of the greatest speed: up to it slow samples with much noise count as rest, no further."""
+_LASTING_SHARE = 0.02
+"""Of the strongest acceleration: by so much it may change from sample to sample and still last."""
+_SMOOTH_SHARE, _SMOOTH_QUANTILE = 0.1, 0.1257
+"""A tenth, and what lies within that quantile of the size of a standard normal variable."""
+_AT_LIMIT = 0.999
+"""Of the drive's limit: as exactly as drives state their torque."""
+TEMPERATURE_MEAN_S = 5.0
+"""A housing warms up slowly: its sensor's noise and steps are no warmth."""
+EDGE_S = 0.1
+LEAST_RUN_S = 1.0
+_OPTIONAL = (SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
+
+
+def runs_of(
+    recordings: Iterable[Iterable[SampleFrame] | SampleFrame],
+    baseline: Baseline,
+    least_s: float = LEAST_RUN_S,
+) -> list[Run]:
+    """Unbroken runs of recordings of one axis, filtered, in bounded memory.
+
+    Args:
+        least_s: shorter runs are left out.
+
+    Raises:
+        ValueError: one line; no position, or no clock.
+    """
+    return on_one_clock(unbroken_runs(recordings, baseline, least_s))
+
+
+def unbroken_runs(
+    recordings: Iterable[Iterable[SampleFrame] | SampleFrame],
+    baseline: Baseline,
+    least_s: float = LEAST_RUN_S,
+) -> Iterator[Run]:
+    """All runs, one after another, each recording on its own clock.
+
+    Raises:
+        ValueError: one line; no position, or no clock.
+    """
+    for number, recording in enumerate(recordings):
+        frames = iter([recording] if isinstance(recording, SampleFrame) else recording)
+        first = next(frames, None)
+        if first is None:
+            continue
+        needed = tuple(name for name in (ANGLE, TORQUE, TABLE_POSITION) if name in first.channels)
+        if ANGLE not in needed:
+            needed = (ANGLE, *(name for name in needed if name != TABLE_POSITION))
+        angled = _with_angle(itertools.chain([first], frames), baseline.ratio_m_per_rad)
+        for uniform in uniform_runs(angled, needed, optional=_OPTIONAL):
+            if len(uniform) * uniform.period_s >= least_s:
+                yield _run_of(uniform, baseline, number)
+
+
+def _with_angle(frames: Iterable[SampleFrame], ratio_m_per_rad: float) -> Iterator[SampleFrame]:
+    """Frames with an angle; x / R stands in where there is no rotary encoder."""
+    for frame in frames:
+        if ANGLE in frame.channels or TABLE_POSITION not in frame.channels:
+            yield frame
+        else:
+            channels = dict(frame.channels)
+            channels[ANGLE] = channels.pop(TABLE_POSITION) / ratio_m_per_rad
+            yield SampleFrame(frame.time_s, channels)
+
+
+def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
+    slow, raw = is_slow(run.period_s), run.channels
+    smooth = _unfiltered(raw) if slow else _filtered(raw, run.period_s)
+    speed = central_difference(smooth[ANGLE], run.period_s)
+    noise = {
+        name: _slow_noise_rms(raw[name]) if slow else white_noise_rms(raw[name])
+        for name in (ANGLE, TORQUE, TABLE_POSITION)
+        if name in raw
+    }
+    if slow:
+        acceleration, resolved = _second_difference(smooth[ANGLE], run.period_s, noise[ANGLE])
+        fastest = float(np.abs(speed).max())
+        wavers = _TOLD * noise[ANGLE] / math.sqrt(2.0) / run.period_s
+        still = max(STILL_RAD_S, min(wavers, _SLOWEST_SHARE * fastest))
+    else:
+        acceleration = central_difference(speed, run.period_s)
+        resolved = np.ones(len(run), dtype=np.bool_)
+        cutoff_hz = _cutoff_hz(run.period_s)
+        wavers = _TOLD * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0
+        still = max(STILL_RAD_S, wavers)
+    edge = math.ceil(EDGE_S / run.period_s)
+    inside = slice(edge, len(run) - edge)
+    moving = _moving(speed[inside], still, run.period_s)
+    temperature_c = _inside(raw, TEMPERATURE, inside)
+    if temperature_c is not None:
+        temperature_c = ndimage.uniform_filter1d(
+            temperature_c, max(round(TEMPERATURE_MEAN_S / run.period_s), 1), mode="nearest"
+        )
+    motion = Motion.of_samples(
+        baseline,
+        run.time_s[inside],
+        smooth[ANGLE][inside],
+        speed[inside],
+        acceleration[inside],
+        position_m=smooth[TABLE_POSITION][inside] if TABLE_POSITION in raw else None,
+        torque_nm=smooth[TORQUE][inside] if TORQUE in raw else None,
+        external_force_n=smooth[EXTERNAL_FORCE][inside] if EXTERNAL_FORCE in raw else None,
+        temperature_c=temperature_c,
+    )
+    motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
+    low_pass_of = Filter.of_period(run.period_s)
+    clipped = np.zeros(len(motion), dtype=np.bool_)
+    if TORQUE in raw:
+        limit_nm = baseline.torque_limit_nm
+        clipped = _clipped(raw[TORQUE][inside], motion.model_torque_nm, limit_nm, low_pass_of)
+    stretch = None
+    if TABLE_POSITION in raw:
+        stretch = raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE]
+        stretch = stretch[inside]
+    return Run(
+        motion=motion,
+        moving=moving,
+        resolved=resolved[inside] & _going_on(motion.direction) if slow else resolved[inside],
+        clipped=clipped,
+        transmission_m=stretch,
+        temperature_c=temperature_c,
+        setpoint_m=_inside(raw, SETPOINT, inside),
+        recording=number,
+        low_pass=low_pass_of,
+        noise=noise,
+    )
+
+
+def _clipped(torque_nm: Floats, model_nm: Floats, limit_nm: float, low_pass_of: Filter) -> Booleans:
+    """Samples whose comparison a reading at the limit reaches, (n,).
+
+    A reading at the limit of motion that takes less is a drive that gives less than it reads: that
+    is a fault and stays.
+    """
+    at_limit = np.abs(torque_nm) >= _AT_LIMIT * limit_nm
+    at_limit &= np.abs(model_nm) > limit_nm
+    reach: Booleans = ndimage.binary_dilation(at_limit, np.ones(len(low_pass_of.taps), np.bool_))
+    return reach
+
+
+def _cutoff_hz(period_s: float) -> float:
+    return min(MOTION_CUTOFF_HZ, 0.4 / period_s)
+
+
+def _filtered(raw: Mapping[str, Floats], period_s: float) -> dict[str, Floats]:
+    return {
+        name: low_pass(values, _cutoff_hz(period_s), FILTER_ORDER, period_s)
+        for name, values in _unfiltered(raw).items()
+    }
+
+
+def _unfiltered(raw: Mapping[str, Floats]) -> dict[str, Floats]:
+    names = (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE)
+    return {name: raw[name] for name in names if name in raw}
+
+
+def _slow_noise_rms(values: Floats) -> float:
+    """White noise on a series (n,) that is smooth in a tenth of its length at least.
+
+    As `white_noise_rms`, with that quantile of the fifth differences instead of their median.
+    """
+    fifth = np.abs(np.diff(values, 5))
+    if not fifth.size:
+        return 0.0
+    return float(np.quantile(fifth, _SMOOTH_SHARE) / _SMOOTH_QUANTILE / math.sqrt(252.0))
+
+
+def _second_difference(
+    angle_rad: Floats, period_s: float, noise_rad: float
+) -> tuple[Floats, Booleans]:
+    """Acceleration (n,), 0 where it may be noise, and which samples see it last (n,)."""
+    bend = np.zeros_like(angle_rad)
+    bend[1:-1] = np.diff(angle_rad, 2) / period_s**2
+    noise = noise_rad / period_s**2
+    change = np.abs(np.diff(bend))
+    change = np.maximum(np.append(change, 0.0), np.insert(change, 0, 0.0))
+    strong = float(np.quantile(np.abs(bend), 0.99))
+    lasting = change <= max(_LASTING_SHARE * strong, _TOLD * math.sqrt(20.0) * noise)
+    told = np.abs(bend) > 0.5 * _TOLD * math.sqrt(6.0) * noise
+    return np.where(told, bend, 0.0), lasting
+
+
+def _going_on(direction: Floats) -> Booleans:
+    """Samples that move as those before and after them do, (n,)."""
+    same = direction[1:] == direction[:-1]
+    going: Booleans = np.append(same, True) & np.insert(same, 0, True)
+    return going
+
+
+def _inside(channels: Mapping[str, Floats], name: str, inside: slice) -> Floats | None:
+    values = channels.get(name)
+    return None if values is None else values[inside]
+
+
+def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Booleans:
+    """Not at rest; a passage through zero shorter than 20 ms is no rest."""
+    fast: Booleans = np.abs(speed_rad_s) > still_rad_s
+    reach = round(0.02 / period_s)
+    if reach < 1:
+        return fast
+    closed: Booleans = ndimage.binary_closing(
+        np.pad(fast, reach, mode="edge"), np.ones(reach + 1, dtype=bool)
+    )[reach:-reach]
+    return closed | fast

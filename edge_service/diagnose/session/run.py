@@ -1,0 +1,144 @@
+"""One unbroken run of an axis, and the low-pass that everything compared must pass."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...fingerprint.regression.conditioning import low_pass
+from ...fingerprint.regression.linear import Booleans
+from ...messages.samples import Floats
+from ...models.compiled import compiled
+from ...models.effects.baseline import Motion
+
+Integers = npt.NDArray[np.int64]
+SLOW_HZ = 200.0
+"""Below this sampling rate accelerations come and go between two samples: what is compared is the
+motion that lasts, sample by sample, without a low-pass."""
+CUTOFF_HZ = 40.0
+"""Low-pass of both sides of the comparison: above the position loop, below torsional modes."""
+FILTER_ORDER = 4
+CUTOFF_SHARE = 0.2
+"""Of the sampling rate, where that is too low for `CUTOFF_HZ`."""
+_ROWS_PER_CUTOFF = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filter:
+    """A zero-phase low-pass that keeps every `step`-th sample.
+
+    Attributes:
+        taps: symmetric impulse response of a Butterworth filter run both ways, (2 m + 1,).
+    """
+
+    taps: Floats
+    step: int
+    period_s: float
+
+    @classmethod
+    def of_period(cls, period_s: float) -> "Filter":
+        """The comparison's filter for a sampling period; none where samples are few."""
+        if is_slow(period_s):
+            return cls(np.ones(1), 1, period_s)
+        cutoff_hz = min(CUTOFF_HZ, CUTOFF_SHARE / period_s)
+        step = max(math.floor(1.0 / (period_s * cutoff_hz * _ROWS_PER_CUTOFF)), 1)
+        reach = math.ceil(3.0 / (cutoff_hz * period_s))
+        impulse = np.zeros(4 * reach + 1)
+        impulse[2 * reach] = 1.0
+        taps = low_pass(impulse, cutoff_hz, FILTER_ORDER, period_s)[reach:-reach]
+        return cls(taps / taps.sum(), step, period_s)
+
+    @property
+    def cutoff_hz(self) -> float:
+        """Frequency at which half of an amplitude passes."""
+        return min(CUTOFF_HZ, CUTOFF_SHARE / self.period_s)
+
+    def gain(self, frequency_hz: Floats) -> Floats:
+        """Part of an amplitude that passes at some frequencies, (n,)."""
+        if len(self.taps) == 1:
+            return np.ones_like(frequency_hz)
+        share = (frequency_hz / self.cutoff_hz) ** 2
+        passed: Floats = 1.0 / (1.0 + share**FILTER_ORDER)
+        return passed
+
+    def __call__(self, values: Floats) -> Floats:
+        """Filtered rows, (n,) -> (ceil(n / step),)."""
+        return self.at(values, np.arange(-(-len(values) // self.step)))
+
+    def at(self, values: Floats, rows: Integers) -> Floats:
+        """Some of the filtered rows by their numbers, (k,): what is thinned costs nothing."""
+        return _weighed(np.ascontiguousarray(values), self.taps, self.step * rows)
+
+
+@compiled
+def _weighed(values: Floats, taps: Floats, middles: Integers) -> Floats:
+    """Means around some places by the weights of the taps, (k,); the ends go on for ever."""
+    count, last = taps.shape[0], values.shape[0] - 1
+    found = np.empty(middles.shape[0])
+    for k in range(middles.shape[0]):
+        start = middles[k] - count // 2
+        if start >= 0 and start + count <= values.shape[0]:
+            found[k] = np.dot(values[start : start + count], taps)
+        else:
+            total = 0.0
+            for j in range(count):
+                total += taps[j] * values[min(max(start + j, 0), last)]
+            found[k] = total
+    return found
+
+
+def is_slow(period_s: float) -> bool:
+    """Tell whether a sampling period is too long to follow accelerations."""
+    return period_s * SLOW_HZ > 1.0 + 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """One unbroken run at its native rate, edges cut off; all arrays (n,).
+
+    Attributes:
+        motion: of the motor, from the filtered angle, with what the baseline says of it.
+        moving: samples that are not at rest.
+        resolved: samples whose acceleration the sampling follows; all, unless it is slow.
+        clipped: samples near which the motion takes more torque than the drive's limit, and the
+            reading stays there: the torque is not known but for its least size.
+        transmission_m: table position minus that of the angle; None without a linear encoder.
+        temperature_c, setpoint_m: None where not recorded.
+        recording: number of the file that it comes from.
+        noise: white noise of the raw channels, by channel.
+    """
+
+    motion: Motion
+    moving: Booleans
+    resolved: Booleans
+    clipped: Booleans
+    transmission_m: Floats | None
+    temperature_c: Floats | None
+    setpoint_m: Floats | None
+    recording: int
+    low_pass: Filter
+    noise: dict[str, float]
+
+    @property
+    def has_torque(self) -> bool:
+        """True if the torque was recorded."""
+        return bool(np.isfinite(self.motion.torque_nm).all())
+
+    def resting_zero(self, values: Floats) -> Floats:
+        """Filtered rows of `values`, which count as zero at rest."""
+        return self.low_pass(np.where(self.moving, values, 0.0))
+
+    def at_rows(self, values: Floats) -> Floats:
+        """Unfiltered `values` at the rows."""
+        return values[:: self.low_pass.step]
+
+    @property
+    def is_slow(self) -> bool:
+        """True if the sampling does not follow accelerations."""
+        return is_slow(self.low_pass.period_s)
+
+    @property
+    def compared_rows(self) -> Booleans:
+        """Rows whose torque can be compared: in motion, resolved, and known."""
+        return (self.moving & self.resolved & ~self.clipped)[:: self.low_pass.step]

@@ -1,0 +1,196 @@
+"""All runs of one axis as rows of two channels: what the baseline leaves of torque and position."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...fingerprint.regression.linear import Booleans
+from ...messages.samples import Floats
+from ...models.effects.baseline import Baseline, Motion
+from ...models.effects.effect import ActiveEffect
+from ...models.effects.signature import torque_signature, transmission_signature
+from .recordings import Run
+
+TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
+CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
+Integers = npt.NDArray[np.int64]
+MOST_ROWS = 60_000
+"""Of a channel; of a longer session every second row is kept, or every third, and so on."""
+BLOCK_S = 5.0
+"""Rows are held out, and resampled, in blocks of about this length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """One channel of a session.
+
+    Attributes:
+        gap: measured minus modelled, (n,).
+        variables: name -> what was the case at each row, (n,).
+        block: number of the block of time, (n,).
+    """
+
+    gap: Floats
+    variables: Mapping[str, Floats]
+    block: Integers
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the gap."""
+        return float(np.sqrt(np.mean(self.gap**2)))
+
+    def thinned(self, every: int) -> "Rows":
+        """Each `every`-th row."""
+        if every == 1:
+            return self
+        variables = {name: values[::every] for name, values in self.variables.items()}
+        return Rows(self.gap[::every], variables, self.block[::every])
+
+
+class Healthy(Protocol):
+    """A healthy machine that is known from recordings."""
+
+    @property
+    def floor(self) -> Mapping[str, float]:
+        """Root mean square by which another healthy recording may part from it, by channel."""
+
+    def beside(self, session: "Session") -> "Session":
+        """The session with what it has beyond the healthy machine as its gap."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """Runs and the rows that follow from them.
+
+    Attributes:
+        baseline: rigid; `modelled` effects belong to the model as well.
+        channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
+        rows: channel -> its rows in each run, thinned to those of the session, (k,) each; none
+            in a run without the channel.
+        healthy: machine whose own gap is no part of this one; None where only the model is known.
+    """
+
+    runs: tuple[Run, ...]
+    baseline: Baseline
+    modelled: tuple[ActiveEffect, ...]
+    channels: Mapping[str, Rows]
+    rows: Mapping[str, tuple[Integers, ...]]
+    healthy: "Healthy | None" = None
+
+    @classmethod
+    def of_runs(
+        cls, runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect] = ()
+    ) -> Self:
+        """The session; a channel counts as recorded where any run has it."""
+        count = sum(len(run.motion) // run.low_pass.step + 1 for run in runs)
+        every = max(-(-count // MOST_ROWS), 1)
+        channels = {}
+        if any(run.has_torque for run in runs):
+            channels[TORQUE_GAP] = _torque_rows(runs, baseline, modelled).thinned(every)
+        if any(run.transmission_m is not None for run in runs):
+            channels[TRANSMISSION_GAP] = _transmission_rows(runs, baseline, modelled).thinned(every)
+        rows = {
+            TORQUE_GAP: _thinned([run.compared_rows & run.has_torque for run in runs], every),
+            TRANSMISSION_GAP: _thinned(
+                [np.full(len(run.compared_rows), run.transmission_m is not None) for run in runs],
+                every,
+            ),
+        }
+        return cls(tuple(runs), baseline, tuple(modelled), channels, rows)
+
+    def torque_column(self, curve: Callable[[Motion], Floats]) -> Floats:
+        """Any function of the motion as a column of the torque channel, (n,)."""
+        return np.concatenate(
+            [
+                run.low_pass.at(np.where(run.moving, curve(run.motion), 0.0), rows)
+                for run, rows in zip(self.runs, self.rows[TORQUE_GAP], strict=True)
+                if len(rows)
+            ]
+        )
+
+    def transmission_column(self, curve: Callable[[Motion], Floats]) -> Floats:
+        """Any function of the motion as a column of the transmission channel, its mean removed."""
+        column: Floats = np.concatenate(
+            [
+                run.low_pass.at(curve(run.motion), rows)
+                for run, rows in zip(self.runs, self.rows[TRANSMISSION_GAP], strict=True)
+                if len(rows)
+            ]
+        )
+        column -= column.mean()
+        return column
+
+
+def _thinned(kept: Sequence[Booleans], every: int) -> tuple[Integers, ...]:
+    """Numbers of the rows that are kept, each `every`-th of them counted through all runs."""
+    found, seen = [], 0
+    for mask in kept:
+        rows = np.flatnonzero(mask)
+        found.append(rows[-seen % every :: every])
+        seen += len(rows)
+    return tuple(found)
+
+
+def torque_gap(run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Floats:
+    """Measured less modelled torque of a run at the rows that move, N m, (n,)."""
+    model = run.motion.model_torque_nm.copy()
+    for each in modelled:
+        model += torque_signature(each.effect, each.values, run.motion, baseline)
+    return run.resting_zero(run.motion.torque_nm - model)[run.compared_rows]
+
+
+def transmission_gap(
+    run: Run, transmission_m: Floats, baseline: Baseline, modelled: Sequence[ActiveEffect]
+) -> Floats:
+    """Measured less modelled x - R theta of a run at all rows, m, (n,)."""
+    gap = transmission_m.copy()
+    for each in modelled:
+        gap -= transmission_signature(each.effect, each.values, run.motion, baseline)
+    return run.low_pass(gap)
+
+
+def _torque_rows(runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Rows:
+    kept = [(run, run.compared_rows) for run in runs if run.has_torque]
+    return _rows(np.concatenate([torque_gap(run, baseline, modelled) for run, _ in kept]), kept)
+
+
+def _transmission_rows(
+    runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]
+) -> Rows:
+    gaps, kept = [], []
+    for run in runs:
+        if run.transmission_m is not None:
+            gaps.append(transmission_gap(run, run.transmission_m, baseline, modelled))
+            kept.append((run, np.ones(len(gaps[-1]), dtype=bool)))
+    gap = np.concatenate(gaps)
+    return _rows(gap - gap.mean(), kept)
+
+
+def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:
+    names: dict[str, Callable[[Run], Floats]] = {
+        "motor_speed_rad_s": lambda run: run.motion.speed_rad_s,
+        "motor_acceleration_rad_s2": lambda run: run.motion.acceleration_rad_s2,
+        "table_position_m": lambda run: run.motion.position_m,
+        "motor_angle_rad": lambda run: np.mod(run.motion.angle_rad, 2.0 * np.pi),
+        "time_s": lambda run: run.motion.time_s,
+        "direction": lambda run: run.motion.approach,
+    }
+    variables = {
+        name: np.concatenate([run.at_rows(of(run))[rows] for run, rows in kept])
+        for name, of in names.items()
+    }
+    warmth = [run.temperature_c for run, _ in kept if run.temperature_c is not None]
+    if len(warmth) == len(kept):
+        variables["temperature_c"] = np.concatenate(
+            [run.at_rows(each)[rows] for each, (run, rows) in zip(warmth, kept, strict=True)]
+        )
+    blocks, last = [], 0
+    for run, rows in kept:
+        time_s = run.at_rows(run.motion.time_s)[rows]
+        number = np.floor((time_s - run.motion.time_s[0]) / BLOCK_S).astype(np.int64) + last
+        last = int(number.max(initial=last - 1)) + 1
+        blocks.append(number)
+    return Rows(gap, variables, np.concatenate(blocks))

@@ -1,0 +1,161 @@
+"""A healthy run of the same motion on the simulated axis, and the baseline that it shares."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ...messages.samples import Floats, SampleFrame
+from ...models.effects.baseline import Baseline
+from ...models.effects.effect import ActiveEffect
+from ...models.effects.registry import active_effect, machine_effects
+from ...models.machine import Machine
+from ...models.plant.encoders import Sensors
+from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
+from ...models.plant.two_mass import Plant
+from .healthy_prior import parameter_tolerances
+from .recordings import EDGE_S, Run, runs_of
+from .session import Session
+
+LONGEST_RUN_S = 60.0
+"""Of each healthy run; the beginning of a longer recording stands for the rest."""
+LONGEST_TWIN_S = 300.0
+"""Of all runs of a twin together, about; runs spread over a longer session stand for the rest."""
+_STIFFENING = 300.0
+_SETTLE_S = 0.5
+_PRELOAD_PERCENT = 7.0
+
+
+def rigid_baseline(machine: Machine) -> Baseline:
+    """The baseline as the machine file means it: nothing winds up."""
+    baseline = Baseline.of_machine(machine)
+    return replace(baseline, compliance_m_per_n=np.zeros_like(baseline.compliance_m_per_n))
+
+
+def rigid_plant(plant: Plant) -> Plant:
+    """A plant whose springs are too stiff to show."""
+    return plant._replace(
+        screw_rigidity_n=plant.screw_rigidity_n * _STIFFENING,
+        nut_catalogue_n_per_m=plant.nut_catalogue_n_per_m * _STIFFENING,
+        bearing_compliance_m_per_n=plant.bearing_compliance_m_per_n / _STIFFENING,
+        further_compliance_m_per_n=plant.further_compliance_m_per_n / _STIFFENING,
+        damping_n_s_per_m=plant.damping_n_s_per_m * np.sqrt(_STIFFENING),
+    )
+
+
+def excerpt(runs: Sequence[Run]) -> list[Run]:
+    """Runs that stand for all, in their order: each so-many-th of those that hold the same.
+
+    Of every kind (what was recorded, and whether anything moves) one is kept at least.
+    """
+    every = max(math.ceil(sum(map(_simulated_s, runs)) / LONGEST_TWIN_S), 1)
+    seen: Counter[tuple[bool, ...]] = Counter()
+    kept = []
+    for run in runs:
+        kind = (*_recorded(run).values(), bool(run.moving.any()))
+        if seen[kind] % every == 0:
+            kept.append(run)
+        seen[kind] += 1
+    return kept
+
+
+def _simulated_s(run: Run) -> float:
+    return min(float(np.ptp(run.motion.time_s)), LONGEST_RUN_S)
+
+
+def setpoints_of(run: Run, ratio_m_per_rad: float, longest_s: float = LONGEST_RUN_S) -> Floats:
+    """Position, speed and acceleration to command, (n, 3): recorded, or those of the motion."""
+    period_s = float(run.motion.time_s[1] - run.motion.time_s[0])
+    count = min(len(run.motion), round(longest_s / period_s))
+    position = ratio_m_per_rad * run.motion.angle_rad if run.setpoint_m is None else run.setpoint_m
+    position = position[:count]
+    speed = np.gradient(position, period_s)
+    return np.column_stack((position, speed, np.gradient(speed, period_s)))
+
+
+def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session:
+    """One healthy axis on the motion of the runs: drawn parameters, traces, noise as measured."""
+    random = np.random.default_rng((seed, 20))
+    drawn = _drawn(machine, random)
+    effects = [*machine_effects(machine), *_traces(machine, random)]
+    baseline = rigid_baseline(machine)
+    made: list[Run] = []
+    for number, run in enumerate(excerpt(runs)):
+        frame = simulated(drawn, run, effects, seed * 1000 + number)
+        made += runs_of([frame], baseline, 3.0 * EDGE_S)
+    return Session.of_runs(made, baseline, machine_effects(machine))
+
+
+def simulated(
+    machine: Machine, run: Run, effects: Sequence[ActiveEffect], seed: int
+) -> SampleFrame:
+    """The recording that a stiff simulated axis gives on the motion of a run."""
+    period_s = float(run.motion.time_s[1] - run.motion.time_s[0])
+    settings = FeedDriveSettings.of_machine(machine, 1.0 / period_s)
+    settings = replace(
+        settings,
+        plant=rigid_plant(settings.plant),
+        effects=tuple(effects),
+        sensors=_sensors(run),
+    )
+    setpoints = setpoints_of(run, settings.plant.ratio_m_per_rad)
+    drive = FeedDrive(settings, float(setpoints[0, 0]), _PRELOAD_PERCENT, seed)
+    frame = drive.advance(setpoints, np.full(len(setpoints), _PRELOAD_PERCENT))
+    kept = [name for name, there in _recorded(run).items() if there]
+    settle = round(max(_SETTLE_S - EDGE_S, 0.0) / period_s)
+    return SampleFrame(
+        frame.time_s[settle:], {name: frame.channels[name][settle:] for name in kept}
+    )
+
+
+def _recorded(run: Run) -> dict[str, bool]:
+    return {
+        ANGLE: True,
+        TORQUE: run.has_torque,
+        TABLE_POSITION: run.transmission_m is not None,
+    }
+
+
+def _sensors(run: Run) -> Sensors:
+    return Sensors(
+        torque_noise_nm=run.noise.get(TORQUE, 0.0),
+        angle_noise_rad=run.noise.get(ANGLE, 0.0),
+        table_noise_m=run.noise.get(TABLE_POSITION, 0.0),
+        angle_step_rad=0.0,
+        table_step_m=0.0,
+    )
+
+
+def _drawn(machine: Machine, random: np.random.Generator) -> Machine:
+    """The machine with its parameters drawn from their tolerances, cut off at 2.5 of them."""
+    model = machine.model
+    changes = {}
+    for key in ("inertia_kg_m2", "viscous_nm_s_per_rad", "preload_drag_nm"):
+        quantity = getattr(model, key)
+        if quantity is not None:
+            off = float(np.clip(random.standard_normal(), -2.5, 2.5)) * quantity.sigma
+            changes[key] = quantity.model_copy(update={"value": quantity.value + off})
+    return machine.model_copy(update={"model": model.model_copy(update=changes), "effects": ()})
+
+
+def _traces(machine: Machine, random: np.random.Generator) -> list[ActiveEffect]:
+    """A little of what every real axis has."""
+    drag = parameter_tolerances(machine)["drag_error"] / 0.01
+    gain = parameter_tolerances(machine)["torque_gain_error"]
+    phase = random.uniform(-3.1, 3.1, 2)
+    share = random.uniform(0.0, 1.0, 5)
+    return [
+        active_effect("torque_gain_error", {"excess_share": 0.5 * gain * random.standard_normal()}),
+        active_effect("delay", {"lag_s": 1e-4 + 3e-4 * share[0]}),
+        active_effect("presliding", {"reach_m": 3e-7 + 1.5e-6 * share[1]}),
+        active_effect(
+            "stribeck", {"excess_nm": 0.06 * drag * share[2], "speed_rad_s": 1.0 + 2.0 * share[3]}
+        ),
+        active_effect(
+            "torque_ripple",
+            {"amplitude_nm": 0.01 * drag * share[4], "order": 6.0, "phase_rad": phase[0]},
+        ),
+    ]

@@ -1,0 +1,1 @@
+"""Validation on motion that was not fitted: shrink, misattribution, verdict."""

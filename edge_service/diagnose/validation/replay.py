@@ -1,0 +1,151 @@
+"""Held-out motion replayed in the simulated plant, without and with the named effects.
+
+Measured less simulated goes through the filter and over the rows of the gap. The values that the
+plant has in a block of time come from the other blocks.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.effects.effect import ActiveEffect
+from ...models.effects.registry import active_effect
+from ...models.machine import Machine
+from ..estimation.values import Values
+from ..session.prescribed_motion import LedAxis
+from ..session.session import Session
+from .cross_validation import Part, block_s, fold_of
+from .shrink import Shrink, resampled
+
+_LONGEST_S = 300.0
+"""Of a longer session only its beginning is replayed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayedGap:
+    """One channel, measured less simulated, (n,) each.
+
+    Attributes:
+        before: without the effects.
+        after: with all of them.
+        floor: root mean square that no model could explain.
+        shrink: from before to after, resampled by blocks.
+    """
+
+    time_s: Floats
+    before: Floats
+    after: Floats
+    floor: float
+    shrink: Shrink
+
+    @property
+    def before_rms(self) -> float:
+        """Root mean square without the effects."""
+        return _rms(self.before)
+
+    @property
+    def after_rms(self) -> float:
+        """Root mean square with all effects."""
+        return _rms(self.after)
+
+    @property
+    def unexplained_rms(self) -> float:
+        """Residual beyond the floor, root mean square."""
+        return math.sqrt(max(self.after_rms**2 - self.floor**2, 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replay:
+    """The replay of a session.
+
+    Attributes:
+        gap: by channel.
+        effects: how far each effect shrinks what the others leave of its channel.
+        problem: why there is no replay; empty where there is one.
+    """
+
+    gap: Mapping[str, ReplayedGap]
+    effects: Mapping[str, Shrink]
+    problem: str = ""
+
+
+def replay(
+    machine: Machine,
+    blocks: Sequence[Part],
+    channels: Mapping[str, str],
+    floors: Mapping[str, float],
+) -> Replay:
+    """Replay a session without effects, with all, and with all but each.
+
+    Args:
+        blocks: from `by_blocks`.
+        channels: effect -> the channel that it is judged in.
+        floors: channel -> gap that no model could explain.
+    """
+    if not channels:
+        return Replay({}, {}, "no effect is named")
+    try:
+        return _replay(machine, blocks, channels, floors)
+    except ValueError as error:
+        return Replay({}, {}, str(error))
+
+
+def _replay(
+    machine: Machine,
+    blocks: Sequence[Part],
+    channels: Mapping[str, str],
+    floors: Mapping[str, float],
+) -> Replay:
+    whole = blocks[0].values.problem.session
+    session = _beginning(whole)
+    axis = LedAxis.of_machine(machine, session.baseline)
+    length_s = block_s(whole)
+
+    def left(names: Sequence[str]) -> dict[str, Floats]:
+        variants = [axis.with_effects(_effects(part.values, names)) for part in blocks]
+        runs = [
+            axis.led(run, variants, fold_of(run.motion.time_s, length_s)) for run in session.runs
+        ]
+        simulated = Session.of_runs(runs, session.baseline)
+        return {n: rows.gap - simulated.channels[n].gap for n, rows in session.channels.items()}
+
+    bare, full = left(()), left(tuple(channels))
+    gap = {}
+    for name, rows in session.channels.items():
+        shrink = resampled(rows.block, bare[name], full[name])
+        time_s = rows.variables["time_s"]
+        gap[name] = ReplayedGap(time_s, bare[name], full[name], floors[name], shrink)
+    effects = {}
+    for name, channel in channels.items():
+        if channel in gap:
+            others = tuple(other for other in channels if other != name)
+            without = left(others) if others else bare
+            block = session.channels[channel].block
+            effects[name] = resampled(block, without[channel], full[channel])
+    return Replay(gap, effects)
+
+
+def _effects(values: Values, names: Sequence[str]) -> list[ActiveEffect]:
+    return [active_effect(name, each) for name in names for each in values.entries(name)]
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _beginning(session: Session) -> Session:
+    """Runs up to about `_LONGEST_S`, one at least, beside the bare baseline.
+
+    Raises:
+        ValueError: nothing moves in them.
+    """
+    ends_s = np.cumsum([np.ptp(run.motion.time_s) for run in session.runs])
+    count = max(int(np.searchsorted(ends_s, _LONGEST_S, side="right")), 1)
+    runs = session.runs[:count]
+    if not any(run.compared_rows.any() for run in runs):
+        raise ValueError(f"the axis rests for the first {_LONGEST_S:g} s")
+    beginning = Session.of_runs(runs, session.baseline)
+    return beginning if session.healthy is None else session.healthy.beside(beginning)

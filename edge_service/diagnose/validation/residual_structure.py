@@ -1,0 +1,64 @@
+"""Part of the residual that a free form predicts on motion that it was not fitted to.
+
+What a library leaves may be noise, or structure that no entry has: what smooth forms predict of
+held-out blocks is structure, whatever its name.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ..candidates.smooth_functions import SmoothForms
+from ..session.session import Integers, Rows, Session
+from .cross_validation import FOLDS, block_s, fold_of
+
+_RIDGES = (3e-4, 1e-2, 0.3)
+"""Of the number of rows: columns have a mean square of 1, the plainest ones a greater one."""
+
+
+def foretold(
+    session: Session, left: Mapping[str, Floats], *, timed: bool = True
+) -> dict[str, Floats]:
+    """Prediction of `left` by smooth forms on the blocks that they were not fitted to, by channel.
+
+    Args:
+        left: what something leaves of the gap, by channel, (n,).
+        timed: forms over time are among them; otherwise the motion alone foretells.
+    """
+    length_s = block_s(session)
+    return {
+        name: crossed(session, name, each, fold_of(rows.variables["time_s"], length_s), timed)
+        for name, each in left.items()
+        for rows in (session.channels[name],)
+    }
+
+
+def crossed(session: Session, channel: str, values: Floats, fold: Integers, timed: bool) -> Floats:
+    """Values (n,) as each fold (n,) follows from the others; 0 where nothing follows better."""
+    rows, low_pass = session.channels[channel], session.runs[0].low_pass
+    found = {ridge: np.zeros(len(values)) for ridge in _RIDGES}
+    for k in range(FOLDS):
+        mine = fold == k
+        if not mine.any() or mine.all():
+            continue
+        here, there = _chosen(rows, mine), _chosen(rows, ~mine)
+        forms = SmoothForms.of_rows(there, values[~mine], channel, low_pass, timed=timed)
+        known, asked = forms.columns(there), forms.columns(here)
+        gram, cross = known.T @ known, known.T @ values[~mine]
+        for ridge in _RIDGES:
+            beta = np.linalg.solve(stiffened(gram, ridge * len(known)), cross)
+            found[ridge][mine] = asked @ beta
+    best = min(found.values(), key=lambda each: float(np.sum((values - each) ** 2)))
+    helps = np.sum((values - best) ** 2) < np.sum(values**2)
+    return best if helps else np.zeros(len(values))
+
+
+def stiffened(gram: Floats, ridge: float) -> Floats:
+    """Sums of products (p, p) with a ridge, the same for all columns."""
+    held: Floats = gram + ridge * np.eye(len(gram))
+    return held
+
+
+def _chosen(rows: Rows, kept: np.ndarray) -> dict[str, Floats]:
+    return {name: values[kept] for name, values in rows.variables.items()}

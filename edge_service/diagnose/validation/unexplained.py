@@ -1,0 +1,73 @@
+"""Doubt of a best explanation that is none: how much it leaves, and what it had to bend for it."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..candidates.design_matrix import Dictionary
+from ..selection.evidence import Fit, Noise
+from ..session.session import Session
+
+UNKNOWN_SHARE = 0.15
+"""Share of the gap's energy above the floor; with more left over, the named effects are doubted."""
+UNKNOWN_ENTRY_SHARE = 0.6
+"""The same of what the entries alone leave, without the forms that an effect takes beside them."""
+MOST_CAUSES = 3
+"""It takes more than this many causes at once only where none of them is the true one."""
+MOST_STRETCH = 6.0
+"""Tolerances by which a parameter that is not named may be off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Doubt about the causes in one channel: `confidence` scales their probabilities."""
+
+    is_unknown: bool
+    confidence: float
+
+
+def left_shares(session: Session, left_rms: Mapping[str, float], noise: Noise) -> dict[str, float]:
+    """Share of each channel's energy above the floor that is left, `left_rms` by channel.
+
+    A remainder within the tolerance counts as none.
+    """
+    found = {}
+    for name, rows in session.channels.items():
+        above, left = noise.beyond(name, rows.rms), left_rms[name]
+        counts = above > 0.0 and noise.matters(name, left)
+        found[name] = min((noise.beyond(name, left) / above) ** 2, 1.0) if counts else 0.0
+    return found
+
+
+def doubts_of(
+    session: Session, left: Mapping[str, float], left_by_entries: Mapping[str, float], causes: int
+) -> dict[str, Doubt]:
+    """The doubt in each channel.
+
+    Args:
+        left: share that the best fit with free forms leaves.
+        left_by_entries: share that the entries of the library leave alone, where they claim any.
+        causes: how many are named.
+    """
+    doubts = {}
+    for name in session.channels:
+        is_unknown = left[name] > UNKNOWN_SHARE or causes > MOST_CAUSES
+        is_unknown |= left_by_entries.get(name, 0.0) > UNKNOWN_ENTRY_SHARE
+        confidence = 0.5 * (1.0 - left[name]) if is_unknown else 1.0
+        doubts[name] = Doubt(is_unknown, confidence)
+    return doubts
+
+
+def is_stretched(
+    dictionary: Dictionary, best: Fit, parameters: Collection[str], named: Collection[str]
+) -> bool:
+    """Tell whether a parameter that is not named has to leave its tolerance for the fit."""
+    for k in range(dictionary.tolerated):
+        name = dictionary.atoms[k].name
+        if name in parameters and name not in named:
+            place = int(dictionary.first[k])
+            off = best.coefficients[place] - dictionary.mean[place]
+            if abs(float(off)) * float(np.sqrt(dictionary.precision[place])) > MOST_STRETCH:
+                return True
+    return False

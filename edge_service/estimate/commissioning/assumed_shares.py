@@ -1,0 +1,63 @@
+"""Shares that no healthy recording tells: the table's of the inertia, the nut's of the stretch."""
+
+import numpy as np
+
+from ...models.machine import Machine
+from ...models.screw.stiffness import STEEL_MODULUS_PA, screw_area, screw_torsional_rigidity
+from .series_compliance import StretchTaught
+from .torque_balance import TorqueTaught
+
+CORE_SHARE = 0.85
+"""Assumption: core of a screw over its nominal diameter."""
+NUT_SHARE, NUT_SHARE_SIGMA = 0.27, 0.12
+"""Of the series compliance where the machine file does not tell: an assumption with its spread.
+
+Catalogue stiffness of preloaded nuts beside that of a fixed bearing, half the screw (5.3.9, with
+its twist) and the coupling gives .18 to .38 for screws of 16 to 40 mm."""
+
+
+def table_mass(
+    machine: Machine, torque: TorqueTaught, stretch: StretchTaught | None
+) -> tuple[float, float]:
+    """Mass of the table and its standard deviation, kg.
+
+    Stated in the machine file, or from how the stretch grows along the screw, whose compliance per
+    metre (5.3.9 and its twist) is known to about 30 % (fixed-free only), or a guess within the
+    whole inertia.
+    """
+    stated = machine.model.table_mass_kg
+    if stated is not None:
+        return stated.value, stated.sigma
+    whole_kg = torque.inertia_kg_m2 / machine.transmission_ratio_m_per_rad**2
+    guess, guess_sigma = 0.3 * whole_kg, 0.15 * whole_kg
+    seen = None if stretch is None else _mass_by_slope(machine, stretch)
+    if seen is None:
+        return guess, guess_sigma
+    weight, guess_weight = seen[1] ** -2.0, guess_sigma**-2.0
+    value = (seen[0] * weight + guess * guess_weight) / (weight + guess_weight)
+    return min(max(value, 0.05 * whole_kg), 0.95 * whole_kg), (weight + guess_weight) ** -0.5
+
+
+def _mass_by_slope(machine: Machine, stretch: StretchTaught) -> tuple[float, float] | None:
+    """Mass that stretches a metre of screw by as much, and its standard deviation, kg."""
+    diameter = machine.axis.screw_diameter_m
+    if diameter is None or machine.axis.bearing_arrangement != "fixed-free":
+        return None
+    core = CORE_SHARE * diameter
+    ratio = machine.transmission_ratio_m_per_rad
+    per_metre = 1.0 / (STEEL_MODULUS_PA * screw_area(core))
+    per_metre += ratio**2 / screw_torsional_rigidity(core)
+    seen = stretch.slope_per_m * stretch.per_acceleration_s2 / per_metre
+    if seen <= 0.0:
+        return None
+    share = float(np.hypot(stretch.slope_sigma / max(stretch.slope_per_m, 1e-9), 0.3))
+    return seen, seen * share
+
+
+def nut_share(machine: Machine, compliance_m_per_n: float) -> tuple[float, float]:
+    """The nut's share of the series compliance and its standard deviation."""
+    nut = machine.model.nut_stiffness_n_per_m
+    if nut is None:
+        return NUT_SHARE, NUT_SHARE_SIGMA
+    share = min(1.0 / (nut.value * compliance_m_per_n), 0.95)
+    return share, share * max(nut.tolerance, 0.02)

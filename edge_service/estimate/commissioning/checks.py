@@ -1,0 +1,231 @@
+"""Refusal of recordings that leave a quantity undetermined or contradict the machine file.
+
+A wrong number with a narrow interval is worse than none: every estimate rests on it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...messages.channels import TORQUE
+from ...messages.features import FeatureBlock
+from ...messages.samples import Floats
+from ...models.commissioned import TransmissionConfig
+from ...models.machine import Machine, Quantity
+from .steady_phases import CommissioningError, SteadyPhases
+from .torque_balance import TorqueTaught
+from .torque_lag import torque_lag
+from .wide_windows import WideInertia, wide_inertia
+
+STATED_FACTOR = 2.0
+"""A load changes the inertia by less than this factor; beyond it a unit or the lead is another."""
+WINDOW_FACTOR = 1.15
+"""Windows of milliseconds and of tenths of a second tell an inertia equal up to this factor."""
+WINDOW_INTERVALS = (1, 2, 4)
+SURE = 0.1
+"""Relative standard deviation beyond which inertia or friction is not known."""
+UNEXPLAINED = 0.4
+"""Share of the torque's rms that motion may leave unexplained."""
+LONGEST_LAG_S = 4e-3
+"""Filters and cycles of drives delay torque by 0.3 to 2 ms."""
+OTHER_FACTOR = 10.0
+"""Friction over the screw's own beyond which, without a guide that shows it, a unit is another."""
+WORN_SHARE = 0.7
+"""Of the fresh screw's drag: a healthy screw, run in and cold, has more."""
+NUT_SHARES = (0.03, 1.0)
+"""Nut's share of the series compliance: screw, bearings and coupling are softer than nothing."""
+SIGMAS = 3.0
+
+
+def require_signed_torque(phases: SteadyPhases) -> None:
+    """That torque changes with the direction of motion: no rectified current.
+
+    A load that hangs may keep torque on one side, but then torque still follows the signed
+    acceleration and friction, J a + D v + C sgn v + offset, and not their absolute value.
+
+    Raises:
+        CommissioningError: it is a magnitude.
+    """
+    both = {float(sign) for sign in np.unique(phases.direction)} == {-1.0, 1.0}
+    if not both or len(phases) < 12:
+        return
+    low, high = (float(each) for each in np.quantile(phases.torque_nm, (0.02, 0.98)))
+    if low * high <= 0.0:
+        return
+    v, s, a = phases.speed_rad_s, phases.direction, phases.acceleration_rad_s2
+    one = np.ones_like(v)
+    signed, coulomb = _cost(phases, np.column_stack([s, a, v, one]))
+    magnitude, _ = _cost(phases, np.column_stack([s, s * a, np.abs(v), one]))
+    if coulomb <= 0.0 or signed > 0.8 * magnitude:
+        raise CommissioningError(
+            f"torque stays on one side both ways ({low:.3g} to {high:.3g} N m) and does not "
+            "follow the signed acceleration: a magnitude, not a load that hangs; needs signed "
+            f"torque or current in columns.{TORQUE}, and moves that accelerate"
+        )
+
+
+def _cost(phases: SteadyPhases, columns: Floats) -> tuple[float, float]:
+    """Weighted sum of squares that is left, and the first parameter."""
+    root = np.sqrt(phases.steady_s)
+    scaled, wanted = columns * root[:, None], phases.torque_nm * root
+    value = np.linalg.lstsq(scaled, wanted, rcond=None)[0]
+    return float(np.sum((wanted - scaled @ value) ** 2)), float(value[0])
+
+
+def require_told(
+    recordings: Sequence[Sequence[FeatureBlock]],
+    phases: SteadyPhases,
+    torque: TorqueTaught,
+    machine: Machine,
+) -> None:
+    """That the torque balance is determined, and is the one of this machine file.
+
+    Raises:
+        CommissioningError: it is not; the text says what was found and what would mend it.
+    """
+    _require_following(phases)
+    _require_one_inertia(recordings, torque, machine)
+    _require_stated_inertia(torque, machine.model.inertia_kg_m2)
+    _require_sure(torque)
+
+
+def _require_following(phases: SteadyPhases) -> None:
+    """That torque comes with the acceleration it makes."""
+    lag = torque_lag(phases)
+    if lag is not None and abs(lag.value_s) - SIGMAS * lag.sigma_s > LONGEST_LAG_S:
+        way = "later" if lag.value_s > 0.0 else "earlier"
+        raise CommissioningError(
+            f"torque comes {1e3 * abs(lag.value_s):.2g} ms {way} than the acceleration it makes "
+            f"(expected less than {1e3 * LONGEST_LAG_S:.2g}): needs columns.{TORQUE} unfiltered "
+            "and sampled with the position"
+        )
+
+
+def _require_one_inertia(
+    recordings: Sequence[Sequence[FeatureBlock]], torque: TorqueTaught, machine: Machine
+) -> None:
+    """That inertia is the same in short and in long windows.
+
+    Noise of the encoder, slow samples and lag shrink it in short ones. Known effects are in the
+    long windows still, so they say nothing then.
+    """
+    if machine.effects:
+        return
+    for wide in (wide_inertia(recordings, count) for count in WINDOW_INTERVALS):
+        if wide is None or wide.sigma > SURE * abs(wide.inertia_kg_m2):
+            continue
+        if _differ(torque, wide):
+            raise CommissioningError(
+                f"inertia changes with the window: {torque.inertia_kg_m2:.3g} kg m2 from sample "
+                f"to sample, {wide.inertia_kg_m2:.3g} over {wide.half_width_s:.2g} s (expected "
+                "the same): needs faster samples, a finer encoder, or torque sampled with the "
+                "position"
+            )
+
+
+def _differ(torque: TorqueTaught, wide: WideInertia) -> bool:
+    apart = abs(torque.inertia_kg_m2 - wide.inertia_kg_m2)
+    allowed = SIGMAS * float(np.hypot(torque.inertia_sigma, wide.sigma))
+    same = _within(torque.inertia_kg_m2, wide.inertia_kg_m2, WINDOW_FACTOR)
+    return apart > allowed and not same
+
+
+def _within(one: float, other: float, factor: float) -> bool:
+    return other / factor <= one <= other * factor
+
+
+def _require_stated_inertia(torque: TorqueTaught, stated: Quantity) -> None:
+    found, sigma = torque.inertia_kg_m2, torque.inertia_sigma
+    apart = abs(found - stated.value) > SIGMAS * float(np.hypot(sigma, stated.sigma))
+    if apart and not _within(found, stated.value, STATED_FACTOR):
+        raise CommissioningError(
+            f"inertia reads {found:.3g} kg m2, the machine file states {stated.value:.3g} "
+            f"(model.inertia_kg_m2): check it, axis.lead_m and the scale of columns.{TORQUE}"
+        )
+
+
+def _require_sure(torque: TorqueTaught) -> None:
+    if torque.unexplained > UNEXPLAINED:
+        raise CommissioningError(
+            f"motion explains too little of the torque: {100.0 * torque.unexplained:.0f} % of it "
+            f"is left (expected less than {100.0 * UNEXPLAINED:.0f}): needs recordings without "
+            "process forces, or faster samples"
+        )
+    for name, value, sigma, motion in (
+        ("inertia", torque.inertia_kg_m2, torque.inertia_sigma, "acceleration"),
+        ("friction", torque.coulomb_nm, torque.coulomb_sigma, "friction"),
+    ):
+        if sigma > SURE * value:
+            raise CommissioningError(
+                f"{name} is known to {100.0 * sigma / value:.2g} % only (expected "
+                f"{100.0 * SURE:.0f}): needs longer recordings of `edge-service motion {motion}`, "
+                "or faster samples"
+            )
+
+
+def require_fresh_screw(
+    torque: TorqueTaught, machine: Machine, transmission: TransmissionConfig | None
+) -> None:
+    """That friction is that of a fresh screw and of guides and bearings that there may be.
+
+    With two encoders the wind-up at reversals shows the guides' friction, and what is left must
+    be the screw's and the bearings'.
+
+    Raises:
+        CommissioningError: it is not, so the screw is worn or warm, or a unit is another.
+    """
+    screw = machine.model.preload_drag_nm
+    if screw is None or machine.model.preload_n is None:
+        return
+    guide = _guide_drag(machine, transmission)
+    whole = f"the axis shows {torque.coulomb_nm:.3g} N m of Coulomb friction"
+    if screw.value > 1.1 * torque.coulomb_nm:
+        raise CommissioningError(
+            f"{whole}, less than the fresh screw's own {screw.value:.3g} N m "
+            "(model.preload_drag_nm): not healthy, or wrong units"
+        )
+    left_nm = torque.coulomb_nm - guide.value
+    sigma = float(np.sqrt(torque.coulomb_sigma**2 + guide.sigma**2))
+    if left_nm + SIGMAS * sigma < WORN_SHARE * screw.value:
+        raise CommissioningError(
+            f"{whole}, of it {guide.value:.3g} in the guides: the {left_nm:.3g} that is left is "
+            f"less than the fresh screw's own {screw.value:.3g} N m (model.preload_drag_nm): "
+            "worn or warm; needs a healthy, cold axis, or the right model.table_mass_kg"
+        )
+    if left_nm - SIGMAS * sigma > OTHER_FACTOR * screw.value > 0.0:
+        raise CommissioningError(
+            f"{whole}, over {OTHER_FACTOR:.0f} times the fresh screw's own {screw.value:.3g} "
+            "N m (model.preload_drag_nm) beside what the guides show: check both, and the scale "
+            f"of columns.{TORQUE}"
+        )
+
+
+def _guide_drag(machine: Machine, transmission: TransmissionConfig | None) -> Quantity:
+    """Friction that the stretch shows at reversals, N m; nothing where no mass gives its size."""
+    mass = machine.model.table_mass_kg
+    if transmission is None or mass is None:
+        return Quantity(value=0.0)
+    stretch_sigma = transmission.stretch_sigma_s2 / transmission.stretch_per_acceleration_s2
+    value = transmission.reversal_force_n * machine.transmission_ratio_m_per_rad
+    return Quantity(value=value, tolerance=float(np.hypot(mass.tolerance, stretch_sigma)))
+
+
+def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None) -> None:
+    """That the axis is softer than its nut alone, but not by far.
+
+    Raises:
+        CommissioningError: the stretch contradicts the nut's stiffness or the table's mass.
+    """
+    nut, mass = machine.model.nut_stiffness_n_per_m, machine.model.table_mass_kg
+    if transmission is None or nut is None or mass is None:
+        return
+    stiffness = mass.value / transmission.stretch_per_acceleration_s2
+    share, low, high = stiffness / nut.value, *NUT_SHARES
+    doubt = 1.0 + SIGMAS * float(np.hypot(nut.tolerance, mass.tolerance))
+    if low / doubt <= share <= high * doubt:
+        return
+    raise CommissioningError(
+        f"the stretch shows a series stiffness of {stiffness:.3g} N/m, "
+        f"{'more' if share > high else 'far less'} than the nut's own {nut.value:.3g} "
+        "(model.nut_stiffness_n_per_m) allows: check it, model.table_mass_kg and the encoders"
+    )

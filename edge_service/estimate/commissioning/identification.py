@@ -1,0 +1,181 @@
+"""Commissioning of a healthy, cold axis: friction, inertia, stretch and their noise by regression.
+
+Both regressions run on phases of steady motion (messages.features.Phase), with the exact balance of
+momentum (4.3.4) and the series stiffness under inertia force (5.3.1) as models.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from ...messages.features import FeatureBlock
+from ...messages.samples import Floats
+from ...models.commissioned import CommissionedConfig, TransmissionConfig
+from ...models.machine import Machine, ModelConfig, Quantity
+from ...models.steady_limits import CRUISE_RAD_S2, SLOWEST_RAD_S, SteadyLimits, steady_limits
+from ..effect_compensation import KnownEffects
+from .assumed_shares import nut_share, table_mass
+from .checks import (
+    require_fresh_screw,
+    require_signed_torque,
+    require_stated_nut,
+    require_told,
+)
+from .series_compliance import StretchTaught, teach_stretch
+from .steady_phases import CommissioningError, SteadyPhases
+from .torque_balance import TorqueTaught, teach_torque
+
+__all__ = ["CommissioningError", "commissioned"]
+
+
+def commissioned(
+    recordings: Sequence[Sequence[FeatureBlock]],
+    machine: Machine,
+    limits: SteadyLimits | None = None,
+) -> Machine:
+    """The machine file's content with all that the recordings teach.
+
+    Args:
+        recordings: blocks of features of each recording of the healthy, cold axis, in any order.
+        machine: nominal; `preload_drag_nm` is the fresh screw's own drag.
+        limits: with which the blocks were cut; those of the machine file unless given.
+
+    Raises:
+        CommissioningError: the recordings cannot determine it; the text names the motion.
+    """
+    limits = limits or steady_limits(machine.model_copy(update={"commissioned": None}))
+    phases = SteadyPhases.of(recordings, KnownEffects.of_machine(machine))
+    require_signed_torque(phases)
+    torque = teach_torque(phases, machine, limits)
+    require_told(recordings, phases, torque, machine)
+    stroke_map = torque.harmonics_nm / _screw_drag_nm(machine, torque)
+    stretch = teach_stretch(phases, machine, partial(_nut_softness, machine, torque, stroke_map))
+    mass = table_mass(machine, torque, stretch)
+    transmission = _transmission(machine, stretch, mass[0])
+    require_fresh_screw(torque, machine, transmission)
+    require_stated_nut(machine, transmission)
+    return machine.model_copy(
+        update={
+            "model": _model(machine, torque, transmission, mass),
+            "commissioned": _commissioned(torque, stroke_map, transmission, limits),
+        }
+    )
+
+
+def _model(
+    machine: Machine,
+    torque: TorqueTaught,
+    transmission: TransmissionConfig | None,
+    mass_kg: tuple[float, float],
+) -> ModelConfig:
+    """The baseline with what was learned; Coulomb friction beyond the screw's is shared out."""
+    ratio = machine.transmission_ratio_m_per_rad
+    reversal_n = math.inf if transmission is None else transmission.reversal_force_n
+    guide_n, bearing_nm = shared_out(_other_drag_nm(machine, torque), ratio, reversal_n)
+    return machine.model.model_copy(
+        update={
+            "inertia_kg_m2": _taught(torque.inertia_kg_m2, torque.inertia_sigma),
+            "viscous_nm_s_per_rad": _taught(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
+            "guide_force_n": _taught(guide_n, max(torque.coulomb_sigma / ratio, 0.02 * guide_n)),
+            "bearing_drag_nm": _taught(bearing_nm, torque.coulomb_sigma),
+            "table_mass_kg": _taught(*mass_kg),
+        }
+    )
+
+
+def shared_out(other_nm: float, ratio_m_per_rad: float, reversal_n: float) -> tuple[float, float]:
+    """Friction beyond the screw's own as force of the guide, N, and torque of the bearings, N m.
+
+    Args:
+        reversal_n: what the linear encoder shows of the guide; infinite without one, and then all
+            of it counts as the guide's.
+    """
+    guide_n = min(reversal_n, other_nm / ratio_m_per_rad)
+    return guide_n, max(other_nm - ratio_m_per_rad * guide_n, 0.0)
+
+
+def _other_drag_nm(machine: Machine, torque: TorqueTaught) -> float:
+    """Coulomb friction of guides, seals and bearings: what is beyond the fresh screw's own."""
+    screw = machine.model.preload_drag_nm
+    fresh_nm = screw.value if screw is not None and machine.model.preload_n is not None else 0.0
+    return max(torque.coulomb_nm - fresh_nm, 0.0)
+
+
+def _commissioned(
+    torque: TorqueTaught,
+    stroke_map: Floats,
+    transmission: TransmissionConfig | None,
+    limits: SteadyLimits,
+) -> CommissionedConfig:
+    return CommissionedConfig(
+        torque_offset_nm=torque.offset_nm,
+        viscous_asymmetry_nm_s_per_rad=torque.asymmetry_nm_s_per_rad,
+        stribeck_excess_nm=torque.stribeck_nm,
+        stribeck_speed_rad_s=torque.stribeck_speed_rad_s,
+        stroke_map=tuple((float(c), float(d)) for c, d in stroke_map),
+        coulomb_nm=torque.coulomb_nm,
+        noise_density_nm2_s=torque.noise.density,
+        noise_slow_rad_s=torque.noise.slow_rad_s,
+        motion_s=torque.motion_s,
+        slowest_rad_s=_unless(limits.slowest_rad_s, SLOWEST_RAD_S),
+        cruise_rad_s2=_unless(limits.cruise_rad_s2, CRUISE_RAD_S2),
+        transmission=transmission,
+    )
+
+
+def _unless(value: float, usual: float) -> float | None:
+    return None if value == usual else value
+
+
+def _screw_drag_nm(machine: Machine, torque: TorqueTaught) -> float:
+    """The fresh screw's own drag; without it the whole friction."""
+    screw = machine.model.preload_drag_nm
+    stated = screw is not None and machine.model.preload_n is not None
+    return screw.value if screw is not None and stated and screw.value else torque.coulomb_nm
+
+
+def _nut_softness(
+    machine: Machine, torque: TorqueTaught, stroke_map: Floats, table_m: Floats, stretch_s2: float
+) -> Floats:
+    """Compliance beyond that of the mean preload, over the whole compliance, (n,) (5.3.11)."""
+    if not len(stroke_map) or stretch_s2 <= 0.0:
+        return np.zeros_like(table_m)
+    mass_kg, _ = table_mass(machine, torque, None)
+    share, _ = nut_share(machine, stretch_s2 / mass_kg)
+    factor = np.ones_like(table_m)
+    for k, (cosine, sine) in enumerate(stroke_map, start=1):
+        phase = 2.0 * np.pi * k * table_m / (machine.axis.stroke_m or 1.0)
+        factor += cosine * np.cos(phase) + sine * np.sin(phase)
+    return np.asarray(share * (np.maximum(factor, 0.1) ** (-1.0 / 3.0) - 1.0))
+
+
+def _taught(value: float, sigma: float) -> Quantity:
+    tolerance = sigma / abs(value) if value else 0.0
+    return Quantity(value=value, tolerance=min(max(tolerance, 1e-4), 10.0))
+
+
+def _transmission(
+    machine: Machine, stretch: StretchTaught | None, mass_kg: float
+) -> TransmissionConfig | None:
+    if stretch is None or machine.fresh_preload_percent is None:
+        return None
+    compliance = stretch.per_acceleration_s2 / mass_kg
+    share, sigma = nut_share(machine, compliance)
+    return TransmissionConfig(
+        reference_m=stretch.reference_m,
+        stretch_per_acceleration_s2=stretch.per_acceleration_s2,
+        stretch_slope_s2_per_m=stretch.slope_per_m * stretch.per_acceleration_s2,
+        stretch_sigma_s2=stretch.sigma_s2,
+        nut_share=share,
+        nut_share_sigma=sigma,
+        reversal_force_n=max(stretch.reversal_m / compliance, 0.0),
+        guide_viscous_n_s_per_m=stretch.per_speed_s / compliance,
+        clock_skew_s=stretch.skew_s,
+        lead_map_m=tuple(float(value) for value in stretch.lead_map_m),
+        wind_up_map_m=tuple(float(value) for value in stretch.wind_up_map_m),
+        map_sigma_m=tuple(float(value) for value in stretch.map_sigma_m),
+        noise_density_m2_s=stretch.noise.density,
+        noise_slow_rad_s=stretch.noise.slow_rad_s,
+    )

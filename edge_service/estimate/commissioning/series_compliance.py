@@ -1,0 +1,234 @@
+"""Stretch under inertia force, identified on a healthy axis with two encoders (5.3.1)."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.machine import Machine
+from .robust_regression import Noise, RobustFit, robust_fit
+from .steady_phases import SteadyPhases
+
+LEAD_NODES, NODES_PER_TURN = 40, 4
+"""Of the maps along the stroke: so many, but no more to a turn of the screw."""
+LEAD_SIGMA_M = 5e-6
+WIND_UP_SIGMA_M = 2e-7
+"""How far the maps wander from one end of the stroke to the other."""
+_NONE = 1e-12
+"""Prior of a parameter that is held at zero."""
+_LOADS = 4
+"""Parameters of the fit before those of `_Beside`: the loads, and the change of the slope."""
+
+
+@dataclass(frozen=True, slots=True)
+class StretchTaught:
+    """Parameters of the stretch, in metres per acceleration of the table where forces matter."""
+
+    reference_m: float
+    per_acceleration_s2: float
+    slope_per_m: float
+    sigma_s2: float
+    slope_sigma: float
+    reversal_m: float
+    per_speed_s: float
+    skew_s: float
+    lead_map_m: Floats
+    wind_up_map_m: Floats
+    map_sigma_m: Floats
+    noise: Noise
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The stretch and what it may come from.
+
+    Attributes:
+        phases: rows with both encoders, n of them.
+        stretch_m: of the motor's way over the table's, from its mean in each recording, (n,).
+        reference_m: where along the screw the compliance is told.
+        loads: forces as accelerations of the table, direction and speed, (n, 3).
+        sloped: whether the way is long enough to tell how the compliance changes along it.
+        pieces: of the maps along the stroke.
+    """
+
+    phases: SteadyPhases
+    stretch_m: Floats
+    stroke_m: float
+    reference_m: float
+    loads: Floats
+    sloped: bool
+    pieces: int
+
+    @property
+    def away_m(self) -> Floats:
+        """Places from the reference, (n,)."""
+        return self.phases.table_m - self.reference_m
+
+
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """Shifts of the table without force: clocks, warmth, errors of the lead.
+
+    Attributes:
+        columns, sigma: with their priors, (n, q) and (q,); those of the maps are steps from node to
+            node, so that a place where the axis has not been is as its nearest neighbour.
+        drifts: how many columns are drift.
+        visited: share of the rows that each node of the maps is told by, (k,).
+    """
+
+    columns: Floats
+    sigma: Floats
+    drifts: int
+    visited: Floats
+
+    @property
+    def maps(self) -> tuple[slice, slice]:
+        """Places of both maps among all parameters of the fit."""
+        first, count = _LOADS + 1 + self.drifts, len(self.visited)
+        return slice(first, first + count), slice(first + count, first + 2 * count)
+
+
+def teach_stretch(
+    phases: SteadyPhases, machine: Machine, nut_softness: Callable[[Floats, float], Floats]
+) -> StretchTaught | None:
+    """Fit the stretch; None with one encoder, or where nothing stretches."""
+    missing = np.isnan(phases.table_m + phases.angle_rad)
+    if missing.mean() > 0.5:
+        return None
+    seen = _seen(phases.where(~missing), machine)
+    beside = _beside(seen)
+    slope, fit = _series_fit(seen, beside, nut_softness)
+    if fit.value[0] < 3.0 * fit.sigma[0]:
+        return None
+    lead, wind_up = (fit.value[each].cumsum() for each in beside.maps)
+    return StretchTaught(
+        reference_m=seen.reference_m,
+        per_acceleration_s2=float(fit.value[0]),
+        slope_per_m=slope,
+        sigma_s2=float(fit.sigma[0]),
+        slope_sigma=float(fit.sigma[3]),
+        reversal_m=float(fit.value[1]),
+        per_speed_s=float(fit.value[2]) if seen.sloped else 0.0,
+        skew_s=float(fit.value[4]) + (0.0 if seen.sloped else float(fit.value[2])),
+        lead_map_m=lead,
+        wind_up_map_m=wind_up,
+        map_sigma_m=_map_sigma_m(beside, fit),
+        noise=fit.noise,
+    )
+
+
+def _map_sigma_m(beside: _Beside, fit: RobustFit) -> Floats:
+    """Standard deviation of both maps at their nodes, (k,).
+
+    Against the straight line through where the axis has been, for the zeros of the encoders and the
+    growth of the screw hold that as well.
+    """
+    count = len(beside.visited)
+    line = np.vander(np.linspace(-1.0, 1.0, count), 2)
+    weighed = line.T * beside.visited
+    nodes = np.tri(count) - line @ np.linalg.lstsq(weighed @ line, weighed @ np.tri(count))[0]
+    variance = np.zeros(count)
+    for each in beside.maps:
+        variance += np.diag(nodes @ fit.covariance[each, each] @ nodes.T)
+    return np.sqrt(variance)
+
+
+def _seen(phases: SteadyPhases, machine: Machine) -> _Seen:
+    ratio, x = machine.transmission_ratio_m_per_rad, phases.table_m
+    stroke = machine.axis.stroke_m or float(x.max())
+    middle = x.min() < 0.5 * stroke < x.max()
+    acceleration, speed = ratio * phases.acceleration_rad_s2, ratio * phases.speed_rad_s
+    return _Seen(
+        phases=phases,
+        stretch_m=_from_middle(phases.run, ratio * phases.angle_rad - x),
+        stroke_m=stroke,
+        reference_m=0.5 * stroke if middle else float(np.median(x)),
+        loads=np.column_stack([acceleration, phases.direction, speed]),
+        sloped=bool(np.ptp(x) > 0.2 * stroke),
+        pieces=min(LEAD_NODES, max(round(NODES_PER_TURN * stroke / machine.axis.lead_m), 1)),
+    )
+
+
+def _from_middle(run: Floats, stretch_m: Floats) -> Floats:
+    """Without the difference of the encoders' zeros, which may be metres, (n,)."""
+    _, index = np.unique(run, return_inverse=True)
+    middle = np.bincount(index, stretch_m) / np.bincount(index)
+    return np.asarray(stretch_m - middle[index])
+
+
+def _beside(seen: _Seen) -> _Beside:
+    phases, stroke = seen.phases, seen.stroke_m
+    drift, drift_sigma = _drift_columns(phases.run, phases.time_s, seen.away_m)
+    nodes = np.linspace(0.0, stroke, seen.pieces + 1)
+    level = float(np.std(seen.stretch_m)) or 1e-9
+    lead = _hats(phases.table_m, nodes)
+    steps = lead[:, ::-1].cumsum(axis=1)[:, ::-1]
+    each = np.ones(len(nodes))
+    each[1:] /= math.sqrt(seen.pieces)
+    sigma = [
+        np.array([1e-3]),
+        drift_sigma * level,
+        min(level, LEAD_SIGMA_M) * each,
+        min(level, WIND_UP_SIGMA_M) * each,
+    ]
+    columns = [seen.loads[:, 2], drift, steps, phases.direction[:, None] * steps]
+    visited = lead.sum(axis=0) / len(lead)
+    return _Beside(np.column_stack(columns), np.concatenate(sigma), drift.shape[1], visited)
+
+
+def _series_fit(
+    seen: _Seen, beside: _Beside, nut_softness: Callable[[Floats, float], Floats]
+) -> tuple[float, RobustFit]:
+    """All forces through one compliance that changes along the screw (5.3.1, 5.3.9).
+
+        stretch = (1 + slope away + nut softness) loads @ value + beside @ rest,
+
+    by Gauss-Newton on the slope; the softness is that of the nut where its preload differs from
+    the mean. The maps are as uneven as those of their steps say that the axis has made.
+
+    Returns:
+        slope, 1/m, and the fit on [loads, change of the slope, beside].
+    """
+    slope, value, loads = 0.0, np.zeros(3), seen.loads
+    away_m, table_m = seen.away_m, seen.phases.table_m
+    told = np.inf if seen.sloped else _NONE
+    sigma = np.concatenate([[np.inf, np.inf, told, told], beside.sigma])
+    for _ in range(8):
+        through = loads * (1.0 + slope * away_m + nut_softness(table_m, float(value[0])))[:, None]
+        bend = (loads @ value * away_m)[:, None] if value.any() else away_m[:, None] * loads[:, :1]
+        columns = np.column_stack([through, bend, beside.columns])
+        fit = robust_fit(columns, seen.stretch_m, seen.phases, sigma)
+        change = float(fit.value[3])
+        slope += change if value.any() else change / float(fit.value[0])
+        value = fit.value[:3]
+        for each in beside.maps:
+            sigma[each][1:] = _step_sigma(fit, each, beside.visited)
+    return slope, fit
+
+
+def _step_sigma(fit: RobustFit, steps: slice, visited: Floats) -> float:
+    """Standard deviation of a map's steps between nodes where the axis has been (one EM step)."""
+    made = np.minimum(visited[1:], visited[:-1]) > 0.0
+    square = fit.value[steps][1:] ** 2 + np.diag(fit.covariance)[steps][1:]
+    return float(np.sqrt(np.mean(square[made]))) if made.any() else _NONE
+
+
+def _drift_columns(run: Floats, time_s: Floats, away_m: Floats) -> tuple[Floats, Floats]:
+    """Offset and growth of the screw, each a broken line in time with a node a minute."""
+    parts, sigmas = [], []
+    for number in np.unique(run):
+        mine = run == number
+        begin, end = float(time_s[mine].min()), float(time_s[mine].max())
+        nodes = np.linspace(begin, end, max(round((end - begin) / 60.0), 1) + 1)
+        hats = _hats(np.where(mine, time_s, begin), nodes) * mine[:, None]
+        parts += [hats, hats * away_m[:, None]]
+        sigmas += [np.full(len(nodes), 1e3), np.full(len(nodes), 1e3)]
+    return np.column_stack(parts), np.concatenate(sigmas)
+
+
+def _hats(place: Floats, nodes: Floats) -> Floats:
+    """Weights of linear interpolation between nodes, (n, k)."""
+    identity = np.eye(len(nodes))
+    return np.column_stack([np.interp(place, nodes, row) for row in identity])

@@ -1,0 +1,1 @@
+"""The thesis' estimator: an interacting bank of filters, one per preload level (IMM)."""

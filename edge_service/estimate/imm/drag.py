@@ -1,0 +1,198 @@
+"""Coulomb drag of an axis from the torque balance of intervals, with its uncertainty.
+
+A Kalman filter on [drag, offset, viscous, asymmetry, inertia] with the exact balance of an interval
+(integral of 4.3.4)::
+
+    mean(u) = drag mean(sgn w) + offset + viscous mean(w) + asymmetry |mean(w)|
+              + inertia (w_end - w_start) / T + noise
+
+Asymmetry is viscous friction that differs with the direction, as on real axes. Drag wanders (random
+walk); the others are constants with the prior of the machine
+file. Noise is learned from the innovations, so an axis whose friction departs from the model gets a
+wider interval.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...messages.features import FeatureBlock
+from ...models.machine import Machine
+
+_STATES = 5
+_DRAG = 0
+SURPRISE_NIS = 16.0
+SURPRISES_OF_A_JUMP = 3
+
+
+@dataclass(frozen=True, slots=True)
+class DragSettings:
+    """Noise and priors of the drag filter.
+
+    Attributes:
+        wander_per_sqrt_s: random walk of the drag, as a share of the greatest drag seen, 1/sqrt(s).
+        viscous_tolerance: least relative prior sigma of viscous friction (it falls with warm-up).
+        asymmetry_share: prior sigma of the asymmetry, as a share of the viscous friction.
+        viscous_floor_share: viscous friction is thought to be of the order of this share of the
+            first friction torque seen, at least, whatever the machine file states.
+        offset_share: prior sigma of the constant torque offset, as a share of the friction torque.
+        noise_memory: intervals over which the noise is learned.
+        wander_adaption: step, in logs, of the wander's factor per interval.
+        haste_bounds: least and greatest factor on the wander.
+        correlation: ratio of the variance of a mean over many intervals to that of white noise,
+            as friction errors last longer than one interval.
+    """
+
+    wander_per_sqrt_s: float = 0.02
+    viscous_tolerance: float = 0.10
+    asymmetry_share: float = 0.2
+    viscous_floor_share: float = 0.5
+    offset_share: float = 0.3
+    noise_memory: float = 50.0
+    wander_adaption: float = 0.03
+    haste_bounds: tuple[float, float] = (0.3, 30.0)
+    correlation: float = 4.0
+
+
+class DragFilter:
+    """Drag torque and its standard deviation from informative intervals.
+
+    Args:
+        machine: gives inertia and viscous friction with their tolerances.
+        settings: noise and priors.
+    """
+
+    def __init__(self, machine: Machine, settings: DragSettings) -> None:
+        self._machine = machine
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        model = self._machine.model
+        self._state = np.array(
+            [0.0, 0.0, model.viscous_nm_s_per_rad.value, 0.0, model.inertia_kg_m2.value]
+        )
+        self._covariance = np.zeros((_STATES, _STATES))
+        self._noise_var = 0.0
+        self._greatest_nm = 0.0
+        self._last_innovation = 0.0
+        self._haste = 1.0
+        self._surprises = 0
+        self.count = 0
+        self.nis = float("nan")
+
+    def update(self, block: FeatureBlock, elapsed_s: float) -> None:
+        """Take an informative interval, `elapsed_s` after the one before."""
+        duration = block.duration_s
+        speed = (block.angle_end_rad - block.angle_start_rad) / duration
+        regressor = np.array(
+            [
+                block.direction_mean,
+                1.0,
+                speed,
+                abs(speed),
+                (block.speed_end_rad_s - block.speed_start_rad_s) / duration,
+            ]
+        )
+        known = float(regressor[2:] @ self._state[2:])
+        if self.count == 0:
+            self._begin(block.torque_mean_nm - known, abs(speed))
+        self._greatest_nm = max(self._greatest_nm, abs(self.drag_nm))
+        wander_nm = self._haste * self._settings.wander_per_sqrt_s * self._greatest_nm
+        self._covariance[_DRAG, _DRAG] += wander_nm**2 * elapsed_s
+        self._correct(regressor, block.torque_mean_nm - float(regressor @ self._state))
+        self.count += 1
+
+    def _begin(self, friction_nm: float, speed: float) -> None:
+        model, scale = self._machine.model, max(abs(friction_nm), 1e-9)
+        viscous = model.viscous_nm_s_per_rad
+        floor = max(viscous.value, self._settings.viscous_floor_share * scale / max(speed, 1.0))
+        sigma = np.array(
+            [
+                10.0 * scale,
+                self._settings.offset_share * scale,
+                max(viscous.sigma, self._settings.viscous_tolerance * floor),
+                self._settings.asymmetry_share * floor,
+                model.inertia_kg_m2.sigma,
+            ]
+        )
+        self._covariance = np.diag(sigma**2)
+        self._noise_var = (0.2 * scale) ** 2
+
+    def _correct(self, regressor: np.ndarray[Any, Any], innovation: float) -> None:
+        projected = self._covariance @ regressor
+        predicted_var = float(regressor @ projected)
+        innovation_var = predicted_var + self._settings.correlation * self._noise_var
+        self.nis = innovation**2 / (predicted_var + self._noise_var)
+        self._surprises = self._surprises + 1 if self.nis > SURPRISE_NIS else 0
+        if self._surprises >= SURPRISES_OF_A_JUMP:  # believe the new level, keep the constants
+            self._covariance[_DRAG, _DRAG] += innovation**2
+            self._surprises = 0
+            self._correct(regressor, innovation)
+            return
+        if self._surprises:  # perhaps an outlier: it must not move the constants
+            return
+        gain = projected / innovation_var
+        self._state = self._state + gain * innovation
+        reduced = np.eye(_STATES) - np.outer(gain, regressor)
+        noise = self._settings.correlation * self._noise_var
+        self._covariance = reduced @ self._covariance @ reduced.T + np.outer(gain, gain) * noise
+        self._learn(innovation)
+
+    def _learn(self, innovation: float) -> None:
+        """Noise from the differences of successive innovations, wander from their products.
+
+        A difference holds twice the noise whatever the drag does slowly; a positive product says
+        that the drag runs away from the filter (Mehra 1970), which then follows faster.
+        """
+        if self.count > _STATES:
+            share = 1.0 / min(self.count - _STATES + 2.0, self._settings.noise_memory)
+            seen = 0.5 * (innovation - self._last_innovation) ** 2
+            self._noise_var += share * (seen - self._noise_var)
+            lag = innovation * self._last_innovation / max(self._noise_var, 1e-300)
+            rate = float(np.clip(lag, -1.0, 1.0)) * self._settings.wander_adaption
+            self._haste = float(np.clip(self._haste * np.exp(rate), *self._settings.haste_bounds))
+        self._last_innovation = innovation
+
+    @property
+    def drag_nm(self) -> float:
+        """Coulomb torque at the motor shaft, N m."""
+        return float(self._state[_DRAG])
+
+    @property
+    def sigma_nm(self) -> float:
+        """Its standard deviation, N m."""
+        return float(np.sqrt(self._covariance[_DRAG, _DRAG]))
+
+    @property
+    def friction_shift_nm(self) -> float:
+        """Offset that acts the same way in both directions, N m."""
+        return float(self._state[1])
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values."""
+        return {
+            "state": self._state.tolist(),
+            "covariance": self._covariance.tolist(),
+            "noise_var": self._noise_var,
+            "greatest_nm": self._greatest_nm,
+            "last_innovation": self._last_innovation,
+            "haste": self._haste,
+            "surprises": self._surprises,
+            "count": self.count,
+            "nis": None if np.isnan(self.nis) else self.nis,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        self._state = np.array(snapshot["state"], dtype=np.float64)
+        self._covariance = np.array(snapshot["covariance"], dtype=np.float64)
+        self._noise_var = float(snapshot["noise_var"])
+        self._greatest_nm = float(snapshot["greatest_nm"])
+        self._last_innovation = float(snapshot["last_innovation"])
+        self._haste = float(snapshot["haste"])
+        self._surprises = int(snapshot["surprises"])
+        self.count = int(snapshot["count"])
+        self.nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])

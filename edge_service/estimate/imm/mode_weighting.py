@@ -1,0 +1,88 @@
+"""From mode probabilities to one preload: activation, weighted sum, smoothing (seed, 4.5)."""
+
+import numpy as np
+
+from ...messages.samples import Floats
+
+PUBLISHED_EXPONENT = 1.33
+"""Exponent of the seed's simulations (section 4.5)."""
+
+
+def activated(mode_probability: Floats, exponent: float = PUBLISHED_EXPONENT) -> Floats:
+    """mu_j^a / sum_j mu_j^a: (4.5.4) for any exponent a > 0; a = 1 changes nothing.
+
+    Args:
+        mode_probability: (..., r), at least one above zero in each row.
+        exponent: a.
+    """
+    if not (np.isfinite(exponent) and exponent > 0.0):
+        raise ValueError(f"activation exponent: {exponent:g}, expected a number above 0")
+    relative = mode_probability / mode_probability.max(axis=-1, keepdims=True)
+    raised = relative**exponent
+    return np.asarray(raised / raised.sum(axis=-1, keepdims=True))
+
+
+def weighted_level(
+    mode_probability: Floats, levels: Floats, exponent: float = PUBLISHED_EXPONENT
+) -> Floats:
+    """Activated sum of the levels (4.5.2-4.5.3), in their unit, shape (...).
+
+    Args:
+        mode_probability: (..., r).
+        levels: (r,).
+    """
+    return np.asarray(activated(mode_probability, exponent) @ levels)
+
+
+def window_steps(window_s: float, step_s: float) -> int:
+    """Length of a window in whole steps, at least one."""
+    return max(1, round(window_s / step_s))
+
+
+def causal_moving_average(values: Floats, steps: int) -> Floats:
+    """Mean of the last `steps` rows, of fewer at the beginning, (N, ...)."""
+    return _window_mean(values, steps - 1, 0)
+
+
+def centred_moving_average(values: Floats, steps: int) -> Floats:
+    """Mean of `steps` rows around each row, of fewer at both ends; looks ahead, (N, ...).
+
+    Of an even number of rows, one more lies before than after.
+    """
+    return _window_mean(values, steps // 2, (steps - 1) // 2)
+
+
+def _window_mean(values: Floats, before: int, after: int) -> Floats:
+    if before < 0 or after < 0:
+        raise ValueError("moving average: the window must hold at least one step")
+    sums = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    index = np.arange(len(values))
+    start = np.maximum(index - before, 0)
+    end = np.minimum(index + after + 1, len(values))
+    counts = (end - start).reshape(-1, *([1] * (values.ndim - 1)))
+    return np.asarray((sums[end] - sums[start]) / counts)
+
+
+class StreamingMovingAverage:
+    """Causal moving average of vectors that arrive one by one; holds one window, no more.
+
+    Args:
+        steps: length of the window.
+        size: r, length of the vectors.
+    """
+
+    def __init__(self, steps: int, size: int) -> None:
+        if steps < 1 or size < 1:
+            raise ValueError("moving average: the window must hold at least one step")
+        self._rows: Floats = np.zeros((steps, size))
+        self._count = 0
+
+    def push(self, values: Floats) -> Floats:
+        """Take the next vector (r,); return the mean of the window (r,)."""
+        self._rows[self._count % len(self._rows)] = values
+        self._count += 1
+        return np.asarray(self._rows[: min(self._count, len(self._rows))].mean(axis=0))
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._count = 0

@@ -1,0 +1,293 @@
+"""Preload from two witnesses, drag and stretch, over what may have happened to the axis."""
+
+import math
+from typing import Any
+
+from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ...messages.features import Fault, FeatureBlock, Phase
+from ...models.machine import Machine
+from ..effect_compensation import KnownEffects
+from ..validity import Validity, ValiditySettings
+from .gathering import Gathering, SteadyInterval
+from .hypotheses import leader_of
+from .initial import begun, go_on
+from .model import MixtureSettings, axis_model, process_of, start_of
+from .posterior import answers, limits_of
+from .snapshot import bank_snapshot, restored_bank
+from .state import (
+    ENCODER_OFFSET,
+    FORCED_S,
+    GUIDE_VISCOUS,
+    INERTIA_ERROR,
+    INERTIA_TORQUE,
+    NUT_FRICTION,
+    PAYLOAD,
+    TORQUE_STATES,
+    Reading,
+)
+from .step import take
+
+_SNAPSHOT_SCHEMA = "fused-preload/7"
+VIBRATING_SHARE = 0.25
+SESSION_S = 600.0
+"""An axis that was not seen to move for this long may have another load, lubricant or nut."""
+FORCED_SAID_S = 5.0
+WORST = 1000.0
+"""Cap on an interval's normalised innovation squared while model and data disagree."""
+WILDEST = (1e4, 1e6, 1e4, 5e-3)
+"""Torque N m, acceleration rad/s^2, speed rad/s that no axis has; stretch m from one phase to the
+next that none shows."""
+SHIFTED_M = 1e-3
+"""Standard deviation of the level of a linear encoder that has come back."""
+INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
+"""From how much acceleration, and from which share off, torque and motion contradict each other."""
+_MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
+
+
+class FusedPreloadEstimator:
+    """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        settings: MixtureSettings | None = None,
+        validity: ValiditySettings | None = None,
+        hold_s: float = 10.0,
+    ) -> None:
+        if machine.commissioned is None:
+            raise ValueError("the fused estimator needs a commissioned machine file")
+        self._settings = settings or MixtureSettings()
+        self._validity_settings = validity or ValiditySettings(surprise_worst=WORST)
+        self._hold_s = hold_s
+        self._machine = machine
+        self._model = axis_model(machine, self._settings)
+        self._start = start_of(machine, self._model, self._settings)
+        self._process = process_of(machine, self._model, self._start, self._settings)
+        self._limits = limits_of(machine, self._model)
+        self._known = KnownEffects.of_machine(machine)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._validity = Validity(self._validity_settings, self._hold_s)
+        self._bank = begun(self._start, self._settings)
+        self._last_s: float | None = None
+        self._stretch_m: float | None = None
+        self._gathering = Gathering()
+        self._nis = float("nan")
+
+    def interrupt(self) -> None:
+        """Nothing was heard for longer than a number may stand: none stands until motion comes."""
+        self._validity.interrupt()
+
+    def resume(self, stopped_s: float) -> None:
+        """Go on after a stop that nobody saw, on a clock of its own.
+
+        Friction has gone where it pleases, the screw has grown, the load may be another; the
+        preload may have worn, and even the nut may be another.
+        """
+        self._validity.interrupt()
+        self._last_s, self._stretch_m, self._gathering = None, None, Gathering()
+        go_on(self._bank, self._start, max(stopped_s, 0.0))
+
+    def update(self, block: FeatureBlock) -> None:
+        """Take the next interval."""
+        if Fault.TABLE_SHIFTED in block.fault and Fault.NO_TABLE not in block.fault:
+            self._forget_level()
+        calm, used_s = [], 0.0
+        for interval in self._gathering.take(block):
+            surprises = [] if vibrates(interval) else self._take_all(interval)
+            used_s += interval.duration_s if surprises else 0.0
+            calm += surprises
+        self._validity.update(block, bool(calm), max(calm, default=None), used_s)
+
+    def _take_all(self, interval: SteadyInterval) -> list[float]:
+        """Take the phases of an interval; what surprise those were that taught something."""
+        taken = [self._take(interval, phase) for phase in interval.phases if phase.steady_s > 0.0]
+        return [surprise for surprise in taken if not math.isnan(surprise)]
+
+    def _forget_level(self) -> None:
+        """Widen the level of a linear encoder that has come back, in every hypothesis."""
+        self._stretch_m = None
+        if self._bank.mean.shape[1] > TORQUE_STATES:
+            self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
+
+    def _follows(self, interval: SteadyInterval) -> bool:
+        """Tell whether an interval begins where the last that was taken has ended."""
+        if self._last_s is None:
+            return False
+        return abs(interval.time_s - interval.duration_s - self._last_s) < 0.1 * interval.duration_s
+
+    def _take(self, interval: SteadyInterval, phase: Phase) -> float:
+        if self._known is not None:
+            phase = self._known.freed(phase, interval.direction, interval.time_s)
+        reading = self._reading(interval, phase)
+        if not plausible(reading):
+            return math.nan
+        elapsed_s = interval.duration_s if self._last_s is None else interval.time_s - self._last_s
+        if elapsed_s > SESSION_S:
+            go_on(self._bank, self._start, elapsed_s)
+            elapsed_s = interval.duration_s
+        self._last_s = interval.time_s
+        nis = take(self._bank, self._model, self._process, reading, max(elapsed_s, 0.0))
+        if not math.isnan(nis):
+            self._nis = nis
+        return nis
+
+    def _reading(self, interval: SteadyInterval, phase: Phase) -> Reading:
+        ratio = self._model.ratio_m_per_rad
+        stretch, torque = math.nan, phase.torque_nm
+        if self._model.compliance_m_per_n > 0.0:
+            stretch = self._sane(ratio * phase.angle_rad - phase.table_m)
+        if not math.isnan(interval.external_force_n):
+            torque += ratio * interval.external_force_n
+            stretch += self._model.compliance_m_per_n * interval.external_force_n
+        return Reading(
+            phase.steady_s,
+            interval.direction,
+            torque,
+            phase.acceleration_rad_s2,
+            phase.speed_rad_s,
+            phase.table_m,
+            stretch,
+            self._follows(interval),
+        )
+
+    def _sane(self, stretch_m: float) -> float:
+        """The stretch, or NaN where no axis can have moved there from the one before."""
+        if math.isnan(stretch_m):
+            return math.nan
+        if self._stretch_m is not None and abs(stretch_m - self._stretch_m) > WILDEST[3]:
+            return math.nan
+        self._stretch_m = stretch_m
+        return stretch_m
+
+    def estimate(self) -> PreloadEstimate:
+        """Estimate after the last interval."""
+        status, reasons = self._validity.status()
+        if status is EstimateStatus.ESTIMATED and (doubt := self._implausible()):
+            status, reasons = EstimateStatus.INVALID, (doubt, *reasons)
+        if status is EstimateStatus.INSUFFICIENT_EXCITATION and self._forced:
+            reasons = (
+                self._forced,
+                *(reason for reason in reasons if _code(reason) != "no_motion"),
+            )
+        if status is not EstimateStatus.ESTIMATED:
+            return PreloadEstimate(
+                time_s=self._validity.time_s,
+                status=status,
+                reasons=reasons,
+                data_used_s=self._validity.informative_s,
+            )
+        rating = self._machine.axis.dynamic_load_rating_n
+        assert rating is not None
+        said = answers(self._bank, self._model, self._limits)
+        percent, low, high = said.preload
+        return PreloadEstimate(
+            time_s=self._validity.time_s,
+            status=status,
+            reasons=(*reasons, *self._caveats()),
+            preload_percent=percent,
+            low=low,
+            high=high,
+            preload_n=percent / 100.0 * rating,
+            drag_torque_nm=_interval(said.drag),
+            stiffness_n_per_m=None if said.stiffness is None else _interval(said.stiffness),
+            mode_probability=said.levels,
+            fault_probability=said.faults,
+            data_used_s=self._validity.informative_s,
+            nis=self._nis,
+        )
+
+    @property
+    def _forced(self) -> str | None:
+        """Reason why the motion seen teaches nothing; None if it does."""
+        if self._bank.moments[FORCED_S] < FORCED_SAID_S:
+            return None
+        return (
+            "process_force: a force acts on the table in all of the motion seen lately; rapids or "
+            "moves without cutting would tell"
+        )
+
+    def _implausible(self) -> str | None:
+        """Reason why no axis can be as the leading hypothesis says; None if one can."""
+        moments = self._bank.moments
+        if moments[INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
+            off = float(moments[INERTIA_ERROR] / moments[INERTIA_TORQUE])
+            if abs(off) > INERTIA_OFF:
+                return (
+                    f"model_mismatch: acceleration takes {100 * (1 + off):.0f} % of the torque "
+                    "that it took at commissioning, payload allowed for: check torque constant, "
+                    "lead and units"
+                )
+        state = self._bank.mean[leader_of(self._bank)]
+        model = self._model
+        load_kg = model.table_mass_kg if len(state) > TORQUE_STATES else math.inf
+        for name, value, low, high in (
+            ("friction", float(max(state[NUT_FRICTION : GUIDE_VISCOUS + 1])), -1.0, _MOST_FRICTION),
+            ("payload", float(state[PAYLOAD]), -0.8 * load_kg, _MOST_LOAD * load_kg),
+        ):
+            if not low <= value <= high:
+                return (
+                    f"model_mismatch: {name} would be off by {value:.3g}, expected {low:.3g} to "
+                    f"{high:.3g}: check torque constant, lead, signs and units"
+                )
+        return None
+
+    def _caveats(self) -> tuple[str, ...]:
+        if self._known is None or not self._known.left:
+            return ()
+        names = ", ".join(self._known.left)
+        return (f"effects_left: {names} of the machine file: the estimate follows these by itself",)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as JSON-able values."""
+        return {
+            "schema": _SNAPSHOT_SCHEMA,
+            "validity": self._validity.snapshot(),
+            "bank": bank_snapshot(self._bank),
+            "gathering": self._gathering.snapshot(),
+            "last_s": self._last_s,
+            "stretch_m": self._stretch_m,
+            "nis": None if math.isnan(self._nis) else self._nis,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none of this axis', and nothing is changed."""
+        if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
+            raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
+        try:
+            bank = restored_bank(snapshot["bank"], self._bank)
+            gathering = Gathering()
+            gathering.restore(snapshot["gathering"])
+            validity = Validity(self._validity_settings, self._hold_s)
+            validity.restore(snapshot["validity"])
+            numbers = [snapshot[name] for name in ("last_s", "stretch_m", "nis")]
+            last_s, stretch_m, nis = (None if n is None else float(n) for n in numbers)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"a damaged snapshot: {error!r}") from error
+        self._bank, self._gathering, self._validity = bank, gathering, validity
+        self._last_s, self._stretch_m = last_s, stretch_m
+        self._nis = float("nan") if nis is None else nis
+
+
+def _interval(told: tuple[float, float, float]) -> Interval:
+    value, low, high = told
+    return Interval(value=value, low=low, high=high)
+
+
+def vibrates(interval: SteadyInterval) -> bool:
+    """True if a process shakes the axis: it speeds up and slows down for much of one interval."""
+    steady_s = sum(phase.steady_s for phase in interval.phases)
+    shaken_s = min(interval.phases[0].steady_s, interval.phases[-1].steady_s)
+    return shaken_s > VIBRATING_SHARE * steady_s and shaken_s > 0.0
+
+
+def plausible(reading: Reading) -> bool:
+    """Tell whether an axis can move as a phase says."""
+    told = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
+    return all(abs(value) <= most for value, most in zip(told, WILDEST, strict=False))
+
+
+def _code(reason: str) -> str:
+    return reason.partition(":")[0]

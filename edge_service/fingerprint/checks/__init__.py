@@ -1,0 +1,1 @@
+"""Checks of a source: signs, units, factors between channels, stuck channels."""

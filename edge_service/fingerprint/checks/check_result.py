@@ -1,0 +1,85 @@
+"""A number held against what it should be, and the usual mistakes of unit and sign, in words."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..regression.interval_estimate import Identified
+
+FACTOR_TOLERANCE = 0.02
+"""No lead, encoder or speed is further off its nominal value than this without a mistake."""
+_KNOWN_FACTORS = {
+    1e3: "thousandths for wholes, as mm for m",
+    1e-3: "wholes for thousandths",
+    1e6: "millionths for wholes, as um for m",
+    180.0 / math.pi: "degrees for radians",
+    math.pi / 180.0: "radians for degrees",
+    1.0 / (2.0 * math.pi): "revolutions for radians",
+    2.0 * math.pi: "radians for revolutions",
+    60.0 / (2.0 * math.pi): "rev/min for rad/s",
+    60.0: "per minute for per second",
+    1.0 / 60.0: "per second for per minute",
+    100.0: "percent for wholes",
+    0.01: "wholes for percent",
+}
+"""Value over truth -> the usual mistake."""
+
+
+class Verdict(StrEnum):
+    """Verdict of a check."""
+
+    FITS = "fits"
+    DOUBTFUL = "doubtful"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One check.
+
+    Attributes:
+        name: of the check.
+        sentence: what it found, for people.
+        figure: the number behind it; None where there is none.
+        expected: what the machine file says, in the figure's unit.
+    """
+
+    name: str
+    verdict: Verdict
+    sentence: str
+    figure: Identified | None = None
+    expected: float | None = None
+
+
+def judge_factor(
+    name: str, factor: Identified, expected: float, said: str, channel: str = ""
+) -> Finding:
+    """Hold a factor against what is expected of it."""
+    if not factor.determined:
+        return Finding(name, Verdict.UNKNOWN, f"cannot tell: {factor.note}", factor, expected)
+    low, high = sorted((factor.low / expected, factor.high / expected))
+    if low > 1.0 + FACTOR_TOLERANCE or high < 1.0 - FACTOR_TOLERANCE:
+        ratio = factor.value / expected
+        sentence = f"{channel or name} looks {wrongly(ratio)}" + usual_mistake(abs(ratio), channel)
+        return Finding(name, Verdict.DOUBTFUL, sentence, factor, expected)
+    if high - low > 2.0 * FACTOR_TOLERANCE:
+        return Finding(name, Verdict.UNKNOWN, "too little motion to tell", factor, expected)
+    return Finding(name, Verdict.FITS, said, factor, expected)
+
+
+def wrongly(ratio: float) -> str:
+    """Value over truth in words."""
+    size = abs(ratio)
+    inverted = "inverted" if ratio < 0.0 else ""
+    if abs(size - 1.0) <= FACTOR_TOLERANCE:
+        return inverted
+    words = f"{size:.4g} times too large" if size > 1.0 else f"{1.0 / size:.4g} times too small"
+    return f"{inverted} and {words}" if inverted else words
+
+
+def usual_mistake(ratio: float, what: str) -> str:
+    """The usual mistake that makes such a ratio, if there is one."""
+    for known, reason in _KNOWN_FACTORS.items():
+        if ratio > 0.0 and abs(math.log(ratio / known)) < math.log(1.1):
+            return f" ({reason} in {what}?)"
+    return ""

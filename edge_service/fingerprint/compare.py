@@ -1,0 +1,129 @@
+"""Changes between two fingerprints of one axis: their size, and whether they matter."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from .fingerprint import AxisFingerprint
+from .regression.interval_estimate import Identified, around, normal_quantile
+from .result import Status
+
+FALSE_DISCOVERY_RATE = 0.01
+"""Expected share of false ones among the changes called significant."""
+MATERIAL_SHARE = 0.05
+"""A change of less than this share of the old value is no matter for maintenance."""
+LEAST_MATERIAL: Mapping[str, float] = {"N m": 0.005, "m": 1e-6, "Hz": 1.0, "s": 1e-4, "1": 0.02}
+"""Nor is one of less than this, by unit: what no repetition of a test on a machine comes below."""
+REPEATABILITY = 0.01
+"""Assumption: relative scatter of a figure from one mounting of a test to the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class FigureChange:
+    """One figure then and now.
+
+    Attributes:
+        name: `section.figure`.
+        change: now less then, with its interval.
+        sigmas: the change in standard deviations.
+        significant: after controlling the false-discovery rate over all figures.
+        material: great enough to matter.
+    """
+
+    name: str
+    old: Identified
+    new: Identified
+    change: Identified
+    sigmas: float
+    significant: bool
+    material: bool
+
+    @property
+    def changed(self) -> bool:
+        """Significant and material."""
+        return self.significant and self.material
+
+    @property
+    def relative(self) -> float:
+        """Change as a share of the old value; NaN where that is zero."""
+        return self.change.value / abs(self.old.value) if self.old.value else math.nan
+
+
+def compare_fingerprints(new: AxisFingerprint, old: AxisFingerprint) -> tuple[FigureChange, ...]:
+    """Every figure that both know, in the order of the new one.
+
+    Benjamini and Hochberg (1995) over all of them, with normal deviates.
+    """
+    before = old.figures()
+    pairs = [
+        (name, before[name], figure)
+        for name, figure in new.figures().items()
+        if name in before and _comparable(before[name], figure)
+    ]
+    changes = [_change(was, now) for _, was, now in pairs]
+    sigmas = [_sigmas(change) for change in changes]
+    significant = _discoveries(np.array(sigmas))
+    return tuple(
+        FigureChange(name, was, now, change, deviate, bool(found), _material(was, change))
+        for (name, was, now), change, deviate, found in zip(
+            pairs, changes, sigmas, significant, strict=True
+        )
+    )
+
+
+def appeared_figures(new: AxisFingerprint, old: AxisFingerprint) -> tuple[str, ...]:
+    """Figures that only the new one has, in sections that both determine.
+
+    A friction that begins to rise at low speed is one: before, there was nothing to compare with.
+    The preload is none, for its stiffness part needs a baseline to exist.
+    """
+    before = old.figures()
+    return tuple(
+        name
+        for name, figure in new.figures().items()
+        if name in before
+        and not name.startswith("preload.")
+        and figure.determined
+        and math.isfinite(figure.value)
+        and not before[name].determined
+        and old.sections[name.partition(".")[0]].status is Status.DETERMINED
+    )
+
+
+def _comparable(old: Identified, new: Identified) -> bool:
+    return all(math.isfinite(figure.value) and figure.determined for figure in (old, new)) and (
+        old.unit == new.unit
+    )
+
+
+def _change(old: Identified, new: Identified) -> Identified:
+    """Difference; of each interval the side that faces the other counts."""
+    difference = new.value - old.value
+    towards = (
+        (old.high - old.value, new.value - new.low)
+        if difference > 0.0
+        else (old.value - old.low, new.high - new.value)
+    )
+    repeated = REPEATABILITY * math.hypot(old.value, new.value)
+    sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
+    return around(difference, sigma, new.unit, math.inf)
+
+
+def _sigmas(change: Identified) -> float:
+    return change.value / change.sigma if change.sigma > 0.0 else 0.0
+
+
+def _discoveries(sigmas: np.ndarray) -> np.ndarray:
+    """Mask of the deviates (n,) that are discoveries."""
+    if not sigmas.size:
+        return np.zeros(0, dtype=bool)
+    adjusted = stats.false_discovery_control(2.0 * stats.norm.sf(np.abs(sigmas)))
+    return np.asarray(adjusted <= FALSE_DISCOVERY_RATE)
+
+
+def _material(old: Identified, change: Identified) -> bool:
+    least = max(MATERIAL_SHARE * abs(old.value), LEAST_MATERIAL.get(change.unit, 0.0))
+    return abs(change.value) >= least

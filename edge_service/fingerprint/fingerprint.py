@@ -1,0 +1,165 @@
+"""The mechanical fingerprint of an axis: every test that its recordings allow."""
+
+import functools
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from .friction.cruise_tests import measure_equability, measure_signature
+from .friction.curve import measure_friction
+from .friction.points import FrictionPoint, friction_points
+from .friction.runs import measure_friction_runs
+from .regression.conditioning import PreparationSettings, PreparedRun, prepare
+from .regression.interval_estimate import Identified
+from .regression.inverse_dynamics import identify_inverse_dynamics
+from .result import Contents, Section, Status, judged
+from .transmission.reversal_error import measure_reversal_error
+from .transmission.sections import (
+    measure_backlash,
+    measure_preload,
+    measure_response,
+    measure_stiffness,
+    shakes,
+    stretch_fit,
+)
+
+CUTOFF_HZ = 100.0
+"""Of the sampling rate, for slow recordings."""
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisFingerprint:
+    """Fingerprint of an axis from the recordings of one session.
+
+    Attributes:
+        machine: name of the axis.
+        sources: names of the recordings.
+        sections: by name, in the order of the report.
+    """
+
+    machine: str
+    sources: tuple[str, ...]
+    sections: Mapping[str, Section]
+
+    def figures(self) -> dict[str, Identified]:
+        """Every figure by `section.name`."""
+        return {
+            f"{section}.{name}": figure
+            for section, content in self.sections.items()
+            for name, figure in content.figures.items()
+        }
+
+
+def fingerprint_axis(
+    machine: Machine,
+    recordings: Mapping[str, SampleFrame],
+    fresh: AxisFingerprint | None = None,
+) -> AxisFingerprint:
+    """Every section from all recordings together; their order and names mean nothing.
+
+    Only the friction tests, where there are several, are also put in the order of their clocks,
+    or of their names where they have no common clock: what changed from one to the next.
+
+    Args:
+        recordings: of one session, by name.
+        fresh: of the same axis with the preload of the machine file, for the preload now.
+    """
+    frames = [recordings[name] for name in sorted(recordings)]
+    calm = {name: recordings[name] for name in sorted(recordings) if not shakes(recordings[name])}
+    with_torque = functools.cache(lambda: _prepared(machine, calm, (TORQUE,)))
+    runs = functools.cache(lambda: _all_of(with_torque()))
+    points = functools.cache(lambda: _points(machine, with_torque()))
+    moved = functools.cache(lambda: _all_of(_prepared(machine, recordings, ())))
+    both = (ANGLE, TABLE_POSITION)
+    stretch = functools.cache(
+        lambda: stretch_fit(_all_of(_prepared(machine, recordings, both)), machine)
+    )
+    tests: dict[str, tuple[str, Callable[[], Contents]]] = {
+        "friction": ("friction", lambda: measure_friction(_all_of(points()))),
+        "friction_runs": ("friction", lambda: measure_friction_runs(points())),
+        "stiffness": ("acceleration", lambda: measure_stiffness(stretch())),
+        "backlash": ("reversals", lambda: measure_backlash(stretch(), machine)),
+        "equability": ("friction", lambda: measure_equability(runs())),
+        "signature": ("signature", lambda: measure_signature(runs(), machine.ball_pass_orders)),
+        "reversal_error": ("reversals", lambda: measure_reversal_error(moved())),
+        "frequency_response": ("multisine", lambda: measure_response(frames)),
+        "inertia": ("acceleration", lambda: _measure_inertia(machine, frames)),
+    }
+    sections = {name: judged(motion, measure) for name, (motion, measure) in tests.items()}
+    if sections["friction_runs"].status is Status.UNDETERMINED:
+        del sections["friction_runs"]  # a session that tests friction once lacks nothing
+    fresh_stiffness = fresh.sections["stiffness"].figures if fresh else {}
+    sections["preload"] = judged(
+        "friction",
+        lambda: measure_preload(
+            sections["friction"].figures.get("coulomb_nm"),
+            sections["stiffness"].figures,
+            fresh_stiffness,
+            machine,
+        ),
+    )
+    return AxisFingerprint(machine.axis.name, tuple(sorted(recordings)), sections)
+
+
+def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Contents:
+    """Inertia with the friction of the rigid model, which needs no constant speed."""
+    with_torque = [frame for frame in frames if TORQUE in frame.channels]
+    if not with_torque:
+        raise ValueError(f"no recording has {TORQUE}")
+    settings = min(
+        (_settings(machine, frame) for frame in with_torque), key=lambda each: each.cutoff_hz
+    )
+    fit = identify_inverse_dynamics(with_torque, settings)
+    figures = {
+        "inertia_kg_m2": fit.parameters["inertia"],
+        "rigid_coulomb_nm": fit.parameters["coulomb"],
+        "rigid_viscous_nm_s_per_rad": fit.parameters["viscous"],
+    }
+    return figures, ()
+
+
+def _prepared(
+    machine: Machine, recordings: Mapping[str, SampleFrame], required: tuple[str, ...]
+) -> dict[str, tuple[PreparedRun, ...]]:
+    """Runs of each recording that has the required channels, in the order of their names.
+
+    Raises:
+        ValueError: one line; no recording has them.
+    """
+    if not recordings:
+        raise ValueError("every recording shakes the axis; this needs steady motion")
+    able = {
+        name: recordings[name]
+        for name in sorted(recordings)
+        if set(required) <= recordings[name].channels.keys()
+    }
+    if not able:
+        raise ValueError(f"no recording has {' and '.join(required)}")
+    needed = tuple(name for name in required if name != ANGLE)
+    return {
+        name: tuple(prepare(frame, _settings(machine, frame), needed))
+        for name, frame in able.items()
+    }
+
+
+def _points(
+    machine: Machine, runs: Mapping[str, Sequence[PreparedRun]]
+) -> dict[str, tuple[FrictionPoint, ...]]:
+    """Friction points of each recording."""
+    inertia = machine.model.inertia_kg_m2.value
+    return {name: tuple(friction_points(runs[name], inertia_kg_m2=inertia)) for name in runs}
+
+
+def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:
+    """Contents of all recordings together."""
+    return tuple(itertools.chain.from_iterable(parts.values()))
+
+
+def _settings(machine: Machine, frame: SampleFrame) -> PreparationSettings:
+    ratio_m_per_rad = machine.transmission_ratio_m_per_rad
+    return PreparationSettings.sampled(ratio_m_per_rad, [frame], CUTOFF_HZ)

@@ -1,0 +1,1 @@
+"""Friction over speed, from cruises."""

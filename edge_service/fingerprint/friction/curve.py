@@ -1,0 +1,179 @@
+"""The friction curve of an axis with only the parts that its points show."""
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.screw.friction import exponential_friction
+from ..regression.interval_estimate import Identified, around, normal_quantile, undetermined
+from ..result import Contents, Curve, mean_of, rounded_rpm
+from .fit import LEAST_ERROR_SHARE, fit_friction
+from .points import FrictionPoint
+
+LEAST_SPEEDS = 4
+"""Level, excess, Stribeck speed and viscous part need as many speeds."""
+STRIBECK_SIGMAS = 3.0
+"""A rise shows by so many deviations: at the level of the intervals 1 axis in 40 would have one."""
+NO_STRIBECK = "no rise of the friction at low speed is visible"
+FRICTION_LABELS = ("motor speed, rad/s", "friction torque, N m")
+
+
+def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
+    """Friction curve with its parts, over both directions and over each (5.3.12-5.3.15).
+
+    Raises:
+        ValueError: one line; too few speeds.
+    """
+    speeds = {rounded_rpm(point.speed_rad_s) for point in points}
+    if len(speeds) < LEAST_SPEEDS:
+        raise ValueError(
+            f"cruises at {len(speeds)} speeds; a friction curve needs {LEAST_SPEEDS} or more"
+        )
+    whole = friction_parts(points)
+    figures = dict(whole.parameters)
+    curves = _fitted(whole, points)
+    for name, way in (("forward", True), ("backward", False)):
+        there = [point for point in points if point.forward is way]
+        if there:
+            curves.append(_point_curve(name, there))
+        if len({rounded_rpm(point.speed_rad_s) for point in there}) >= LEAST_SPEEDS:
+            parts = friction_parts(there).parameters
+            for part in ("coulomb_nm", "viscous_nm_s_per_rad"):
+                figures[f"{name}_{part}"] = parts[part]
+    return figures | _levels(points), curves
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrictionParts:
+    """Parts of a friction curve.
+
+    Attributes:
+        parameters: with intervals.
+        values: of the curve, by the same names; a part that is missing is not in it.
+    """
+
+    parameters: Mapping[str, Identified]
+    values: Mapping[str, float]
+
+    def torque_nm(self, speed_rad_s: Floats) -> Floats:
+        """The curve, N m, in the shape of `speed_rad_s`."""
+        total: Floats = np.sum(list(self.parts_nm(speed_rad_s).values()), axis=0)
+        return total
+
+    def parts_nm(self, speed_rad_s: Floats) -> dict[str, Floats]:
+        """Part -> torque, N m, in the shape of `speed_rad_s`: terms of the exponential form.
+
+        The Coulomb part holds the offset, as (5.3.14) has it.
+        """
+        values = self.values
+        coulomb_nm = values["coulomb_nm"] * np.sign(speed_rad_s) + values.get("offset_nm", 0.0)
+        parts = {"Coulomb": coulomb_nm, "viscous": values["viscous_nm_s_per_rad"] * speed_rad_s}
+        if excess_nm := values.get("stribeck_excess_nm", 0.0):
+            scale_rad_s = values["stribeck_speed_rad_s"]
+            parts["Stribeck"] = exponential_friction(speed_rad_s, 0.0, excess_nm, scale_rad_s)
+        return parts
+
+
+def friction_parts(points: Sequence[FrictionPoint]) -> FrictionParts:
+    """Coulomb, viscous and offset; the Stribeck part only where the points show one.
+
+    Without a visible rise its speed is arbitrary, and any Coulomb level could be had by it.
+    """
+    full = fit_friction(points)
+    excess = full.parameters["stribeck_excess_nm"]
+    if excess.determined and excess.value > STRIBECK_SIGMAS * _sigma_below(excess):
+        return FrictionParts(full.parameters, full.values)
+    return _straight(points)
+
+
+def _sigma_below(figure: Identified) -> float:
+    """Standard deviation on the side of the lower bound, which may differ from the upper."""
+    return (figure.value - figure.low) / normal_quantile()
+
+
+def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
+    """Weighted least squares of F_c sgn(v) + D v + f_offset, the scatter making the intervals."""
+    speed = np.array([point.speed_rad_s for point in points])
+    torque = np.array([point.torque_nm for point in points])
+    error = np.array([point.standard_error_nm for point in points])
+    weight = 1.0 / np.hypot(error, LEAST_ERROR_SHARE * np.abs(torque))
+    both = bool((speed > 0.0).any() and (speed < 0.0).any())
+    names = {"coulomb_nm": "N m", "viscous_nm_s_per_rad": "N m s/rad"}
+    columns = [np.sign(speed), speed]
+    if both:
+        names["offset_nm"] = "N m"
+        columns.append(np.ones_like(speed))
+    design = np.column_stack(columns) * weight[:, None]
+    inverse = np.linalg.pinv(design)
+    found = inverse @ (torque * weight)
+    freedom = max(len(points) - len(names), 1)
+    chi2 = float(np.sum((torque * weight - design @ found) ** 2)) / freedom
+    sigma = np.sqrt(np.diag(inverse @ inverse.T) * max(chi2, 1.0))
+    count = float(len(points))
+    parameters = {
+        name: around(float(found[k]), float(sigma[k]), unit, count, len(names))
+        for k, (name, unit) in enumerate(names.items())
+    }
+    parameters["stribeck_excess_nm"] = undetermined("N m", NO_STRIBECK, count)
+    parameters["stribeck_speed_rad_s"] = undetermined("rad/s", NO_STRIBECK, count)
+    return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
+
+
+def _levels(points: Sequence[FrictionPoint]) -> dict[str, Identified]:
+    """Friction at each speed that is there in both directions, N m."""
+    return {f"level_{rpm}_rpm_nm": mean_level(ways) for rpm, ways in both_ways(points).items()}
+
+
+def both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:
+    """Speed, rpm -> forward or not -> points in time order, of speeds run in both directions."""
+    groups: dict[str, dict[bool, list[FrictionPoint]]] = defaultdict(lambda: defaultdict(list))
+    for point in sorted(points, key=lambda point: point.time_s):
+        groups[rounded_rpm(point.speed_rad_s)][point.forward].append(point)
+    return {rpm: groups[rpm] for rpm in sorted(groups, key=float) if len(groups[rpm]) == 2}
+
+
+def mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> Identified:
+    """Mean magnitude of the friction at one speed, of points in both directions, N m."""
+    return mean_of_ways([mean_torque(points) for points in ways.values()])
+
+
+def mean_torque(points: Sequence[FrictionPoint]) -> Identified:
+    """Mean magnitude of the friction of points at one speed, N m."""
+    return mean_of(
+        [abs(point.torque_nm) for point in points],
+        [point.standard_error_nm for point in points],
+        "N m",
+    )
+
+
+def mean_of_ways(ways: Sequence[Identified]) -> Identified:
+    """Mean of what was found in either direction, N m."""
+    value = sum(way.value for way in ways) / len(ways)
+    half = math.hypot(*(way.high - way.value for way in ways)) / len(ways)
+    count = min(way.n_effective for way in ways)
+    return Identified(value, value - half, value + half, "N m", count)
+
+
+def _point_curve(name: str, points: Sequence[FrictionPoint]) -> Curve:
+    ordered = sorted(points, key=lambda point: point.speed_rad_s)
+    return Curve(
+        name,
+        np.array([point.speed_rad_s for point in ordered]),
+        np.array([point.torque_nm for point in ordered]),
+        *FRICTION_LABELS,
+    )
+
+
+def _fitted(parts: FrictionParts, points: Sequence[FrictionPoint]) -> list[Curve]:
+    """The curve and its parts over the speeds of the points."""
+    speeds = [point.speed_rad_s for point in points]
+    half = np.geomspace(min(map(abs, speeds)), max(map(abs, speeds)), 60)
+    speed = np.concatenate(
+        (-half[::-1] if min(speeds) < 0.0 else [], half if max(speeds) > 0.0 else [])
+    )
+    drawn = {"fit": parts.torque_nm(speed), **parts.parts_nm(speed)}
+    return [Curve(name, speed, torque, *FRICTION_LABELS) for name, torque in drawn.items()]

@@ -1,0 +1,1 @@
+"""Regression: conditioning, linear and nonlinear fits, honest intervals."""

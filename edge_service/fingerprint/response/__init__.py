@@ -1,0 +1,1 @@
+"""Frequency response, and two masses fitted to it."""

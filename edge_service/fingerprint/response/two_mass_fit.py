@@ -1,0 +1,214 @@
+"""Two-mass fit of a measured drive response (the seed's second model, 5.3.19-5.3.21)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ..regression.interval_estimate import Identified
+from ..regression.nonlinear import Residual, Unknown, best_values, fit_profiled, unexplained_share
+from .frequency_response import FrequencyResponse
+from .segment_spectra import Complexes
+from .two_mass_model import Sight, TwoMasses
+
+_FIRST_ERROR = 0.01
+"""Share of a response that the search for the best fit takes as its error."""
+_BEYOND = 10.0
+"""A resonance is searched up to this factor above the fastest frequency."""
+_STEEPEST = 0.9
+"""Greatest change of the compliance over half of the travel, as a share of that in its middle."""
+_WINDOW_BINS = 1.5
+"""Bins of a Hann window that are one independent one."""
+_LEAST_FREQUENCIES = 10
+_LEAST_SHARE = 1e-5
+_FEW = 400
+"""Frequencies on which the first valley is looked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class TwoMassFit:
+    """Inertias and resonance of the axis, in the middle of the recorded travel.
+
+    Attributes:
+        inertia: J1 + J2 at the motor, kg m^2.
+        antiresonance: of the table against a motor that is held, w_a, Hz.
+        resonance: of both against each other, w_r, Hz.
+        antiresonance_damping, resonance_damping: damping ratios, 1.
+        table_share: J2 / (J1 + J2) = 1 - (w_a / w_r)^2, 1.
+        delay: of the torque path, s.
+        viscous: D of (5.3.19), between motor and ground, N m s/rad.
+        place_rad: angle of the motor to which the modes belong.
+        reduced_chi2: 1 where the response scatters as its errors say; what it scatters beyond its
+            coherence counts as error.
+    """
+
+    inertia: Identified
+    antiresonance: Identified
+    resonance: Identified
+    antiresonance_damping: Identified
+    resonance_damping: Identified
+    table_share: Identified
+    delay: Identified
+    viscous: Identified
+    place_rad: float
+    reduced_chi2: float
+    model: TwoMasses
+
+    def response(self, frequency_hz: Floats) -> Complexes:
+        """The fitted motor speed over torque, without sampling, rad/(s N m), (n,)."""
+        return self.model.speed_over_torque(frequency_hz)
+
+
+def fit_two_mass(measured: FrequencyResponse | Sequence[FrequencyResponse]) -> TwoMassFit:
+    """Fit omega / torque = 1 / (J s + D) N(s) / D(s) exp(-s T).
+
+    N = s^2 / w_a^2 + 2 z s / w_a + 1 and D(s) with w_r and z w_r / w_a, for one damper makes both.
+    As J1 and J2 are not negative, w_r / w_a = sqrt((J1 + J2) / J1) is at least 1. With responses at
+    several places the compliance may change linearly along the travel.
+
+    Args:
+        measured: of `drive_response` or `drive_responses_along`, within the frequencies to be
+            fitted.
+
+    Raises:
+        ValueError: fewer than ten frequencies.
+    """
+    places = [measured] if isinstance(measured, FrequencyResponse) else list(measured)
+    count = sum(len(place.frequency_hz) for place in places)
+    if count < _LEAST_FREQUENCIES:
+        raise ValueError(
+            f"{count} coherent frequencies; a two-mass fit needs {_LEAST_FREQUENCIES} or more"
+        )
+    places = [place for place in places if len(place.frequency_hz)]
+    known = np.concatenate([place.place_rad for place in places])
+    centre_rad = float(np.mean(known)) if len(known) else math.nan
+    unknowns = _unknowns(places, centre_rad)
+    misfit = _misfit(places, centre_rad)
+    error = _error(places)
+    first = _first_values(places, centre_rad, unknowns)
+    first = best_values(
+        lambda values: misfit(values) / np.hypot(error, _FIRST_ERROR), unknowns, [first]
+    )
+    share = unexplained_share(misfit(first), error, np.ones_like(error), len(unknowns))
+    error = np.hypot(error, max(share, _LEAST_SHARE))
+    windowed = any(place.resolution_hz > 0.0 for place in places)
+    fit = fit_profiled(
+        lambda values: misfit(values) / error,
+        unknowns,
+        [first],
+        2.0 * count / (_WINDOW_BINS if windowed else 1.0),
+    )
+    found = fit.parameters
+    notch, damping, ratio = found["antiresonance"], found["damping"], found["ratio"]
+    return TwoMassFit(
+        inertia=found["inertia"],
+        antiresonance=notch,
+        resonance=_product(notch, ratio),
+        antiresonance_damping=damping,
+        resonance_damping=_product(damping, ratio),
+        table_share=_table_share(ratio),
+        delay=found["delay"],
+        viscous=found["viscous"],
+        place_rad=centre_rad,
+        reduced_chi2=fit.reduced_chi2,
+        model=TwoMasses(*fit.values.tolist()),
+    )
+
+
+def _misfit(places: Sequence[FrequencyResponse], centre_rad: float) -> Residual:
+    """Logarithm of model over measurement, real and imaginary parts one after the other."""
+    sights = [Sight.of(place, centre_rad) for place in places]
+    responses = np.concatenate([place.response for place in places])
+
+    def misfit(values: Floats) -> Floats:
+        model = TwoMasses(*values.tolist())
+        whole = np.log(np.concatenate([sight.response(model) for sight in sights]) / responses)
+        return np.concatenate((whole.real, whole.imag))
+
+    return misfit
+
+
+def _first_values(
+    places: Sequence[FrequencyResponse], centre_rad: float, unknowns: Sequence[Unknown]
+) -> Floats:
+    """The best valley of all starts, on few frequencies."""
+    count = sum(len(place.frequency_hz) for place in places)
+    few = [place.every(max(count // _FEW, 1)) for place in places]
+    misfit = _misfit(few, centre_rad)
+    error = np.hypot(_error(few), _FIRST_ERROR)
+    starts = [start[: len(unknowns)] for start in _starts(places)]
+    return best_values(lambda values: misfit(values) / error, unknowns, starts)
+
+
+def _error(places: Sequence[FrequencyResponse]) -> Floats:
+    """Standard deviations of the misfit, by coherence."""
+    return np.tile(np.concatenate([place.relative_error for place in places]), 2)
+
+
+def _unknowns(places: Sequence[FrequencyResponse], centre_rad: float) -> list[Unknown]:
+    inertia = _low_frequency_inertia(places)
+    low_hz = min(float(place.frequency_hz[0]) for place in places)
+    high_hz = max(float(place.frequency_hz[-1]) for place in places)
+    unknowns = [
+        Unknown("inertia", inertia / 20.0, inertia * 20.0, "kg m^2", logarithmic=True),
+        Unknown("antiresonance", low_hz, _BEYOND * high_hz, "Hz", logarithmic=True),
+        Unknown("damping", 1e-3, 1.0, "1", logarithmic=True),
+        Unknown("ratio", 1.0, 10.0, "1", floor=1.0),
+        Unknown("delay", -5e-3, 2e-2, "s"),
+        Unknown("viscous", 0.0, 2.0 * math.pi * low_hz * inertia, "N m s/rad", floor=0.0),
+    ]
+    reach_rad = max(
+        float(np.max(np.abs(place.place_rad - centre_rad) + place.spread_rad, initial=0.0))
+        for place in places
+    )
+    if len(places) > 1 and reach_rad > 0.0:
+        steepest = _STEEPEST / reach_rad
+        unknowns.append(Unknown("slope", -steepest, steepest, "1/rad"))
+    return unknowns
+
+
+def _starts(places: Sequence[FrequencyResponse]) -> list[Floats]:
+    """A notch where the response shows one, near the end of the band, and beyond it."""
+    inertia = _low_frequency_inertia(places)
+    high_hz = max(float(place.frequency_hz[-1]) for place in places)
+    notches_hz = (_deepest_hz(places), 0.5 * high_hz, high_hz, 0.5 * _BEYOND * high_hz)
+    return [
+        np.array([inertia, notch_hz, 0.05, ratio, 0.0, 0.0, 0.0])
+        for notch_hz in notches_hz
+        for ratio in (1.05, 1.5)
+    ]
+
+
+def _low_frequency_inertia(places: Sequence[FrequencyResponse]) -> float:
+    """Inertia that the lowest quarter of the frequencies shows, kg m^2."""
+    frequency = np.concatenate([place.frequency_hz for place in places])
+    response = np.concatenate([place.response for place in places])
+    order = np.argsort(frequency)[: max(len(frequency) // 4, 1)]
+    return float(np.median(1.0 / (2.0 * math.pi * frequency[order] * np.abs(response[order]))))
+
+
+def _deepest_hz(places: Sequence[FrequencyResponse]) -> float:
+    """Frequency where the response falls furthest below that of a rigid axis, Hz."""
+    frequency = np.concatenate([place.frequency_hz for place in places])
+    response = np.concatenate([place.response for place in places])
+    return float(frequency[np.argmin(np.abs(response) * frequency)])
+
+
+def _product(first: Identified, second: Identified) -> Identified:
+    """Product of two positive quantities in the unit of the first, with the bounds of both."""
+    return Identified(
+        first.value * second.value,
+        first.low * second.low,
+        first.high * second.high,
+        first.unit,
+        min(first.n_effective, second.n_effective),
+        first.note or second.note,
+    )
+
+
+def _table_share(ratio: Identified) -> Identified:
+    """J2 / (J1 + J2) = 1 - (w_r / w_a)^-2."""
+    low, value, high = (1.0 - bound**-2 for bound in (ratio.low, ratio.value, ratio.high))
+    return Identified(value, low, high, "1", ratio.n_effective, ratio.note)

@@ -1,0 +1,1 @@
+"""Stiffness, lost motion and preload between the two encoders."""

@@ -1,0 +1,1 @@
+"""Alarms that call for a person (after ISA-18.2)."""

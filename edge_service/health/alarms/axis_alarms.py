@@ -1,0 +1,231 @@
+"""All alarms of one axis: what their causes are."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from ...messages.alarm import Alarm, AlarmKind, Command
+from ...messages.estimate import EstimateStatus, PreloadEstimate
+from ...messages.event import Event, Severity
+from ...messages.health import AxisCondition, AxisHealth, ConsistencyState
+from ...messages.trend import Trend
+from ..condition.input_watch import NS_PER_S
+from ..model_watch.consistency import CHANNEL_WORDS
+from .latch import AlarmLatch, AlarmRule
+
+_H_PER_RATE = 1000.0
+_NIS_MEMORY = 0.98
+_START_S = 30
+"""So long after a start nobody misses data that were never heard."""
+_DATA_CODES = ("no_input", "stale_input", "no_data")
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmSettings:
+    """Limits and delays of the alarms.
+
+    Attributes:
+        rate_percent_per_1000_h: loss of preload per 1000 h that is too fast, percent of the
+            commissioned preload.
+        sudden_drop_percent: a loss within `sudden_drop_within_s` that is sudden, the same unit.
+        sudden_drop_within_s: see there.
+        model_nis: mean of the squared normalised innovations from which the model does not fit;
+            it is 1 if it does.
+        raise_delay_s, clear_delay_s: how long a cause must hold, or be gone.
+        data_lost_after_s: how long data may be missing.
+    """
+
+    rate_percent_per_1000_h: float = 20.0
+    sudden_drop_percent: float = 15.0
+    sudden_drop_within_s: float = 10.0
+    model_nis: float = 6.0
+    raise_delay_s: float = 0.0
+    clear_delay_s: float = 5.0
+    data_lost_after_s: float = 5.0
+
+
+class SuddenDrop:
+    """Detector of a fall of the preload, beyond doubt, by more than a limit within a short time."""
+
+    def __init__(self, limit_percent: float, within_s: float) -> None:
+        self._limit_percent = limit_percent
+        self.within_ns = round(within_s * NS_PER_S)
+        self._recent: deque[tuple[int, float, float]] = deque()
+
+    def update(self, time_ns: int, low: float, value: float, high: float) -> float | None:
+        """Take an estimate in; the loss in percent of the load rating if it was sudden."""
+        while self._recent and not 0 <= time_ns - self._recent[0][0] <= self.within_ns:
+            self._recent.popleft()
+        best = max(self._recent, key=lambda each: each[2], default=None)
+        self._recent.append((time_ns, low, value))
+        if best is None or best[2] - value < self._limit_percent or high >= best[1]:
+            return None
+        return best[2] - value
+
+
+class AlarmBench:
+    """The alarms of one axis.
+
+    Parameters
+    ----------
+    fresh_percent : float or None
+        The commissioned preload, percent of the load rating; without it limits have no meaning.
+    """
+
+    def __init__(
+        self, axis: str, fresh_percent: float | None, settings: AlarmSettings, now_ns: int
+    ) -> None:
+        self._settings = settings
+        self._patient_until_ns = now_ns + _START_S * NS_PER_S
+        self._fresh = fresh_percent
+        slow = (settings.raise_delay_s, settings.clear_delay_s)
+        lost = (settings.data_lost_after_s, 1.0)
+        rules = {
+            AlarmKind.PRELOAD_LOW: AlarmRule(Severity.WARNING, *slow),
+            AlarmKind.PRELOAD_LOST: AlarmRule(Severity.ERROR, *slow),
+            AlarmKind.RATE: AlarmRule(Severity.WARNING, *slow),
+            AlarmKind.SUDDEN_DROP: AlarmRule(Severity.ERROR, 0.0, 0.0, latched=True),
+            AlarmKind.MODEL: AlarmRule(Severity.WARNING, 5.0, settings.clear_delay_s),
+            AlarmKind.DATA_LOST: AlarmRule(Severity.WARNING, *lost),
+        }
+        self._latches = {kind: AlarmLatch(axis, kind, rule) for kind, rule in rules.items()}
+        share = 0.0 if fresh_percent is None else fresh_percent / 100.0
+        self._drop = SuddenDrop(settings.sudden_drop_percent * share, settings.sudden_drop_within_s)
+        self._fallen_ns: int | None = None
+        self._nis = 1.0
+        self._status: EstimateStatus | None = None
+
+    def on_preload(self, estimate: PreloadEstimate, time_ns: int, now_ns: int) -> tuple[Event, ...]:
+        """Look at an estimate for what must not wait."""
+        self._status = estimate.status
+        if estimate.status is not EstimateStatus.ESTIMATED:
+            return ()
+        if estimate.nis is not None:
+            self._nis = _NIS_MEMORY * self._nis + (1.0 - _NIS_MEMORY) * min(estimate.nis, 100.0)
+        low, value, high = estimate.low, estimate.preload_percent, estimate.high
+        if self._fresh is None or low is None or value is None or high is None:
+            return ()
+        loss = self._drop.update(time_ns, low, value, high)
+        if loss is None:
+            return ()
+        share = 100.0 * loss / self._fresh
+        words = (
+            f"preload fell suddenly by {share:.0f} % of the commissioned preload, to {value:.2f} %"
+        )
+        latch, before_ns = self._latches[AlarmKind.SUDDEN_DROP], self._fallen_ns
+        self._fallen_ns = time_ns
+        if before_ns is None or abs(time_ns - before_ns) > self._drop.within_ns:
+            return latch.update(True, words, now_ns)
+        latch.reword(words)  # the same fall, further down: the estimates need a second for it
+        return ()
+
+    def tick(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Event, ...]:
+        """Let time pass, with the condition and the trend as of now."""
+        causes = {
+            **self._limits(health),
+            AlarmKind.RATE: self._rate(trend),
+            AlarmKind.SUDDEN_DROP: (None, ""),
+            AlarmKind.MODEL: self._model(health),
+            AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
+        }
+        events: list[Event] = []
+        for kind, (cause, words) in causes.items():
+            events += self._latches[kind].update(cause, words, now_ns)
+        return tuple(events)
+
+    def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
+        """Acknowledge, shelve or unshelve."""
+        if command.alarm is None:
+            return ()
+        latch = self._latches[command.alarm]
+        match command.action:
+            case "acknowledge":
+                return latch.acknowledge(command.user, command.note, now_ns)
+            case "shelve":
+                return latch.shelve(command.user, command.note, command.duration_s, now_ns)
+            case "unshelve":
+                return latch.unshelve(command.user, command.note, now_ns)
+            case _:
+                return ()
+
+    def shown(self) -> tuple[Alarm, ...]:
+        """Alarms that a person should see, the gravest first."""
+        alarms = [alarm for latch in self._latches.values() if (alarm := latch.shown())]
+        order = list(Severity)
+        return tuple(
+            sorted(alarms, key=lambda a: (a.active, order.index(a.severity)), reverse=True)
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """State for JSON."""
+        return {kind.value: latch.snapshot() for kind, latch in self._latches.items()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError or KeyError if it is none."""
+        for kind, latch in self._latches.items():
+            if kind.value in snapshot:
+                latch.restore(snapshot[kind.value])
+
+    def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, str]]:
+        known = health.condition is not AxisCondition.UNAVAILABLE
+        words = health.reasons[0].partition(": ")[2] if health.reasons else ""
+        fault = health.condition is AxisCondition.FAULT
+        low = health.condition is AxisCondition.WARNING
+        return {
+            AlarmKind.PRELOAD_LOW: (low or (None if fault else False) if known else None, words),
+            AlarmKind.PRELOAD_LOST: (fault if known else None, words),
+        }
+
+    def _rate(self, trend: Trend | None) -> tuple[bool | None, str]:
+        if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
+            return None, ""
+        share = -100.0 * _H_PER_RATE / self._fresh
+        loss = trend.rate_percent_per_h.value * share
+        sure = trend.rate_percent_per_h.high * share
+        limit = self._settings.rate_percent_per_1000_h
+        words = f"preload falls by {_readable(loss)}; the limit is {limit:g} % per 1000 h"
+        if sure > limit:
+            return True, words
+        return (False if loss < 0.9 * limit else None), words
+
+    def _data_lost(self, health: AxisHealth, now_ns: int) -> tuple[bool | None, str]:
+        if self._status is None and now_ns < self._patient_until_ns:
+            return None, ""
+        return _data_lost(health)
+
+    def _model(self, health: AxisHealth) -> tuple[bool | None, str]:
+        if _data_lost(health)[0]:
+            return None, ""
+        limit = self._settings.model_nis
+        consistency = health.consistency
+        if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
+            channel = consistency.channel or ""
+            words = f"the model no longer fits: {CHANNEL_WORDS.get(channel, channel)} has changed"
+            return True, words
+        if self._status is EstimateStatus.INVALID:
+            reason = next(iter(health.reasons), "").partition(": ")[2]
+            return True, "the model no longer fits what is measured: " + reason
+        if self._nis > limit:
+            words = f"the model no longer fits: its errors are {self._nis:.1f} times as expected"
+            return True, words
+        return (False if self._nis < 0.8 * limit else None), ""
+
+
+def _readable(percent_per_1000_h: float) -> str:
+    """A rate over the longest time in which less than everything is lost."""
+    spans = ((1000.0, "1000 h"), (24.0, "day"), (1.0, "hour"), (1.0 / 60.0, "minute"))
+    short = [span for span in spans if percent_per_1000_h * span[0] < 100.0 * _H_PER_RATE]
+    hours, name = (short or spans[-1:])[0]
+    return (
+        f"{percent_per_1000_h * hours / _H_PER_RATE:.3g} % of the commissioned preload per {name}"
+    )
+
+
+def _data_lost(health: AxisHealth) -> tuple[bool | None, str]:
+    if health.condition is not AxisCondition.UNAVAILABLE:
+        return False, ""
+    for reason in health.reasons:
+        code, _, sentence = reason.partition(": ")
+        if code in _DATA_CODES:
+            return True, f"data lost: {sentence}"
+    return False, ""

@@ -1,0 +1,152 @@
+"""One alarm: delays, acknowledgement, shelving, and an event for every change (after ISA-18.2)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...messages.alarm import Alarm, AlarmKind
+from ...messages.event import Event, Severity
+from ..condition.input_watch import NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmRule:
+    """Behaviour of one kind of alarm.
+
+    Attributes:
+        severity: of its events.
+        raise_delay_s: how long its cause must hold first.
+        clear_delay_s: how long its cause must be gone.
+        latched: it stays active until somebody acknowledges it.
+    """
+
+    severity: Severity
+    raise_delay_s: float
+    clear_delay_s: float
+    latched: bool = False
+
+
+class AlarmLatch:
+    """State of one alarm of one axis.
+
+    It is shown while it is active, and afterwards until somebody has acknowledged it. When it is
+    raised again it must be acknowledged again. Shelved, it goes on, but calls nobody: its events
+    are for information only.
+    """
+
+    def __init__(self, axis: str, kind: AlarmKind, rule: AlarmRule) -> None:
+        self.rule = rule
+        self._axis = axis
+        self._kind = kind
+        self._alarm: Alarm | None = None
+        self._shelved_until_ns: int | None = None
+        self._change_since_ns: int | None = None
+
+    @property
+    def active(self) -> bool:
+        """True while its cause holds, after the delays."""
+        return self._alarm is not None and self._alarm.active
+
+    def update(self, cause: bool | None, message: str, now_ns: int) -> tuple[Event, ...]:
+        """Say whether the cause holds (None: nobody can tell, the state stays)."""
+        over = self._end_of_shelf(now_ns)
+        if cause is None or cause is self.active:
+            self._change_since_ns = None
+            return over
+        if self._change_since_ns is None:
+            self._change_since_ns = now_ns
+        delay_s = self.rule.raise_delay_s if cause else self.rule.clear_delay_s
+        if now_ns - self._change_since_ns < delay_s * NS_PER_S:
+            return over
+        self._change_since_ns = None
+        return (*over, *(self._raise(message, now_ns) if cause else self._clear(now_ns)))
+
+    def reword(self, message: str) -> None:
+        """Say better what it is about, while it is shown."""
+        if self._alarm is not None:
+            self._alarm = self._alarm.model_copy(update={"message": message})
+
+    def acknowledge(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
+        """A person has taken note; no event if there was nothing to acknowledge."""
+        alarm = self._alarm
+        if alarm is None or alarm.acknowledged_by is not None:
+            return ()
+        self._alarm = alarm.model_copy(update={"acknowledged_by": user, "note": note})
+        if self.rule.latched and alarm.active:
+            self._alarm = self._alarm.model_copy(
+                update={"active": False, "cleared_time_ns": now_ns}
+            )
+        if not self._alarm.active:
+            self._alarm = None
+        return (
+            self._event("acknowledged", Severity.INFO, f"acknowledged by {user}", now_ns, note),
+        )
+
+    def shelve(self, user: str, note: str, duration_s: float, now_ns: int) -> tuple[Event, ...]:
+        """Let it call nobody for a while."""
+        self._shelved_until_ns = now_ns + round(duration_s * NS_PER_S)
+        hours = duration_s / 3600.0
+        span = f"{hours:.3g} h" if hours >= 1.0 else f"{duration_s / 60.0:.2g} min"
+        text = f"shelved for {span} by {user}"
+        return (self._event("shelved", Severity.INFO, text, now_ns, note),)
+
+    def unshelve(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
+        """End the shelving; no event if it was not shelved."""
+        if self._shelved_until_ns is None:
+            return ()
+        self._shelved_until_ns = None
+        return (self._event("unshelved", Severity.INFO, f"unshelved by {user}", now_ns, note),)
+
+    def shown(self) -> Alarm | None:
+        """Alarm that a person should see; None if there is none."""
+        if self._alarm is None:
+            return None
+        return self._alarm.model_copy(update={"shelved_until_ns": self._shelved_until_ns})
+
+    def snapshot(self) -> dict[str, Any]:
+        """State for JSON."""
+        alarm = None if self._alarm is None else self._alarm.model_dump(mode="json")
+        return {"alarm": alarm, "shelved_until_ns": self._shelved_until_ns}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none."""
+        alarm, until_ns = snapshot["alarm"], snapshot["shelved_until_ns"]
+        self._alarm = None if alarm is None else Alarm.model_validate(alarm)
+        self._shelved_until_ns = None if until_ns is None else int(until_ns)
+
+    def _raise(self, message: str, now_ns: int) -> tuple[Event, ...]:
+        self._alarm = Alarm(
+            kind=self._kind,
+            severity=self.rule.severity,
+            active=True,
+            message=message,
+            raised_time_ns=now_ns,
+        )
+        severity = Severity.INFO if self._shelved_until_ns else self.rule.severity
+        return (self._event("raised", severity, message, now_ns),)
+
+    def _clear(self, now_ns: int) -> tuple[Event, ...]:
+        if self._alarm is None or self.rule.latched:
+            return ()
+        cleared = self._alarm.model_copy(update={"active": False, "cleared_time_ns": now_ns})
+        self._alarm = None if cleared.acknowledged_by is not None else cleared
+        return (self._event("cleared", Severity.INFO, "over", now_ns),)
+
+    def _end_of_shelf(self, now_ns: int) -> tuple[Event, ...]:
+        if self._shelved_until_ns is None or now_ns < self._shelved_until_ns:
+            return ()
+        self._shelved_until_ns = None
+        return (self._event("unshelved", Severity.INFO, "the time of shelving is over", now_ns),)
+
+    def _event(
+        self, change: str, severity: Severity, text: str, now_ns: int, note: str = ""
+    ) -> Event:
+        name = self._kind.value.replace("_", " ")
+        words = text if change == "raised" else f"alarm {name} {text}"
+        return Event(
+            axis=self._axis,
+            kind=f"alarm_{change}",
+            severity=severity,
+            message=words + (f": {note}" if note else ""),
+            time_ns=now_ns,
+            data={"alarm": self._kind.value, "shelved": int(self._shelved_until_ns is not None)},
+        )

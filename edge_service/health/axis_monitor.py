@@ -1,0 +1,285 @@
+"""Everything that is known and asked about one axis: judge, alarms, trend, use."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from typing import Any
+
+from ..messages.alarm import Command
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.event import Event, Severity
+from ..messages.features import FeatureBlock
+from ..messages.header import Header
+from ..messages.health import AxisHealth, ComponentHealth, Consistency
+from ..messages.trend import Trend
+from .alarms.axis_alarms import AlarmBench, AlarmSettings
+from .condition.condition_monitor import HealthJudge
+from .condition.input_watch import NS_PER_S
+from .model_watch.consistency import CHANNEL_WORDS, ConsistencyWatch, Disagreement
+from .model_watch.friction_watch import FrictionWatch
+from .settings import HealthSettings
+from .trend.preload_history import WearSeries
+from .trend.remaining_life import trend_of
+from .trend.usage import ScrewGeometry, UseMeter
+
+SNAPSHOT_SCHEMA = "axis-watch/1"
+_SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 5.0, 600.0
+_PERIOD_SHARE = 0.02
+_RISES = 20
+"""So many estimates in a row must lie above what was known before a rise is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisFacts:
+    """Facts about one axis from its machine file.
+
+    Attributes:
+        fresh_percent: preload of the fresh screw, percent of the load rating; None if unknown.
+    """
+
+    axis: str
+    fresh_percent: float | None
+    geometry: ScrewGeometry
+
+
+class AxisWatch:
+    """Watches one axis; every call returns the events that it caused."""
+
+    def __init__(
+        self, facts: AxisFacts, settings: HealthSettings, alarms: AlarmSettings, now_ns: int
+    ) -> None:
+        self.axis = facts.axis
+        self._judge = HealthJudge(facts.axis, facts.fresh_percent, settings, now_ns)
+        self._alarms = AlarmBench(facts.axis, facts.fresh_percent, alarms, now_ns)
+        limits = settings.limits(facts.fresh_percent)
+        self._limits_percent = (
+            {}
+            if limits is None
+            else {"warning": limits.warning_percent, "fault": limits.fault_percent}
+        )
+        self._use = UseMeter(facts.geometry, now_ns)
+        self._friction = FrictionWatch()
+        self._consistency = ConsistencyWatch(facts.geometry.ratio_m_per_rad)
+        self._heard = (now_ns, 0.0)
+        self._since_ns: int | None = None
+        self._recording: str | None = None
+        self._series = WearSeries()
+        self._trend: Trend | None = None
+        self._trend_ns = 0
+        self._rise_percent = alarms.sudden_drop_percent / 100.0 * (facts.fresh_percent or 1.0)
+        self._rises = 0
+
+    def on_preload(
+        self, header: Header, estimate: PreloadEstimate, now_ns: int
+    ) -> tuple[Event, ...]:
+        """Take an estimate in."""
+        events = self._judge.on_preload(header, estimate, now_ns)
+        sudden = self._alarms.on_preload(estimate, header.source_time_ns, now_ns)
+        if sudden:
+            self._series.clear()  # what comes now is another state: its trend begins anew
+            self._friction.restart_newest()
+            self._trend = None
+            self._trend_ns = 0
+        elif estimate.status is EstimateStatus.ESTIMATED:
+            events = (*events, *self._note_wear(header.source_time_ns, estimate, now_ns))
+        return (*events, *sudden, *(self._look_at_alarms(now_ns) if events else ()))
+
+    def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
+        """Take an interval in."""
+        self._use.add(block)
+        self._friction.add(block)
+        self._heard = (header.source_time_ns, block.time_s)
+        change = self._consistency.add(block)
+        noted = () if change is None else self._note_change(change, now_ns)
+        return (*self._judge.on_feature(header, block, now_ns), *noted)
+
+    def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:
+        """Take a component's report in."""
+        return self._judge.on_component(report, now_ns)
+
+    def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
+        """Do what a person asks."""
+        if command.action == "part_replaced":
+            self._restart(now_ns)
+        if command.action in ("part_replaced", "note"):
+            return (_log_entry(self.axis, command, now_ns),)
+        if command.action == "recorded":
+            self._recording = command.note
+            return (_recorded_event(self.axis, command.note, now_ns),)
+        return self._alarms.on_command(command, now_ns)
+
+    def tick(self, now_ns: int) -> tuple[Event, ...]:
+        """Let time pass."""
+        return (*self._judge.tick(now_ns), *self._look_at_alarms(now_ns))
+
+    def health(self, now_ns: int) -> AxisHealth:
+        """Condition of the axis with everything beside it, as of now."""
+        return self._judge.health(now_ns).model_copy(
+            update={
+                "alarms": self._alarms.shown(),
+                "trend": self._trend,
+                "use": self._use.use(),
+                "friction": self._friction.curve(),
+                "consistency": self._consistent(),
+            }
+        )
+
+    def trend_is_due(self, now_ns: int) -> bool:
+        """Tell whether there is something new to report."""
+        time_s = self._series.points()[0]
+        span_s = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
+        period_s = min(max(_PERIOD_SHARE * span_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
+        return abs(now_ns - self._trend_ns) >= period_s * NS_PER_S
+
+    def trend_work(self) -> Callable[[], Trend]:
+        """Work that makes the trend of what is known now: some ten milliseconds, for any thread."""
+        return partial(trend_of, *self._series.points(), self._limits_percent)
+
+    def take_trend(self, trend: Trend, now_ns: int) -> None:
+        """Show a trend that `trend_work` made."""
+        self._trend, self._trend_ns = trend, now_ns
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that must outlive the process, for JSON."""
+        return {
+            "schema": SNAPSHOT_SCHEMA,
+            "axis": self.axis,
+            "alarms": self._alarms.snapshot(),
+            "use": self._use.snapshot(),
+            "friction": self._friction.snapshot(),
+            "series": self._series.snapshot(),
+            "consistency": self._consistency.snapshot(),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none."""
+        if snapshot.get("schema") != SNAPSHOT_SCHEMA or snapshot.get("axis") != self.axis:
+            raise ValueError(f"no {SNAPSHOT_SCHEMA} of axis {self.axis}")
+        try:
+            self._alarms.restore(snapshot["alarms"])
+            self._use.restore(snapshot["use"])
+            self._friction.restore(snapshot["friction"])
+            self._series.restore(snapshot["series"])
+            if "consistency" in snapshot:
+                self._consistency.restore(snapshot["consistency"])
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"a damaged {SNAPSHOT_SCHEMA}: {error}") from error
+
+    def _note_wear(self, time_ns: int, estimate: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
+        percent, low, high = estimate.preload_percent, estimate.low, estimate.high
+        if percent is None or low is None or high is None:
+            return ()
+        known = self._series.newest()
+        rose = known is not None and percent - known > self._rise_percent and low > known
+        self._rises = self._rises + 1 if rose else 0
+        if rose and self._rises < _RISES:
+            return ()  # not yet sure: keep it out of the trend
+        events: tuple[Event, ...] = ()
+        if rose and known is not None:
+            events = (_rise_event(self.axis, known, percent, now_ns),)
+            self._series.clear()
+            self._trend, self._trend_ns, self._rises = None, 0, 0
+        half_width = 0.5 * (high - low)
+        self._series.add(time_ns / NS_PER_S, percent, half_width, self._use.distance_m)
+        return events
+
+    def _consistent(self) -> Consistency:
+        shown = self._consistency.shown()
+        if shown.channel is None:
+            return shown
+        return shown.model_copy(
+            update={"since_time_ns": self._since_ns, "recording": self._recording}
+        )
+
+    def _note_change(self, change: Disagreement, now_ns: int) -> tuple[Event, ...]:
+        if change.disagrees:
+            self._recording = None
+            heard_ns, heard_s = self._heard
+            self._since_ns = heard_ns - round(NS_PER_S * max(heard_s - change.since_s, 0.0))
+        return (
+            _change_event(self.axis, change, self._since_ns or now_ns, now_ns),
+            *self._look_at_alarms(now_ns),
+        )
+
+    def _look_at_alarms(self, now_ns: int) -> tuple[Event, ...]:
+        health = self._judge.health(now_ns).model_copy(update={"consistency": self._consistent()})
+        return self._alarms.tick(health, self._trend, now_ns)
+
+    def _restart(self, now_ns: int) -> None:
+        self._use.restart(now_ns)
+        self._friction.restart()
+        self._consistency.restart()
+        self._series.clear()
+        self._trend = None
+
+
+def _rise_event(axis: str, before: float, percent: float, now_ns: int) -> Event:
+    return Event(
+        axis=axis,
+        kind="preload_rose",
+        severity=Severity.INFO,
+        message=(
+            f"preload rose from {before:.2f} to {percent:.2f} %, which wear cannot do: its trend "
+            "begins anew; if a part was replaced, note it"
+        ),
+        time_ns=now_ns,
+        data={"from_percent": before, "to_percent": percent},
+    )
+
+
+def recording_name(axis: str, since_ns: int) -> str:
+    """Name of the trace around a disagreement.
+
+    >>> recording_name("X", 1_795_000_000_000_000_000)
+    'disagreement_X_20261118T110640Z.parquet'
+    """
+    stamp = datetime.fromtimestamp(since_ns / NS_PER_S, UTC).strftime("%Y%m%dT%H%M%SZ")
+    return f"disagreement_{axis}_{stamp}.parquet"
+
+
+def _change_event(axis: str, change: Disagreement, since_ns: int, now_ns: int) -> Event:
+    name = recording_name(axis, since_ns)
+    words = (
+        f"the model no longer fits: {CHANNEL_WORDS[change.channel]} is off by "
+        f"{change.ratio**0.5:.1f} times as much as before; {name} is being recorded"
+        if change.disagrees
+        else f"the model fits again: {CHANNEL_WORDS[change.channel]} is as it was"
+    )
+    return Event(
+        axis=axis,
+        kind="model_disagrees" if change.disagrees else "model_agrees",
+        severity=Severity.WARNING if change.disagrees else Severity.INFO,
+        message=words,
+        time_ns=now_ns,
+        data={
+            "channel": change.channel,
+            "ratio": change.ratio,
+            "since_s": change.since_s,
+            "recording": name if change.disagrees else None,
+        },
+    )
+
+
+def _recorded_event(axis: str, name: str, now_ns: int) -> Event:
+    return Event(
+        axis=axis,
+        kind="disagreement_recorded",
+        severity=Severity.INFO,
+        message=f"{name} holds the disagreement, ready to diagnose",
+        time_ns=now_ns,
+        data={"recording": name},
+    )
+
+
+def _log_entry(axis: str, command: Command, now_ns: int) -> Event:
+    replaced = command.action == "part_replaced"
+    words = command.note or ("part replaced" if replaced else "")
+    return Event(
+        axis=axis,
+        kind="part_replaced" if replaced else "note",
+        severity=Severity.INFO,
+        message=f"{words} ({command.user})",
+        time_ns=now_ns,
+        data={"user": command.user},
+    )

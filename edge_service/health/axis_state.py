@@ -1,0 +1,68 @@
+"""Data known of one axis, and the part of them that may be read now."""
+
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.health import AxisHealth
+from .condition.input_watch import InputWatch
+from .history.archive import AxisArchive
+from .model_watch.live_features import LiveFeatures
+from .settings import AxisLimits
+from .state_settings import BoardSettings, Keeping
+
+
+class AxisBoard:
+    """Data known of one axis."""
+
+    def __init__(
+        self, axis: str, limits: AxisLimits | None, settings: BoardSettings, keeping: Keeping
+    ) -> None:
+        self.limits = limits
+        self.archive = keeping.archives.get(axis) or AxisArchive()
+        self.live = LiveFeatures(keeping.ratios_m_per_rad.get(axis))
+        self.versions: dict[str, int] = {}
+        self.preload_input = InputWatch(settings.preload_stale_after_s)
+        self.health_input = InputWatch(settings.health_stale_after_s)
+        self.estimate: PreloadEstimate | None = None
+        self.health: AxisHealth | None = None
+
+    def missing(self, now_ns: int) -> tuple[str, ...]:
+        """Reasons why nothing current can be said; empty if it can."""
+        reasons = (_missing_preload(self.preload_input, now_ns), _missing_health(self, now_ns))
+        return tuple(reason for reason in reasons if reason is not None)
+
+    def readable(self, now_ns: int) -> PreloadEstimate:
+        """The estimate without what must not be read now."""
+        estimate = self.estimate
+        missing = _missing_preload(self.preload_input, now_ns)
+        if estimate is None or missing is not None:
+            return PreloadEstimate(
+                time_s=0.0 if estimate is None else estimate.time_s,
+                status=EstimateStatus.UNESTIMATED,
+                reasons=() if missing is None else (missing,),
+            )
+        if estimate.status is EstimateStatus.ESTIMATED:
+            return estimate
+        return PreloadEstimate(
+            time_s=estimate.time_s,
+            status=estimate.status,
+            reasons=estimate.reasons,
+            level=estimate.level,
+            data_used_s=estimate.data_used_s,
+        )
+
+
+def _missing_preload(preload_input: InputWatch, now_ns: int) -> str | None:
+    if preload_input.header is None:
+        return "no_input: no preload estimate heard yet"
+    if preload_input.is_stale(now_ns):
+        limit_s = preload_input.stale_after_s
+        return f"stale_input: no new preload estimate for more than {limit_s:g} s"
+    return None
+
+
+def _missing_health(board: AxisBoard, now_ns: int) -> str | None:
+    health_input = board.health_input
+    if health_input.header is None:
+        return "no_health: the condition was not heard yet"
+    if health_input.is_stale(now_ns):
+        return f"stale_health: condition not renewed for more than {health_input.stale_after_s:g} s"
+    return None

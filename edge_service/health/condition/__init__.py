@@ -1,0 +1,1 @@
+"""Condition of an axis, from preload limits and data faults; status of components."""

@@ -1,0 +1,209 @@
+"""The judgement of one axis: condition, data faults, components, and what changed."""
+
+from ...messages.estimate import EstimateStatus, PreloadEstimate
+from ...messages.event import Event, Severity
+from ...messages.features import FeatureBlock
+from ...messages.header import Header
+from ...messages.health import AxisCondition, AxisHealth, ComponentHealth
+from ..settings import HealthSettings
+from .component import ComponentWatch
+from .data_faults import DataFaults
+from .input_watch import NS_PER_S, InputWatch
+from .limits import LimitTracker, PreloadBounds
+
+_SEVERITY = {
+    AxisCondition.NORMAL: Severity.INFO,
+    AxisCondition.WARNING: Severity.WARNING,
+    AxisCondition.FAULT: Severity.ERROR,
+    AxisCondition.UNAVAILABLE: Severity.WARNING,
+}
+_NO_NUMBER = {
+    EstimateStatus.UNESTIMATED: "no_number: the data cannot tell the preload yet",
+    EstimateStatus.INSUFFICIENT_EXCITATION: "no_number: recent motion cannot tell the preload",
+    EstimateStatus.INVALID: "no_number: model and data disagree, or the data are faulty",
+}
+_Verdict = tuple[AxisCondition, tuple[str, ...]]
+
+
+class HealthJudge:
+    """Judges one axis from what is heard about it; every call returns the events that it caused.
+
+    The condition is UNAVAILABLE without input, with stale input, while no number came for
+    `grace_s`, where no limit is known, and until the first numbers have lasted for `delay_s`.
+
+    Parameters
+    ----------
+    axis : str
+        Name of the axis.
+    fresh_preload_percent : float or None
+        Preload of the fresh screw in percent of the dynamic load rating; None if not known.
+    settings : HealthSettings
+        Limits and delays.
+    now_ns : int
+        UNIX time of the start, ns.
+    """
+
+    def __init__(
+        self,
+        axis: str,
+        fresh_preload_percent: float | None,
+        settings: HealthSettings,
+        now_ns: int,
+    ) -> None:
+        self.axis = axis
+        self._settings = settings
+        limits = settings.limits(fresh_preload_percent)
+        self._limits = None if limits is None else LimitTracker(limits, settings)
+        self._preload_input = InputWatch(settings.preload_stale_after_s)
+        self._feature_input = InputWatch(settings.feature_stale_after_s)
+        self._components = ComponentWatch(settings.component_silent_after_s)
+        self._data_faults = DataFaults(axis, settings.fault_clear_s)
+        self._estimate: PreloadEstimate | None = None
+        self._estimated_ns: int | None = None
+        self._condition = AxisCondition.UNAVAILABLE
+        self._since_ns = now_ns
+
+    def on_preload(
+        self, header: Header, estimate: PreloadEstimate, now_ns: int
+    ) -> tuple[Event, ...]:
+        """Take an estimate in; one that is older than the last is ignored."""
+        if not self._preload_input.accept(header, now_ns):
+            return ()
+        before, self._estimate = self._estimate, estimate
+        if estimate.status is EstimateStatus.ESTIMATED:
+            self._estimated_ns = now_ns
+            bounds = _bounds(estimate)
+            if self._limits is not None and bounds is not None:
+                self._limits.update(bounds, header.source_time_ns)
+        return (*self._status_events(before, estimate, now_ns), *self.tick(now_ns))
+
+    def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
+        """Count the data faults of an interval; one that is older than the last is ignored."""
+        if not self._feature_input.accept(header, now_ns):
+            return ()
+        return self._data_faults.count(block.fault, now_ns)
+
+    def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:
+        """Take a component's report in; those of other axes are ignored."""
+        if report.axis != self.axis:
+            return ()
+        return self._components.on_report(report, now_ns)
+
+    def tick(self, now_ns: int) -> tuple[Event, ...]:
+        """Let time pass: what went stale or is over by now."""
+        before = self._condition
+        condition, reasons = self._verdict(now_ns)
+        events = (*self._data_faults.tick(now_ns), *self._components.tick(now_ns))
+        if condition is before:
+            return events
+        self._condition = condition
+        self._since_ns = now_ns
+        if condition is AxisCondition.UNAVAILABLE and self._limits is not None:
+            self._limits.restart()
+        return (self._condition_event(before, condition, reasons, now_ns), *events)
+
+    def health(self, now_ns: int) -> AxisHealth:
+        """Condition of the axis as of now."""
+        condition, reasons = self._verdict(now_ns)
+        return AxisHealth(
+            axis=self.axis,
+            condition=condition,
+            reasons=reasons,
+            since_time_ns=self._since_ns if condition is self._condition else now_ns,
+            components=self._components.reports(now_ns),
+            data_faults=dict(self._data_faults.counts),
+        )
+
+    def _verdict(self, now_ns: int) -> _Verdict:
+        if self._estimate is None or self._preload_input.is_stale(now_ns):
+            return AxisCondition.UNAVAILABLE, self._missing_input(now_ns)
+        if self._limits is None or self._percent_missing(self._estimate):
+            return AxisCondition.UNAVAILABLE, self._no_limit(self._estimate)
+        held: tuple[str, ...] = ()
+        if self._estimate.status is not EstimateStatus.ESTIMATED:
+            held = (_NO_NUMBER[self._estimate.status], *self._estimate.reasons)
+            if not self._within_grace(now_ns):
+                return AxisCondition.UNAVAILABLE, held
+        condition = self._limits.condition
+        if condition is None:
+            first = "confirming: the first numbers must last for a moment"
+            return AxisCondition.UNAVAILABLE, held or (first,)
+        return condition, (*self._limits.reasons, *held)
+
+    def _missing_input(self, now_ns: int) -> tuple[str, ...]:
+        if self._estimate is None:
+            reasons = ["no_input: no preload estimate heard yet"]
+        else:
+            limit_s = self._settings.preload_stale_after_s
+            reasons = [f"stale_input: no new preload estimate for more than {limit_s:g} s"]
+        if self._feature_input.is_stale(now_ns):
+            reasons.append("no_data: no measured data of the axis either")
+        return tuple(reasons)
+
+    @staticmethod
+    def _percent_missing(estimate: PreloadEstimate) -> bool:
+        return estimate.status is EstimateStatus.ESTIMATED and estimate.preload_percent is None
+
+    def _no_limit(self, estimate: PreloadEstimate) -> tuple[str, ...]:
+        if self._percent_missing(estimate):
+            reason = "no_limit: preload in % not available"
+        else:
+            reason = "no_limit: the preload of the fresh screw is not known"
+        return (reason, *estimate.reasons)
+
+    def _within_grace(self, now_ns: int) -> bool:
+        if self._estimated_ns is None:
+            return False
+        return 0 <= now_ns - self._estimated_ns <= self._settings.grace_s * NS_PER_S
+
+    def _status_events(
+        self, before: PreloadEstimate | None, estimate: PreloadEstimate, now_ns: int
+    ) -> tuple[Event, ...]:
+        if before is not None and before.status is estimate.status:
+            return ()
+        reason = f": {estimate.reasons[0]}" if estimate.reasons else ""
+        invalid = estimate.status is EstimateStatus.INVALID
+        event = Event(
+            axis=self.axis,
+            kind="status_changed",
+            severity=Severity.WARNING if invalid else Severity.INFO,
+            message=f"estimate is {estimate.status.replace('_', ' ')}{reason}",
+            time_ns=now_ns,
+            data={"from": None if before is None else before.status, "to": estimate.status},
+        )
+        return (event,)
+
+    def _condition_event(
+        self,
+        before: AxisCondition,
+        condition: AxisCondition,
+        reasons: tuple[str, ...],
+        now_ns: int,
+    ) -> Event:
+        supported = condition is not AxisCondition.UNAVAILABLE
+        percent = _readable_percent(self._estimate) if supported else None
+        return Event(
+            axis=self.axis,
+            kind="condition_changed",
+            severity=_SEVERITY[condition],
+            message=f"condition is {condition}" + (f": {reasons[0]}" if reasons else ""),
+            time_ns=now_ns,
+            data={"from": before, "to": condition, "preload_percent": percent},
+        )
+
+
+def _readable_percent(estimate: PreloadEstimate | None) -> float | None:
+    if estimate is None or estimate.status is not EstimateStatus.ESTIMATED:
+        return None
+    return estimate.preload_percent
+
+
+def _bounds(estimate: PreloadEstimate) -> PreloadBounds | None:
+    """Preload with its interval; without bounds nothing is certain."""
+    if estimate.preload_percent is None:
+        return None
+    return PreloadBounds(
+        value=estimate.preload_percent,
+        low=float("-inf") if estimate.low is None else estimate.low,
+        high=float("inf") if estimate.high is None else estimate.high,
+    )

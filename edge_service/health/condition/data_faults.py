@@ -1,0 +1,78 @@
+"""Data faults of one axis: how often each kind was seen, and which are present now."""
+
+from ...messages.event import Event, Severity
+from ...messages.features import UNUSABLE, Fault
+from .input_watch import NS_PER_S
+
+_SENTENCES = {
+    Fault.REPEAT: "repeated time stamps",
+    Fault.HOLE: "a few samples missing, bridged",
+    Fault.GAP: "more samples missing than can be bridged",
+    Fault.TIME_BACKWARDS: "the clock of the axis ran backwards",
+    Fault.STUCK: "a channel is stuck while the axis moves",
+    Fault.IMPLAUSIBLE: "a step that no machine can make",
+    Fault.SATURATED: "the torque command stands at its limit",
+    Fault.NO_TORQUE: "the torque channel is missing",
+    Fault.NO_POSITION: "no position channel",
+    Fault.NO_TABLE: "the linear encoder is missing or stuck",
+    Fault.DOUBTED: "the source calls samples uncertain",
+    Fault.SPARSE: "samples too slow to know the torque between them; intervals are wide",
+    Fault.TABLE_STUCK: "the linear encoder stands still while the motor turns",
+    Fault.TABLE_DISAGREES: "the linear encoder does not go the way of the motor",
+    Fault.TABLE_DOUBTED: "the linear encoder has not agreed for long enough again",
+    Fault.TABLE_SHIFTED: "the linear encoder may have come back at another level",
+    Fault.TORQUE_STUCK: "the torque repeats one value while the axis moves",
+    Fault.ANGLE_STUCK: "the motor angle stands still while the axis moves",
+}
+
+
+class DataFaults:
+    """Counts of faulty intervals per kind, with an event when a kind appears and when it is over.
+
+    A kind that comes and goes within `clear_after_s` is one fault, hence one event.
+    """
+
+    def __init__(self, axis: str, clear_after_s: float) -> None:
+        self._axis = axis
+        self._clear_after_ns = round(clear_after_s * NS_PER_S)
+        self._last_seen_ns: dict[Fault, int] = {}
+        self.counts: dict[str, int] = {}
+
+    def count(self, fault: Fault, now_ns: int) -> tuple[Event, ...]:
+        """Count the faults of one interval."""
+        events = []
+        for kind in fault:
+            name = fault_name(kind)
+            self.counts[name] = self.counts.get(name, 0) + 1
+            if kind not in self._last_seen_ns:
+                events.append(self._event(kind, "present", now_ns))
+            self._last_seen_ns[kind] = now_ns
+        return (*events, *self.tick(now_ns))
+
+    def tick(self, now_ns: int) -> tuple[Event, ...]:
+        """Events of the faults that are over by now."""
+        over = [
+            kind
+            for kind, seen_ns in self._last_seen_ns.items()
+            if now_ns - seen_ns > self._clear_after_ns
+        ]
+        for kind in over:
+            del self._last_seen_ns[kind]
+        return tuple(self._event(kind, "over", now_ns) for kind in over)
+
+    def _event(self, kind: Fault, state: str, now_ns: int) -> Event:
+        serious = state == "present" and bool(kind & UNUSABLE)
+        name = fault_name(kind)
+        return Event(
+            axis=self._axis,
+            kind="data_fault",
+            severity=Severity.WARNING if serious else Severity.INFO,
+            message=f"data fault {state}: {_SENTENCES[kind]}",
+            time_ns=now_ns,
+            data={"fault": name, "state": state, "count": self.counts[name]},
+        )
+
+
+def fault_name(kind: Fault) -> str:
+    """Name of one kind of fault in messages: `time_backwards`, ..."""
+    return str(kind.name).lower()

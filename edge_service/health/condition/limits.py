@@ -1,0 +1,133 @@
+"""From preload and its interval to a condition: two limits with hysteresis and delays."""
+
+from dataclasses import dataclass
+
+from ...messages.health import AxisCondition
+from ..settings import AxisLimits, HealthSettings
+from .input_watch import NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class PreloadBounds:
+    """Preload with its interval, in percent of the dynamic load rating."""
+
+    value: float
+    low: float
+    high: float
+
+
+class LimitLatch:
+    """Latch that tells whether preload lies below one limit.
+
+    It switches when the whole interval has been beyond the limit for `delay_s`, or the value for
+    `doubt_delay_s`. So a clear drop shows within a few estimates, while a doubtful one (the limit
+    inside the interval) needs time, but cannot hide behind a wide interval for ever. To switch
+    back the value must rise above the limit by the hysteresis. Contrary evidence restarts the
+    delay; missing evidence does not, or a real drop could hide behind stop-and-go motion.
+    """
+
+    def __init__(self, limit_percent: float, release_percent: float, settings: HealthSettings):
+        self.below = False
+        self.limit_percent = limit_percent
+        self.release_percent = release_percent
+        self._delay_ns = round(settings.delay_s * NS_PER_S)
+        self._doubt_delay_ns = round(settings.doubt_delay_s * NS_PER_S)
+        self._doubtful_since: int | None = None
+        self._certain_since: int | None = None
+
+    def restart(self) -> None:
+        """Forget evidence for a change; the state stays."""
+        self._doubtful_since = self._certain_since = None
+
+    def update(self, bounds: PreloadBounds, time_ns: int) -> None:
+        """Take one estimate in; `time_ns` is the time of its newest sample."""
+        if self.below:
+            beyond = bounds.value >= self.release_percent
+            certain = beyond and bounds.low >= self.limit_percent
+        else:
+            beyond = bounds.value < self.limit_percent
+            certain = beyond and bounds.high < self.limit_percent
+        self._doubtful_since = _since(self._doubtful_since, beyond, time_ns)
+        self._certain_since = _since(self._certain_since, certain, time_ns)
+        if _lasted(self._certain_since, time_ns, self._delay_ns) or _lasted(
+            self._doubtful_since, time_ns, self._doubt_delay_ns
+        ):
+            self.below = not self.below
+            self.restart()
+
+
+class LimitTracker:
+    """Condition of an axis from its estimates.
+
+    `condition` is None until the first estimates have lasted for `delay_s`: at a start, or after
+    an interruption, a screw without preload is never called NORMAL first.
+    """
+
+    def __init__(self, limits: AxisLimits, settings: HealthSettings) -> None:
+        margin = limits.hysteresis_percent
+        self._limits = limits
+        self._warning = LimitLatch(
+            limits.warning_percent, limits.warning_percent + margin, settings
+        )
+        self._fault = LimitLatch(limits.fault_percent, limits.fault_percent + margin, settings)
+        self._delay_ns = round(settings.delay_s * NS_PER_S)
+        self._longest_gap_ns = round(settings.grace_s * NS_PER_S)
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._confirmed = False
+        self._value_percent = 0.0
+
+    def restart(self) -> None:
+        """After an interruption: keep the states of the limits, ask for new evidence."""
+        self._first_ns = None
+        self._confirmed = False
+        self._warning.restart()
+        self._fault.restart()
+
+    def update(self, bounds: PreloadBounds, time_ns: int) -> None:
+        """Take one estimate in; `time_ns` is the time of its newest sample."""
+        if not 0 <= time_ns - self._last_ns <= self._longest_gap_ns:
+            self.restart()
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        self._last_ns = time_ns
+        self._value_percent = bounds.value
+        self._warning.update(bounds, time_ns)
+        self._fault.update(bounds, time_ns)
+        self._confirmed = self._confirmed or time_ns - self._first_ns >= self._delay_ns
+
+    @property
+    def condition(self) -> AxisCondition | None:
+        """Condition that the estimates support; None if they have not lasted long enough."""
+        if not self._confirmed:
+            return None
+        if self._fault.below:
+            return AxisCondition.FAULT
+        return AxisCondition.WARNING if self._warning.below else AxisCondition.NORMAL
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons why the condition is not NORMAL."""
+        if self.condition is AxisCondition.FAULT:
+            return (self._reason("below_fault", self._fault),)
+        if self.condition is AxisCondition.WARNING:
+            return (self._reason("below_warning", self._warning),)
+        return ()
+
+    def _reason(self, code: str, latch: LimitLatch) -> str:
+        fresh = self._limits.fresh_percent
+        return (
+            f"{code}: preload is at {100.0 * self._value_percent / fresh:.0f} % of the fresh "
+            f"screw's; the limit is {100.0 * latch.limit_percent / fresh:.0f} %, left again above "
+            f"{100.0 * latch.release_percent / fresh:.0f} %"
+        )
+
+
+def _since(since: int | None, holds: bool, time_ns: int) -> int | None:
+    if not holds:
+        return None
+    return time_ns if since is None else since
+
+
+def _lasted(since: int | None, time_ns: int, delay_ns: int) -> bool:
+    return since is not None and time_ns - since >= delay_ns

@@ -1,0 +1,1 @@
+"""Events: numbered, kept on disk, and passed on to live readers."""

@@ -1,0 +1,1 @@
+"""Consistency of an axis with its model: innovations, friction curve, live values."""

@@ -1,0 +1,103 @@
+"""The friction curve that ordinary work shows, against the one from when the part was new."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...messages.features import FeatureBlock
+from ...messages.samples import Floats
+from ...messages.trend import FrictionCurve
+
+_STEPS = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0])
+EDGES_RAD_S: Floats = np.concatenate([-_STEPS[::-1], _STEPS])
+_STEADY_SHARE = 0.03
+_SETTLED_S = 0.2
+_BASELINE_COUNT = 100.0
+_MEMORY_COUNT = 100.0
+
+
+class FrictionWatch:
+    """Mean torque at steady speed per class of speed: of the first intervals, and of the newest.
+
+    At steady speed the torque is friction and load alone; a vertical or pushed axis shows its load
+    here as well.
+    """
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """A new part came into use."""
+        classes = EDGES_RAD_S.size - 1
+        self._count: Floats = np.zeros(classes)
+        self._recent: Floats = np.zeros(classes)
+        self._speed: Floats = np.full(classes, np.nan)
+        self._now: Floats = np.full(classes, np.nan)
+        self._first: Floats = np.full(classes, np.nan)
+
+    def restart_newest(self) -> None:
+        """The axis changed suddenly: what was before is no longer what is now."""
+        self._count = np.where(self._count > 0.0, np.maximum(self._count, _BASELINE_COUNT), 0.0)
+        self._recent[:] = 0.0
+        self._now[:] = np.nan
+
+    def add(self, block: FeatureBlock) -> None:
+        """Take an interval in; only those at steady speed count."""
+        speed = 0.5 * (block.speed_start_rad_s + block.speed_end_rad_s)
+        if not _steady(block, speed):
+            return
+        k = int(np.searchsorted(EDGES_RAD_S, speed, side="right")) - 1
+        if not 0 <= k < self._count.size or EDGES_RAD_S[k] == -1.0:
+            return
+        self._count[k] += 1.0
+        self._recent[k] = min(self._recent[k] + 1.0, _MEMORY_COUNT)
+        _blend(self._speed, k, speed, self._recent[k])
+        _blend(self._now, k, block.torque_mean_nm, self._recent[k])
+        if self._count[k] <= _BASELINE_COUNT:
+            _blend(self._first, k, block.torque_mean_nm, self._count[k])
+
+    def curve(self) -> FrictionCurve:
+        """Classes of speed that were seen lately, most negative first."""
+        seen = self._recent > 0.0
+        return FrictionCurve(
+            speed_rad_s=_rounded(self._speed[seen]),
+            torque_nm=_rounded(self._now[seen]),
+            first_torque_nm=_rounded(self._first[seen]),
+            count=tuple(int(each) for each in self._count[seen]),
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        columns = (self._count, self._recent, self._speed, self._now, self._first)
+        return {"columns": [np.nan_to_num(each, nan=0.0).tolist() for each in columns]}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none."""
+        columns = np.array(snapshot["columns"], np.float64)
+        if columns.shape != (5, self._count.size):
+            raise ValueError("a friction curve of another version")
+        self._count, self._recent, speed, now, first = columns
+        self._speed = np.where(self._count > 0.0, speed, np.nan)
+        self._now = np.where(self._recent > 0.0, now, np.nan)
+        self._first = np.where(self._count > 0.0, first, np.nan)
+
+
+def _blend(column: Floats, k: int, value: float, count: float) -> None:
+    """Mean of `count` values, or one that forgets as slowly as if there were so many."""
+    column[k] = value if math.isnan(column[k]) else column[k] + (value - column[k]) / count
+
+
+def _steady(block: FeatureBlock, speed_rad_s: float) -> bool:
+    change = abs(block.speed_end_rad_s - block.speed_start_rad_s)
+    return (
+        block.usable
+        and block.reversal_count == 0
+        and block.since_reversal_s >= _SETTLED_S
+        and change <= max(_STEADY_SHARE * abs(speed_rad_s), 0.2)
+        and math.isfinite(block.torque_mean_nm)
+    )
+
+
+def _rounded(values: Floats) -> tuple[float, ...]:
+    return tuple(float(f"{each:.5g}") for each in values)

@@ -1,0 +1,120 @@
+"""Current behaviour of an axis: the newest interval, the last minutes, each channel's state."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ...messages.features import Fault, FeatureBlock
+from ..condition.data_faults import fault_name
+
+KEPT = 3000
+_QUALITY_MEMORY = 600
+_LOST_BY = {
+    "torque": Fault.NO_TORQUE | Fault.TORQUE_STUCK,
+    "motor angle": Fault.NO_POSITION | Fault.ANGLE_STUCK,
+    "table position": Fault.NO_TABLE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LivePoint:
+    """One interval as people look at it; a number that was not measured is None.
+
+    Attributes:
+        time_ns: UNIX time of its end, ns.
+        transmission_um: table position less the way of the screw, um; its zero has no meaning.
+    """
+
+    time_ns: int
+    torque_nm: float | None
+    speed_rad_s: float | None
+    position_m: float | None
+    transmission_um: float | None
+    temperature_c: float | None
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelQuality:
+    """One channel over the last minute.
+
+    Attributes:
+        state: `ok`, `faulty` (in some intervals), `missing` (in the newest).
+        good_share: share of intervals in which it was measured and plausible, 0 to 1.
+    """
+
+    channel: str
+    state: str
+    good_share: float
+
+
+class LiveFeatures:
+    """The last intervals of one axis, in bounded memory."""
+
+    def __init__(self, ratio_m_per_rad: float | None) -> None:
+        self._ratio = ratio_m_per_rad
+        self._points: deque[LivePoint] = deque(maxlen=KEPT)
+        self._good: deque[tuple[bool, ...]] = deque(maxlen=_QUALITY_MEMORY)
+        self._present: tuple[bool, ...] = ()
+        self.temperature_c = math.nan
+
+    def add(self, time_ns: int, block: FeatureBlock) -> None:
+        """Take an interval in."""
+        speed = 0.5 * (block.speed_start_rad_s + block.speed_end_rad_s)
+        position = block.table_mean_m
+        way = math.nan if self._ratio is None else block.angle_mean_rad * self._ratio
+        self.temperature_c = block.temperature_c
+        self._points.append(
+            LivePoint(
+                time_ns=time_ns,
+                torque_nm=_or_none(block.torque_mean_nm),
+                speed_rad_s=_or_none(speed),
+                position_m=_or_none(position if math.isfinite(position) else way),
+                transmission_um=_or_none(1e6 * (position - way)),
+                temperature_c=_or_none(block.temperature_c),
+                faults=tuple(fault_name(kind) for kind in block.fault),
+            )
+        )
+        self._present = _present(block)
+        doubtful = bool(block.fault & (Fault.GAP | Fault.TIME_BACKWARDS | Fault.IMPLAUSIBLE))
+        self._good.append(tuple(each and not doubtful for each in self._present))
+
+    @property
+    def newest(self) -> LivePoint | None:
+        """The newest interval; None before the first."""
+        return self._points[-1] if self._points else None
+
+    def since(self, time_ns: int) -> Iterator[LivePoint]:
+        """Intervals that end after a time, oldest first."""
+        return (point for point in self._points if point.time_ns > time_ns)
+
+    def channels(self) -> tuple[ChannelQuality, ...]:
+        """State of each channel; empty before the first interval."""
+        if not self._good:
+            return ()
+        names = (*_LOST_BY, "temperature", "external force")
+        shares = [sum(column) / len(self._good) for column in zip(*self._good, strict=True)]
+        return tuple(
+            ChannelQuality(name, _state(present, share), share)
+            for name, present, share in zip(names, self._present, shares, strict=True)
+        )
+
+
+def _present(block: FeatureBlock) -> tuple[bool, ...]:
+    named = Fault.TORQUE_STUCK | Fault.ANGLE_STUCK
+    stuck = bool(block.fault & Fault.STUCK) and not block.fault & named
+    known = [not block.fault & fault and not stuck for fault in _LOST_BY.values()]
+    known[1] = known[1] and math.isfinite(block.angle_mean_rad)
+    more = (block.temperature_c, block.external_force_n)
+    return (*known, *(math.isfinite(each) for each in more))
+
+
+def _state(present: bool, share: float) -> str:
+    if not present:
+        return "missing"
+    return "ok" if share == 1.0 else "faulty"
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None

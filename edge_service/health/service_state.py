@@ -1,0 +1,234 @@
+"""The last word on every axis, for whoever presents it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..messages.estimate import PreloadEstimate
+from ..messages.event import Event
+from ..messages.features import FeatureBlock
+from ..messages.header import Header
+from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
+from ..messages.keys import MachineKeys
+from ..messages.topics import FEAT, HEALTH, PRELOAD
+from .axis_state import AxisBoard
+from .condition.component import ComponentWatch
+from .events.fan_out import FanOut
+from .events.log import EventLog
+from .history.buckets import Bucket
+from .history.rows import Rows
+from .model_watch.live_features import ChannelQuality, LivePoint
+from .settings import AxisLimits
+from .state_settings import BoardSettings, Keeping
+from .stroke import StrokeModel
+
+
+@dataclass(frozen=True, slots=True)
+class PreloadReading:
+    """Preload reading of one axis, as it may be shown now.
+
+    Attributes:
+        estimate: numbers are None unless its status is `estimated` and it is fresh.
+        measured_ns: UNIX time of the newest sample behind the last estimate, ns; None if none.
+        age_s: time since then, s.
+    """
+
+    axis: str
+    estimate: PreloadEstimate
+    measured_ns: int | None
+    age_s: float | None
+
+
+class Board:
+    """Last values, history and events of a fixed set of axes.
+
+    Payloads of other axes are ignored and counted, so nobody on the bus can make it grow. It may
+    be used from the thread of one event loop only.
+
+    Parameters
+    ----------
+    axes : Mapping[str, AxisLimits or None]
+        The configured axes with their limits (for display only), in the order of display.
+    now_ns : int
+        UNIX time of the start, ns.
+    settings : BoardSettings
+        Sizes and times.
+    keeping : Keeping
+        What outlives the process.
+    strokes : Mapping[str, StrokeModel or None]
+        What is known of each axis along its stroke.
+    place : MachineKeys or None
+        Site and machine that the axes belong to.
+    """
+
+    def __init__(
+        self,
+        axes: Mapping[str, AxisLimits | None],
+        now_ns: int,
+        settings: BoardSettings | None = None,
+        keeping: Keeping | None = None,
+        strokes: Mapping[str, StrokeModel | None] | None = None,
+        place: MachineKeys | None = None,
+    ) -> None:
+        settings, keeping = settings or BoardSettings(), keeping or Keeping()
+        self._started_ns = now_ns
+        self.place = place or MachineKeys("", "")
+        self.keeping = keeping
+        self._axes = {
+            axis: AxisBoard(axis, limits, settings, keeping) for axis, limits in axes.items()
+        }
+        self._strokes = dict(strokes or {})
+        self._components = ComponentWatch(settings.component_silent_after_s)
+        journal = keeping.journal
+        known = () if journal is None else journal.events
+        self.events = EventLog(settings.event_capacity, known)
+        self.readers = FanOut(settings.backlog_capacity)
+        self.ignored_payloads = 0
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(self._axes)
+
+    def on_preload(self, axis: str, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
+        """Take an estimate in; one that is older than the last is ignored."""
+        board = self._known(axis)
+        if board is None or not board.preload_input.accept(header, now_ns):
+            return
+        board.estimate = estimate
+        board.archive.append(header.source_time_ns, estimate, board.live.temperature_c)
+        self._mark(board, PRELOAD.name, axis)
+
+    def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
+        """Take an interval in, for the live traces."""
+        board = self._known(axis)
+        if board is not None:
+            board.live.add(header.source_time_ns, block)
+            self._mark(board, FEAT.name, axis)
+
+    def on_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
+        """Take the condition of an axis in; one that is older than the last is ignored."""
+        board = self._known(health.axis)
+        if board is None or not board.health_input.accept(header, now_ns):
+            return
+        board.health = health
+        self._mark(board, HEALTH.name, health.axis)
+
+    def on_event(self, event: Event, now_ns: int) -> None:
+        """Log an event and hand it to the live readers."""
+        if event.axis and self._known(event.axis) is None:
+            return
+        logged = self.events.append(event, now_ns)
+        if self.keeping.journal is not None:
+            self.keeping.journal.append(logged)
+        self.readers.put_event(logged)
+
+    def on_component(self, report: ComponentHealth, now_ns: int) -> None:
+        """Take a component's report in."""
+        if report.axis is None or self._known(report.axis) is not None:
+            self._components.on_report(report, now_ns)
+
+    def preload(self, axis: str, now_ns: int) -> PreloadReading:
+        """Preload of an axis as it may be shown now; KeyError for an unknown axis."""
+        board = self._axes[axis]
+        header = board.preload_input.header
+        return PreloadReading(
+            axis=axis,
+            estimate=board.readable(now_ns),
+            measured_ns=None if header is None else header.source_time_ns,
+            age_s=board.preload_input.age_s(now_ns),
+        )
+
+    def health(self, axis: str, now_ns: int) -> AxisHealth:
+        """Condition of an axis now; UNAVAILABLE as soon as it rests on something stale."""
+        board = self._axes[axis]
+        last = board.health or AxisHealth(
+            axis=axis, condition=AxisCondition.UNAVAILABLE, since_time_ns=self._started_ns
+        )
+        changes: dict[str, object] = {"components": self._components_of(axis, last, now_ns)}
+        missing = board.missing(now_ns)
+        if missing:
+            own = last.reasons if last.condition is AxisCondition.UNAVAILABLE else ()
+            changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))
+        if missing and last.condition is not AxisCondition.UNAVAILABLE:
+            changes["condition"] = AxisCondition.UNAVAILABLE
+            changes["since_time_ns"] = self._missing_since_ns(board, now_ns)
+        return last.model_copy(update=changes)
+
+    def components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
+        """Components that serve all axes."""
+        reports = self._components.reports(now_ns)
+        return tuple(report for report in reports if report.axis is None)
+
+    def limits(self, axis: str) -> AxisLimits | None:
+        """Limits of an axis, for display; KeyError for an unknown axis."""
+        return self._axes[axis].limits
+
+    def stroke(self, axis: str) -> StrokeModel | None:
+        """Stroke model of an axis: what is known of it along its stroke."""
+        return self._strokes.get(axis)
+
+    def history(self, axis: str, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
+        """Buckets of the axis' history; see AxisArchive.buckets. For any thread."""
+        return self._axes[axis].archive.buckets(start_s, end_s, step_s)
+
+    def history_rows(self, axis: str, start_s: float, end_s: float, step_s: float) -> Rows:
+        """Rows of the axis' history; see AxisArchive.rows. For any thread."""
+        return self._axes[axis].archive.rows(start_s, end_s, step_s)
+
+    def live(self, axis: str, since_ns: int = 0) -> tuple[LivePoint, ...]:
+        """The axis' last intervals after a time, oldest first."""
+        return tuple(self._axes[axis].live.since(since_ns))
+
+    def live_now(self, axis: str) -> LivePoint | None:
+        """The axis' newest interval; None before the first."""
+        return self._axes[axis].live.newest
+
+    def channels(self, axis: str) -> tuple[ChannelQuality, ...]:
+        """State of the channels of an axis."""
+        return self._axes[axis].live.channels()
+
+    def version(self, topic: str, axis: str) -> int:
+        """A number that changes with every payload of a topic."""
+        return self._axes[axis].versions.get(topic, 0)
+
+    def lost_payloads(self, axis: str) -> dict[str, int]:
+        """Payloads missing in the sequence, per topic."""
+        board = self._axes[axis]
+        return {PRELOAD.name: board.preload_input.lost, HEALTH.name: board.health_input.lost}
+
+    def unready(self, now_ns: int) -> tuple[str, ...]:
+        """Reasons why the service cannot answer for every axis; empty if it can."""
+        if not self._axes:
+            return ("no_axis: no axis is configured",)
+        return tuple(
+            f"{axis}: {reason}"
+            for axis, board in self._axes.items()
+            for reason in board.missing(now_ns)
+        )
+
+    def close(self) -> None:
+        """End all live streams, so that a server can stop."""
+        self.readers.close()
+
+    def _mark(self, board: AxisBoard, topic: str, axis: str) -> None:
+        board.versions[topic] = board.versions.get(topic, 0) + 1
+        self.readers.mark(topic, axis)
+
+    def _known(self, axis: str) -> AxisBoard | None:
+        board = self._axes.get(axis)
+        if board is None:
+            self.ignored_payloads += 1
+        return board
+
+    def _missing_since_ns(self, board: AxisBoard, now_ns: int) -> int:
+        inputs = (board.preload_input, board.health_input)
+        stale = (each.stale_since_ns for each in inputs if each.is_stale(now_ns))
+        return max(min(stale), self._started_ns)
+
+    def _components_of(
+        self, axis: str, health: AxisHealth, now_ns: int
+    ) -> tuple[ComponentHealth, ...]:
+        own = {report.component: report for report in health.components}
+        heard = self._components.reports(now_ns)
+        own |= {report.component: report for report in heard if report.axis == axis}
+        return tuple(own.values())

@@ -1,0 +1,1 @@
+"""Trend of the preload, remaining life, and use of the screw."""

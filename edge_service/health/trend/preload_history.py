@@ -1,0 +1,86 @@
+"""Preload since the part came into use, in few points however long that is."""
+
+from typing import Any
+
+import numpy as np
+
+from ...messages.samples import Floats
+
+MOST_POINTS = 400
+_COLUMNS = 5
+
+
+class WearSeries:
+    """Means of preload over equal steps of time; the steps double whenever there are too many.
+
+    Parameters
+    ----------
+    step_s : float
+        The first length of a step, s.
+    """
+
+    def __init__(self, step_s: float = 1.0) -> None:
+        self._first_step_s = self._step_s = step_s
+        self._rows: list[list[float]] = []  # step number, count, value, half width, distance
+
+    def add(self, time_s: float, percent: float, half_width: float, distance_m: float) -> None:
+        """Take an estimate in.
+
+        Parameters
+        ----------
+        time_s : float
+            UNIX time, s; one before the newest step is ignored.
+        percent, half_width : float
+            Preload and half the width of its 95 % interval, percent.
+        distance_m : float
+            Way of the table since the part came into use, m.
+        """
+        step = float(time_s // self._step_s)
+        if self._rows and step < self._rows[-1][0]:
+            return
+        if not self._rows or step > self._rows[-1][0]:
+            self._rows.append([step, 0.0, 0.0, 0.0, 0.0])
+        row = self._rows[-1]
+        row[1] += 1.0
+        for column, value in ((2, percent), (3, half_width), (4, distance_m)):
+            row[column] += (value - row[column]) / row[1]
+        if len(self._rows) > MOST_POINTS:
+            self._coarsen()
+
+    def newest(self) -> float | None:
+        """Preload of the newest step, percent; None if there is none."""
+        return self._rows[-1][2] if self._rows else None
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._step_s = self._first_step_s
+        self._rows = []
+
+    def points(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Times (s), preloads (percent), half widths (percent), distances (m), each (n,).
+
+        The newest step is left out while it is less than half full: it would be noisier.
+        """
+        rows = np.array(self._rows, np.float64).reshape(-1, _COLUMNS)
+        if len(rows) > 2 and rows[-1, 1] < 0.5 * np.median(rows[:, 1]):
+            rows = rows[:-1]
+        return (rows[:, 0] + 0.5) * self._step_s, rows[:, 2], rows[:, 3], rows[:, 4]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        return {"step_s": self._step_s, "rows": self._rows}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot; ValueError if it is none."""
+        rows = np.array(snapshot["rows"], np.float64).reshape(-1, _COLUMNS)
+        if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0):
+            raise ValueError("a wear series out of order")
+        self._step_s, self._rows = float(snapshot["step_s"]), rows.tolist()
+
+    def _coarsen(self) -> None:
+        rows = np.array(self._rows)
+        number, first = np.unique(rows[:, 0] // 2.0, return_index=True)
+        count = np.add.reduceat(rows[:, 1], first)
+        means = np.add.reduceat(rows[:, 2:] * rows[:, 1:2], first, axis=0) / count[:, None]
+        self._rows = np.column_stack([number, count, means]).tolist()
+        self._step_s *= 2.0

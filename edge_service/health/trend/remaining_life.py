@@ -1,0 +1,202 @@
+"""From the wear series of an axis to its trend, in words and dates."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...messages.estimate import Interval
+from ...messages.samples import Floats
+from ...messages.trend import Crossing, Trend, TrendStatus
+from .broken_line import TrendDraws, draw_trends
+
+NS_PER_S = 1_000_000_000
+_SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
+_SEED = 20260131
+_BLOCKS = 8
+MEMORY_S = 600.0
+"""Assumption: an estimator that erred errs anew after so long; a faster change may be its own."""
+_WIDE = 2.0
+"""Estimates with intervals wider than this many times the middle one only begin to know."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutlookSettings:
+    """Conditions under which a trend is told.
+
+    Attributes:
+        level: of every interval and band.
+        certain: probability of a fall (or rise) from which it is called one.
+        horizon: a limit further away than this many times the history's length has no date.
+    """
+
+    level: float = 0.9
+    certain: float = 0.95
+    horizon: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Future:
+    """Draws of a trend, with what turns its s into time.
+
+    Attributes:
+        draws: equally likely lines.
+        basis: `time` or `distance`.
+        s_per_s: future progress of s per second of each draw, (n,).
+    """
+
+    draws: TrendDraws
+    basis: str
+    s_per_s: Floats
+
+
+def look_ahead(
+    time_s: Floats, distance_m: Floats, percent: Floats, sigma_level: float
+) -> Future | None:
+    """The better explained of wear against time and wear against distance; None if too early.
+
+    Parameters
+    ----------
+    time_s, distance_m, percent : (n,)
+        The history; the distance may be NaN or not grow, then time alone counts.
+    sigma_level : float
+        Standard deviation of an error common to all points, percent.
+    """
+    rng = np.random.default_rng(_SEED)
+    by_time = draw_trends(time_s, percent, sigma_level, rng, MEMORY_S)
+    if by_time is None:
+        return None
+    if np.all(np.isfinite(distance_m)) and np.all(np.diff(distance_m) >= 0.0):
+        memory_m = MEMORY_S * float(np.ptp(distance_m)) / float(np.ptp(time_s))
+        by_distance = draw_trends(distance_m, percent, sigma_level, rng, memory_m)
+        if by_distance is not None and by_distance.evidence > by_time.evidence:
+            speed_m_s = _future_speed(time_s, distance_m, by_distance.slope.size, rng)
+            return Future(by_distance, "distance", speed_m_s)
+    return Future(by_time, "time", np.ones(by_time.slope.size))
+
+
+def crossing_draws(
+    time_s: Floats, distance_m: Floats, percent: Floats, sigma_level: float, limit_percent: float
+) -> Floats | None:
+    """Time from now until the limit is reached, s, in equally likely futures.
+
+    None if it is too early, or if it cannot be told whether the preload falls.
+    """
+    future = look_ahead(time_s, distance_m, percent, sigma_level)
+    if future is None or future.draws.falling_probability() < OutlookSettings().certain:
+        return None
+    return future.draws.way_to(limit_percent) / future.s_per_s
+
+
+def _future_speed(
+    time_s: Floats, distance_m: Floats, count: int, rng: np.random.Generator
+) -> Floats:
+    """Distance per second in future, m/s: as in the newer half of the past, and as uncertain."""
+    half = time_s.size // 2
+    index = np.linspace(half, time_s.size - 1, _BLOCKS + 1).round().astype(int)
+    index = np.unique(index)
+    speeds = np.diff(distance_m[index]) / np.diff(time_s[index])
+    mean, scatter = float(speeds.mean()), float(speeds.std(ddof=1)) if speeds.size > 1 else 0.0
+    error = scatter / max(mean, 1e-12) / np.sqrt(speeds.size)
+    spread = np.hypot(error, 0.5 * scatter / max(mean, 1e-12))
+    speeds_m_s: Floats = mean * np.exp(spread * rng.standard_normal(count))
+    return speeds_m_s
+
+
+def trend_of(
+    time_s: Floats,
+    percent: Floats,
+    half_width_percent: Floats,
+    distance_m: Floats,
+    limits_percent: dict[str, float],
+    settings: OutlookSettings | None = None,
+) -> Trend:
+    """The trend of a history, for people.
+
+    Parameters
+    ----------
+    time_s, percent, half_width_percent, distance_m : (n,)
+        The history since the part came into use.
+    limits_percent : dict[str, float]
+        Limits by name, percent of the dynamic load rating.
+    """
+    settings = settings or OutlookSettings()
+    if time_s.size:
+        sure = half_width_percent <= _WIDE * np.median(half_width_percent)
+        time_s, percent, distance_m = time_s[sure], percent[sure], distance_m[sure]
+        half_width_percent = half_width_percent[sure]
+    since_ns = round(float(time_s[0]) * NS_PER_S) if time_s.size else 0
+    sigma = float(np.median(half_width_percent)) * _SIGMA_OF_HALF_WIDTH if time_s.size else 0.0
+    future = look_ahead(time_s, distance_m, percent, sigma)
+    if future is None:
+        reason = "too little history for a trend since the part came into use"
+        return Trend(status=TrendStatus.TOO_EARLY, reason=reason, since_time_ns=since_ns)
+    status = _status(future.draws, settings)
+    per_h = future.draws.slope * future.s_per_s * 3600.0
+    per_km = future.draws.slope * 1000.0 if future.basis == "distance" else None
+    crossings: tuple[Crossing, ...] = ()
+    if status is TrendStatus.FALLING:
+        span_s = float(time_s[-1] - time_s[0])
+        crossings = tuple(
+            _crossing(name, limit, future, float(time_s[-1]), span_s, settings)
+            for name, limit in limits_percent.items()
+            if limit < float(np.median(future.draws.level_percent))
+        )
+    return Trend(
+        status=status,
+        reason=_SENTENCES[status],
+        since_time_ns=since_ns,
+        basis=future.basis,
+        level=settings.level,
+        rate_percent_per_h=_interval(per_h, settings.level),
+        rate_percent_per_km=None if per_km is None else _interval(per_km, settings.level),
+        crossings=crossings,
+    )
+
+
+_SENTENCES = {
+    TrendStatus.FALLING: "the preload falls",
+    TrendStatus.RISING: "the preload rises: parts do not heal, so something else changed",
+    TrendStatus.STEADY: "no change of the preload can be told from none, so there is no date",
+}
+
+
+def _status(draws: TrendDraws, settings: OutlookSettings) -> TrendStatus:
+    if draws.falling_probability() >= settings.certain:
+        return TrendStatus.FALLING
+    rising = draws.rising_probability() >= settings.certain
+    return TrendStatus.RISING if rising else TrendStatus.STEADY
+
+
+def _quantiles(draws: npt.NDArray[np.float64], level: float) -> tuple[float, float, float]:
+    shares = [0.5 * (1.0 - level), 0.5, 0.5 * (1.0 + level)]
+    low, middle, high = np.quantile(draws, shares, method="nearest")
+    return float(low), float(middle), float(high)
+
+
+def _interval(draws: npt.NDArray[np.float64], level: float) -> Interval:
+    low, middle, high = _quantiles(draws, level)
+    return Interval(value=middle, low=low, high=high)
+
+
+def _crossing(
+    name: str,
+    limit_percent: float,
+    future: Future,
+    now_s: float,
+    span_s: float,
+    settings: OutlookSettings,
+) -> Crossing:
+    remaining = future.draws.way_to(limit_percent) / future.s_per_s
+    horizon_s = settings.horizon * span_s
+    times = [
+        round((now_s + each) * NS_PER_S) if each <= horizon_s else None
+        for each in _quantiles(remaining, settings.level)
+    ]
+    return Crossing(
+        limit=name,
+        limit_percent=limit_percent,
+        earliest_ns=times[0],
+        likely_ns=times[1],
+        latest_ns=times[2],
+    )

@@ -1,0 +1,110 @@
+"""Routes of one axis' work, and what a person may ask of its judgement."""
+
+from collections.abc import Callable
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Request
+from starlette.exceptions import HTTPException
+
+from ...messages.alarm import Command
+from ...messages.topics import PRELOAD
+from ..compose_axis import (
+    friction_answer,
+    log_answer,
+    stroke_answer,
+    traces_answer,
+    use_answer,
+)
+from ..context import AxisDep, BoardDep, Moment, NowDep, parameter_error
+from ..problems import documented
+from ..work_answers import (
+    AcceptedAnswer,
+    CommandBody,
+    FrictionAnswer,
+    LogAnswer,
+    StrokeAnswer,
+    TracesAnswer,
+    UseAnswer,
+)
+
+_LOG_SPAN_S = 30 * 86400.0
+_ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
+SendCommand = Callable[[str, Command], None]
+
+work_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"], responses=documented(404))
+
+
+async def send_command_of(request: Request) -> SendCommand | None:
+    """Sender of commands; None if this service takes none."""
+    send: SendCommand | None = request.app.state.send_command
+    return send
+
+
+@work_router.get("/traces", response_model=TracesAnswer)
+async def traces(
+    axis: AxisDep,
+    board: BoardDep,
+    now_ns: NowDep,
+    seconds: Annotated[float, Query(gt=0.0, le=300.0, description="How far back.")] = 60.0,
+) -> TracesAnswer:
+    """Torque, speed, position and transmission difference of the last minutes."""
+    return traces_answer(board, axis, now_ns - round(seconds * 1e9))
+
+
+@work_router.get("/use", response_model=UseAnswer | None)
+async def use(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> UseAnswer | None:
+    """Way, hours, reversals, load spectrum and map along the stroke of the part in use."""
+    return use_answer(board, axis, now_ns)
+
+
+@work_router.get("/stroke", response_model=StrokeAnswer | None)
+async def stroke(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> StrokeAnswer | None:
+    """Preload and stiffness along the stroke: as commissioned, and as the estimate implies now."""
+    return stroke_answer(board, axis, now_ns)
+
+
+@work_router.get("/friction", response_model=FrictionAnswer)
+async def friction(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> FrictionAnswer:
+    """The friction curve of ordinary work, now and when the part was new."""
+    return friction_answer(board, axis, now_ns)
+
+
+@work_router.get("/log", response_model=LogAnswer, responses=documented(422))
+async def log(
+    axis: AxisDep,
+    board: BoardDep,
+    now_ns: NowDep,
+    start_s: Annotated[
+        Moment | None,
+        Query(alias="from", description="RFC 3339 or UNIX s; default: 30 days before `to`."),
+    ] = None,
+    end_s: Annotated[
+        Moment | None, Query(alias="to", description="RFC 3339 or UNIX s; default: now.")
+    ] = None,
+    limit: Annotated[int, Query(ge=1, le=20_000, description="The newest so many.")] = 1000,
+) -> LogAnswer:
+    """Events and notes of the axis and of the service."""
+    end_s = now_ns / 1e9 + 1.0 / PRELOAD.rate_hz if end_s is None else end_s
+    start_s = end_s - _LOG_SPAN_S if start_s is None else start_s
+    return log_answer(board, axis, start_s, end_s, limit)
+
+
+@work_router.post(
+    "/commands", response_model=AcceptedAnswer, status_code=202, responses=documented(422, 503)
+)
+async def command(
+    axis: AxisDep,
+    body: CommandBody,
+    send: Annotated[SendCommand | None, Depends(send_command_of)],
+) -> AcceptedAnswer:
+    """Acknowledge, shelve or unshelve an alarm, write a note, or say that a part was replaced.
+
+    What came of it is an event, in the live stream and in the log.
+    """
+    if send is None:
+        raise HTTPException(503, "this service takes no commands")
+    if (body.alarm is None) == (body.action in _ABOUT_AN_ALARM):
+        expected = "is needed for" if body.alarm is None else "has no meaning for"
+        raise parameter_error("alarm", f"{expected} {body.action}")
+    send(axis, Command.model_validate(body.model_dump()))
+    return AcceptedAnswer()

@@ -1,0 +1,67 @@
+"""History to take along: one row per estimate, minute or hour, as Parquet or Arrow."""
+
+import asyncio
+from enum import StrEnum
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import Response
+
+from ...health.history.parquet import as_bytes
+from ...health.service_state import Board
+from ..context import AxisDep, BoardDep, Moment, NowDep, parameter_error
+from ..problems import documented
+
+_MOST_ROWS = 300_000
+_SPAN_S = 86400.0
+_STEPS_S = (0.1, 60.0, 3600.0)
+_TYPES = {
+    "parquet": "application/vnd.apache.parquet",
+    "arrow": "application/vnd.apache.arrow.file",
+}
+
+download_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"])
+
+
+class Form(StrEnum):
+    """File format of a download."""
+
+    PARQUET = "parquet"
+    ARROW = "arrow"
+
+
+@download_router.get(
+    "/history.{form}",
+    response_class=Response,
+    responses=documented(404, 422) | {200: {"content": {each: {} for each in _TYPES.values()}}},
+)
+async def history_file(
+    *,
+    axis: AxisDep,
+    form: Form,
+    board: BoardDep,
+    now_ns: NowDep,
+    start_s: Annotated[
+        Moment | None,
+        Query(alias="from", description="RFC 3339 or UNIX s; default: 24 h before `to`."),
+    ] = None,
+    end_s: Annotated[
+        Moment | None, Query(alias="to", description="RFC 3339 or UNIX s; default: now.")
+    ] = None,
+) -> Response:
+    """History as a file: every estimate of up to 8 h, minutes of up to 200 days, hours beyond."""
+    end_s = now_ns / 1e9 if end_s is None else end_s
+    start_s = max(end_s - _SPAN_S, 0.0) if start_s is None else start_s
+    if not start_s < end_s:
+        raise parameter_error("from", "must be before `to`")
+    content = await asyncio.to_thread(_content, board, axis, form, start_s, end_s)
+    name = f"preload_{axis}.{form.value}"
+    headers = {"content-disposition": f'attachment; filename="{name}"'}
+    return Response(content, media_type=_TYPES[form.value], headers=headers)
+
+
+def _content(board: Board, axis: str, form: Form, start_s: float, end_s: float) -> bytes:
+    span_s = end_s - start_s
+    step_s = next((each for each in _STEPS_S if span_s / each <= _MOST_ROWS), _STEPS_S[-1])
+    rows = board.history_rows(axis, start_s, end_s, step_s)
+    return as_bytes(rows, form.value)

@@ -1,0 +1,1 @@
+"""The simulated feed drive: two masses, friction that sticks, cascade, encoders."""

@@ -1,0 +1,1 @@
+"""The ball screw: geometry, preload and drag, friction, stiffness, wear."""

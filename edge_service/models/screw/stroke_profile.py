@@ -1,0 +1,111 @@
+"""Preload and series stiffness along the stroke of a commissioned axis."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ..commissioned import TransmissionConfig
+from ..machine import Machine
+from .stiffness import LEAST_NUT_LOAD_PERCENT
+
+PLACES = 41
+_SIGMAS = 1.96
+_Band = tuple[Floats, Floats, Floats]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrokeProfile:
+    """One axis along its stroke, for any mean preload.
+
+    Attributes:
+        position_m: places of the table, m, (n,).
+        fresh_percent: mean preload when it was commissioned, percent of the load rating.
+        preload_share: preload at a place over its mean, (n,).
+        compliance_m_per_n: of all in series at the commissioned mean preload, m/N, (n,); all NaN
+            where it was not learned.
+        compliance_tolerance: its relative standard deviation.
+        nut_m_per_n, nut_sigma_m_per_n: the nut's own part of it, with its standard deviation.
+    """
+
+    position_m: Floats
+    fresh_percent: float
+    preload_share: Floats
+    compliance_m_per_n: Floats
+    compliance_tolerance: float
+    nut_m_per_n: float
+    nut_sigma_m_per_n: float
+
+    @property
+    def knows_stiffness(self) -> bool:
+        """True if commissioning saw the stretch between two encoders."""
+        return bool(np.isfinite(self.compliance_m_per_n).all())
+
+    def preload(self, percent: float, low: float, high: float) -> _Band:
+        """Preload at every place for a mean preload with its bounds, percent, (n,) each."""
+        share = self.preload_share
+        return percent * share, low * share, high * share
+
+    def stiffness(self, percent: float, low: float, high: float) -> _Band:
+        """Series stiffness at every place with its 95 % bounds, N/m, (n,) each.
+
+        1/k = C(x) + C_n ((F_0 / F)^(1/3) - 1): the nut alone depends on the preload (5.3.2,
+        5.3.11). The bounds hold those of the preload, of C and of the nut's share C_n.
+        """
+        softer = self._softening(percent)
+        value = self.compliance_m_per_n + self.nut_m_per_n * softer
+        spread = 0.5 * self.nut_m_per_n * (self._softening(low) - self._softening(high))
+        error = np.sqrt(
+            spread**2
+            + (_SIGMAS * self.nut_sigma_m_per_n * softer) ** 2
+            + (_SIGMAS * self.compliance_tolerance * self.compliance_m_per_n) ** 2
+        )
+        stiffest = np.maximum(value - error, 0.1 * value)
+        return 1.0 / value, 1.0 / (value + error), 1.0 / stiffest
+
+    def _softening(self, percent: float) -> Floats:
+        local = np.maximum(percent * self.preload_share, LEAST_NUT_LOAD_PERCENT)
+        softening: Floats = np.cbrt(self.fresh_percent / local) - 1.0
+        return softening
+
+
+def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | None:
+    """Profile along the stroke, as commissioned; None where the machine file has none."""
+    taught, fresh = machine.commissioned, machine.fresh_preload_percent
+    if taught is None or fresh is None or machine.axis.stroke_m is None:
+        return None
+    position_m = np.linspace(0.0, machine.axis.stroke_m, places)
+    compliance, tolerance, nut, nut_sigma = _series(machine, taught.transmission, position_m)
+    return StrokeProfile(
+        position_m=position_m,
+        fresh_percent=fresh,
+        preload_share=_share(taught.stroke_map, position_m / machine.axis.stroke_m),
+        compliance_m_per_n=compliance,
+        compliance_tolerance=tolerance,
+        nut_m_per_n=nut,
+        nut_sigma_m_per_n=nut_sigma,
+    )
+
+
+def _share(harmonics: tuple[tuple[float, float], ...], place: Floats) -> Floats:
+    """Preload over its mean: 1 plus the harmonics of the stroke; `place` is from 0 to 1."""
+    share = np.ones_like(place)
+    for order, (cosine, sine) in enumerate(harmonics, start=1):
+        phase = 2.0 * np.pi * order * place
+        share += cosine * np.cos(phase) + sine * np.sin(phase)
+    return np.maximum(share, 0.0)
+
+
+def _series(
+    machine: Machine, taught: TransmissionConfig | None, position_m: Floats
+) -> tuple[Floats, float, float, float]:
+    """Compliance along the stroke with its tolerance; the nut's with its standard deviation."""
+    mass = machine.model.table_mass_kg
+    if taught is None or mass is None:
+        return np.full_like(position_m, np.nan), 0.0, 0.0, 0.0
+    at_reference = taught.stretch_per_acceleration_s2
+    stretch = at_reference + taught.stretch_slope_s2_per_m * (position_m - taught.reference_m)
+    compliance = np.maximum(stretch, 0.1 * at_reference) / mass.value
+    tolerance = float(np.hypot(taught.stretch_sigma_s2 / at_reference, mass.tolerance))
+    nut = at_reference / mass.value
+    return compliance, tolerance, taught.nut_share * nut, taught.nut_share_sigma * nut

@@ -1,0 +1,1 @@
+"""Recordings and the jobs made of them, each in a process of its own."""

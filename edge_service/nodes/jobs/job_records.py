@@ -1,0 +1,49 @@
+"""Records of jobs that outlive the service: one JSON file beside each job's folder."""
+
+import json
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from ...atomic import replaced_file
+from ...http_api.jobs import JobAnswer, JobState
+
+log = logging.getLogger(__name__)
+_SUFFIX = ".json"
+_INTERRUPTED = "the service ended before it was done"
+
+
+def save_job(out: Path, answer: JobAnswer) -> None:
+    """Remember a job whose files are in the folder `out`; a full disk is told."""
+    try:
+        with replaced_file(_record(out)) as file:
+            file.write(answer.model_dump_json())
+    except OSError as error:
+        log.warning("%s: the job cannot be remembered (%s)", out, error.strerror)
+
+
+def forget_job(out: Path) -> None:
+    """Remember it no longer."""
+    _record(out).unlink(missing_ok=True)
+
+
+def known_jobs(folder: Path) -> Sequence[tuple[Path, JobAnswer]]:
+    """Jobs of earlier runs with their folders, by number; what ran then has failed."""
+    jobs = []
+    for path in folder.glob(f"[!.]*{_SUFFIX}"):
+        try:
+            answer = JobAnswer.model_validate(json.loads(path.read_bytes()))
+        except (OSError, ValueError, ValidationError) as error:
+            log.warning("%s: no record of a job (%s)", path, type(error).__name__)
+            continue
+        if answer.state is JobState.RUNNING:
+            lines = [*answer.lines, _INTERRUPTED]
+            answer = answer.model_copy(update={"state": JobState.FAILED, "lines": lines})
+        jobs.append((path.with_suffix(""), answer))
+    return sorted(jobs, key=lambda each: each[1].id)
+
+
+def _record(out: Path) -> Path:
+    return out.with_name(out.name + _SUFFIX)

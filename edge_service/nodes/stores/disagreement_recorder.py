@@ -1,0 +1,87 @@
+"""Keeps the samples around a disagreement of model and axis as a recording, in bounded space."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...downsample.sample_ring import SampleRing
+from ...messages.event import Event
+from ...messages.samples import SampleFrame
+from ...trace.columns import TraceError
+from ...trace.writer import TraceWriter
+
+log = logging.getLogger(__name__)
+KEEP_S = 45.0
+"""Samples of every axis that are held in memory."""
+BEFORE_S, AFTER_S = 2.0, 60.0
+"""Of the beginning of a disagreement, and of the moment at which it was sure."""
+LONGEST_S = 150.0
+MOST_ROWS = 200_000
+MOST_KEPT = 5
+"""Recordings of one axis that the service makes by itself; the oldest go."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Cut:
+    name: str
+    from_s: float
+    to_s: float
+
+
+class DisagreementRecorder:
+    """Follows samples and events of all axes.
+
+    Args:
+        folder: where recordings are kept.
+        on_kept: told of axis and name of each recording that is ready.
+    """
+
+    def __init__(self, folder: Path, on_kept: Callable[[str, str], None]) -> None:
+        self._folder = folder
+        self._on_kept = on_kept
+        self._rings: dict[str, SampleRing] = {}
+        self._cuts: dict[str, _Cut] = {}
+
+    def note(self, event: Event) -> None:
+        """Begin to record what an event tells of; one at a time per axis."""
+        name, since_s = event.data.get("recording"), event.data.get("since_s")
+        ring = self._rings.get(event.axis)
+        if event.kind != "model_disagrees" or ring is None or event.axis in self._cuts:
+            return
+        if isinstance(name, str) and isinstance(since_s, float):
+            from_s = max(since_s - BEFORE_S, ring.newest_s - KEEP_S)
+            to_s = min(ring.newest_s + AFTER_S, from_s + LONGEST_S)
+            self._cuts[event.axis] = _Cut(name, from_s, to_s)
+            ring.keep_s = to_s - from_s + 1.0
+
+    async def follow(self, axis: str, frame: SampleFrame) -> None:
+        """Take samples in; write what is complete."""
+        ring = self._rings.setdefault(axis, SampleRing(KEEP_S, MOST_ROWS))
+        ring.push(frame)
+        cut = self._cuts.get(axis)
+        if cut is None or cut.from_s <= ring.newest_s < cut.to_s:
+            return
+        del self._cuts[axis]
+        ring.keep_s = KEEP_S
+        frames = ring.cut(cut.from_s, cut.to_s)
+        if frames:
+            kept = await asyncio.to_thread(self._keep, axis, cut.name, frames)
+            if kept:
+                self._on_kept(axis, cut.name)
+
+    def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
+        """Write a recording; a disk that is full is told and stops nothing."""
+        path = self._folder / name
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with TraceWriter(path, tuple(frames[0].channels)) as writer:
+                for frame in frames:
+                    writer.write(frame)
+            for old in sorted(self._folder.glob(f"disagreement_{axis}_*.parquet"))[:-MOST_KEPT]:
+                old.unlink(missing_ok=True)
+        except (TraceError, OSError) as error:
+            log.warning("%s: the disagreement cannot be kept: %s", path, error)
+            return False
+        return True

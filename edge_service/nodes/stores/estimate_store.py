@@ -1,0 +1,165 @@
+"""Store in which the state of the estimators outlives the process."""
+
+import hashlib
+import json
+import logging
+import math
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...atomic import replaced_file
+from ...config_tables import Table
+from ...models.machine import Machine
+from .watch_store import axis_folder
+
+log = logging.getLogger(__name__)
+SCHEMA = "estimate-state/1"
+LONGEST_STOP_S = 30 * 86400.0
+"""After a longer stop nothing is left of what was known."""
+AHEAD_S = 60.0
+"""A state this far in the future comes from a clock that was wrong then or is wrong now."""
+DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError)
+
+
+class StateError(Exception):
+    """Reason for not going on from a kept state; `damaged` if it is none at all."""
+
+    def __init__(self, reason: str, *, damaged: bool = False) -> None:
+        super().__init__(reason)
+        self.damaged = damaged
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """An estimator's snapshot with the end of the last interval that it has taken.
+
+    Attributes:
+        time_s: on the axis' clock.
+        source_time_ns: UNIX time.
+    """
+
+    time_s: float
+    source_time_ns: int
+    snapshot: dict[str, Any]
+
+
+def identity_of(machine: Machine, *tables: Table) -> str:
+    """Digest of all that the numbers of a state rest on: machine file and choices."""
+    told = "\n".join(each.model_dump_json() for each in (machine, *tables))
+    return hashlib.sha256(told.encode()).hexdigest()
+
+
+def read_kept(path: Path, axis: str, identity: str) -> Kept | None:
+    """Axis state kept in a file; None if there is no such file. Raises StateError, OSError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except UnicodeDecodeError as error:
+        raise StateError(f"no text ({error.reason})", damaged=True) from None
+    kept, told = _parsed(text, axis)
+    if told != identity:
+        raise StateError("it was kept for another machine file or estimator")
+    return kept
+
+
+def write_kept(path: Path, axis: str, identity: str, kept: Kept) -> None:
+    """Write a state, whole or not at all. Raises OSError."""
+    state = json.dumps(kept.snapshot, allow_nan=False)
+    content = {
+        "schema": SCHEMA,
+        "axis": axis,
+        "machine": identity,
+        "time_s": kept.time_s,
+        "source_time_ns": kept.source_time_ns,
+        "sha256": hashlib.sha256(state.encode()).hexdigest(),
+        "state": state,
+    }
+    with replaced_file(path) as file:
+        json.dump(content, file, allow_nan=False)
+
+
+class EstimateStore:
+    """The kept states of all axes.
+
+    Args:
+        folder: of the history.
+        identities: by axis, see `identity_of`.
+    """
+
+    def __init__(self, folder: Path, identities: dict[str, str]) -> None:
+        self._folder = folder
+        self._identities = identities
+        self._written_ns: dict[str, int] = {}
+        self._lock = threading.Lock()
+
+    def path(self, axis: str) -> Path:
+        """File of one axis."""
+        return axis_folder(self._folder, axis) / "estimate.json"
+
+    def load(self, axis: str, now_ns: int) -> Kept | None:
+        """State that was kept of an axis; None if none was.
+
+        Raises:
+            StateError: it is damaged, of another axis or machine file, too old, or of the future.
+            OSError: it cannot be read.
+        """
+        kept = read_kept(self.path(axis), axis, self._identities[axis])
+        if kept is None:
+            return None
+        stopped_s = (now_ns - kept.source_time_ns) / 1e9
+        if stopped_s > LONGEST_STOP_S:
+            raise StateError(f"it is {stopped_s / 86400.0:.0f} days old")
+        if stopped_s < -AHEAD_S:
+            raise StateError(f"it is from {-stopped_s:.0f} s in the future: is the clock right?")
+        return kept
+
+    def save(self, kept: dict[str, Kept]) -> None:
+        """Write states from any thread, each whole or not at all; an older one never replaces.
+
+        Raises OSError.
+        """
+        with self._lock:
+            for axis, each in kept.items():
+                if each.source_time_ns >= self._written_ns.get(axis, 0):
+                    write_kept(self.path(axis), axis, self._identities[axis], each)
+                    self._written_ns[axis] = each.source_time_ns
+
+    def forget(self, axis: str, heard_ns: int) -> None:
+        """The part is another: nothing of what was known up to `heard_ns` holds. Raises OSError.
+
+        A state of that time that another thread is about to write is not written any more.
+        """
+        with self._lock:
+            self._written_ns[axis] = heard_ns + 1
+            self.path(axis).unlink(missing_ok=True)
+
+    def set_aside(self, axis: str) -> Path:
+        """Keep a damaged file beside its place; returns where. Raises OSError."""
+        aside = self.path(axis).with_suffix(".damaged")
+        self.path(axis).replace(aside)
+        return aside
+
+
+def _parsed(text: str, axis: str) -> tuple[Kept, str]:
+    """State and identity of a file. Raises StateError."""
+    try:
+        content = json.loads(text)
+        if (content["schema"], content["axis"]) != (SCHEMA, axis):
+            raise ValueError(f"{content['schema']} of axis {content['axis']}, not {SCHEMA}")
+        if hashlib.sha256(content["state"].encode()).hexdigest() != content["sha256"]:
+            raise ValueError("its checksum is wrong")
+        time_s, source_time_ns = float(content["time_s"]), int(content["source_time_ns"])
+        if not math.isfinite(time_s):
+            raise ValueError("its time is none")
+        kept = Kept(time_s, source_time_ns, json.loads(content["state"]))
+        return kept, str(content["machine"])
+    except DAMAGED as error:
+        raise StateError(f"it cannot be read ({_short(error)})", damaged=True) from None
+
+
+def _short(error: Exception) -> str:
+    lines = str(error).splitlines() or [""]
+    return f"{type(error).__name__}: {lines[0][:100]}"

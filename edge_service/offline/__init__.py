@@ -1,0 +1,1 @@
+"""Commands on recordings and machine files: one module per command."""

@@ -1,0 +1,129 @@
+"""Recordings of a healthy, cold axis in, a commissioned machine file out."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import tomlkit
+
+from ..atomic import replaced_file
+from ..config import ConfigError, EdgeConfig, load_machine
+from ..estimate.commissioning.identification import CommissioningError, commissioned
+from ..estimate.commissioning.steady_phases import observed_limits
+from ..messages.features import FeatureBlock
+from ..models.machine import Machine, Quantity
+from ..models.steady_limits import SteadyLimits, steady_limits
+from ..nodes.pipeline import make_downsampler
+from ..trace.reader import open_trace
+from .columns import column_maps
+from .convert import controller_axis
+
+_TAUGHT = (
+    "inertia_kg_m2",
+    "viscous_nm_s_per_rad",
+    "guide_force_n",
+    "bearing_drag_nm",
+    "table_mass_kg",
+)
+
+
+def commission_to_file(
+    machine_file: Path,
+    traces: Sequence[Path],
+    out: Path,
+    config: EdgeConfig,
+    axis_number: int | None = None,
+) -> str:
+    """Write the commissioned machine file; returns what was learned, in lines.
+
+    Raises:
+        ConfigError: a file is wrong, or the recordings cannot determine what is needed.
+        TraceError: a recording cannot be read.
+    """
+    if any(out.resolve() == given.resolve() for given in traces):
+        raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
+    nominal = load_machine(machine_file, axis_number)
+    uncommissioned = nominal.model_copy(update={"commissioned": None})
+    limits = steady_limits(uncommissioned)
+    recordings = [_blocks(trace, nominal, config, limits) for trace in traces]
+    observed = observed_limits(recordings)
+    if observed != limits:
+        recordings = [_blocks(trace, nominal, config, observed) for trace in traces]
+    try:
+        machine = commissioned(recordings, nominal, observed)
+    except CommissioningError as error:
+        names = ", ".join(str(trace) for trace in traces)
+        raise ConfigError(f"{names}: {error}") from error
+    document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
+    if axis_number is not None:
+        document["axis"]["number"] = axis_number
+    _write_model(document, machine)
+    with replaced_file(out) as file:
+        file.write(tomlkit.dumps(document))
+    return "\n".join([f"{out}: commissioned", *_summary(machine)])
+
+
+def _blocks(
+    trace: Path, machine: Machine, config: EdgeConfig, limits: SteadyLimits
+) -> list[FeatureBlock]:
+    downsampler = make_downsampler(config.downsample, machine, limits)
+    with open_trace(trace, column_maps(machine), controller_axis(machine)) as frames:
+        return [block for frame in frames for block in downsampler.push(frame)]
+
+
+def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
+    model = document["model"]
+    for name in _TAUGHT:
+        quantity = getattr(machine.model, name)
+        if quantity is not None:
+            model[name] = _inline(quantity)
+    assert machine.commissioned is not None
+    document.pop("commissioned", None)
+    taught = tomlkit.table()
+    for name, value in machine.commissioned.model_dump(mode="json", exclude_none=True).items():
+        if name != "transmission":
+            taught[name] = value
+    if machine.commissioned.transmission is not None:
+        taught["transmission"] = machine.commissioned.transmission.model_dump(mode="json")
+    effects = document.pop("effects", None)  # tables after an array of tables would join it
+    document["commissioned"] = taught
+    if effects is not None:
+        document["effects"] = effects
+
+
+def _inline(quantity: Quantity) -> tomlkit.items.InlineTable:
+    table = tomlkit.inline_table()
+    table["value"], table["tolerance"] = quantity.value, quantity.tolerance
+    return table
+
+
+def _summary(machine: Machine) -> list[str]:
+    model, taught = machine.model, machine.commissioned
+    assert taught is not None
+    lines = [
+        f"from {taught.motion_s:.0f} s of steady motion:",
+        _line("inertia", model.inertia_kg_m2, "kg m2"),
+        _line("viscous friction", model.viscous_nm_s_per_rad, "N m s/rad"),
+        f"  Coulomb friction {taught.coulomb_nm:.4g} N m in all, of it "
+        f"guides {model.guide_force_n.value:.3g} N, bearings {model.bearing_drag_nm.value:.3g} N m",
+    ]
+    transmission = taught.transmission
+    if transmission is None:
+        lines.append(
+            "  no stretch between two encoders: preload will rest on torque alone, and its "
+            "interval will hold what warm-up and lubrication may do to friction"
+        )
+        return lines
+    mass = model.table_mass_kg
+    assert mass is not None
+    stiffness = mass.value / transmission.stretch_per_acceleration_s2
+    lines.append(
+        f"  series stiffness {stiffness:.3g} N/m at {transmission.reference_m:.3g} m, nut's share "
+        f"{transmission.nut_share:.2f} +- {transmission.nut_share_sigma:.2f}"
+    )
+    if model.nut_stiffness_n_per_m is None:
+        lines.append("  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance")
+    return lines
+
+
+def _line(name: str, quantity: Quantity, unit: str) -> str:
+    return f"  {name} {quantity.value:.4g} {unit} +- {100 * quantity.tolerance:.2g} %"

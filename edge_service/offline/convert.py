@@ -1,0 +1,161 @@
+"""A recording of any form in, a trace of another form out: CSV, Parquet or MCAP."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from ..trace.columns import TraceError
+from ..trace.reader import TraceReader, open_trace
+from ..trace.sinumerik.controller_axis import ControllerAxis
+from ..trace.speed_check import SpeedCheck
+from ..trace.writer import TraceFormat, TraceWriter, format_of
+from .columns import column_maps
+
+_GAP_STEPS = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertSummary:
+    """Summary of what was written, and of what a reader of it should know.
+
+    Attributes:
+        out: the file.
+        rows: its rows.
+        channels: its columns beside `time_s`.
+        rate_hz: of the rows; None for a single row.
+        duration_s: from the first to the last row, s.
+        gaps: steps of time longer than 1.5 usual ones.
+        missing: channel -> cells without a number, where there are any.
+        set_aside: rows of the source that could not be read.
+        ignored: columns of the source that were not written.
+        remarks: how signals were read, and doubts about them; one line each.
+    """
+
+    out: Path
+    rows: int
+    channels: tuple[str, ...]
+    rate_hz: float | None
+    duration_s: float
+    gaps: int
+    missing: dict[str, int]
+    set_aside: int
+    ignored: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    def as_text(self) -> str:
+        """A line on the whole, and one on each thing worth knowing."""
+        rate = "" if self.rate_hz is None else f" at {self.rate_hz:.6g} Hz"
+        lines = [
+            f"{self.out}: {self.rows} rows, {self.duration_s:.6g} s{rate}, {self.gaps} gaps; "
+            f"{', '.join(self.channels)}",
+            *self.remarks,
+        ]
+        lines += [f"{name}: {count} values missing" for name, count in self.missing.items()]
+        if self.set_aside:
+            lines.append(f"{self.set_aside} rows could not be read and are left out")
+        if self.ignored:
+            lines.append(f"not written: {', '.join(self.ignored)}")
+        return "\n".join(lines)
+
+
+def convert(
+    source: Path,
+    out: Path,
+    machine: Machine,
+    axis: ControllerAxis | None = None,
+    *,
+    keep_all: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> ConvertSummary:
+    """Read a recording as the machine file says and write it in the form of the name `out`.
+
+    Args:
+        source: CSV, Parquet, SINUMERIK trace XML; Industrial Edge names are known.
+        out: ends in .csv, .parquet or .mcap; appears whole or not at all.
+        machine: its [columns], and its lead where `axis` has none.
+        axis: which axis of a controller's recording, and what its units need.
+        keep_all: also write the columns that are no channel, under their own names.
+        progress: called with the fraction done, 0 to 1, after each run of rows.
+
+    Raises:
+        TraceError: one line with the file, what was wrong and what was expected.
+    """
+    if keep_all and format_of(out) is TraceFormat.CSV:
+        raise TraceError(f"{out}: CSV holds channels only; all columns go into .parquet or .mcap")
+    if out.exists() and source.exists() and out.samefile(source):
+        raise TraceError(f"{out}: is the recording itself; expected another name")
+    rows, check = _Rows(), SpeedCheck()
+    with (
+        open_trace(
+            source, column_maps(machine), axis or controller_axis(machine), keep_all=keep_all
+        ) as reader,
+        TraceWriter(out, reader.channels) as writer,
+    ):
+        for frame in reader:
+            writer.write(frame)
+            rows.add(frame)
+            check.add(frame)
+            if progress is not None:
+                progress(reader.fraction_read)
+    return _summary(out, reader, rows, check)
+
+
+def controller_axis(
+    machine: Machine,
+    number: int | None = None,
+    torque_constant_nm_per_a: float | None = None,
+    *,
+    interpolate_positions: bool = False,
+) -> ControllerAxis:
+    """The axis of a machine file as a controller's recording needs it."""
+    return ControllerAxis(
+        machine.axis.number if number is None else number,
+        machine.axis.lead_m,
+        torque_constant_nm_per_a,
+        interpolate_positions,
+    )
+
+
+class _Rows:
+    """Counts rows and gaps; the usual step is that of the first run of rows."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.gaps = 0
+        self.step_s: float | None = None
+        self.first_s = 0.0
+        self.last_s: float | None = None
+
+    def add(self, frame: SampleFrame) -> None:
+        time_s = frame.time_s
+        if self.last_s is None:
+            self.first_s = float(time_s[0])
+        else:
+            time_s = np.concatenate([[self.last_s], time_s])
+        steps_s = np.diff(time_s)
+        forward_s = steps_s[steps_s > 0.0]
+        if self.step_s is None and forward_s.size:
+            self.step_s = float(np.median(forward_s))
+        if self.step_s is not None:
+            self.gaps += int(np.count_nonzero(steps_s > _GAP_STEPS * self.step_s))
+        self.count += len(frame)
+        self.last_s = float(time_s[-1])
+
+
+def _summary(out: Path, reader: TraceReader, rows: _Rows, check: SpeedCheck) -> ConvertSummary:
+    return ConvertSummary(
+        out=out,
+        rows=rows.count,
+        channels=reader.channels,
+        rate_hz=None if rows.step_s is None else 1.0 / rows.step_s,
+        duration_s=(rows.last_s or 0.0) - rows.first_s,
+        gaps=rows.gaps,
+        missing={name: count for name, count in reader.bad_cells.items() if count},
+        set_aside=reader.ragged_rows,
+        ignored=reader.ignored,
+        remarks=(*reader.remarks, *check.remarks()),
+    )

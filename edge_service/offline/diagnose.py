@@ -1,0 +1,171 @@
+"""`edge-service diagnose`: recordings and a machine file in, the diagnosis as three files out."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..atomic import replaced_file
+from ..config import ConfigError, load_machine
+from ..diagnose.experiment.proposal import propose
+from ..diagnose.pipeline import Diagnosis, Verdict, diagnose_session
+from ..diagnose.selection.observability import not_judged
+from ..diagnose.session.data_check import check_data
+from ..diagnose.session.reference import Reference, healthy_machine, healthy_model
+from ..diagnose.session.session import Session
+from ..diagnose.session.twin import rigid_baseline
+from ..models.effects.registry import machine_effects
+from ..models.machine import Machine
+from ..models.motion import MotionError
+from .diagnosis_checks import beside_doubts, doubts
+from .gap import BadDataError, DiagnosisError, read_runs, session_of
+from .report.diagnosis_document import augmented_toml, bad_data_document, to_document
+from .report.diagnosis_page import render, render_bad_data
+
+_FILES = ("augmented.toml", "report.html", "diagnosis.json")
+
+
+def diagnose(
+    machine_file: Path,
+    traces: Sequence[Path],
+    out: Path,
+    progress: Callable[[str], None] = lambda _line: None,
+    reference: Sequence[Path] = (),
+    axis_number: int | None = None,
+) -> str:
+    """Write diagnosis.json, augmented.toml and report.html into `out`; returns a summary.
+
+    A run that fails leaves none of them there, not even older ones.
+
+    Args:
+        reference: recordings of the healthy machine.
+        axis_number: the controller's number of the axis, in place of the machine file's.
+
+    Raises:
+        ConfigError: the machine file is wrong.
+        TraceError: a recording cannot be read.
+        DiagnosisError: no recording, or one that this cannot be done with.
+        BadDataError: the recordings are unfit; the three files say why.
+    """
+    try:
+        machine = load_machine(machine_file, axis_number)
+        return _diagnosed(machine, machine_file, traces, out, progress, reference)
+    except BadDataError:
+        raise
+    except BaseException:
+        for name in _FILES:
+            (out / name).unlink(missing_ok=True)
+        raise
+
+
+def _diagnosed(
+    machine: Machine,
+    machine_file: Path,
+    traces: Sequence[Path],
+    out: Path,
+    progress: Callable[[str], None],
+    reference: Sequence[Path],
+) -> str:
+    text = machine_file.read_text("utf-8")
+    healthy = None
+    if reference:
+        machine, healthy = _healthy(machine, reference, progress)
+    runs = read_runs(machine, traces, progress)
+    names = [path.name for path in traces]
+    check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
+    if check.faults:
+        gap = _gap_if_any(machine, runs)
+        document = bad_data_document(check.faults, gap, check.remarks)
+        page = render_bad_data(machine, names, check)
+        _write(out, document, text, page)
+        raise BadDataError(f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})")
+    session = session_of(machine, runs)
+    if healthy is not None:
+        session = healthy.beside(session)
+    doubted = doubts(machine, runs)
+    remarks = (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted))
+    check = replace(check, remarks=remarks)
+    found = beside_doubts(diagnose_session(session, machine, progress=progress), doubted)
+    found = _with_motion(found, machine)
+    silent = not_judged(session)
+    try:
+        augmented = augmented_toml(text, found.effects if _accepted(found) else ())
+    except ValueError as error:
+        raise ConfigError(f"{machine_file}: {error}") from error
+    document = to_document(found, check.remarks, silent)
+    document["reference"] = [path.name for path in reference]
+    page = render(machine, names, session, found, check, silent, [path.name for path in reference])
+    _write(out, document, augmented, page)
+    return _summary(found, out)
+
+
+def _healthy(
+    machine: Machine, reference: Sequence[Path], progress: Callable[[str], None]
+) -> tuple[Machine, Reference]:
+    """The machine as healthy recordings show it, and their gap beside it.
+
+    Raises:
+        DiagnosisError: they are unfit.
+    """
+    runs = read_runs(machine, reference, progress)
+    shown = healthy_model(machine, runs, rigid_baseline(machine))
+    runs = read_runs(shown, reference, progress)
+    names = [path.name for path in reference]
+    faults = check_data(runs, machine.transmission_ratio_m_per_rad, names).faults
+    if faults:
+        raise DiagnosisError(f"reference: {'; '.join(faults)}")
+    return shown, healthy_machine(runs, rigid_baseline(shown), machine_effects(shown))
+
+
+def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
+    """The diagnosis with the motion that tells its tied effects apart best, or all of them."""
+    tied = {name for each in found.effects for name in each.tied if len(each.tied) > 1}
+    tied = tied or {each.name for each in found.effects}
+    if found.verdict is not Verdict.AMBIGUOUS or len(tied) < 2:
+        return found
+    values = {each.name: each.entries[0] for each in found.effects if each.entries}
+    try:
+        best = propose(machine, tied, values)[:1]
+    except MotionError:
+        return found
+    return replace(found, next_motion=best[0].candidate.motion) if best else found
+
+
+def _accepted(found: Diagnosis) -> bool:
+    return found.verdict.value in ("explained", "ambiguous")
+
+
+def _gap_if_any(machine: Machine, runs: Sequence[Any]) -> dict[str, float]:
+    try:
+        session: Session = session_of(machine, runs)
+    except DiagnosisError:
+        return {}
+    return {name: rows.rms for name, rows in session.channels.items()}
+
+
+def _write(out: Path, document: dict[str, Any], augmented: str, page: str) -> None:
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    for name, content in zip(_FILES, (augmented, page, text), strict=True):
+        with replaced_file(out / name) as file:
+            file.write(content)
+
+
+def _summary(found: Diagnosis, out: Path) -> str:
+    lines = [f"verdict: {found.verdict.value}"]
+    lines += [
+        f"{name}: {each.before:.3g} {each.unit} before, {each.after:.3g} after, "
+        f"{each.noise_floor:.3g} floor ({each.floor_source}), {each.tolerance:.3g} tolerated"
+        for name, each in found.gap.items()
+    ]
+    lines += [
+        f"{each.name}: probability {each.probability:.3f}, shrinks {each.channel} by "
+        f"{100.0 * each.shrink.estimate:.0f} % "
+        f"({100.0 * each.shrink.low:.0f} to {100.0 * each.shrink.high:.0f})"
+        for each in found.effects
+    ]
+    lines += [f"but {each}" for each in found.caveats]
+    if found.next_motion:
+        document = out / "diagnosis.json"
+        lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")
+    return "\n".join([*lines, f"report: {out / 'report.html'}"])

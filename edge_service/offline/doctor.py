@@ -1,0 +1,187 @@
+"""`edge-service doctor`: is a source what its configuration and machine file say?"""
+
+import asyncio
+import json
+import math
+from collections.abc import Sequence
+from contextlib import aclosing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableError
+
+from ..config import AxisConfig, ConfigError, EdgeConfig, load_machine
+from ..fingerprint.checks.check_result import Finding, Verdict
+from ..fingerprint.checks.plausibility import check_plausibility
+from ..messages.quality import Quality, is_bad, is_uncertain
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from ..nodes.acquire_node import make_driver
+from ..trace.reader import read_trace
+from .columns import column_maps
+from .convert import controller_axis
+
+FEW = 0.01
+"""Share of samples that may be less than good without a doubt about their source."""
+_MARKS = {Verdict.FITS: "ok", Verdict.DOUBTFUL: "DOUBT", Verdict.UNKNOWN: "?"}
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """Findings about one axis."""
+
+    axis: str
+    source: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def doubts(self) -> int:
+        """Number of checks that found something wrong."""
+        return sum(finding.verdict is Verdict.DOUBTFUL for finding in self.findings)
+
+    def as_text(self) -> str:
+        """A line per check."""
+        lines = [f"axis {self.axis}: {self.source}"]
+        lines += [
+            f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{_interval(each)}"
+            for each in self.findings
+        ]
+        lines.append(f"  {self.doubts} of {len(self.findings)} checks found something to doubt")
+        return "\n".join(lines)
+
+    def as_json(self) -> str:
+        """One JSON object; a number that there is none of is null."""
+        return json.dumps(
+            {
+                "axis": self.axis,
+                "source": self.source,
+                "findings": [_as_dict(each) for each in self.findings],
+            },
+            indent=2,
+        )
+
+
+def examine_traces(
+    machine_file: Path, traces: Sequence[Path], axis_number: int | None = None
+) -> Examination:
+    """Check recordings against a machine file. Raises ConfigError and TraceError."""
+    machine = load_machine(machine_file, axis_number)
+    columns, axis = column_maps(machine), controller_axis(machine)
+    frames = [read_trace(path, columns, axis=axis) for path in traces]
+    source = ", ".join(path.name for path in traces)
+    return Examination(machine.axis.name, source, tuple(check_plausibility(machine, frames)))
+
+
+async def examine_sources(
+    config: EdgeConfig, axis: str | None, seconds: float
+) -> list[Examination]:
+    """Read each axis' driver for some seconds, all at once, and check what it yields.
+
+    Raises:
+        ConfigError: no such axis, wrong settings, or a device that refuses them.
+    """
+    chosen = [each for each in config.axes if axis in (None, each.name)]
+    if not chosen:
+        names = ", ".join(each.name for each in config.axes)
+        raise ConfigError(f"--axis: no axis {axis!r}; there are {names}")
+    return list(await asyncio.gather(*(_examine(each, seconds) for each in chosen)))
+
+
+async def _examine(axis: AxisConfig, seconds: float) -> Examination:
+    driver, machine = make_driver(axis), load_machine(axis.machine)
+    try:
+        probe = await driver.probe()
+        frames = await _listen(driver, seconds)
+    except DriverUnavailableError as error:
+        lost = Finding("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
+        return Examination(axis.name, axis.driver, (lost,))
+    except DriverMisconfiguredError as error:
+        raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
+    finally:
+        await driver.close()
+    return Examination(axis.name, probe.description, _findings(machine, driver, frames))
+
+
+async def _listen(driver: Driver, seconds: float) -> list[SampleFrame]:
+    """Frames of that much axis time, or of all there are."""
+    frames: list[SampleFrame] = []
+    await driver.open()
+    async with aclosing(driver.frames()) as source:
+        async for frame in source:
+            frames.append(frame)
+            if frame.time_s[-1] - frames[0].time_s[0] >= seconds:
+                break
+    return frames
+
+
+def _findings(
+    machine: Machine, driver: Driver, frames: Sequence[SampleFrame]
+) -> tuple[Finding, ...]:
+    if not frames:
+        return (Finding("connection", Verdict.DOUBTFUL, "no samples came"),)
+    rows = sum(map(len, frames))
+    fine = Finding("connection", Verdict.FITS, f"{rows} samples")
+    readings = ", ".join(f"{name} {value:g}" for name, value in driver.readings.items())
+    if readings:
+        fine = Finding("connection", Verdict.FITS, f"{rows} samples; {readings}")
+    whole = SampleFrame(
+        np.concatenate([frame.time_s for frame in frames]),
+        {
+            name: np.concatenate([frame.channels[name] for frame in frames])
+            for name in frames[0].channels
+        },
+    )
+    return (fine, _quality(frames), *check_plausibility(machine, [whole]))
+
+
+def _quality(frames: Sequence[SampleFrame]) -> Finding:
+    """Finding on the channels that had samples that were not good, and why."""
+    told, most = [], 0.0
+    for name in frames[0].channels:
+        codes = np.concatenate(
+            [frame.quality.get(name, np.zeros(len(frame), dtype=np.uint8)) for frame in frames]
+        )
+        wrong = codes[is_bad(codes) | is_uncertain(codes)]
+        if wrong.size:
+            share = wrong.size / codes.size
+            most = max(most, share)
+            reasons = ", ".join(sorted({Quality(int(code)).name.lower() for code in set(wrong)}))
+            told.append(f"{name} {100.0 * share:.2g} % ({reasons})")
+    if not told:
+        return Finding("quality", Verdict.FITS, "every sample is good")
+    verdict = Verdict.FITS if most <= FEW else Verdict.DOUBTFUL
+    return Finding("quality", verdict, "not good: " + "; ".join(told))
+
+
+def _interval(finding: Finding) -> str:
+    figure = finding.figure
+    if figure is None or not figure.determined:
+        return ""
+    expected = "" if finding.expected is None else f"; expected {finding.expected:.6g}"
+    unit = f" {figure.unit}" if figure.unit else ""
+    return f" [{figure.value:.6g}{unit}, {figure.low:.6g} to {figure.high:.6g}{expected}]"
+
+
+def _as_dict(finding: Finding) -> dict[str, object]:
+    figure = finding.figure
+    number = None
+    if figure is not None:
+        number = {
+            "value": _number(figure.value),
+            "low": _number(figure.low),
+            "high": _number(figure.high),
+            "unit": figure.unit,
+            "expected": finding.expected,
+        }
+    return {
+        "name": finding.name,
+        "verdict": finding.verdict.value,
+        "sentence": finding.sentence,
+        "figure": number,
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,124 @@
+"""The same way through the house without a bus: a recording in, estimates out."""
+
+import csv
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from ..atomic import replaced_file
+from ..config import ConfigError, EdgeConfig, load_machine
+from ..messages.estimate import PreloadEstimate
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from ..nodes.pipeline import make_downsampler, make_estimator
+from ..nodes.stores.estimate_store import (
+    DAMAGED,
+    Kept,
+    StateError,
+    identity_of,
+    read_kept,
+    write_kept,
+)
+from ..trace.reader import open_trace
+from .columns import column_maps
+from .convert import controller_axis
+
+UNKNOWN_STOP_S = 86_400.0
+"""A recording on a clock of its own does not say how long after the other it was made."""
+COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
+
+
+class OfflineEstimate:
+    """The stages of one axis; goes on from a state file and leaves one."""
+
+    def __init__(self, machine: Machine, config: EdgeConfig) -> None:
+        self._axis = machine.axis.name
+        self._identity = identity_of(machine, config.estimator, config.downsample)
+        self._downsampler = make_downsampler(config.downsample, machine)
+        self._estimator = make_estimator(config.estimator, machine)
+        self._end_s = 0.0
+        self._restored = False
+
+    def restore(self, path: Path) -> None:
+        """Go on from a file, if it is there. Raises ConfigError if it is no state of this axis."""
+        try:
+            kept = read_kept(path, self._axis, self._identity)
+            if kept is not None:
+                self._downsampler.restore(kept.snapshot["downsampler"])
+                self._estimator.restore(kept.snapshot["estimator"])
+                self._end_s, self._restored = kept.time_s, True
+        except (StateError, OSError, *DAMAGED) as error:
+            raise ConfigError(f"--state {path}: cannot be gone on from: {error}") from None
+
+    def keep(self, path: Path) -> None:
+        """Leave the state in a file."""
+        snapshot = {
+            "downsampler": self._downsampler.snapshot(),
+            "estimator": self._estimator.snapshot(),
+        }
+        write_kept(path, self._axis, self._identity, Kept(self._end_s, 0, snapshot))
+
+    def estimates(self, frames: Iterable[SampleFrame]) -> Iterator[PreloadEstimate]:
+        """One estimate per completed interval, as the service would publish it."""
+        for frame in frames:
+            for block in self._downsampler.push(frame):
+                if self._restored and block.time_s <= self._end_s:
+                    self._estimator.resume(UNKNOWN_STOP_S)
+                self._end_s, self._restored = block.time_s, False
+                self._estimator.update(block)
+                yield self._estimator.estimate()
+
+
+def estimates(
+    frames: Iterable[SampleFrame], machine: Machine, config: EdgeConfig
+) -> Iterator[PreloadEstimate]:
+    """One estimate per completed interval, as the service would publish it."""
+    return OfflineEstimate(machine, config).estimates(frames)
+
+
+def estimate_to_csv(
+    trace: Path,
+    machine_file: Path,
+    out: Path,
+    config: EdgeConfig,
+    state: Path | None = None,
+    axis_number: int | None = None,
+) -> str:
+    """Write the estimates of a trace; returns a line that says what was written.
+
+    Args:
+        state: gone on from if it is there, and left behind.
+    """
+    for given in (trace, machine_file, *(() if state is None else (state,))):
+        if out.resolve() == given.resolve():
+            raise ConfigError(f"--out {out}: would overwrite its own input; choose another file")
+    if state is not None and state.resolve() in (trace.resolve(), machine_file.resolve()):
+        raise ConfigError(f"--state {state}: would overwrite an input; choose another file")
+    machine = load_machine(machine_file, axis_number)
+    offline = OfflineEstimate(machine, config)
+    if state is not None:
+        offline.restore(state)
+    rows = 0
+    last: PreloadEstimate | None = None
+    with (
+        open_trace(trace, column_maps(machine), controller_axis(machine)) as frames,
+        replaced_file(out) as file,
+    ):
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for last in offline.estimates(frames):
+            rows += 1
+            drag = last.drag_torque_nm
+            writer.writerow(
+                [
+                    repr(last.time_s),
+                    last.preload_percent,
+                    last.low,
+                    last.high,
+                    last.status.value,
+                    None if drag is None else drag.value,
+                    " ".join(reason.partition(":")[0] for reason in last.reasons),
+                ]
+            )
+        if state is not None:
+            offline.keep(state)
+    return f"{out}: {rows} blocks, last status {last.status.value if last else 'none'}"

@@ -1,0 +1,152 @@
+"""`edge-service fingerprint`: the tests of an axis as one JSON file and one page."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from ..atomic import replaced_file
+from ..config import load_machine
+from ..fingerprint.compare import (
+    FigureChange,
+    appeared_figures,
+    compare_fingerprints,
+)
+from ..fingerprint.document import (
+    FingerprintError,
+    read_fingerprint,
+    to_document,
+)
+from ..fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
+from ..fingerprint.result import Status
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from ..trace.reader import read_trace
+from .columns import column_maps
+from .convert import controller_axis
+from .report.fingerprint_figures import draw_sections
+from .report.fingerprint_wording import WORDING, brief, headline, plain, shown
+from .report.page import rendered
+from .report.pictures import as_svg, write_png
+
+
+def fingerprint(
+    machine_file: Path,
+    traces: Sequence[Path],
+    out_dir: Path,
+    baseline_file: Path | None = None,
+    pictures_dir: Path | None = None,
+    axis_number: int | None = None,
+) -> str:
+    """Write `fingerprint.json` and `report.html` into `out_dir`; returns lines of summary.
+
+    Args:
+        pictures_dir: each picture of the page is also written there, as SECTION.png.
+
+    Raises:
+        ConfigError: the machine file is wrong.
+        TraceError: a recording cannot be read.
+        FingerprintError: no recording, two of one name, a baseline that is none or of another axis.
+    """
+    machine = load_machine(machine_file, axis_number)
+    baseline = None if baseline_file is None else read_fingerprint(baseline_file)
+    if baseline is not None and baseline.machine != machine.axis.name:
+        raise FingerprintError(
+            f"{baseline_file}: of axis {baseline.machine}, expected axis {machine.axis.name}"
+        )
+    found = fingerprint_axis(machine, _recordings(machine, traces), baseline)
+    changes = () if baseline is None else compare_fingerprints(found, baseline)
+    document = to_document(found)
+    if baseline is not None:
+        document["changes"] = [_change_document(change) for change in changes]
+        document["appeared"] = list(appeared_figures(found, baseline))
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    figures = draw_sections(found, baseline)
+    page = render(found, baseline, changes, figures)
+    with replaced_file(out_dir / "fingerprint.json") as file:
+        file.write(text)
+    with replaced_file(out_dir / "report.html") as file:
+        file.write(page)
+    if pictures_dir is not None:
+        for name, figure in figures.items():
+            write_png(figure, pictures_dir / f"{name}.png")
+    return _summary(found, baseline, changes, out_dir)
+
+
+def render(
+    found: AxisFingerprint,
+    baseline: AxisFingerprint | None,
+    changes: Sequence[FigureChange],
+    figures: Mapping[str, Figure],
+) -> str:
+    """The page as HTML; nothing in it is loaded from elsewhere."""
+    return rendered(
+        "fingerprint.html",
+        {"shown": shown, "brief": brief, "plain": plain},
+        found=found,
+        baseline=baseline,
+        appeared=() if baseline is None else appeared_figures(found, baseline),
+        changes=sorted(changes, key=lambda change: (not change.changed, -abs(change.sigmas))),
+        wording=WORDING,
+        headlines={name: headline(name, section) for name, section in found.sections.items()},
+        pictures={name: as_svg(figure, name) for name, figure in figures.items()},
+        determined=Status.DETERMINED,
+    )
+
+
+def _recordings(machine: Machine, traces: Sequence[Path]) -> dict[str, SampleFrame]:
+    if not traces:
+        raise FingerprintError("no recording given; expected one trace or more")
+    names = [path.name for path in traces]
+    for name in names:
+        if names.count(name) > 1:
+            raise FingerprintError(f"two recordings are called {name}; expected each once")
+    maps, axis = column_maps(machine), controller_axis(machine)
+    return {path.name: read_trace(path, maps, axis=axis) for path in traces}
+
+
+def _change_document(change: FigureChange) -> dict[str, str | float | bool | None]:
+    relative = change.relative
+    return {
+        "figure": change.name,
+        "old": change.old.value,
+        "new": change.new.value,
+        "change": change.change.value,
+        "low": change.change.low,
+        "high": change.change.high,
+        "unit": change.change.unit,
+        "relative": relative if math.isfinite(relative) else None,
+        "sigmas": change.sigmas,
+        "significant": change.significant,
+        "material": change.material,
+    }
+
+
+def _summary(
+    found: AxisFingerprint,
+    baseline: AxisFingerprint | None,
+    changes: Sequence[FigureChange],
+    out_dir: Path,
+) -> str:
+    lines = []
+    for name, section in found.sections.items():
+        if section.status is Status.DETERMINED:
+            told = headline(name, section) or section.figures
+            key, figure = next(
+                (pair for pair in told.items() if math.isfinite(pair[1].value)),
+            )
+            lines.append(f"{WORDING[name].title}: {plain(key)} {shown(figure)}")
+        else:
+            lines.append(
+                f"{WORDING[name].title}: undetermined, {section.reason}; "
+                f"record `edge-service motion {section.motion}`"
+            )
+    if baseline is not None:
+        named = ", ".join(plain(change.name) for change in changes if change.changed)
+        lines.append(f"changed against the baseline: {named or 'nothing'}")
+        new = ", ".join(plain(name) for name in appeared_figures(found, baseline))
+        lines += [f"seen only now: {new}"] if new else []
+    lines.append(f"report: {out_dir / 'report.html'}")
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""Axes of many services in one table."""

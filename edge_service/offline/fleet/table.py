@@ -1,0 +1,120 @@
+"""The table of a fleet for people."""
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+
+from .rows import WORST_FIRST, FleetRow, days_until, worst
+
+_HEAD = (
+    "SITE",
+    "MACHINE",
+    "AXIS",
+    "CONDITION",
+    "PRELOAD % (95 %)",
+    "OF FRESH",
+    "AGE",
+    "FITS",
+    "NEXT LIMIT",
+    "LOSS %/1000 H (90 %)",
+    "WHY",
+)
+_FITS = {True: "yes", False: "NO", None: "-"}
+
+
+def table_of(rows: Sequence[FleetRow], now: datetime | None = None) -> str:
+    """A line on the whole fleet, then one line per axis or silent service."""
+    cells = [_HEAD, *(_cells(row, now) for row in rows)]
+    widths = [max(len(line[k]) for line in cells) for k in range(len(_HEAD))]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in cells
+    ]
+    return "\n".join([_summary(rows), *lines, *_faster(rows)])
+
+
+def as_json_line(rows: Sequence[FleetRow]) -> str:
+    """The same for programs, without a line break."""
+    answer = {"condition": worst(rows), "rows": [row.as_dict() for row in rows]}
+    return json.dumps(answer, allow_nan=False)
+
+
+def _summary(rows: Sequence[FleetRow]) -> str:
+    counts = [(each, sum(row.condition is each for row in rows)) for each in WORST_FIRST]
+    told = ", ".join(f"{count} {condition}" for condition, count in counts if count)
+    return f"FLEET {worst(rows)}: {told}"
+
+
+def _cells(row: FleetRow, now: datetime | None) -> tuple[str, ...]:
+    why = row.reason
+    if row.peers is not None and row.peers.faster:
+        why = f"wears faster than its peers; {why}".removesuffix("; ")
+    if not row.axis:
+        why = f"{row.address}: {why}"
+    return (
+        row.site,
+        row.machine,
+        row.axis or "-",
+        str(row.condition),
+        _preload(row),
+        "-" if row.share_percent is None else f"{row.share_percent:.0f} %",
+        "-" if row.age_s is None else _lasting(row.age_s),
+        _FITS[row.fits],
+        _limit(row, now),
+        _loss(row),
+        why,
+    )
+
+
+def _preload(row: FleetRow) -> str:
+    if row.preload_percent is None:
+        return "-"
+    if row.low is None or row.high is None:
+        return f"{row.preload_percent:.2f}"
+    return f"{row.preload_percent:.2f} ({row.low:.2f} to {row.high:.2f})"
+
+
+def _limit(row: FleetRow, now: datetime | None) -> str:
+    if row.limit is None or row.limit_earliest is None:
+        return "no date"
+    if row.limit_latest is None:
+        return f"{row.limit} not before {_moment(row.limit_earliest, now)}"
+    return f"{row.limit} {_moment(row.limit_earliest, now)} to {_moment(row.limit_latest, now)}"
+
+
+def _moment(moment: str, now: datetime | None) -> str:
+    """A date, or a time in UTC where it is near."""
+    return f"{moment[11:16]}Z" if days_until(moment, now) < 1.0 else moment[:10]
+
+
+def _loss(row: FleetRow) -> str:
+    if row.loss_percent_per_1000_h is None:
+        return "-"
+    value, low, high = row.loss_percent_per_1000_h
+    return f"{_digits(value)} ({_digits(low)} to {_digits(high)})"
+
+
+def _digits(value: float) -> str:
+    """Three digits, without powers of ten."""
+    return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+
+
+def _lasting(seconds: float) -> str:
+    for below, size, unit in ((100.0, 1.0, "s"), (6000.0, 60.0, "min"), (2e5, 3600.0, "h")):
+        if seconds < below:
+            return f"{seconds / size:.0f} {unit}" if seconds >= 1.0 else "<1 s"
+    return f"{seconds / 86400.0:.0f} days"
+
+
+def _faster(rows: Sequence[FleetRow]) -> list[str]:
+    """A sentence on each axis that wears faster than its peers."""
+    lines = []
+    for row in rows:
+        if row.peers is not None and row.peers.faster and row.loss_percent_per_1000_h is not None:
+            lines.append(
+                f"{row.site}/{row.machine}/{row.axis} loses "
+                f"{_digits(row.loss_percent_per_1000_h[0])} % of its fresh preload per 1000 h, its "
+                f"{row.peers.peers} peers {_digits(row.peers.peers_loss)} %: with probability "
+                f"{row.peers.probability:.3f} more than its kind"
+            )
+    return lines

@@ -1,0 +1,86 @@
+"""A recording through the whole service, with its last answer."""
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from ..bus.session import Bus, BusSettings
+from ..bus.subscriber import Subscriber
+from ..config import AxisConfig, EdgeConfig, load_machine
+from ..messages.codec import decode_json
+from ..messages.estimate import PreloadEstimate
+from ..messages.topics import PRELOAD
+from ..nodes.context import NodeContext
+from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
+
+FLAT_OUT_FRAME_S = 0.5
+
+
+async def replay_trace(
+    config: EdgeConfig,
+    trace: Path,
+    machine: Path,
+    speed: float,
+    *,
+    loop: bool,
+    hold: bool,
+    announce: Callable[[str], None],
+    axis_number: int | None = None,
+) -> list[str]:
+    """Run every node on a recording until its end (for ever with `loop` or `hold`).
+
+    Args:
+        axis_number: the controller's number of the axis, in place of the machine file's.
+
+    Returns:
+        Lines that say what came out.
+    """
+    name = load_machine(machine).axis.name
+    settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": loop}
+    if axis_number is not None:
+        settings["axis_number"] = axis_number
+    if speed == 0.0:
+        settings["frame_s"] = FLAT_OUT_FRAME_S
+    axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)
+    config = config.model_copy(update={"axes": (axis,)})
+    await check_service(config)
+    bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+    try:
+        bus.declare_alive(config.keys.alive)
+        answers = bus.subscribe(
+            config.keys.key(name, PRELOAD),
+            partial(decode_json, PRELOAD.payload, PreloadEstimate),
+        )
+        following = asyncio.create_task(_follow(answers))
+        await run_nodes(
+            NodeContext(config, bus, announce, keeps_estimates=False),
+            PIPELINE,
+            install_stop(),
+            until_sources_end=not hold,
+        )
+        answers.close()
+        count, last = await following
+    finally:
+        await bus.close()
+    return _summary(name, count, last)
+
+
+async def _follow(answers: Subscriber[PreloadEstimate]) -> tuple[int, PreloadEstimate | None]:
+    """Number of estimates and the last of them, once the subscriber is closed."""
+    count, last = 0, None
+    async for _, _, estimate in answers:
+        count, last = count + 1, estimate
+    return count, last
+
+
+def _summary(axis: str, count: int, last: PreloadEstimate | None) -> list[str]:
+    if last is None:
+        return [f"axis {axis}: the recording gave no interval"]
+    lines = [f"axis {axis}: {count} estimates, status {last.status.value} at {last.time_s:.1f} s"]
+    if last.preload_percent is not None:
+        lines.append(f"preload {last.preload_percent:.2f} % ({last.low:.2f} to {last.high:.2f})")
+    if last.drag_torque_nm is not None:
+        drag = last.drag_torque_nm
+        lines.append(f"drag torque {drag.value:.3e} N m ({drag.low:.3e} to {drag.high:.3e})")
+    return lines + [f"{reason}" for reason in last.reasons]

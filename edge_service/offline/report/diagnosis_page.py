@@ -1,0 +1,223 @@
+"""The page of a diagnosis: plain words first, then numbers and pictures."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from ...diagnose.estimation.values import Interval
+from ...diagnose.localisation.places import Place
+from ...diagnose.pipeline import Diagnosis, NamedEffect, Verdict
+from ...diagnose.session.data_check import DataCheck
+from ...diagnose.session.session import Session
+from ...diagnose.validation.shrink import Shrink
+from ...models.effects.registry import get_effect
+from ...models.machine import Machine
+from .diagnosis_figures import LABELS, draw_gaps, draw_replays, draw_waterfalls
+from .page import rendered
+
+VERDICTS = {
+    "no_gap": "Machine and model agree. Nothing was found that matters.",
+    "explained": "The difference between machine and model has a clear cause.",
+    "ambiguous": "The difference has a cause that this recording alone cannot pin down.",
+    "unknown": "There is a difference that none of the known effects explains.",
+}
+BLIND = "This recording cannot tell: its noise hides whatever there may be."
+CHANNELS = {"torque_nm": "torque", "transmission_m": "position between motor and table"}
+FLOORS = {
+    "recording": "what neither the motion nor a repeat of it tells in advance, in this recording",
+    "reference": "what the healthy recordings leave beside one another",
+}
+_SHOWN_UNITS = {"m": ("µm", 1e6), "s": ("ms", 1e3), "1": ("", 1.0), "degC": ("°C", 1.0)}
+
+
+def render(
+    machine: Machine,
+    names: Sequence[str],
+    session: Session,
+    found: Diagnosis,
+    check: DataCheck,
+    not_judged: Mapping[str, str],
+    reference: Sequence[str] = (),
+) -> str:
+    """The page as HTML; nothing in it is loaded from elsewhere.
+
+    Args:
+        reference: names of the recordings of the healthy machine.
+    """
+    telling = _telling(found)
+    claimed = sorted({each.channel for each in found.effects} & found.replay.gap.keys())
+    accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
+    return _page(
+        machine=machine,
+        names=names,
+        reference=reference,
+        found=found,
+        lead=BLIND if found.is_blind else VERDICTS[found.verdict.value],
+        faults=(),
+        remarks=check.remarks,
+        not_judged=_by_reason(not_judged),
+        quiet=[CHANNELS[name] for name in found.gap if name not in telling],
+        tolerated=[CHANNELS[name] for name, each in found.gap.items() if each.matters],
+        named=_by_weight(found.effects) if accepted else found.effects[:1],
+        shown=claimed,
+        accepted=accepted,
+        waterfalls=draw_waterfalls(found, telling if accepted else ()),
+        replays=draw_replays(found, claimed if accepted else ()),
+        gaps=draw_gaps(session, found, telling),
+    )
+
+
+def _by_reason(not_judged: Mapping[str, str]) -> dict[str, list[str]]:
+    """Names of the effects that could not be judged for each reason."""
+    found: dict[str, list[str]] = {}
+    for name, reason in not_judged.items():
+        found.setdefault(reason, []).append(name)
+    return found
+
+
+def _by_weight(named: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """The surest first; of those that are as sure, the one that makes most of the difference."""
+    return sorted(named, key=lambda each: (-round(each.probability, 1), -each.shrink.estimate))
+
+
+def _telling(found: Diagnosis) -> list[str]:
+    """Channels whose gap matters, or that an effect is named in."""
+    claimed = {each.channel for each in found.effects}
+    return [name for name, gap in found.gap.items() if name in claimed or gap.matters]
+
+
+def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) -> str:
+    """The page where the data forbid a diagnosis."""
+    return _page(
+        machine=machine,
+        names=names,
+        reference=(),
+        found=None,
+        lead="The recording cannot be diagnosed.",
+        faults=check.faults,
+        remarks=check.remarks,
+        not_judged={},
+        quiet=(),
+        tolerated=(),
+        named=(),
+        shown=(),
+        accepted=False,
+        waterfalls={},
+        replays={},
+        gaps={},
+    )
+
+
+def _page(**content: object) -> str:
+    filters: dict[str, Callable[..., object]] = {
+        "shown": shown,
+        "percent": percent,
+        "points": points,
+        "words": words,
+        "sure": sure,
+        "amount": amount,
+        "quantity": quantity,
+        "places": places,
+    }
+    return rendered(
+        "diagnosis.html",
+        filters,
+        **content,
+        channels=CHANNELS,
+        labels=LABELS,
+        floors=FLOORS,
+        describe=lambda n: get_effect(n).description,
+    )
+
+
+def shown(value: Interval) -> str:
+    """Value and interval in a handy unit."""
+    unit, factor = _SHOWN_UNITS.get(value.unit, (value.unit, 1.0))
+    if value.unit == "m" and abs(value.value) >= 1e-3:
+        unit, factor = "mm", 1e3
+    elif value.unit == "s" and abs(value.value) >= 0.1:
+        unit, factor = value.unit, 1.0
+    low, middle, high = (factor * each for each in (value.low, value.value, value.high))
+    return f"{middle:.3g} {unit} ({low:.3g} to {high:.3g})".replace("  ", " ")
+
+
+def amount(value: float, unit: str) -> str:
+    """A value in a handy unit.
+
+    >>> amount(7.22e-7, "m")
+    '0.722 µm'
+    """
+    shown_unit, factor = _SHOWN_UNITS.get(unit, (unit, 1.0))
+    return f"{factor * value:.3g} {shown_unit}"
+
+
+def sure(probability: float) -> str:
+    """Confidence in words that never say certain.
+
+    >>> sure(0.9999), sure(0.75)
+    ('more than 99 % sure', '75 % sure')
+    """
+    return "more than 99 % sure" if probability > 0.99 else f"{percent(probability)} sure"
+
+
+def quantity(effect: str, parameter: str) -> str:
+    """Description of a parameter, as its effect gives it.
+
+    >>> quantity("backlash", "width_m")
+    'Clearance'
+    """
+    described = next(p for p in get_effect(effect).parameters if p.name == parameter)
+    return described.description.rstrip(".")
+
+
+def percent(share: float) -> str:
+    """A share in whole percent."""
+    return f"{100.0 * share:.0f} %"
+
+
+def points(value: Shrink) -> str:
+    """A shrink with its interval.
+
+    >>> points(Shrink(0.802, 0.67, 0.904))
+    '80 % (67 to 90)'
+    """
+    low, high = round(100.0 * value.low), round(100.0 * value.high)
+    return f"{percent(value.estimate)} ({low} to {high})"
+
+
+def places(found: Sequence[Place]) -> list[str]:
+    """Location of a gap, a sentence for each variable.
+
+    >>> spans = (Place("torque_nm", "motor_speed_rad_s", *ends, "rad/s", 0.71, 0.8, 0.01)
+    ...          for ends in ((-5.02, 1.5), (800.0, 1260.4)))
+    >>> places(list(spans))
+    ['Torque: 71 % of the difference follows the motor speed, -5.02 to 1.5, 800 to 1260 rad/s.']
+    """
+    spans: dict[tuple[str, str], list[Place]] = {}
+    for each in found:
+        spans.setdefault((each.channel, each.variable), []).append(each)
+    return [
+        f"{CHANNELS[channel].capitalize()}: {percent(mine[0].share)} of the difference "
+        f"follows the {_over(variable, mine)}."
+        for (channel, variable), mine in spans.items()
+    ]
+
+
+def _over(variable: str, mine: Sequence[Place]) -> str:
+    name, _, unit = LABELS[variable].partition(", ")
+    if variable == "direction":
+        ways = {(0.0, 1.0): ", most of it forwards", (-1.0, 0.0): ", most of it backwards"}
+        return name + ways.get((mine[0].low, mine[0].high), "")
+    ranges = ", ".join(f"{_plain(each.low)} to {_plain(each.high)}" for each in mine)
+    return f"{name}, {ranges} {unit}"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+
+
+def words(name: str) -> str:
+    """A name without its underscores.
+
+    >>> words("load_offset")
+    'load offset'
+    """
+    return name.replace("_", " ")

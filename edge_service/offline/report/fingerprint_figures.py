@@ -1,0 +1,187 @@
+"""The curves of a fingerprint as figures, over those of its baseline."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from ...fingerprint.fingerprint import AxisFingerprint
+from ...fingerprint.regression.interval_estimate import Identified
+from ...fingerprint.result import Curve
+from ...messages.samples import Floats
+from .figures import ESTIMATE, MUTED, STYLE, TRUTH
+
+PANEL_INCHES = (7.6, 3.1)
+_POINTS = {"forward": (">", ESTIMATE), "backward": ("<", "#c9820b")}
+_PARTS = {"Coulomb": "#12857a", "viscous": "#7b2d8b", "Stribeck": "#c0392b"}
+_ONLY_NOW = {*_POINTS, *_PARTS, "measured"}
+"""Curves of a baseline that are not drawn beneath those of now."""
+_COLD_TO_WARM, _WARMEST = mpl.colormaps["plasma"], 0.85
+_RPM = ("screw speed, rpm", 60.0 / (2.0 * math.pi))
+_SHOWN = {
+    "stiffness, N/m": ("stiffness, N/µm", 1e-6),
+    "lost motion, m": ("lost motion, µm", 1e6),
+    "table position, m": ("table position, mm", 1e3),
+    "motor speed, rad/s": _RPM,
+}
+"""Labels of SI curves -> label and factor of the plot."""
+_LEAST_SHOWN = {"backlash": 1.0}
+"""Section -> least height of its plot, in its unit: below it there is noise only."""
+_FROM_ZERO = ("friction", "stiffness", "backlash", "equability", "signature")
+_HEADROOM = 1.05
+_NAMED_ORDERS = 4
+_OUT_OF_NOISE = 5.0
+
+
+def draw_sections(now: AxisFingerprint, before: AxisFingerprint | None) -> dict[str, Figure]:
+    """Section name -> figure, of the sections that have curves of more than one point."""
+    figures = {}
+    for name, section in now.sections.items():
+        curves = _drawable(section.curves)
+        if not curves:
+            continue
+        known = before.sections[name].curves if before and name in before.sections else ()
+        with mpl.rc_context(STYLE):
+            if name == "friction_runs":
+                figures[name] = _friction_runs(curves)
+            else:
+                figures[name] = _panel(name, curves, _drawable(known), section.figures)
+    return figures
+
+
+def _drawable(curves: Sequence[Curve]) -> list[Curve]:
+    """Curves of more than one known point: what is undetermined is not drawn."""
+    return [_in_units_shown(curve) for curve in curves if np.isfinite(curve.y).sum() > 1]
+
+
+def _in_units_shown(curve: Curve) -> Curve:
+    x_label, x_factor = _SHOWN.get(curve.x_label, (curve.x_label, 1.0))
+    y_label, y_factor = _SHOWN.get(curve.y_label, (curve.y_label, 1.0))
+    x, y = x_factor * curve.x, y_factor * curve.y
+    return Curve(curve.name, x, y, x_label, y_label)
+
+
+def _friction_runs(curves: Sequence[Curve]) -> Figure:
+    """Tests of one axis from the first to the last, and what each changed (Figure 5.11)."""
+    figure = Figure(figsize=(PANEL_INCHES[0], 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.set(xlabel=curves[0].x_label, ylabel=curves[0].y_label)
+    right.set(xlabel=curves[0].x_label, ylabel=f"change since {_stem(curves[0])}, N m")
+    for k, curve in enumerate(curves):
+        style: Any = {"ms": 3, "lw": 1.0, "color": _COLD_TO_WARM(_WARMEST * k / (len(curves) - 1))}
+        left.plot(curve.x, curve.y, "o-", label=_stem(curve), **style)
+        right.plot(curve.x, curve.y - curves[0].y, "o-", **style)
+    for axes in (left, right):
+        _logarithmic(axes)
+    figure.legend(loc="outside upper left", ncols=5)
+    return figure
+
+
+def _stem(curve: Curve) -> str:
+    """Name of a recording without its suffix."""
+    return curve.name.rpartition(".")[0] or curve.name
+
+
+def _panel(
+    name: str, curves: Sequence[Curve], old: Sequence[Curve], known: Mapping[str, Identified]
+) -> Figure:
+    figure = Figure(figsize=PANEL_INCHES, layout="constrained")
+    axes = figure.subplots()
+    if name == "friction":
+        curves, old = _magnitudes(curves), _magnitudes(old)
+    axes.set(xlabel=curves[0].x_label, ylabel=curves[0].y_label)
+    for curve in old:
+        if curve.name not in _ONLY_NOW:
+            _draw(axes, curve, MUTED, f"baseline, {curve.name}", "--")
+    for curve, colour in zip(curves, _colours(curves), strict=True):
+        _draw(axes, curve, colour, curve.name, ":" if curve.name in _PARTS else "-")
+    _dress(name, axes, curves, known)
+    figure.legend(loc="outside upper left", ncols=7, fontsize=8, columnspacing=1.2)
+    return figure
+
+
+def _colours(curves: Sequence[Curve]) -> list[str]:
+    plain = iter((TRUTH, ESTIMATE, "#c9820b", *_PARTS.values()))
+    return [_PARTS[curve.name] if curve.name in _PARTS else next(plain) for curve in curves]
+
+
+def _draw(axes: Axes, curve: Curve, colour: str, label: str, line: str) -> None:
+    if curve.name in _POINTS:
+        marker, colour = _POINTS[curve.name]
+        axes.plot(curve.x, curve.y, marker, ms=4, mfc="none", color=colour, label=label)
+        return
+    marker = "o" if len(curve.x) < 30 else ""
+    axes.plot(curve.x, curve.y, line, marker=marker, ms=4, lw=1.3, color=colour, label=label)
+
+
+def _dress(name: str, axes: Axes, curves: Sequence[Curve], known: Mapping[str, Identified]) -> None:
+    """Scales and marks of one section."""
+    if name in ("friction", "equability", "frequency_response"):
+        _logarithmic(axes)
+    if name == "frequency_response":
+        axes.set_yscale("log")
+        _mark_modes(axes, known)
+    if name in _FROM_ZERO:
+        _from_zero(axes, _LEAST_SHOWN.get(name, 0.0))
+    if name == "signature":
+        _name_orders(axes, curves[0])
+
+
+def _from_zero(axes: Axes, least: float) -> None:
+    """Zero at an edge, unless there is something beyond it, and a height of `least` or more."""
+    drawn = axes.dataLim
+    low, high = min(drawn.y0, 0.0), max(drawn.y1, 0.0)
+    low = -least if -least < low < 0.0 else low
+    axes.set_ylim(_HEADROOM * low, _HEADROOM * max(high, least))
+
+
+def _logarithmic(axes: Axes) -> None:
+    """A logarithmic axis of x with plain numbers at 1, 2 and 5."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _mark_modes(axes: Axes, known: Mapping[str, Identified]) -> None:
+    for key, height in (("antiresonance_hz", 0.97), ("resonance_hz", 0.85)):
+        mode = known.get(key)
+        if mode is not None and math.isfinite(mode.value):
+            axes.axvline(mode.value, color=MUTED, lw=0.8, ls="--")
+            text = f"{key.removesuffix('_hz')} {mode.value:.0f} Hz  "
+            place = (mode.value, height)
+            label = axes.annotate(text, place, xycoords=("data", "axes fraction"))
+            label.set(ha="right", va="top", bbox={"fc": "white", "ec": "none", "pad": 1.0})
+
+
+def _name_orders(axes: Axes, curve: Curve) -> None:
+    """The order at the greatest peaks, as far as they stand out."""
+    floor = _OUT_OF_NOISE * float(np.median(curve.y))
+    for k in _peaks(curve.y)[:_NAMED_ORDERS]:
+        if curve.y[k] > floor:
+            place = (float(curve.x[k]), float(curve.y[k]))
+            text = f"{curve.x[k]:g} per turn"
+            axes.annotate(text, place, (4, -2), textcoords="offset points", va="top")
+
+
+def _peaks(values: Floats) -> list[int]:
+    """Indices of the local maxima, the greatest first."""
+    inner = np.flatnonzero((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])) + 1
+    return [int(k) for k in sorted(inner, key=lambda k: -values[k])]
+
+
+def _magnitudes(curves: Sequence[Curve]) -> list[Curve]:
+    """Both directions folded onto positive speeds, with a gap between them."""
+    folded = []
+    for curve in curves:
+        turn = np.flatnonzero((curve.x[:-1] < 0.0) & (curve.x[1:] > 0.0)) + 1
+        x, y = (np.abs(np.insert(values, turn, np.nan)) for values in (curve.x, curve.y))
+        label = f"magnitude of the {curve.y_label}"
+        folded.append(replace(curve, x=x, y=y, y_label=label))
+    return folded

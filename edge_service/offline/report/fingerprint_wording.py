@@ -1,0 +1,157 @@
+"""Wording of a fingerprint for a maintenance engineer: words, units, digits."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ...fingerprint.regression.interval_estimate import Identified
+from ...fingerprint.result import Section
+
+
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """Wording of a section for a maintenance engineer.
+
+    Attributes:
+        headline: what the names of its chief figures begin with.
+        most: of them that are named.
+    """
+
+    title: str
+    meaning: str
+    headline: tuple[str, ...]
+    most: int = 3
+
+
+WORDING: Mapping[str, Wording] = {
+    "friction": Wording(
+        "Friction",
+        "Torque that moving at constant speed takes. Its level follows preload and lubrication, a "
+        "rise at low speed thin lubrication, the slope the grease.",
+        ("coulomb_nm", "viscous_nm_s_per_rad", "stribeck_excess_nm"),
+    ),
+    "friction_runs": Wording(
+        "Friction from test to test",
+        "The friction tests of the session from the first to the last. A fall at low speed is "
+        "lubricant that warms up; the change is that of the last test against the first.",
+        ("change_at_",),
+        most=1,
+    ),
+    "stiffness": Wording(
+        "Stiffness along the stroke",
+        "How hard it is to push the table away from where the motor holds it; the locked resonance "
+        "is the frequency at which the table then swings. A softer axis at all places points to "
+        "the nut or the bearing.",
+        ("stiffness_", "locked_resonance_"),
+    ),
+    "backlash": Wording(
+        "Backlash and lost motion",
+        "What the table stays behind when the motor turns back: wind-up by friction, and play.",
+        ("lost_motion_",),
+    ),
+    "equability": Wording(
+        "Evenness",
+        "How much the torque varies at constant speed. A rise means rough running.",
+        ("ripple_",),
+    ),
+    "signature": Wording(
+        "Signature",
+        "Where in each turn of the screw the torque varies: once per turn is a bent or misaligned "
+        "screw, higher orders are the balls and their return.",
+        ("once_per_rev_", "balls_"),
+    ),
+    "reversal_error": Wording(
+        "Reversal error",
+        "What a slow change of direction leaves on the workpiece, as on the quadrants of a circle.",
+        ("following_peak_m", "encoder_step_m"),
+    ),
+    "frequency_response": Wording(
+        "Frequency response",
+        "How the motor answers a torque at each frequency. Falling modes mean a softer drive.",
+        ("antiresonance_hz", "resonance_hz"),
+    ),
+    "inertia": Wording("Inertia", "What accelerating the whole axis takes.", ("inertia_kg_m2",)),
+    "preload": Wording(
+        "Preload of the nut",
+        "From the drag, which guides and bearings disturb, and from the stiffness against that of "
+        "the fresh axis.",
+        ("preload_from_drag_n", "preload_from_stiffness_n"),
+    ),
+}
+_SHOWN_UNITS = {
+    "m": ("µm", 1e6),
+    "N/m": ("N/µm", 1e-6),
+    "kg m^2": ("kg cm²", 1e4),
+    "s": ("ms", 1e3),
+    "1": ("", 1.0),
+}
+_MOST_DECIMALS = {"m": 3}
+"""Unit -> decimals shown at most: nobody wants to know less than a nanometre."""
+_NAMES = ("Coulomb", "Stribeck")
+
+
+def headline(name: str, section: Section) -> dict[str, Identified]:
+    """The chief figures of a section, as far as they have a number, the most telling first."""
+    wording = WORDING[name]
+    told = [
+        (key, figure)
+        for start in wording.headline
+        for key, figure in section.figures.items()
+        if key.startswith(start) and math.isfinite(figure.value)
+    ]
+    return dict(told[: wording.most])
+
+
+def shown(figure: Identified) -> str:
+    """Value and interval with the digits that the interval allows.
+
+    >>> shown(Identified(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0))
+    '8.00 µm (7.60 to 8.40)'
+    >>> shown(Identified(math.nan, 0.0, 8.4e-6, "m", 9.0))
+    '0.0 to 8.4 µm'
+    """
+    unit, factor = _SHOWN_UNITS.get(figure.unit, (figure.unit, 1.0))
+    known = math.isfinite(figure.value)
+    if not known and not figure.determined:
+        return "undetermined"
+    half = 0.5 * (figure.high - figure.low) * factor
+    value = figure.value * factor if known else figure.high * factor
+    spread = half if math.isfinite(half) and half > 0.0 else abs(value) or 1.0
+    decimals = 1 - math.floor(math.log10(spread))
+    decimals = min(decimals, _MOST_DECIMALS.get(figure.unit, decimals))
+    small = decimals > 5
+    digits = max(decimals + 1 + math.floor(math.log10(abs(value) or spread)), 2)
+
+    def number(bound: float) -> str:
+        return (
+            f"{bound * factor:#.{digits}g}" if small else f"{bound * factor:.{max(decimals, 0)}f}"
+        )
+
+    bounds = f"{number(figure.low)} to {number(figure.high)}"
+    told = f"{number(figure.value)} {unit} ({bounds})" if known else f"{bounds} {unit}"
+    return told.replace("  ", " ").strip()
+
+
+def brief(figure: Identified) -> str:
+    """The value alone, with the digits that its interval allows."""
+    return shown(figure).partition(" (")[0]
+
+
+def plain(name: str) -> str:
+    """A figure's name in words, its unit left out.
+
+    >>> plain("friction.level_15_rpm_nm")
+    'friction: level 15 rpm'
+    >>> plain("backlash.backlash_at_400_mm_m")
+    'backlash at 400 mm'
+    """
+    section, _, key = name.rpartition(".")
+    for ending in ("_nm_s_per_rad", "_n_per_m", "_rad_s", "_kg_m2", "_nm", "_hz", "_n", "_m", "_s"):
+        if key.endswith(ending):
+            key = key.removesuffix(ending)
+            break
+    words = key.replace("_", " ")
+    for proper in _NAMES:
+        words = words.replace(proper.lower(), proper)
+    place = section.replace("_", " ")
+    return words if not section or words.startswith(place) else f"{place}: {words}"

@@ -1,0 +1,200 @@
+"""`edge-service simulate`: recordings of the simulated axis with any set of effects."""
+
+import contextlib
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..messages.channels import CHANNELS
+from ..models.effects.registry import parse_effect
+from ..models.machine import Machine
+from ..models.motion import MotionLimits, motion_limits
+from ..models.plant.feed_drive import FeedDrive, FeedDriveSettings
+from ..models.screw.stiffness import CATALOGUE_PRELOAD_PERCENT
+from ..trace.columns import TraceError
+from ..trace.writer import TraceFormat, TraceWriter
+from .commanded_motion import CommandedMotion, MotionWish
+
+_BLOCK_S = 10.0
+_NUMBERED = re.compile(r"[0-9]{2,}_.+\.(csv|parquet|mcap)")
+Progress = Callable[[str], None]
+
+
+class SimulationError(Exception):
+    """A simulation that cannot be; the text is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationSettings:
+    """Settings of a simulation.
+
+    Attributes:
+        motion: name of the commanded motion, or NAME:duration_s=SECONDS.
+        effects: beyond those of the machine file, each as NAME[:key=value,...].
+        duration_s: axis time; the motion's own unless given.
+        preload_percent: of the dynamic load rating; the machine file's fresh preload unless given.
+        added_mass_kg: weight plates on the table; the drive does not know of them.
+        external_force_n: constant force on the table, positive along x; it stands in the record.
+        seed: of noise and motion; the same seed gives the same bytes.
+    """
+
+    motion: str = "production"
+    effects: tuple[str, ...] = ()
+    duration_s: float | None = None
+    preload_percent: float | None = None
+    added_mass_kg: float = 0.0
+    external_force_n: float = 0.0
+    seed: int = 1
+    rate_hz: float = 1000.0
+
+
+def simulate(
+    machine: Machine, settings: SimulationSettings, out: Path, progress: Progress = lambda _: None
+) -> str:
+    """Write the recording to `out`, .csv or .parquet, and return a line that tells what it is.
+
+    Raises:
+        SimulationError: an unknown motion or effect, or a number that cannot be.
+        TraceError: `out` cannot be written.
+    """
+    axis = _Axis.of_machine(machine, settings)
+    try:
+        wish = MotionWish.parse(settings.motion, settings.duration_s)
+        commanded = wish.cut_off(axis.limits, settings.rate_hz, axis.random(1))
+    except ValueError as error:
+        raise SimulationError(str(error)) from error
+    with TraceWriter(out, tuple(CHANNELS)) as writer:
+        axis.record(commanded, writer, progress)
+    return axis.told(commanded, out)
+
+
+def simulate_session(
+    machine: Machine,
+    settings: SimulationSettings,
+    motions: Sequence[str],
+    out: Path,
+    file_format: TraceFormat = TraceFormat.CSV,
+    progress: Progress = lambda _: None,
+) -> str:
+    """Run motions one after another on one axis, each into a file of the folder `out`.
+
+    Warm-up, clock and noise carry on from file to file, as in a session at a machine; each motion
+    begins and ends at rest at home. The files are called 01_friction.csv, 02_warmup.csv, ..., and
+    appear once all are recorded.
+
+    Args:
+        settings: of the axis; its own motion and duration are not used.
+        motions: each NAME, or NAME:duration_s=SECONDS.
+
+    Returns:
+        A line on each file.
+
+    Raises:
+        SimulationError: as `simulate` does, or the folder holds recordings of another session.
+        TraceError: a file cannot be written.
+    """
+    axis = _Axis.of_machine(machine, settings)
+    try:
+        session = [
+            MotionWish.parse(motion).and_home(axis.limits, settings.rate_hz, axis.random(number))
+            for number, motion in enumerate(motions, start=1)
+        ]
+    except ValueError as error:
+        raise SimulationError(str(error)) from error
+    paths = _numbered(out, [each.name for each in session], file_format)
+    with contextlib.ExitStack() as files:
+        writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
+        for commanded, writer in zip(session, writers, strict=True):
+            axis.record(commanded, writer, progress)
+    return "\n".join(
+        axis.told(commanded, path) for commanded, path in zip(session, paths, strict=True)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Axis:
+    """The simulated axis, at home, under the conditions of the settings."""
+
+    drive: FeedDrive
+    limits: MotionLimits
+    preload_percent: float
+    settings: SimulationSettings
+
+    @classmethod
+    def of_machine(cls, machine: Machine, settings: SimulationSettings) -> "_Axis":
+        _check_numbers(settings)
+        preload_percent = _preload_percent(machine, settings.preload_percent)
+        try:
+            effects = [parse_effect(text) for text in settings.effects]
+            drive_settings = FeedDriveSettings.of_machine(machine, settings.rate_hz, effects)
+            limits = motion_limits(machine)
+            drive = FeedDrive(drive_settings, limits.low_m, preload_percent, settings.seed)
+        except ValueError as error:
+            raise SimulationError(str(error)) from error
+        return cls(drive, limits, preload_percent, settings)
+
+    def random(self, number: int) -> np.random.Generator:
+        """Generator of what is left to chance in the motion of this number, from 1 on."""
+        return np.random.default_rng((self.settings.seed, number))
+
+    def record(self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress) -> None:
+        """Run a motion and write what the drive reports."""
+        settings, count = self.settings, commanded.count
+        block = round(_BLOCK_S * settings.rate_hz)
+        for done in range(0, count, block):
+            rows = min(block, count - done)
+            frame = self.drive.advance(
+                commanded.setpoints.take(rows),
+                np.full(rows, self.preload_percent),
+                external_force_n=np.full(rows, settings.external_force_n),
+                added_mass_kg=np.full(rows, settings.added_mass_kg),
+            )
+            writer.write(frame)
+            progress(f"{(done + rows) / settings.rate_hz:.0f} of {count / settings.rate_hz:.0f} s")
+
+    def told(self, commanded: CommandedMotion, out: Path) -> str:
+        """Description of a recording, for people."""
+        present = ", ".join(each.effect.name for each in self.drive.settings.effects) or "none"
+        return (
+            f"{out}: {commanded.count} rows, {commanded.count / self.settings.rate_hz:g} s of "
+            f"{commanded.name} at {self.preload_percent:.3g} % preload; effects: {present}"
+        )
+
+
+def _preload_percent(machine: Machine, wanted: float | None) -> float:
+    """Preload, %; where the machine file knows none, that of a nut as its catalogue has it."""
+    if wanted is None:
+        fresh = machine.fresh_preload_percent
+        return CATALOGUE_PRELOAD_PERCENT if fresh is None else fresh
+    missing = machine.missing_for_percent()
+    if missing is not None:
+        raise SimulationError(f"preload: {missing} is missing in the machine file")
+    if not 0.0 <= wanted <= 100.0:
+        raise SimulationError(f"preload: expected 0 to 100 %, got {wanted:g}")
+    return wanted
+
+
+def _numbered(out: Path, names: Sequence[str], file_format: TraceFormat) -> list[Path]:
+    """A file for each motion in the folder `out`, which is made."""
+    paths = [out / f"{k:02}_{name}.{file_format}" for k, name in enumerate(names, start=1)]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        there = {path for path in out.iterdir() if _NUMBERED.fullmatch(path.name)}
+    except OSError as error:
+        raise TraceError(f"{out}: no folder for recordings ({error.strerror})") from None
+    if strange := sorted(there - set(paths)):
+        raise SimulationError(
+            f"{strange[0]}: is of another session; expected a new folder, or the same files"
+        )
+    return paths
+
+
+def _check_numbers(settings: SimulationSettings) -> None:
+    if not 0.0 <= settings.added_mass_kg < math.inf:
+        raise SimulationError(f"added mass: expected 0 kg or more, got {settings.added_mass_kg:g}")
+    if not math.isfinite(settings.external_force_n):
+        raise SimulationError(f"external force: expected newtons, got {settings.external_force_n}")

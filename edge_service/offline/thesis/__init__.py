@@ -1,0 +1,1 @@
+"""The thesis' simulations again, beside its published figures."""

@@ -1,0 +1,235 @@
+"""`edge-service reproduce puzzle`: why a linear model would not fit the bench (Figure 5.13).
+
+The linear two-mass model of the print, with the bench's own inertia and viscous friction and one
+spring, meets a simulated bench that has the measured kind of friction, a stiffness that falls along
+the stroke, and a warm-up. Fitting its parameters helps little. The diagnosis says what the model
+lacks, in the order in which it matters; what it names is put into the model, and it is asked again.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...atomic import replaced_file
+from ...config import DEFAULT_MACHINE, load_machine
+from ...diagnose.pipeline import Diagnosis, diagnose_session
+from ...diagnose.session.recordings import Run, runs_of
+from ...diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
+from ...diagnose.session.twin import rigid_baseline
+from ...messages.samples import SampleFrame
+from ...models.effects.registry import get_effect, machine_effects, parse_effect
+from ...models.effects.signature import transmission_signature
+from ...models.machine import EffectConfig, Machine, Quantity
+from ...models.motion import MOTIONS, Setpoints, motion_limits
+from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
+from ..report.pictures import write_png
+from .puzzle_picture import CHANNELS, Step, draw_puzzle
+
+BENCH = {"guide_force_n": 0.0, "table_mass_kg": 20.0}
+HIDDEN = (
+    "stribeck:excess_nm=0.1,speed_rad_s=4",
+    "warmup:excess_nm=0.08,time_constant_s=200",
+)
+"""Beside the Coulomb friction and the falling stiffness that the bench has anyway."""
+SESSION = (("acceleration", None), ("friction", None), ("warmup", 60.0), ("production", 40.0))
+ROUNDS = 2
+LEAST_SHRINK = 0.04
+"""A step that shrinks no channel by this share is none."""
+_UNIT_M_PER_N = 1e-8
+_RATE_HZ = 1000.0
+_PRELOAD_PERCENT = 6.85
+_SEED = 1
+Progress = Callable[[str], None]
+Entry = tuple[str, dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One diagnosis: what it said, and the steps that what it named takes the gap down."""
+
+    verdict: str
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Puzzle:
+    """The whole way from the linear model down.
+
+    Attributes:
+        before, fitted, floor: root mean square gap by channel of the linear model, of the same with
+            the parameters that fit best, and of what no model could explain.
+    """
+
+    before: dict[str, float]
+    fitted: dict[str, float]
+    floor: dict[str, float]
+    rounds: tuple[Round, ...]
+
+    @property
+    def steps(self) -> list[Step]:
+        """All steps in their order."""
+        return [step for each in self.rounds for step in each.steps]
+
+    def as_text(self) -> str:
+        """Report of what is missing, in which order, and how far each addition shrinks the gap."""
+        lines = ["the linear two-mass model against the bench; root mean square gap"]
+        lines += [_line("linear model", self.before), _line("the same, fitted", self.fitted)]
+        for number, each in enumerate(self.rounds, start=1):
+            lines += [_line(f"+ {step.effect}", step.gap) for step in each.steps]
+            lines += [f"  diagnosis {number}: {each.verdict}"]
+        return "\n".join([*lines, _line("noise floor", self.floor)])
+
+
+def _line(name: str, gap: dict[str, float]) -> str:
+    shown = [f"{factor * gap[channel]:8.3g} {unit}" for channel, unit, factor in CHANNELS]
+    return f"  {name:<24}" + "  ".join(shown)
+
+
+def reproduce_puzzle(out: Path, progress: Progress = lambda _line: None) -> str:
+    """Write the picture `puzzle.png` into `out`; returns the story as text."""
+    found = solve(progress)
+    write_png(draw_puzzle(found.before, found.fitted, found.floor, found.steps), out / "puzzle.png")
+    with replaced_file(out / "puzzle.txt") as file:
+        file.write(found.as_text() + "\n")
+    return f"{found.as_text()}\npicture: {out / 'puzzle.png'}"
+
+
+def solve(progress: Progress = lambda _line: None) -> Puzzle:
+    """Rebuild the situation, and ask the diagnosis until it names nothing more."""
+    progress("the bench runs")
+    bench = bench_machine()
+    frames = recorded(bench)
+    machine = linear_model(bench, frames)
+    refitted = fitted(machine, frames)
+    runs = list(runs_of(frames, rigid_baseline(machine)))
+    first = _session(machine, runs)
+    before = {name: rows.rms for name, rows in first.channels.items()}
+    best = _gap(refitted, list(runs_of(frames, rigid_baseline(refitted))))
+    rounds: list[Round] = []
+    floor: dict[str, float] = {}
+    while len(rounds) < ROUNDS:
+        progress(f"diagnosis {len(rounds) + 1}")
+        found = diagnose_session(_session(machine, runs), machine, progress=progress)
+        floor = {name: each.noise_floor for name, each in found.gap.items()}
+        steps, better = _added(machine, runs, found)
+        rounds.append(Round(found.verdict.value, tuple(steps)))
+        if not steps:
+            break
+        machine = better
+    return Puzzle(before, best, floor, tuple(rounds))
+
+
+def bench_machine() -> Machine:
+    """The bench with a guide that rubs."""
+    machine = load_machine(DEFAULT_MACHINE)
+    more = {name: Quantity(value=value) for name, value in BENCH.items()}
+    return machine.model_copy(update={"model": machine.model.model_copy(update=more)})
+
+
+def recorded(bench: Machine) -> list[SampleFrame]:
+    """The session on the bench, a recording for each motion."""
+    limits = motion_limits(bench)
+    settings = FeedDriveSettings.of_machine(
+        bench, _RATE_HZ, [parse_effect(text) for text in HIDDEN]
+    )
+    drive = FeedDrive(settings, limits.low_m, _PRELOAD_PERCENT, _SEED)
+    frames = []
+    for number, (name, duration_s) in enumerate(SESSION, start=1):
+        random = np.random.default_rng((_SEED, number))
+        plan = MOTIONS[name].plan(limits, random, duration_s=duration_s)
+        count = round(plan.duration_s * _RATE_HZ)
+        setpoints = Setpoints(iter(plan.segments), limits.low_m, _RATE_HZ).take(count)
+        frames.append(drive.advance(setpoints, np.full(count, _PRELOAD_PERCENT)))
+    return frames
+
+
+def linear_model(bench: Machine, frames: Sequence[SampleFrame]) -> Machine:
+    """Inertia and viscous friction of the bench, one spring, no dry friction."""
+    model = bench.model.model_copy(update={"preload_drag_nm": Quantity(value=0.0)})
+    linear = bench.model_copy(update={"model": model})
+    return _with_effect(linear, "compliance", {"level_m_per_n": _spring(linear, frames)})
+
+
+def fitted(linear: Machine, frames: Sequence[SampleFrame]) -> Machine:
+    """The linear model with the inertia and the viscous friction that fit best: least squares."""
+    session = _session(linear, list(runs_of(frames, rigid_baseline(linear))))
+    columns = np.column_stack(
+        [
+            session.torque_column(lambda motion: motion.acceleration_rad_s2),
+            session.torque_column(lambda motion: motion.speed_rad_s),
+        ]
+    )
+    inertia, viscous = np.linalg.lstsq(columns, session.channels[TORQUE_GAP].gap, rcond=None)[0]
+    model = linear.model
+    better = {
+        "inertia_kg_m2": _moved(model.inertia_kg_m2, inertia),
+        "viscous_nm_s_per_rad": _moved(model.viscous_nm_s_per_rad, viscous),
+    }
+    return linear.model_copy(update={"model": model.model_copy(update=better)})
+
+
+def _moved(quantity: Quantity, by: float) -> Quantity:
+    return quantity.model_copy(update={"value": quantity.value + float(by)})
+
+
+def _spring(machine: Machine, frames: Sequence[SampleFrame]) -> float:
+    """Compliance that explains most of the stretch, m/N."""
+    session = _session(machine, list(runs_of(frames, rigid_baseline(machine))))
+    effect = get_effect("compliance")
+    unit = effect.complete({"level_m_per_n": _UNIT_M_PER_N})
+    column = session.transmission_column(
+        lambda motion: transmission_signature(effect, unit, motion, session.baseline)
+    )
+    gap = session.channels[TRANSMISSION_GAP].gap
+    return _UNIT_M_PER_N * float(column @ gap / (column @ column))
+
+
+def _with_effect(machine: Machine, name: str, values: dict[str, float]) -> Machine:
+    parameters = {key: Quantity(value=float(value)) for key, value in values.items()}
+    added = EffectConfig(name=name, parameters=parameters)
+    return machine.model_copy(update={"effects": (*machine.effects, added)})
+
+
+def _session(machine: Machine, runs: Sequence[Run]) -> Session:
+    return Session.of_runs(runs, rigid_baseline(machine), machine_effects(machine))
+
+
+def _added(machine: Machine, runs: Sequence[Run], found: Diagnosis) -> tuple[list[Step], Machine]:
+    """Add what was named to the model one by one, each time what helps most."""
+    waiting = {
+        each.name: [(each.name, dict(values)) for values in each.entries] for each in found.effects
+    }
+    steps: list[Step] = []
+    now = _gap(machine, runs)
+    while waiting:
+        tried: dict[tuple[str, ...], Machine] = {
+            (name,): _with_all(machine, waiting[name]) for name in waiting
+        }
+        gaps = {names: _gap(each, runs) for names, each in tried.items()}
+        names = min(gaps, key=lambda n: _change(gaps[n], now))
+        if _change(gaps[names], now) >= 0.0:  # these help together only
+            names = tuple(waiting)
+            tried[names] = _with_all(machine, [each for one in waiting.values() for each in one])
+            gaps[names] = _gap(tried[names], runs)
+        if min(gaps[names][c] / now[c] for c in now) < 1.0 - LEAST_SHRINK:
+            machine, now = tried[names], gaps[names]
+            steps.append(Step(" and ".join(names), now))
+        waiting = {name: entries for name, entries in waiting.items() if name not in names}
+    return steps, machine
+
+
+def _change(gap: dict[str, float], before: dict[str, float]) -> float:
+    """Sum over channels of the logarithm by which a gap grew."""
+    return float(sum(np.log(gap[name] / before[name]) for name in before))
+
+
+def _with_all(machine: Machine, entries: Sequence[Entry]) -> Machine:
+    for name, values in entries:
+        machine = _with_effect(machine, name, values)
+    return machine
+
+
+def _gap(machine: Machine, runs: Sequence[Run]) -> dict[str, float]:
+    return {name: rows.rms for name, rows in _session(machine, runs).channels.items()}

@@ -1,1 +1,0 @@
-"""Outputs from the bus to systems that people already have."""

@@ -1,0 +1,1 @@
+"""Recordings of SINUMERIK controls: trace XML, Industrial Edge names, one axis of many."""

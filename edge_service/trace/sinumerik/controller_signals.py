@@ -1,0 +1,209 @@
+"""The names and units of a controller's signals: SINUMERIK traces and Industrial Edge columns.
+
+Units of a SINUMERIK trace, by `unitsType`, as recordings show them (the speed of a linear axis is
+60 times the derivative of its position): posn mm, velo mm/min, current A. A rotary axis has posn in
+degrees and velo in rev/min. `CmdTorque` is in N m whatever its `unitsType` (611DTime1 occurs).
+Units of Industrial Edge columns (Siemens, SINUMERIK Connector, "Which HF data can be collected"):
+positions mm, speeds mm/s, torque N m. A scale under [columns] in the machine file comes first.
+
+No channel has the meaning of commanded speeds (`CMD_SPEED`, `CmdVelCtrlIn`; the speed channels are
+measured), following error, load and status. `ActVelMotorSide` (veloRot) is left out as well: no
+source gives its unit, and one recording shows 18 rev/min as 0.005.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...messages.channels import (
+    ANGLE,
+    MOTOR_SPEED,
+    SETPOINT,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    TIME,
+    TORQUE,
+)
+from ..columns import ColumnLike, ColumnMap, TraceError
+from .controller_axis import ControllerAxis
+
+SINUMERIK_UNITS = {"posn": "mm", "velo": "mm/min", "veloRot": "rev/min", "current": "A"}
+SINUMERIK_SIGNALS = {
+    TORQUE: ("CmdTorque", "ActCurr"),
+    ANGLE: ("ActPos1stEnc", "measPos1"),
+    MOTOR_SPEED: ("ActVelMot", "ActVel1stEnc"),
+    TABLE_POSITION: ("ActPos2ndEnc", "measPos2"),
+    TABLE_SPEED: ("ActVel2ndEnc",),
+    SETPOINT: ("CmdPos2ndEnc", "CmdPos1stEnc", "cmdContrPos"),
+}
+"""Channel -> signals that hold it, the better one first."""
+
+EDGE_UNITS = {
+    "TORQUE": "N m",
+    "CURRENT": "A",
+    "ENC1_POS": "mm",
+    "ENC2_POS": "mm",
+    "DES_POS": "mm",
+}
+EDGE_SIGNALS = {
+    TORQUE: ("TORQUE", "CURRENT"),
+    ANGLE: ("ENC1_POS",),
+    TABLE_POSITION: ("ENC2_POS",),
+    SETPOINT: ("DES_POS",),
+}
+EDGE_CYCLE = "CYCLE"
+
+_SINUMERIK_NAME = re.compile(r"(?:.*/)?(?P<short>[^/\[\s]+)\s*\[.*[,;]\s*(?P<axis>\d+)\s*\]\s*")
+_SERVO_DATA = re.compile(r"nckServoData(?P<short>.+?)(?:32|64)?")
+_EDGE_NAME = re.compile(r"(?P<short>[A-Z][A-Z0-9_]*)\|(?P<axis>\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerSignal:
+    """One signal of a controller's recording.
+
+    Attributes:
+        column: its name in the file.
+        short: what it measures, in the controller's words.
+        axis: the controller's number of the axis.
+        unit: of its values; None where nothing is known about it.
+    """
+
+    column: str
+    short: str
+    axis: int
+    unit: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerColumns:
+    """Mapping of the signals of one axis to channels.
+
+    Attributes:
+        columns: channel -> its column.
+        aliases: short name -> name of the column, for the chosen axis.
+        used: channel -> how its column is read, in words.
+        lacking: channel -> what would be needed to read a signal as this channel, in words.
+    """
+
+    columns: dict[str, ColumnMap] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)
+    used: dict[str, str] = field(default_factory=dict)
+    lacking: dict[str, str] = field(default_factory=dict)
+
+    def resolve(self, columns: Mapping[str, ColumnLike]) -> dict[str, ColumnLike]:
+        """A machine file's columns with short names written out."""
+        return {
+            channel: ColumnMap(self.aliases[column.column], column.scale, column.offset)
+            if column.column in self.aliases
+            else column
+            for channel, column in columns.items()
+        }
+
+    def remarks(self, chosen: Mapping[str, ColumnMap]) -> tuple[str, ...]:
+        """One line on each channel that is read by its name, or could be if more were known."""
+        used = [
+            line for channel, line in self.used.items() if chosen[channel] == self.columns[channel]
+        ]
+        lacking = [line for channel, line in self.lacking.items() if channel not in chosen]
+        return (*used, *lacking)
+
+
+def sinumerik_signal(column: str, units_type: str) -> ControllerSignal | None:
+    """Signal of a name such as `/Nck/!SD/nckServoDataActCurr32 [u1, 7]`; None if of no axis.
+
+    The last index is the axis.
+    """
+    found = _SINUMERIK_NAME.fullmatch(column)
+    if found is None:
+        return None
+    servo = _SERVO_DATA.fullmatch(found["short"])
+    short = servo["short"] if servo else found["short"]
+    unit = "N m" if short == "CmdTorque" else SINUMERIK_UNITS.get(units_type)
+    return ControllerSignal(column, short, int(found["axis"]), unit)
+
+
+def edge_signals(names: Sequence[str]) -> list[ControllerSignal]:
+    """Signals of columns such as `ENC1_POS|1`; none if no known one is among them."""
+    found = [(name, _EDGE_NAME.fullmatch(name)) for name in names]
+    signals = [
+        ControllerSignal(name, match["short"], int(match["axis"]), EDGE_UNITS.get(match["short"]))
+        for name, match in found
+        if match
+    ]
+    return signals if any(signal.unit for signal in signals) else []
+
+
+def map_signals(
+    path: Path,
+    signals: Sequence[ControllerSignal],
+    meanings: Mapping[str, Sequence[str]],
+    axis: ControllerAxis,
+    columns: Mapping[str, ColumnLike],
+) -> ControllerColumns:
+    """Columns of one axis.
+
+    Args:
+        path: the file, for messages.
+        signals: what the file holds.
+        meanings: channel -> short names, the better one first.
+        axis: the axis that is wanted.
+        columns: of the machine file; a signal that they name says which axis is meant.
+
+    Raises:
+        TraceError: the axis is not there, or it is open which one is meant.
+    """
+    if not signals and axis.number is None:
+        return ControllerColumns()
+    named = {column.column for column in columns.values()}
+    meant = {signal.axis for signal in signals if signal.column in named}
+    wanted = meant.pop() if axis.number is None and len(meant) == 1 else axis.number
+    number = _axis_number(path, signals, wanted)
+    of_axis = {s.short.lower(): s for s in reversed(signals) if s.axis == number}
+    found = ControllerColumns(aliases={each.short: each.column for each in of_axis.values()})
+    for channel, names in meanings.items():
+        for signal in (of_axis[name.lower()] for name in names if name.lower() in of_axis):
+            if _map_signal(found, channel, signal, axis):
+                break
+    return found
+
+
+def _map_signal(
+    found: ControllerColumns, channel: str, signal: ControllerSignal, axis: ControllerAxis
+) -> bool:
+    """Enter a signal as a channel, or what that lacks."""
+    scale = None if signal.unit is None else axis.scale(channel, signal.unit)
+    if signal.unit is None or scale is None:
+        what = "its unit" if signal.unit is None else axis.missing(channel, signal.unit)
+        found.lacking[channel] = f"{channel} could be {signal.short}, lacking: {what}"
+        return False
+    found.columns[channel] = ColumnMap(signal.column, scale)
+    link = axis.link(channel, signal.unit)
+    basis = f"{signal.unit}, with {link}" if link else signal.unit
+    found.used[channel] = f"{channel} = {scale:.6g} * {signal.short} ({basis})"
+    return True
+
+
+def _axis_number(path: Path, signals: Sequence[ControllerSignal], wanted: int | None) -> int:
+    numbers = sorted({signal.axis for signal in signals})
+    shown = ", ".join(str(number) for number in numbers) or "none"
+    if wanted is not None:
+        if wanted not in numbers:
+            raise TraceError(f"{path}: no signal of axis {wanted}; axes there are: {shown}")
+        return wanted
+    if len(numbers) == 1:
+        return numbers[0]
+    raise TraceError(
+        f"{path}: axes there are: {shown}; expected the number of the one wanted "
+        "(--axis-number, or number under [axis] of the machine file)"
+    )
+
+
+def check_edge_time(path: Path, names: Sequence[str], columns: Mapping[str, ColumnLike]) -> None:
+    """Refuse Edge columns that count cycles where nothing says how long a cycle is."""
+    if EDGE_CYCLE in names and TIME not in names and TIME not in columns:
+        raise TraceError(
+            f"{path}: column {EDGE_CYCLE!r} counts position-control cycles; give their length in "
+            f"the machine file: [columns] time_s = {{ column = {EDGE_CYCLE!r}, scale = 0.002 }}"
+        )

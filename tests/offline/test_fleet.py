@@ -1,0 +1,257 @@
+"""The overview of many services: two real ones, silent ones, strange ones."""
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from datetime import UTC, datetime
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from edge_service.cli.entry import main
+from edge_service.config import ServiceConfig
+from edge_service.config_tables import FleetConfig, FleetServiceConfig
+from edge_service.messages.health import AxisCondition
+from edge_service.offline.fleet.ask import ask_fleet
+from edge_service.offline.fleet.rows import rows_of
+from edge_service.offline.fleet.table import as_json_line, table_of
+
+from ..nodes.conftest import Running, config_of, running, until
+
+NOW = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
+
+
+def fleet_of(*addresses: str, timeout_s: float = 20.0) -> FleetConfig:
+    return FleetConfig(
+        timeout_s=timeout_s, services=[FleetServiceConfig(address=each) for each in addresses]
+    )
+
+
+class Service:
+    """Answers as a service with one axis would that loses `loss` % of 10 % per 1000 h."""
+
+    def __init__(self, machine: str, loss: float, condition: str = "NORMAL") -> None:
+        rate = -loss / 100.0 * 10.0 / 1000.0
+        error = 0.05 * abs(rate) * 1.645
+        crossing = {"limit": "warning", "limit_percent": 6.0, "likely": None}
+        crossing |= {"earliest": "2026-03-01T00:00:00.000Z", "latest": "2026-05-01T00:00:00.000Z"}
+        interval = {"value": rate, "low": rate - error, "high": rate + error}
+        trend = {"rate_percent_per_h": interval, "crossings": [crossing]}
+        axis = {"axis": "X", "condition": condition}
+        self.answers: dict[str, Any] = {
+            "/api/v1/axes": {
+                "site": "s",
+                "machine": machine,
+                "axes": [axis | {"limits": {"fresh_percent": 10.0}}],
+            },
+            "/api/v1/health": {"axes": [axis | {"alarms": [], "reasons": [], "trend": trend}]},
+            "/api/v1/axes/X/preload": axis
+            | {"status": "estimated", "preload_percent": 8.0, "low": 7.5, "high": 8.5}
+            | {"age_s": 0.1, "reasons": []},
+        }
+
+
+def asked(services: dict[str, Service], address: str, left_s: float) -> Any:
+    """What one of the services answers; nobody waits."""
+    assert left_s > 0.0
+    host, _, path = address.partition("/api/")
+    return services[host].answers[f"/api/{path}"]
+
+
+async def normal(service: Running) -> str:
+    """The address of a service, once its axis is NORMAL."""
+    address = await service.address
+
+    async def is_normal() -> bool:
+        async with httpx.AsyncClient(base_url=address) as client:
+            answer = (await client.get("/api/v1/axes/X/preload")).json()
+        return bool(answer["condition"] == "NORMAL" and answer["status"] == "estimated")
+
+    await until(is_normal)
+    return address
+
+
+async def test_two_services_and_a_silent_one_in_one_table() -> None:
+    settings = {"scenario": "healthy", "speed": 20.0}
+    sites = [ServiceConfig(site="north", machine="m1"), ServiceConfig(site="south", machine="m2")]
+    configs = [config_of("simulated", settings, service=site) for site in sites]
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))  # taken, and nobody listens
+        dead = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        async with running(configs[0]) as one, running(configs[1]) as two:
+            addresses = [await normal(one), dead, await normal(two)]
+            rows = await asyncio.to_thread(ask_fleet, fleet_of(*addresses))
+    by_machine = {row.machine: row for row in rows}
+    for machine, site in (("m1", "north"), ("m2", "south")):
+        row = by_machine[machine]
+        assert (row.site, row.axis) == (site, "X")
+        assert row.condition is AxisCondition.NORMAL
+        assert row.low is not None and row.high is not None and row.preload_percent is not None
+        assert row.low <= row.preload_percent <= row.high
+        assert row.fits is True
+    lost = by_machine["?"]
+    assert lost.condition is AxisCondition.UNAVAILABLE
+    assert "refused" in lost.reason
+    assert table_of(rows).startswith("FLEET UNAVAILABLE: 1 UNAVAILABLE, 2 NORMAL\n")
+    assert dead in table_of(rows)
+
+
+def test_the_axis_that_wears_faster_is_named_with_its_peers() -> None:
+    losses = {f"http://h{k}": 10.0 + 0.3 * k for k in range(5)} | {"http://h9": 50.0}
+    services = {address: Service(address[-2:], loss) for address, loss in losses.items()}
+    rows = ask_fleet(fleet_of(*services), lambda address, left: asked(services, address, left))
+    assert rows[0].machine == "h9"
+    assert [row.peers is not None and row.peers.faster for row in rows] == [True, *[False] * 5]
+    assert rows[0].peers is not None
+    assert rows[0].peers.peers_loss == pytest.approx(10.6)  # the middle of 10, 10.3 ... 11.2
+    assert rows[0].loss_percent_per_1000_h is not None
+    assert rows[0].loss_percent_per_1000_h[0] == pytest.approx(50.0)
+    text = table_of(rows, NOW)
+    assert "s/h9/X loses 50 % of its fresh preload per 1000 h, its 5 peers 10.6 %" in text
+    assert "warning 2026-03-01 to 2026-05-01" in text
+
+
+def test_the_worst_comes_first() -> None:
+    conditions = ("NORMAL", "UNAVAILABLE", "FAULT", "WARNING")
+    services = {f"http://h{k}": Service(f"h{k}", 1.0, each) for k, each in enumerate(conditions)}
+    rows = ask_fleet(fleet_of(*services), lambda address, left: asked(services, address, left))
+    assert [row.condition.value for row in rows] == ["FAULT", "WARNING", "UNAVAILABLE", "NORMAL"]
+    answer = json.loads(as_json_line(rows))
+    assert answer["condition"] == "FAULT"
+    assert answer["rows"][0]["machine"] == "h2"
+
+
+@pytest.mark.parametrize(
+    ("path", "answer"),
+    [
+        ("/api/v1/axes", []),
+        ("/api/v1/axes", {"axes": 3}),
+        ("/api/v1/health", {"axes": []}),
+        ("/api/v1/axes/X/preload", {"axis": "X"}),
+        ("/api/v1/axes/X/preload", None),
+    ],
+)
+def test_a_strange_answer_is_told_and_spoils_nothing(path: str, answer: object) -> None:
+    services = {"http://a": Service("a", 1.0), "http://b": Service("b", 1.0)}
+    services["http://b"].answers[path] = answer
+    rows = ask_fleet(fleet_of(*services), lambda address, left: asked(services, address, left))
+    assert [row.condition.value for row in rows] == ["UNAVAILABLE", "NORMAL"]
+    assert "no answer of an edge-service" in rows[0].reason
+
+
+def test_members_that_a_newer_service_adds_are_no_fault() -> None:
+    service = Service("a", 1.0)
+    answers = [{**answer, "more": [1]} for answer in service.answers.values()]
+    (row,) = rows_of("http://a", answers[0], answers[1], [answers[2]])
+    assert row.share_percent == pytest.approx(80.0)
+
+
+def test_a_service_that_hangs_holds_nobody_up() -> None:
+    released = threading.Event()
+    services = {"http://a": Service("a", 1.0), "http://b": Service("b", 1.0)}
+
+    def ask(address: str, left_s: float) -> Any:
+        if address.startswith("http://b"):
+            released.wait(60.0)
+        return asked(services, address, left_s)
+
+    begin_s = time.monotonic()
+    rows = ask_fleet(fleet_of("http://a", "http://b", timeout_s=0.5), ask)
+    took_s = time.monotonic() - begin_s
+    released.set()
+    assert took_s < 5.0
+    assert [row.condition.value for row in rows] == ["UNAVAILABLE", "NORMAL"]
+    assert rows[0].reason == "no answer within 0.5 s"
+
+
+class _Foreign(BaseHTTPRequestHandler):
+    def do_GET(self) -> None:
+        if self.path.startswith("/html"):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"<html>")
+        else:
+            self.send_error(404)
+
+    def log_message(self, *args: object) -> None:
+        """Quiet."""
+
+
+def test_a_foreign_server_is_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    server = HTTPServer(("127.0.0.1", 0), _Foreign)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    address = f"http://127.0.0.1:{server.server_port}"
+    try:
+        assert main(["fleet", address, f"{address}/html"]) == 0
+    finally:
+        server.shutdown()
+        server.server_close()
+    text = capsys.readouterr().out
+    assert "/api/v1/axes answers 404" in text
+    assert "/api/v1/axes answers no JSON" in text
+
+
+def test_watching_goes_on_until_it_is_interrupted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        if len(slept) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("edge_service.cli.fleet.time.sleep", sleep)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        dead = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        assert main(["fleet", dead, "--json", "--watch", "7"]) == 130
+    assert slept == [7.0, 7.0]
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["condition"] for line in lines] == ["UNAVAILABLE"] * 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "expected addresses, or --services"),
+        (["ftp://x"], "no address of the form http://127.0.0.1:8080/"),
+        (["http://x:port"], "no address of the form"),
+        (["http://"], "no address of the form"),
+        (["http://127.0.0.1:1", "--timeout", "0"], "0"),
+    ],
+)
+def test_what_is_no_address_is_refused(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fleet", *arguments]) == 2
+    seen = capsys.readouterr()
+    assert seen.out == ""
+    assert said in seen.err
+    assert len(seen.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "services: missing"),
+        ("services = []", "services"),
+        ("[[services]]\naddres = 'http://a'", "services[0].address: missing"),
+        ("[[services]]\naddress = 'a'", "no address of the form"),
+        ("[[services]", "no TOML"),
+    ],
+)
+def test_a_fleet_file_is_checked(
+    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "fleet.toml"
+    path.write_text(content)
+    assert main(["fleet", "--services", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert str(path) in error
