@@ -139,7 +139,7 @@ def ask_recording(each: Recorded, home: Path) -> None:
     asked(["gap", *model, *each.traces, "--json"], home / "gap.txt")
     asked(["doctor", *model, *each.traces, "--json"], home / "doctor.txt")
     asked(["diagnose", *model, *each.traces, "--out", home / "diagnosis"], home / "said.txt")
-    asked(["fingerprint", *model, *each.traces[:2], "--out", home / "print"], home / "print.txt")
+    asked(["fingerprint", *model, *each.traces[:1], "--out", home / "print"], home / "print.txt")
     out, state = home / "estimates.csv", home / "state.json"
     estimated: list[str | Path] = ["estimate", *model, each.traces[0], "--out", out]
     asked(estimated, home / "estimate.txt")
