@@ -1,7 +1,7 @@
 """Answers of the commands before and after a change that is to change none of them.
 
     python -m tests.bench.same_answers record FOLDER
-    python -m tests.bench.same_answers check FOLDER
+    python -m tests.bench.same_answers check FOLDER [--only own_1_friction ...]
 
 `record` makes recordings (own and foreign plant; a second plant and real machines where they lie
 beside the checkout) and keeps what the commands say of them; `check` asks again and compares byte
@@ -122,14 +122,17 @@ def really_recorded(folder: Path) -> Iterator[Recorded]:
         yield Recorded("real_slow_mill", ROOT / "deploy" / "cnc_mill.toml", (mill,))
 
 
-def ask_all(folder: Path, answers: Path) -> None:
-    """Ask every command of every recording."""
+def ask_all(folder: Path, answers: Path, only: Sequence[str] = ()) -> None:
+    """Ask every command of every recording, or of some; paths of this checkout are left out."""
     answers.mkdir(parents=True)
     for each in recorded(folder):
-        ask_recording(each, answers / each.name)
-    ask_models(answers)
+        if not only or each.name in only:
+            ask_recording(each, answers / each.name)
+    if not only:
+        ask_models(answers)
     for path in answers.rglob("*.txt"):
-        path.write_text(path.read_text("utf-8").replace(str(answers), "ANSWERS"), "utf-8")
+        said = path.read_text("utf-8").replace(str(answers), "ANSWERS")
+        path.write_text(said.replace(str(ROOT), "ROOT"), "utf-8")
 
 
 def ask_recording(each: Recorded, home: Path) -> None:
@@ -165,13 +168,13 @@ def ask_models(answers: Path) -> None:
     asked(["reproduce", "--out", answers / "thesis"], answers / "thesis.txt")
 
 
-def differing(before: Path, after: Path) -> list[str]:
+def differing(before: Path, after: Path, only: Sequence[str] = ()) -> list[str]:
     """Names of answers that differ, or are there once only."""
     names = {
         path.relative_to(root)
         for root in (before, after)
         for path in root.rglob("*")
-        if path.suffix in COMPARED
+        if path.suffix in COMPARED and (not only or path.relative_to(root).parts[0] in only)
     }
     return [
         str(name)
@@ -186,6 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("record", "check"))
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", nargs="*", default=(), help="names of recordings")
     given = parser.parse_args(arguments)
     folder = given.folder.resolve()
     if given.what == "record":
@@ -200,8 +204,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ask_all(folder, folder / "answers")
         return 0
     with tempfile.TemporaryDirectory(prefix="same-answers-") as home:
-        ask_all(folder, Path(home) / "answers")
-        found = differing(folder / "answers", Path(home) / "answers")
+        ask_all(folder, Path(home) / "answers", given.only)
+        found = differing(folder / "answers", Path(home) / "answers", given.only)
         for name in found:
             sys.stdout.write(f"{name}\n")
             kept = folder / "differing" / name
