@@ -33,9 +33,11 @@ step $bin/ruff format --check --quiet .
 step $bin/ruff check --quiet .
 step $bin/mypy --no-error-summary
 step $bin/lint-imports --no-logo
+# A process per core: no test shares a port, a cache or a folder with another.
+parallel="-n auto --dist worksteal"
 if [ "${1:-all}" = fast ]; then
-  step $bin/python -m pytest -q -m "not slow"
+  step $bin/python -m pytest -q $parallel -m "not slow"
 else
-  step $bin/python -m pytest -q
+  step $bin/python -m pytest -q $parallel
 fi
 echo "check: all good" >&2
