@@ -14,6 +14,8 @@ _MOST_SEARCHED = 60
 """Evaluations from one start; one that has not found its valley by then is in none that counts."""
 _FIRST_STEP = 2.0**-8
 """Of a bracket, in coordinates, where the curvature at the optimum says nothing."""
+_LEAST_STEP = 1e-9
+"""Of a bracket: below it the numbers themselves are as coarse, and a search would never end."""
 _BOUND_SHARE = 2e-3
 """Accuracy of a bound over its distance from the value."""
 
@@ -233,7 +235,7 @@ class _Profile:
 
         inside, below = start, -root
         guess = math.sqrt(max(self.limit * float(self.spread[index, index]), 0.0))
-        step = min(guess, 1.0) if guess > 0.0 else _FIRST_STEP
+        step = min(guess, 1.0) if guess > _LEAST_STEP else _FIRST_STEP
         while inside != end:
             trial = min(max(start + direction * step, 0.0), 1.0)
             above = beyond(trial)
