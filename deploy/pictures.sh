@@ -1,5 +1,5 @@
 #!/bin/sh
-# Draws the pictures of the README's tour anew: the motions, the healthy axis, its warm-up, the
+# Draws the pictures of the documents anew: the motions, the healthy axis, its warm-up, the
 # puzzle, and the rows of the estimator's bench.
 set -eu
 cd "$(dirname "$0")/.."

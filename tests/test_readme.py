@@ -1,23 +1,15 @@
-"""What the README shows works."""
+"""The client of the bus that the documents show works."""
 
 import asyncio
-import re
 import subprocess
 import sys
-from pathlib import Path
 
+from .documents import block
 from .nodes.conftest import config_of, running
-
-README = (Path(__file__).parents[1] / "README.md").read_text()
-
-
-def block(language: str, containing: str) -> str:
-    blocks = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
-    return next(text for text in blocks if containing in text)
 
 
 async def test_the_client_of_the_readme_hears_samples_and_preload() -> None:
-    source = block("python", "zenoh.open")
+    source = block("edge_service/bus/README.md", "python", "zenoh.open")
     config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
     async with running(config, ("acquire", "downsample", "estimate")) as service:
         client = await asyncio.create_subprocess_exec(

@@ -1,16 +1,16 @@
-"""The bridge that the README shows passes estimates on."""
+"""The bridge that the operators' guide shows passes estimates on."""
 
 import asyncio
 import re
 import subprocess
 import sys
 
+from .documents import block
 from .nodes.conftest import config_of, running
-from .test_readme import block
 
 
 async def test_the_bridge_of_the_readme_prints_the_line_protocol() -> None:
-    source = block("python", "preload,site=")
+    source = block("deploy/README.md", "python", "preload,site=")
     config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
     async with running(config, ("acquire", "downsample", "estimate")) as service:
         bridge = await asyncio.create_subprocess_exec(

@@ -1,7 +1,6 @@
-"""The example package of the README is installed and run, as a stranger would."""
+"""The example package of the drivers' README is installed and run, as a stranger would."""
 
 import asyncio
-import re
 import subprocess
 import sys
 from collections.abc import AsyncIterator
@@ -10,9 +9,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from .bench import ROOT
+from ..documents import ROOT, block
 
-README = (ROOT / "README.md").read_text()
+README = "drivers/README.md"
 CONFIG = """
 [bus]
 endpoint = "tcp/127.0.0.1:0"
@@ -24,17 +23,12 @@ port = {port}
 """
 
 
-def block(language: str, containing: str) -> str:
-    blocks = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
-    return next(text for text in blocks if containing in text)
-
-
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder into which the package is installed."""
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
-    (source / "pyproject.toml").write_text(block("toml", "csv_over_tcp"))
-    (source / "csv_over_tcp.py").write_text(block("python", "class CsvTcpDriver"))
+    (source / "pyproject.toml").write_text(block(README, "toml", "csv_over_tcp"))
+    (source / "csv_over_tcp.py").write_text(block(README, "python", "class CsvTcpDriver"))
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     options = ["--no-deps", "--target", str(target), str(source)]
     done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
@@ -67,7 +61,7 @@ async def device() -> AsyncIterator[int]:
 
 
 def test_the_example_is_no_longer_than_a_page() -> None:
-    lines = block("python", "class CsvTcpDriver").splitlines()
+    lines = block(README, "python", "class CsvTcpDriver").splitlines()
     assert sum(bool(line.strip()) for line in lines) <= 60
 
 

@@ -79,7 +79,7 @@ KNOWN_LIMITS = {
     "test_mixture_recovery.py": "one encoder: a new nut is taken for lubrication for minutes",
     "test_fused_stop.py": "another nut after a night is told only in part",
 }
-"""What the estimator does not do yet (README, Limits), by the file of its cases."""
+"""What the estimator does not do yet (its README, Limits), by the file of its cases."""
 LIMITED_CASES = (
     "test_what_the_model_does_not_know_is_not_taken_for_a_loss[backlash",
     "test_what_is_there_from_the_first_sample_is_no_loss[torque_gain_error",
@@ -94,5 +94,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Expect the cases beyond the estimator's known limits to fail, and run them all the same."""
     for item in items:
         if item.path.parent.name == "estimate" and item.name.startswith(LIMITED_CASES):
-            reason = KNOWN_LIMITS.get(item.path.name, "a known limit: see README, Limits")
+            reason = KNOWN_LIMITS.get(
+                item.path.name, "a known limit: see edge_service/estimate/README.md"
+            )
             item.add_marker(pytest.mark.xfail(reason=reason, strict=False))

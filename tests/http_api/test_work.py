@@ -207,7 +207,7 @@ async def test_a_schema_describes_every_payload(client):
 
 
 async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_scene):
-    """The figure of the README, in processor time: what else a machine does must not count."""
+    """The figure of the benchmarks, in processor time: what else a machine does must not count."""
     from time import process_time
 
     from edge_service.health.history.rows import single_rows

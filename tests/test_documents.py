@@ -1,0 +1,234 @@
+"""What documents say is so: links, pictures, modules, commands, options, blocks, figures."""
+
+import ast
+import hashlib
+import hmac
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from prometheus_client.core import CounterMetricFamily
+
+from edge_service import exit_status
+from edge_service.cli.entry import cli
+from edge_service.estimate.channel_reasons import channel_reasons
+from edge_service.health.service_state import Board
+from edge_service.http_api.metrics import BoardCollector
+from edge_service.http_api.metrics_outlook import OutlookCollector
+from edge_service.messages.features import Fault
+from edge_service.nodes.webhook import sign
+
+from .bench.commands import bench
+from .documents import ROOT, block, blocks, document, documents
+
+FIRST_PAGE_LINES = 150
+PATHS = sorted(documents())
+ROOMS = [path.parent for path in ROOT.glob("edge_service/*/__init__.py")]
+HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests", ROOT / "tests" / "bench"]
+UNNAMED = ("__", "conftest", "test_same_answers")
+COMMAND = re.compile(r"edge-service ([a-z][a-z-]*)(?: ([a-z][a-z-]*))?")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+OTHERS = re.compile(r"^\S*(uv|git|pip|python|prometheus|curl) |^# |^\s*--hash")
+"""Commands of other programs."""
+
+
+def test_the_first_page_is_short() -> None:
+    assert len(document("README.md").splitlines()) <= FIRST_PAGE_LINES
+
+
+@pytest.mark.parametrize("room", [*ROOMS, *HOUSES], ids=lambda path: path.name)
+def test_every_room_has_a_readme_that_names_all_in_it(room: Path) -> None:
+    text = document((room / "README.md").relative_to(ROOT).as_posix())
+    for path in room.iterdir():
+        if path.is_dir() and any(path.rglob("*.py")):
+            named = (f"`{path.name}/`", f"`{path.name}`", f"[{path.name}]", f"/{path.name}/")
+            assert any(name in text for name in named), path
+        elif path.suffix == ".py" and not path.name.startswith(UNNAMED):
+            assert f"`{path.name}`" in text, path
+
+
+def test_every_document_is_linked_from_another() -> None:
+    linked = {
+        (ROOT / path).parent.joinpath(target.partition("#")[0]).resolve()
+        for path, text in documents().items()
+        for target in links(text)
+    }
+    for path in set(PATHS) - {"README.md"}:
+        assert (ROOT / path).resolve() in linked, path
+
+
+def links(text: str) -> list[str]:
+    """Relative targets of links and pictures outside of blocks."""
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    targets = re.findall(r"\]\(([^)\s]+)\)", prose)
+    return [target for target in targets if not re.match(r"[a-z]+:", target)]
+
+
+def anchors(text: str) -> set[str]:
+    """Anchors of the headings, as GitHub makes them."""
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", prose, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_every_link_and_picture_leads_somewhere(path: str) -> None:
+    for target in links(document(path)):
+        file, _, anchor = target.partition("#")
+        found = (ROOT / path).parent / file if file else ROOT / path
+        assert found.exists(), target
+        if anchor:
+            assert anchor in anchors(found.read_text("utf-8")), target
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_every_file_that_a_document_names_exists(path: str) -> None:
+    spans = re.findall(r"`((?:deploy|tests|drivers|edge_service)/[\w./*-]+)`", document(path))
+    for span in spans:
+        assert list(ROOT.glob(span.rstrip("/"))), span
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_every_block_is_whole(path: str) -> None:
+    text = document(path)
+    for each in blocks(text, "python"):
+        compile(each, path, "exec")
+    for each in blocks(text, "toml"):
+        tomllib.loads(each)
+    for each in blocks(text, "json"):
+        json.loads(each)
+
+
+def command_of(match: re.Match[str]) -> click.Command | None:
+    """The command, or the command of a group, that a text names."""
+    name, part = match.groups()
+    found = bench if name == "bench" else cli.commands.get(name)
+    if isinstance(found, click.Group) and part in found.commands:
+        return found.commands[part]
+    return found
+
+
+def options_of(commands: list[click.Command | None]) -> set[str]:
+    """Long options of commands, and the one that all have."""
+    return {"--help"} | {
+        option
+        for command in commands
+        if command is not None
+        for parameter in command.params
+        for option in parameter.opts
+    }
+
+
+def passages(text: str) -> Iterator[list[str]]:
+    """Lines of each block, or the code spans of each paragraph, list item or row of a table."""
+    text = re.sub(r"\\\n\s*", " ", text).replace("sh deploy/demo.sh", "edge-service run")
+    for content, prose in re.findall(
+        r"^```\w*\n(.*?)^```$|(.+?)(?=^```|\Z)", text, re.DOTALL | re.MULTILINE
+    ):
+        yield content.splitlines()
+        for each in re.split(r"\n\s*\n|\n(?=[|*]|\d+\. )", prose):
+            yield [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", each)]
+
+
+def wrong_uses(parts: list[str]) -> list[str]:
+    """Commands that do not exist, and options that the commands named beside them do not have."""
+    own = [part for part in parts if not OTHERS.search(part)]
+    near = [match for part in own for match in COMMAND.finditer(part)]
+    wrong = [match.group(0) for match in near if command_of(match) is None]
+    for part in own:
+        named = list(COMMAND.finditer(part)) or near
+        known = options_of([command_of(match) for match in named])
+        wrong += [f"{option}: {part}" for option in OPTION.findall(part) if option not in known]
+    return wrong
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_every_command_and_option_that_a_document_names_exists(path: str) -> None:
+    for parts in passages(document(path)):
+        assert wrong_uses(parts) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["`edge-service gap --speed 3`", "`--speed` of `edge-service gap`", "`edge-service judge`"],
+)
+def test_a_wrong_command_or_option_is_found(text: str) -> None:
+    assert [wrong_uses(parts) for parts in passages(text) if parts] != [[]]
+
+
+def test_every_metric_stands_in_the_operators_guide() -> None:
+    guide = document("deploy/README.md")
+    state = Board({"X": None}, 0)
+    for collector in (BoardCollector(state, 0), OutlookCollector(state, 0)):
+        for family in collector.collect():
+            name = family.name.removeprefix("edge_service_")
+            if isinstance(family, CounterMetricFamily):
+                name += "_total"
+            assert f"`{name}`" in guide, name
+
+
+def test_every_exit_status_stands_in_the_operators_guide() -> None:
+    statuses = [value for value in vars(exit_status).values() if isinstance(value, int)]
+    assert len(statuses) == 5
+    for status in statuses:
+        assert f"\n| {status} | " in document("deploy/README.md")
+
+
+def test_every_reason_of_a_channel_is_explained() -> None:
+    text = document("edge_service/downsample/README.md")
+    for fault in Fault:
+        for reason in channel_reasons(fault):
+            assert f"`{reason.partition(':')[0]}`" in text
+
+
+def schemas() -> set[str]:
+    """Names with a version that the product writes."""
+    return {
+        node.value
+        for path in ROOT.glob("edge_service/**/*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if re.fullmatch(r"[a-z]+(?:-[a-z]+)*/\d+", node.value)
+    }
+
+
+def test_every_schema_has_a_promise() -> None:
+    assert {"diagnosis/1", "fingerprint/1", "features/1"} <= schemas()
+    for schema in schemas():
+        assert f"`{schema}`" in document("edge_service/messages/README.md"), schema
+
+
+def test_the_receiver_of_a_webhook_knows_the_signature() -> None:
+    scope: dict[str, object] = {"hmac": hmac, "hashlib": hashlib}
+    exec(block("deploy/README.md", "python", "def genuine"), scope)
+    genuine, secret, body = scope["genuine"], b"secret", b'{"kind": "alarm_raised"}'
+    assert callable(genuine)
+    signature = sign(secret, "1700000000", body)
+    assert genuine(secret, "1700000000", body, signature)
+    assert not genuine(secret, "1700000001", body, signature)
+
+
+def test_the_unit_of_systemd_calls_commands_that_exist() -> None:
+    calls = re.findall(r"(?m)^Exec\w+=.+$", document("deploy/edge-service.service"))
+    assert len(calls) == 2
+    for call in calls:
+        match = COMMAND.search(call)
+        assert match
+        assert command_of(match)
+        assert set(OPTION.findall(call)) <= options_of([command_of(match)])
+    assert f"RestartPreventExitStatus={exit_status.BAD_INPUT}" in document(
+        "deploy/edge-service.service"
+    )
+
+
+def test_the_licence_is_the_one_that_the_project_states() -> None:
+    project = tomllib.loads(document("pyproject.toml"))["project"]
+    assert project["license"] == "Apache-2.0"
+    assert project["license-files"] == ["LICENSE"]
+    assert "Apache License\n                           Version 2.0" in document("LICENSE")
+    assert f"## {project['version']}\n" in document("deploy/CHANGELOG.md")
+    assert project["readme"] == "README.md"
