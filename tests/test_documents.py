@@ -51,6 +51,13 @@ def test_every_room_has_a_readme_that_names_all_in_it(room: Path) -> None:
             assert f"`{path.name}`" in text, path
 
 
+@pytest.mark.parametrize("room", [*ROOMS, ROOT / "drivers"], ids=lambda path: path.name)
+def test_every_room_states_its_bounds_and_how_it_grows(room: Path) -> None:
+    text = document((room / "README.md").relative_to(ROOT).as_posix())
+    for part in (r"\b(may\s+know|knows)\b", r"^(## Limits|Limits: )", r"^(## |\*\*)Adding an? "):
+        assert re.search(part, text, re.MULTILINE), part
+
+
 def test_every_document_is_linked_from_another() -> None:
     linked = {
         (ROOT / path).parent.joinpath(target.partition("#")[0]).resolve()

@@ -92,6 +92,26 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
         pytest.fail(" -> ".join(error.args[1]))
 
 
+def room_of(module: str) -> str:
+    """Room of a module: a package of the service, or the drivers."""
+    first, *rest = module.split(".")
+    return rest[0] if first == "edge_service" and rest else first
+
+
+def test_the_house_table_states_what_each_room_may_know() -> None:
+    """Modules beside the rooms (configuration, exit status, files) may be known by any."""
+    rows = re.findall(r"(?m)^\| \[(\w+)\]\(.+ \| (.+) \|$", document("edge_service/README.md"))
+    known = {room: set(re.findall(r"\w+", cell)) for room, cell in rows}
+    packages = {path.parent.name for path in ROOT.glob("edge_service/*/__init__.py")}
+    assert set(known) == {*packages, "drivers"}
+    every = set(known)
+    known |= {"cli": every, "offline": every - {"cli"}}
+    for module, used in import_graph(modules()).items():
+        room = room_of(module)
+        if room in known:
+            assert {room_of(each) for each in used} & every <= known[room] | {room}, module
+
+
 def test_a_circle_within_functions_and_across_packages_is_found(tmp_path: Path) -> None:
     (tmp_path / "one.py").write_text("def late():\n    from .two import name\n")
     (tmp_path / "two.py").write_text("from tests import one\n")
