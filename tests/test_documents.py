@@ -19,7 +19,17 @@ from edge_service.estimate.channel_reasons import channel_reasons
 from edge_service.health.service_state import Board
 from edge_service.http_api.metrics import BoardCollector
 from edge_service.http_api.metrics_outlook import OutlookCollector
+from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.features import Fault
+from edge_service.messages.quality import Quality
+from edge_service.models.machine import (
+    AxisConfig,
+    ColumnConfig,
+    EffectConfig,
+    Machine,
+    ModelConfig,
+    ToleranceConfig,
+)
 from edge_service.nodes.webhook import sign
 
 from .bench.commands import bench
@@ -167,6 +177,15 @@ def test_a_wrong_command_or_option_is_found(text: str) -> None:
     assert [wrong_uses(parts) for parts in passages(text) if parts] != [[]]
 
 
+def test_every_key_of_a_machine_file_stands_in_the_operators_guide() -> None:
+    guide = document("deploy/README.md")
+    example = Machine.model_validate(tomllib.loads(block("deploy/README.md", "toml", "lead_m")))
+    assert example.columns["torque_command_nm"].column == "u_V"
+    for table in (AxisConfig, ModelConfig, ToleranceConfig, ColumnConfig, EffectConfig, Machine):
+        for key in table.model_fields:
+            assert re.search(rf"\b{key}\b", guide), key
+
+
 def test_every_metric_stands_in_the_operators_guide() -> None:
     guide = document("deploy/README.md")
     state = Board({"X": None}, 0)
@@ -190,6 +209,18 @@ def test_every_reason_of_a_channel_is_explained() -> None:
     for fault in Fault:
         for reason in channel_reasons(fault):
             assert f"`{reason.partition(':')[0]}`" in text
+
+
+def test_every_alarm_stands_in_the_operators_guide() -> None:
+    for kind in AlarmKind:
+        assert f"`{kind.value}`" in document("deploy/README.md"), kind
+
+
+def test_every_quality_of_a_sample_is_explained() -> None:
+    table = re.search(r"(?m)^\| quality .+\n(\|.+\n)+", document("drivers/README.md"))
+    assert table
+    named = set(re.findall(r"`(\w+)`", table.group()))
+    assert named == {each.name.lower() for each in Quality} - {"good"}
 
 
 def schemas() -> set[str]:
