@@ -25,6 +25,7 @@ class Edit(Strict):
     stuck: list[str] = []
     missing: list[str] = []
     noise: dict[str, float] = {}
+    drag_nm: float = Field(0.0, description="added to the torque, with the sign of the speed")
     repeated_rows: float = 0.0
     missing_rows: float = 0.0
     clock_jump_s: float = 0.0

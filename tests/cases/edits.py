@@ -28,6 +28,9 @@ def _in_place(columns: Columns, edit: Edit, rng: np.random.Generator) -> None:
         columns[name][there] *= factor
     for name, added in edit.shift.items():
         columns[name][there] += added
+    if edit.drag_nm:
+        way = np.tanh(columns["motor_speed_rad_s"] / 0.1)
+        columns["torque_command_nm"][there] += edit.drag_nm * way[there]
     for name in edit.unsigned:
         columns[name][there] = np.abs(columns[name][there])
     for name in edit.stuck:
