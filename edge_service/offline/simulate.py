@@ -14,7 +14,7 @@ from ..models.effects.registry import parse_effect
 from ..models.machine import Machine
 from ..models.motion import MotionLimits, motion_limits
 from ..models.plant.feed_drive import FeedDrive, FeedDriveSettings
-from ..models.screw.stiffness import CATALOGUE_PRELOAD_PERCENT
+from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..trace.columns import TraceError
 from ..trace.writer import TraceFormat, TraceWriter
 from .commanded_motion import CommandedMotion, MotionWish

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture import physics
-from edge_service.estimate.mixture.physics import nut_deflection, stribeck, stroke_factor
+from edge_service.estimate.mixture.physics import stribeck, stroke_factor
 from edge_service.estimate.mixture.state import (
     BEARING_FRICTION,
     CLOCK_SKEW,
@@ -29,10 +29,12 @@ from edge_service.estimate.mixture.state import (
     Reading,
 )
 from edge_service.messages.samples import Floats
+from edge_service.models.screw.nut_law import nut_deflection
 
 from .mixture_axis import CLEARANCE, FRESH, FRESH_N, Truth, deflection, idle, parts
 
 MODEL, START, _ = parts()
+PAIR = (MODEL.fresh_percent, MODEL.fresh_preload_n, MODEL.clearance_share)
 LOADS_N = (-2000.0, -300.0, -1.0, 0.5, 60.0, 250.0, 1500.0)
 PERCENTS = (0.05, 0.3, 1.0, 3.0, 7.0, 9.0)
 
@@ -147,7 +149,7 @@ def test_the_compliance_is_the_stretch_per_force(seed: int) -> None:
 @pytest.mark.parametrize("percent", PERCENTS)
 @pytest.mark.parametrize("load_n", LOADS_N)
 def test_the_nut_yields_as_two_contacts_in_balance(load_n: float, percent: float) -> None:
-    y, by_force, by_percent = nut_deflection(load_n, percent, MODEL)
+    y, by_force, by_percent = nut_deflection(load_n, percent, *PAIR)
     assert y == pytest.approx(deflection(load_n, percent), rel=1e-6, abs=1e-9)
     steps = (1e-3 * abs(load_n), 1e-4 * percent)
     slanted = [
@@ -164,16 +166,16 @@ def test_the_nut_yields_as_two_contacts_in_balance(load_n: float, percent: float
 def test_a_small_load_meets_the_cube_root_law(percent: float) -> None:
     """K_n over that of the fresh pair is (p / p0)^(1/3) (5.3.11)."""
     load_n = 1.0
-    fresh, worn = (nut_deflection(load_n, p, MODEL)[0] for p in (FRESH, percent))
+    fresh, worn = (nut_deflection(load_n, p, *PAIR)[0] for p in (FRESH, percent))
     assert fresh == pytest.approx(load_n / (3.0 * FRESH_N), rel=1e-4)
     assert fresh / worn == pytest.approx(np.cbrt(percent / FRESH), rel=2e-3)
 
 
 def test_without_preload_the_pair_crosses_its_clearance_before_it_bears() -> None:
     left = (0.02 / FRESH) ** (2.0 / 3.0)
-    y, _, _ = nut_deflection(1e-3, 0.0, MODEL)
+    y, _, _ = nut_deflection(1e-3, 0.0, *PAIR)
     assert y == pytest.approx(CLEARANCE - left, abs=1e-3)
-    heavy, _, _ = nut_deflection(FRESH_N, 0.0, MODEL)
+    heavy, _, _ = nut_deflection(FRESH_N, 0.0, *PAIR)
     assert heavy == pytest.approx(CLEARANCE - left + 1.0, rel=1e-3)  # a single Hertz contact
 
 

@@ -21,7 +21,7 @@ from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.plant.feed_drive import FeedDriveSettings
 from edge_service.models.plant.two_mass import axial_compliance
-from edge_service.models.screw.stiffness import nut_stiffness
+from edge_service.models.screw.nut_law import nut_stiffness
 
 from .conftest import FRESH, GUIDE_FORCE_N, production_setpoints, run_axis
 

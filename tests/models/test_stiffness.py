@@ -3,13 +3,12 @@ import math
 import pytest
 
 from edge_service.models.plant.two_mass import Plant, axial_compliance
-from edge_service.models.screw.stiffness import (
+from edge_service.models.screw.nut_law import (
     LEAST_NUT_LOAD_PERCENT,
     catalogue_nut_stiffness,
     nut_stiffness,
-    screw_area,
-    screw_compliance,
 )
+from edge_service.models.screw.stiffness import screw_area, screw_compliance
 
 LENGTH_M, RIGIDITY_N = 0.998, 6.4e7
 

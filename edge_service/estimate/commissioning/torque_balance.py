@@ -7,6 +7,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.machine import Machine
+from ...models.screw.friction import stribeck_decay
 from ...models.steady_limits import SteadyLimits
 from .robust_regression import Noise, RobustFit, robust_fit
 from .steady_phases import CommissioningError, SteadyPhases, require_motion
@@ -117,7 +118,7 @@ def _torque_columns(
         np.abs(v),
         s,
         np.ones_like(v),
-        s * np.exp(-np.abs(v) / stribeck_speed),
+        s * stribeck_decay(v, stribeck_speed),
     ]
     fastest = max(float(np.abs(v).max()), 1.0)
     sigma = [np.inf, np.inf, 0.2 * level / fastest, np.inf, np.inf, 0.5 * level]

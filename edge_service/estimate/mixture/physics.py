@@ -22,6 +22,8 @@ import math
 
 from ...messages.samples import Floats
 from ...models.compiled import inlined
+from ...models.screw.friction import stribeck_decay
+from ...models.screw.nut_law import nut_deflection
 from .state import (
     BEARING_FRICTION,
     CLOCK_SKEW,
@@ -48,38 +50,7 @@ from .state import (
     Reading,
 )
 
-_LEAST_PERCENT = 0.02
-_LOOSE_PERCENT = 0.15
-
-
-@inlined
-def nut_deflection(load_n: float, percent: float, model: AxisModel) -> tuple[float, float, float]:
-    """Deflection of a preloaded pair of nuts, over the fresh pair's own preload deflection d0.
-
-    Two opposed Hertz contacts, F = c ((q + y)^1.5 - (q - y)^1.5), with y = d / d0 and
-    q = (p / p0)^(2/3); for small loads the stiffness is 3 F0 q^0.5 / d0, the cube root law of
-    (5.3.11). Without preload the pair has a clearance, q < 0.
-
-    Returns:
-        y, dy/dF 1/N and dy/dp 1/%.
-    """
-    lost = model.clearance_share * math.exp(-max(percent, 0.0) / _LOOSE_PERCENT)
-    share = max(percent, _LEAST_PERCENT) / model.fresh_percent
-    q = math.pow(share, 2.0 / 3.0) - lost
-    q_slope = 2.0 / 3.0 * math.pow(share, -1.0 / 3.0) / model.fresh_percent + lost / _LOOSE_PERCENT
-    force = abs(load_n) / model.fresh_preload_n
-    y = max(force / (3.0 * math.sqrt(max(q, 0.01))), 0.0)
-    if q <= 0.0 or y > q:
-        y = math.pow(force, 2.0 / 3.0) - q
-    up, down = 0.0, 0.0
-    for _ in range(4):
-        up, down = math.sqrt(max(q + y, 1e-12)), math.sqrt(max(q - y, 0.0))
-        y -= (up**3 - down**3 - force) / (1.5 * (up + down))
-        y = max(y, -q, 0.0)
-    up, down = math.sqrt(max(q + y, 1e-6)), math.sqrt(max(q - y, 0.0))
-    sign = 1.0 if load_n >= 0.0 else -1.0
-    by_force = 1.0 / (1.5 * (up + down) * model.fresh_preload_n)
-    return sign * y, by_force, -sign * (up - down) / (up + down) * q_slope
+_decay = inlined(stribeck_decay)
 
 
 @inlined
@@ -112,7 +83,7 @@ def stribeck(model: AxisModel, r: Reading) -> float:
     """St(v): excess of the friction at slow motion, N m."""
     if model.stribeck_nm == 0.0:
         return 0.0
-    return model.stribeck_nm * math.exp(-abs(r.speed_rad_s) / model.stribeck_speed_rad_s)
+    return model.stribeck_nm * _decay(r.speed_rad_s, model.stribeck_speed_rad_s)
 
 
 @inlined
@@ -162,7 +133,13 @@ def expected_stretch(
     load = (model.table_mass_kg + x[PAYLOAD] * (1.0 - x[TABLE_MASS])) * gear
     load += guide * (1.0 + x[GUIDE_FRICTION])
     load += model.guide_viscous_n_s * (1.0 + x[GUIDE_VISCOUS]) * speed
-    y, by_force, by_percent = nut_deflection(load, percent * factor, model)
+    y, by_force, by_percent = nut_deflection(
+        load,
+        percent * factor,
+        model.fresh_percent,
+        model.fresh_preload_n,
+        model.clearance_share,
+    )
     nut_m = 3.0 * model.fresh_preload_n
     series = model.compliance_m_per_n + model.compliance_slope_per_n * away
     rest = max(series - x[NUT_COMPLIANCE] + x[LOOSENESS], 1e-12)

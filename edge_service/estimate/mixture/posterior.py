@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ...messages.samples import Floats
 from ...models.compiled import compiled
 from ...models.machine import Machine
-from ...models.screw.stiffness import LEAST_NUT_LOAD_PERCENT
+from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.mode_transition import LEVELS_PERCENT
 from .state import (
     BEARING_FRICTION,

@@ -3,6 +3,7 @@
 import math
 
 from ...models.machine import Quantity
+from ...models.screw.nut_law import preload_ratio
 from ..regression.interval_estimate import Identified, normal_quantile, undetermined
 
 
@@ -40,10 +41,10 @@ def preload_from_stiffness(
         share = normal_quantile() * nut.sigma
         nut_high = min(1.0 / max(nut.value - share, 1e-9), whole)
         nut_low = min(1.0 / (nut.value + share), nut_high)
-        value = fresh_preload_n.value * _preload_ratio(change, min(1.0 / nut.value, whole))
+        value = fresh_preload_n.value * preload_ratio(change, min(1.0 / nut.value, whole))
         note = ""
     ratios = [
-        _preload_ratio(change + side * half, nut)
+        preload_ratio(change + side * half, nut)
         for side in (-1.0, 1.0)
         for nut in (nut_low, nut_high)
     ]
@@ -56,14 +57,6 @@ def preload_from_stiffness(
         count,
         note,
     )
-
-
-def _preload_ratio(change_m_per_n: float, nut_m_per_n: float) -> float:
-    """F / F_fresh = (1 + dC / c_fresh)^-3, from 0 to infinity."""
-    if nut_m_per_n <= 0.0:
-        return math.inf if change_m_per_n < 0.0 else 0.0
-    growth = 1.0 + change_m_per_n / nut_m_per_n
-    return growth**-3 if growth > 0.0 else math.inf
 
 
 def _bounded(stiffness: Identified) -> bool:

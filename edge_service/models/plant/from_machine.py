@@ -4,12 +4,8 @@ import math
 
 from ..machine import Machine
 from ..screw.ball_screw import table_inertia
-from ..screw.stiffness import (
-    STEEL_MODULUS_PA,
-    axial_stiffness_of_torsion,
-    catalogue_nut_stiffness,
-    screw_area,
-)
+from ..screw.nut_law import catalogue_nut_stiffness
+from ..screw.stiffness import STEEL_MODULUS_PA, axial_stiffness_of_torsion, screw_area
 from .two_mass import Plant, axial_compliance
 
 TABLE_MASS_KG = 20.0  # m_t + m_wp that Table 4.1's J_t = 2.03e-4 kg m^2 stands for

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 from ...messages.samples import Floats
 from ..compiled import compiled
-from ..screw.stiffness import nut_stiffness, screw_compliance
+from ..screw.nut_law import nut_stiffness
+from ..screw.stiffness import screw_compliance
 from .dry_friction import Levels, rub
 from .tables import NO_TABLES, Tables, find_friction, nut_shift
 

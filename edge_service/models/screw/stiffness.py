@@ -1,4 +1,4 @@
-"""Axial stiffness of the parts between motor and table (seed, 5.3.9-5.3.11, Table A.5)."""
+"""Axial stiffness of screw and coupling between motor and table (thesis, 5.3.9, 5.3.10)."""
 
 import math
 
@@ -7,16 +7,6 @@ from ..compiled import compiled
 
 STEEL_MODULUS_PA = 2.06e11
 STEEL_SHEAR_MODULUS_PA = 7.9e10
-NUT_MODEL_FACTOR = 0.8
-"""Housing and screw around the balls make the nut softer than its catalogue value (5.3.11)."""
-CATALOGUE_PRELOAD_PERCENT = 10.0
-"""Catalogues state a nut's stiffness at a preload of a tenth of the load rating (5.3.11)."""
-LEAST_NUT_LOAD_PERCENT = 0.5
-"""Assumption: load that the balls carry without any preload, in percent of the load rating.
-
-(5.3.11) tends to zero with the preload, but a nut without preload is stiffened by the load that
-it moves (Fig. 5.6); 0.5 % is half of what 20 kg need at 4 m/s2 on the seed's screw.
-"""
 
 
 def screw_area(diameter_m: float) -> float:
@@ -75,48 +65,6 @@ def screw_compliance(
         return near
     far = bearing_m_per_n + (length_m - reach) / axial_rigidity_n
     return near * far / (near + far)
-
-
-@compiled
-def nut_stiffness(catalogue_n_per_m: float, preload_percent: float) -> float:
-    """Axial stiffness of a nut under preload, N/m: 0.8 K (F_a / (0.1 C_a))^(1/3) (5.3.11).
-
-    K_n is the true stiffness of the nut, K the nominal one of its catalogue, F_a the force of the
-    preload and C_a the dynamic load rating; the seed's text calls three of the four F_a. Here
-    `preload_percent` is 100 F_a / C_a. Below `LEAST_NUT_LOAD_PERCENT` the stiffness stays.
-
-    >>> round(nut_stiffness(1.6e8, 10.0) / 1e8, 3)
-    1.28
-    """
-    load_percent = max(preload_percent, LEAST_NUT_LOAD_PERCENT)
-    stiffening = math.pow(load_percent / CATALOGUE_PRELOAD_PERCENT, 1.0 / 3.0)
-    return NUT_MODEL_FACTOR * catalogue_n_per_m * stiffening
-
-
-def catalogue_nut_stiffness(stiffness_n_per_m: float, preload_percent: float) -> float:
-    """Catalogue stiffness K of a nut whose stiffness at a preload is known, N/m: (5.3.11) solved.
-
-    >>> round(catalogue_nut_stiffness(1.28e8, 10.0) / 1e8, 3)
-    1.6
-    """
-    return stiffness_n_per_m / nut_stiffness(1.0, preload_percent)
-
-
-def preload_from_nut_stiffness(stiffness_n_per_m: float, catalogue_n_per_m: float) -> float:
-    """Preload that gives a nut its stiffness, percent of the load rating: (5.3.11) solved for F_a.
-
-    10 (K_n / (0.8 K))^3: a relative deviation of either stiffness counts three times. An answer
-    at or below `LEAST_NUT_LOAD_PERCENT` means "that or less": there the stiffness stays.
-
-    Raises:
-        ValueError: a stiffness is not greater than 0.
-
-    >>> round(preload_from_nut_stiffness(1.28e8, 1.6e8), 6)
-    10.0
-    """
-    require_positive(stiffness_n_per_m=stiffness_n_per_m, catalogue_n_per_m=catalogue_n_per_m)
-    share = stiffness_n_per_m / (NUT_MODEL_FACTOR * catalogue_n_per_m)
-    return max(CATALOGUE_PRELOAD_PERCENT * share**3, LEAST_NUT_LOAD_PERCENT)
 
 
 def axial_stiffness_of_torsion(torsional_nm_per_rad: float, ratio_m_per_rad: float) -> float:

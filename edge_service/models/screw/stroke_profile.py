@@ -7,7 +7,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ..commissioned import TransmissionConfig
 from ..machine import Machine
-from .stiffness import LEAST_NUT_LOAD_PERCENT
+from .nut_law import LEAST_NUT_LOAD_PERCENT
 
 PLACES = 41
 _SIGMAS = 1.96

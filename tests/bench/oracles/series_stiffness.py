@@ -17,13 +17,14 @@ from edge_service.models.plant.from_machine import (
     SCREW_DIAMETER_M,
     SCREW_LENGTH_M,
 )
-from edge_service.models.screw.stiffness import (
-    STEEL_MODULUS_PA,
+from edge_service.models.screw.nut_law import (
+    CATALOGUE_PRELOAD_PERCENT,
+    LEAST_NUT_LOAD_PERCENT,
+    NUT_MODEL_FACTOR,
     catalogue_nut_stiffness,
     nut_stiffness,
-    screw_area,
-    screw_compliance,
 )
+from edge_service.models.screw.stiffness import STEEL_MODULUS_PA, screw_area, screw_compliance
 
 DATA_SHEET_TOLERANCE = 0.1
 """Relative standard deviation of a stiffness from a data sheet (the coupling's)."""
@@ -54,6 +55,23 @@ def in_series(springs_n_per_m: Sequence[Quantity]) -> Quantity:
     stiffness = 1.0 / math.fsum(1.0 / spring.value for spring in springs_n_per_m)
     doubts = (stiffness / spring.value * spring.tolerance for spring in springs_n_per_m)
     return Quantity(value=stiffness, tolerance=math.hypot(*doubts))
+
+
+def preload_from_nut_stiffness(stiffness_n_per_m: float, catalogue_n_per_m: float) -> float:
+    """Preload that gives a nut its stiffness, percent of the load rating: (5.3.11) solved for F_a.
+
+    10 (K_n / (0.8 K))^3: a relative deviation of either stiffness counts three times. An answer
+    at or below `LEAST_NUT_LOAD_PERCENT` means "that or less": there the stiffness stays.
+
+    Raises:
+        ValueError: a stiffness is not greater than 0.
+
+    >>> round(preload_from_nut_stiffness(1.28e8, 1.6e8), 6)
+    10.0
+    """
+    require_positive(stiffness_n_per_m=stiffness_n_per_m, catalogue_n_per_m=catalogue_n_per_m)
+    share = stiffness_n_per_m / (NUT_MODEL_FACTOR * catalogue_n_per_m)
+    return max(CATALOGUE_PRELOAD_PERCENT * share**3, LEAST_NUT_LOAD_PERCENT)
 
 
 def preloaded_nut(catalogue_n_per_m: Quantity, preload_percent: Quantity) -> Quantity:

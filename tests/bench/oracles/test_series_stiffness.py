@@ -9,16 +9,21 @@ from hypothesis import strategies as st
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import axial_compliance
+from edge_service.models.screw.nut_law import LEAST_NUT_LOAD_PERCENT, nut_stiffness
 from edge_service.models.screw.stiffness import (
-    LEAST_NUT_LOAD_PERCENT,
     axial_stiffness_of_torsion,
-    nut_stiffness,
-    preload_from_nut_stiffness,
     screw_compliance,
     screw_torsional_rigidity,
 )
 
-from .series_stiffness import AxialSprings, in_series, preloaded_nut, series_stiffness, springs_of
+from .series_stiffness import (
+    AxialSprings,
+    in_series,
+    preload_from_nut_stiffness,
+    preloaded_nut,
+    series_stiffness,
+    springs_of,
+)
 
 RIGID = Quantity(value=1e18, tolerance=0.0)
 RIGIDITY_N, LENGTH_M = 6.4e7, 0.998

@@ -1,21 +1,18 @@
 """Dry friction that is higher at low speed."""
 
-import numpy as np
-
-from ..contribution import Contribution, Curve, DryFriction, Over, Side
+from ....messages.samples import Floats
+from ...screw.friction import stribeck_decay
+from ..contribution import Contribution, DryFriction, Over, Side
 from ..effect import Effect, Parameter, Role, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = _excess(values["excess_nm"], values["speed_rad_s"], values["exponent"])
-    return (DryFriction(Over.SPEED, curve, Side.MOTOR),)
+    excess_nm, scale, exponent = values["excess_nm"], values["speed_rad_s"], values["exponent"]
 
+    def excess(speed_rad_s: Floats) -> Floats:
+        return excess_nm * stribeck_decay(speed_rad_s, scale, exponent)
 
-def _excess(excess_nm: float, stribeck_speed_rad_s: float, exponent: float) -> Curve:
-    """F_s exp(-(|omega| / omega_s)^delta), N m over the motor speed."""
-    return lambda speed_rad_s: (
-        excess_nm * np.exp(-(np.abs(speed_rad_s / stribeck_speed_rad_s) ** exponent))
-    )
+    return (DryFriction(Over.SPEED, excess, Side.MOTOR),)
 
 
 EFFECT = Effect(
