@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..messages.row_faults import run_starts
 from ..messages.samples import Floats
 
 LEAST_ROWS = 4
@@ -46,7 +47,7 @@ def standing(values: Floats, other_m: Floats, unit_m: float, before: OpenRun) ->
         unit_m: way of the axis per unit of `values`.
         before: the run that the rows before end in.
     """
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    starts = run_starts(values)
     rows = np.diff(np.concatenate([starts, [len(values)]]))
     low, high = np.minimum.reduceat(other_m, starts), np.maximum.reduceat(other_m, starts)
     if values[0] == before.value:

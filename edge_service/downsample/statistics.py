@@ -6,6 +6,13 @@ from typing import Any
 import numpy as np
 
 from ..messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+from ..messages.row_faults import (
+    LIMIT_SHARE,
+    MOVED_ANGLE_RAD,
+    MOVED_SETPOINT_M,
+    STUCK_S,
+    run_starts,
+)
 from ..messages.samples import Floats
 from .channel_check import ChannelCheck
 from .phases import PhaseSettings, steady_phases
@@ -27,7 +34,7 @@ class PlausibilitySettings:
 
     standstill_speed_rad_s: float = 0.05
     direction_window_s: float = 0.004
-    stuck_s: float = 0.05
+    stuck_s: float = STUCK_S
     max_speed_rad_s: float = 1500.0
     max_torque_nm: float | None = None
     phases: PhaseSettings = field(default_factory=PhaseSettings)
@@ -35,8 +42,6 @@ class PlausibilitySettings:
 
 WILDEST_ANGLE_RAD = 1e8
 WILDEST_TORQUE_NM = 1e5
-MOVED_ANGLE_RAD = 0.02
-MOVED_SETPOINT_M = 100e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +235,7 @@ def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
     if np.isnan(torque).any():
         fault |= Fault.NO_TORQUE
     limit = settings.max_torque_nm
-    saturated = limit is not None and np.nanmax(np.abs(torque), initial=0.0) >= 0.995 * limit
+    saturated = limit is not None and np.nanmax(np.abs(torque), initial=0.0) >= LIMIT_SHARE * limit
     if saturated:
         fault |= Fault.SATURATED
     if limit is not None and np.nanmax(np.abs(torque), initial=0.0) > 1.5 * limit:
@@ -254,8 +259,7 @@ def _others_moved(inside: Floats, settings: PlausibilitySettings) -> bool:
 
 def _longest_run(values: Floats, time_s: Floats) -> tuple[float, slice]:
     """Longest time for which one value is repeated, s, and its rows."""
-    changes = np.flatnonzero(np.diff(values) != 0.0)
-    edges = np.concatenate([[0], changes + 1, [len(values) - 1]])
+    edges = np.append(run_starts(values), len(values) - 1)
     lasting = time_s[np.minimum(edges[1:], len(values) - 1)] - time_s[edges[:-1]]
     lasting = np.where(np.diff(edges) >= LEAST_ROWS, lasting, 0.0)
     run = int(np.argmax(lasting))

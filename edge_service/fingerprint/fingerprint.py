@@ -13,9 +13,9 @@ from .friction.cruise_tests import measure_equability, measure_signature
 from .friction.curve import measure_friction
 from .friction.points import FrictionPoint, friction_points
 from .friction.runs import measure_friction_runs
-from .regression.conditioning import PreparationSettings, PreparedRun, prepare
 from .regression.interval_estimate import Identified
 from .regression.inverse_dynamics import identify_inverse_dynamics
+from .regression.prepared_run import PreparationSettings, PreparedRun, prepare
 from .result import Contents, Section, Status, judged
 from .transmission.reversal_error import measure_reversal_error
 from .transmission.sections import (

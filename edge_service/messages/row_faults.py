@@ -1,4 +1,4 @@
-"""Faults of the rows of a recording: repeats, rows too late, a new clock, values that cannot be."""
+"""Faults of the rows of a recording, live or not: repeats, late rows, new clocks, stuck values."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .samples import Floats
+from .samples import Booleans, Floats
 
 CLOCK_RESET_S = 1.0
 """A step back in time by more than this is a new clock, less is rows out of order."""
@@ -14,7 +14,23 @@ CLOCK_RESET_S = 1.0
 WILDEST = 1e12
 """No quantity of an axis in SI units, nor its clock, is as large; such a value is a missing one."""
 
-Booleans = npt.NDArray[np.bool_]
+STUCK_S = 0.05
+"""A channel that repeats one value for this long while the axis moves is stuck."""
+
+MOVED_ANGLE_RAD, MOVED_TABLE_M, MOVED_SETPOINT_M = 0.02, 20e-6, 100e-6
+"""Travel in one of the positions above which the axis has moved."""
+
+LIMIT_SHARE = 0.995
+"""A torque that stays this close to its limit stands there because the drive cuts it off."""
+
+
+def run_starts(values: Floats) -> npt.NDArray[np.int64]:
+    """First rows of the runs of one repeated value in a series (n,), n > 0.
+
+    >>> run_starts(np.array([3.0, 3.0, 5.0, 3.0, 3.0])).tolist()
+    [0, 2, 3]
+    """
+    return np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ from .quality import Qualities
 from .waveform import Waveform
 
 Floats = npt.NDArray[np.float64]
+Booleans = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

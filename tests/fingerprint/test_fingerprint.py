@@ -16,8 +16,8 @@ from edge_service.fingerprint.document import (
 )
 from edge_service.fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
 from edge_service.fingerprint.friction.cruise_tests import measure_signature
-from edge_service.fingerprint.regression.conditioning import PreparationSettings, PreparedRun
 from edge_service.fingerprint.regression.interval_estimate import around
+from edge_service.fingerprint.regression.prepared_run import PreparationSettings, PreparedRun
 from edge_service.fingerprint.result import Section, Status, mean_of, rounded_rpm
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame

@@ -13,7 +13,7 @@ from edge_service.fingerprint.friction.fit import (
     fit_friction,
 )
 from edge_service.fingerprint.friction.points import FrictionPoint, friction_points
-from edge_service.fingerprint.regression.conditioning import PreparationSettings, prepare
+from edge_service.fingerprint.regression.prepared_run import PreparationSettings, prepare
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine

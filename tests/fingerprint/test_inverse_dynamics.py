@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.regression.conditioning import (
-    PreparationSettings,
-    PreparedRun,
-    prepare,
-)
 from edge_service.fingerprint.regression.interval_estimate import Identified
 from edge_service.fingerprint.regression.inverse_dynamics import (
     InverseDynamics,
     fit_inverse_dynamics,
     identify_inverse_dynamics,
+)
+from edge_service.fingerprint.regression.prepared_run import (
+    PreparationSettings,
+    PreparedRun,
+    prepare,
 )
 from edge_service.fingerprint.regression.regressors import DIRECTIONAL, SYMMETRIC
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE

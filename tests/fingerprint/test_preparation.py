@@ -5,16 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.regression.conditioning import (
+from edge_service.fingerprint.regression.prepared_run import (
     PreparationSettings,
-    central_difference,
     derivative_noise_rms,
     prepare,
-    white_noise_rms,
 )
-from edge_service.fingerprint.regression.screening import uniform_runs
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.trace.conditioning import central_difference, white_noise_rms
+from edge_service.trace.screening import uniform_runs
 
 RATIO = 0.02 / (2.0 * math.pi)
 HZ = 3.0

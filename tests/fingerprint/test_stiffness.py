@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.regression.conditioning import (
+from edge_service.fingerprint.regression.interval_estimate import around, undetermined
+from edge_service.fingerprint.regression.prepared_run import (
     PreparationSettings,
     PreparedRun,
     prepare,
 )
-from edge_service.fingerprint.regression.interval_estimate import around, undetermined
 from edge_service.fingerprint.transmission.nut_preload import preload_from_stiffness
 from edge_service.fingerprint.transmission.stiffness_fit import StiffnessFit, fit_stiffness
 from edge_service.fingerprint.transmission.stiffness_point import StiffnessStation, backlash

@@ -10,8 +10,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Effect
 from ..session.healthy_prior import Tolerated
 from ..session.session import Integers, Session

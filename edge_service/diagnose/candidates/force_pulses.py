@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Baseline, Motion
 from ..session.session import TORQUE_GAP, Session
 

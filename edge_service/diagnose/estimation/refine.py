@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Parameter, Role
 from ..candidates.regressor import EntryAtom, entry_atom
 from ..selection.evidence import inverted

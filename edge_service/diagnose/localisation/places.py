@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ..session.session import Integers, Rows
 from .change_points import raised_intervals
 

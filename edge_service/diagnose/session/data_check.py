@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...fingerprint.regression.linear import Booleans
 from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from .recordings import Run
 from .same_axis import FileFit, fits_of, strangers
 

@@ -14,7 +14,6 @@ from operator import attrgetter
 import numpy as np
 from scipy import interpolate
 
-from ...fingerprint.regression.conditioning import central_difference
 from ...messages.samples import Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
@@ -26,6 +25,7 @@ from ...models.plant.from_machine import plant_of
 from ...models.plant.prescribed_motion import STRETCH, TORQUE, Way, carried_along, lead_along
 from ...models.plant.tables import misreading
 from ...models.plant.two_mass import Plant, axial_compliance
+from ...trace.conditioning import central_difference
 from .run import Run
 from .session import Integers
 from .twin import rigid_plant

@@ -8,9 +8,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from ...fingerprint.regression.conditioning import central_difference, low_pass, white_noise_rms
-from ...fingerprint.regression.linear import Booleans
-from ...fingerprint.regression.screening import UniformRun, uniform_runs
 from ...messages.channels import (
     ANGLE,
     EXTERNAL_FORCE,
@@ -19,8 +16,10 @@ from ...messages.channels import (
     TEMPERATURE,
     TORQUE,
 )
-from ...messages.samples import Floats, SampleFrame
+from ...messages.samples import Booleans, Floats, SampleFrame
 from ...models.effects.baseline import Baseline, Motion
+from ...trace.conditioning import central_difference, low_pass, white_noise_rms, with_angle
+from ...trace.screening import UniformRun, uniform_runs
 from .clock import on_one_clock
 from .run import FILTER_ORDER, Filter, Run, is_slow
 
@@ -81,21 +80,10 @@ def unbroken_runs(
         needed = tuple(name for name in (ANGLE, TORQUE, TABLE_POSITION) if name in first.channels)
         if ANGLE not in needed:
             needed = (ANGLE, *(name for name in needed if name != TABLE_POSITION))
-        angled = _with_angle(itertools.chain([first], frames), baseline.ratio_m_per_rad)
+        angled = with_angle(itertools.chain([first], frames), baseline.ratio_m_per_rad)
         for uniform in uniform_runs(angled, needed, optional=_OPTIONAL):
             if len(uniform) * uniform.period_s >= least_s:
                 yield _run_of(uniform, baseline, number)
-
-
-def _with_angle(frames: Iterable[SampleFrame], ratio_m_per_rad: float) -> Iterator[SampleFrame]:
-    """Frames with an angle; x / R stands in where there is no rotary encoder."""
-    for frame in frames:
-        if ANGLE in frame.channels or TABLE_POSITION not in frame.channels:
-            yield frame
-        else:
-            channels = dict(frame.channels)
-            channels[ANGLE] = channels.pop(TABLE_POSITION) / ratio_m_per_rad
-            yield SampleFrame(frame.time_s, channels)
 
 
 def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:

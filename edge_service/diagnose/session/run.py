@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ...fingerprint.regression.conditioning import low_pass
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ...models.compiled import compiled
 from ...models.effects.baseline import Motion
+from ...trace.conditioning import low_pass
 
 Integers = npt.NDArray[np.int64]
 SLOW_HZ = 200.0

@@ -7,8 +7,7 @@ from typing import Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.signature import torque_signature, transmission_signature

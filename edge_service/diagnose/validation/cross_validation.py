@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ..candidates.regressor import entry_atom
 from ..estimation.refine import strict_columns
 from ..estimation.values import Values

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats, SampleFrame
-from ..regression.conditioning import CUTOFF_SHARE, central_difference, low_pass, white_noise_rms
+from ...trace.conditioning import CUTOFF_SHARE, central_difference, low_pass, white_noise_rms
+from ...trace.screening import UniformRun, uniform_runs
 from ..regression.interval_estimate import Identified, undetermined
 from ..regression.linear import LinearFit, least_squares
-from ..regression.screening import UniformRun, uniform_runs
 
 CUTOFF_HZ = 50.0
 ORDER = 4

@@ -21,8 +21,8 @@ from ...messages.channels import (
 )
 from ...messages.samples import Floats, SampleFrame
 from ...models.machine import Machine
-from ..regression.conditioning import PreparationSettings
 from ..regression.inverse_dynamics import identify_inverse_dynamics
+from ..regression.prepared_run import PreparationSettings
 from .channel_regression import CUTOFF_HZ, Relation, relate
 from .check_result import Finding, Verdict, judge_factor, usual_mistake, wrongly
 

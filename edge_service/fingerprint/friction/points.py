@@ -8,9 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from ...messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
-from ...messages.samples import Floats
-from ..regression.conditioning import PreparedRun, central_difference, low_pass
-from ..regression.linear import Booleans, correlation_time
+from ...messages.samples import Booleans, Floats
+from ...trace.conditioning import central_difference, low_pass
+from ..regression.linear import correlation_time
+from ..regression.prepared_run import PreparedRun
 
 TREND_HZ = 10.0
 """Slower than the ripple of a revolution at feed speeds, faster than a ramp."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from ...messages.channels import SETPOINT
 from ...messages.samples import Floats, SampleFrame
-from .conditioning import PreparationSettings, PreparedRun, prepare
 from .interval_estimate import Identified, normal_quantile
 from .linear import LinearFit, instrumental_variables, least_squares, total_least_squares
+from .prepared_run import PreparationSettings, PreparedRun, prepare
 from .regressors import REGRESSORS, SYMMETRIC, RegressionRows, regression_rows
 
 RELIABLE = 0.99

@@ -11,18 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import fft
 
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from .interval_estimate import Identified, around, undetermined
 
 RANK_TOLERANCE = 1e-8
 """Singular values of the scaled regressors below this share of the greatest one count as zero."""
 LEAST_SIGNAL = 3.0
 """A regressor whose root mean square is less than this many times its noise says nothing."""
-
-Booleans = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

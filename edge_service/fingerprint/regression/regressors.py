@@ -7,7 +7,8 @@ import numpy as np
 
 from ...messages.channels import ANGLE, SETPOINT, TORQUE
 from ...messages.samples import Floats
-from .conditioning import PreparedRun, central_difference, derivative_noise_rms
+from ...trace.conditioning import central_difference
+from .prepared_run import PreparedRun, derivative_noise_rms
 
 
 @dataclass(frozen=True, slots=True, eq=False)

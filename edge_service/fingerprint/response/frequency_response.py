@@ -20,9 +20,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from ...messages.samples import Floats, SampleFrame
-from ..regression.linear import Booleans
-from ..regression.screening import uniform_runs
+from ...messages.samples import Booleans, Floats, SampleFrame
+from ...trace.screening import uniform_runs
 from .segment_spectra import Complexes, SegmentSpectra
 
 _WINDOW_AVERAGES = 0.95

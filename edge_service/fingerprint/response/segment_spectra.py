@@ -9,9 +9,8 @@ import numpy.typing as npt
 from scipy import signal
 
 from ...messages.channels import ANGLE, SETPOINT, TORQUE
-from ...messages.samples import Floats
-from ..regression.linear import Booleans
-from ..regression.screening import UniformRun
+from ...messages.samples import Booleans, Floats
+from ...trace.screening import UniformRun
 
 Complexes = npt.NDArray[np.complex128]
 

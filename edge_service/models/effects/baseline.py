@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from ...messages.samples import Floats
 from ..machine import Machine
@@ -14,7 +13,6 @@ from ..plant.two_mass import axial_compliance
 from ..screw.ball_screw import table_inertia
 
 _COMPLIANCE_POINTS = 129
-Booleans = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

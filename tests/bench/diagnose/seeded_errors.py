@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from edge_service.fingerprint.regression.conditioning import white_noise_rms
 from edge_service.messages.samples import Floats
 from edge_service.offline.diagnose import diagnose
 from edge_service.offline.gap import BadDataError
+from edge_service.trace.conditioning import white_noise_rms
 
 from .cases import BenchError
 from .table import BenchFigure

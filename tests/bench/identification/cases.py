@@ -9,13 +9,13 @@ import numpy as np
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.fingerprint.friction.fit import fit_friction
 from edge_service.fingerprint.friction.points import friction_points
-from edge_service.fingerprint.regression.conditioning import (
+from edge_service.fingerprint.regression.interval_estimate import Identified
+from edge_service.fingerprint.regression.inverse_dynamics import identify_inverse_dynamics
+from edge_service.fingerprint.regression.prepared_run import (
     PreparationSettings,
     PreparedRun,
     prepare,
 )
-from edge_service.fingerprint.regression.interval_estimate import Identified
-from edge_service.fingerprint.regression.inverse_dynamics import identify_inverse_dynamics
 from edge_service.fingerprint.regression.regressors import DIRECTIONAL, SYMMETRIC
 from edge_service.fingerprint.response.frequency_response import drive_responses_along
 from edge_service.fingerprint.response.two_mass_fit import fit_two_mass

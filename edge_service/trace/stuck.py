@@ -4,16 +4,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from ...messages.samples import Floats
-from ..regression.linear import Booleans
+from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
+from ..messages.row_faults import (
+    LIMIT_SHARE,
+    MOVED_ANGLE_RAD,
+    MOVED_SETPOINT_M,
+    MOVED_TABLE_M,
+    STUCK_S,
+    run_starts,
+)
+from ..messages.samples import Booleans, Floats
 
-STUCK_S = 0.05
 LEAST_REPEATS = 10
 """A slow recording or a coarse encoder repeats a value a few times while the axis creeps."""
-LIMIT_SHARE = 0.995
-"""A torque that stays this close to its greatest stands at its limit."""
-MOVED = {ANGLE: 0.02, TABLE_POSITION: 20e-6, SETPOINT: 100e-6}
+MOVED = {ANGLE: MOVED_ANGLE_RAD, TABLE_POSITION: MOVED_TABLE_M, SETPOINT: MOVED_SETPOINT_M}
 """Travel of another channel, rad or m, above which the axis has moved."""
 _STEPS = 3.0
 """Smallest steps of a channel that it must have missed."""
@@ -43,9 +47,8 @@ def stuck_rows(time_s: Floats, channels: Mapping[str, Floats]) -> dict[str, Bool
 
 def _repeats(values: Floats, time_s: Floats) -> list[tuple[int, int]]:
     """First and last row of every long stretch of one value."""
-    changes = np.flatnonzero(np.diff(values) != 0.0)
-    starts = np.concatenate(([0], changes + 1))
-    ends = np.concatenate((changes, [len(values) - 1]))
+    starts = run_starts(values)
+    ends = np.append(starts[1:], len(values)) - 1
     long = (ends - starts >= LEAST_REPEATS) & (time_s[ends] - time_s[starts] >= STUCK_S)
     return list(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
 

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from ...messages.channels import (
     ANGLE,
@@ -25,20 +25,21 @@ from ...messages.channels import (
     TEMPERATURE,
     TORQUE,
 )
-from ...messages.samples import Floats, SampleFrame
-from .linear import Booleans
-from .screening import UniformRun, uniform_runs
+from ...messages.samples import Booleans, Floats, SampleFrame
+from ...trace.conditioning import (
+    CUTOFF_SHARE,
+    anti_alias,
+    central_difference,
+    decimate,
+    low_pass,
+    mean_of_held,
+    white_noise_rms,
+    with_angle,
+)
+from ...trace.screening import UniformRun, uniform_runs
 
 OPTIONAL = (TORQUE, ANGLE, TABLE_POSITION, SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
 _REACH_PERIODS = 2.0
-_DECIMATION_ORDER = 8
-_DECIMATION_RIPPLE_DB = 0.05
-_DECIMATION_PASS = 0.8
-"""Chebyshev filter before decimation: the one of MATLAB's and scipy's `decimate`."""
-
-
-CUTOFF_SHARE = 0.2
-"""Of the sampling rate; above it the low-pass has no samples to work with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,45 +167,11 @@ def prepare(
             sampling rate.
     """
     for run in uniform_runs(
-        _with_angle(frames, settings.ratio_m_per_rad), (ANGLE, *required), optional=OPTIONAL
+        with_angle(frames, settings.ratio_m_per_rad), (ANGLE, *required), optional=OPTIONAL
     ):
         prepared = _prepared(run, settings)
         if prepared is not None:
             yield prepared
-
-
-def central_difference(values: Floats, period_s: float) -> Floats:
-    """(x_{k-2} - 8 x_{k-1} + 8 x_{k+1} - x_{k+2}) / 12 T, (n,); shorter at the ends.
-
-    It is right to (w T)^4 / 30. The difference of two neighbours, right to (w T)^2 / 6 only, makes
-    the accelerations of a machine's moves too small by half a per mille, and an inertia too great.
-    """
-    rate = np.asarray(np.gradient(values, period_s), dtype=np.float64)
-    outer, inner = values[4:] - values[:-4], values[3:-1] - values[1:-3]
-    rate[2:-2] = (8.0 * inner - outer) / (12.0 * period_s)
-    return rate
-
-
-def low_pass(values: Floats, cutoff_hz: float, order: int, period_s: float) -> Floats:
-    """Butterworth low-pass, forwards and backwards: zero phase, (n,)."""
-    filtered: Floats = signal.sosfiltfilt(_low_pass_sos(cutoff_hz, order, period_s), values)
-    return filtered
-
-
-def decimate(values: Floats, factor: int) -> Floats:
-    """Zero-phase Chebyshev low-pass, then every `factor`th row, (n,) or (n, p)."""
-    filtered: Floats = signal.decimate(values, factor, axis=0, zero_phase=True)
-    return filtered
-
-
-def white_noise_rms(values: Floats) -> float:
-    """Standard deviation of the white noise on a smooth series (n,).
-
-    From fifth differences, which a motion of limited jerk leaves at 0 except where the jerk jumps;
-    their median absolute value stands for sqrt(252) sigma, sqrt(sum of binomial(5, k)^2).
-    """
-    fifth = np.diff(values, 5)
-    return float(np.median(np.abs(fifth)) / 0.6745 / math.sqrt(252.0)) if fifth.size else 0.0
 
 
 def derivative_noise_rms(run: PreparedRun, name: str, times: int) -> float:
@@ -220,21 +187,8 @@ def derivative_noise_rms(run: PreparedRun, name: str, times: int) -> float:
     for _ in range(times):
         response = central_difference(response, period_s)
     if settings.decimation > 1:
-        response = signal.sosfiltfilt(_decimation_sos(settings.decimation), response)
+        response = anti_alias(response, settings.decimation)
     return run.noise_rms.get(name, 0.0) * float(np.linalg.norm(response))
-
-
-def _with_angle(
-    frames: Iterable[SampleFrame] | SampleFrame, ratio_m_per_rad: float
-) -> Iterator[SampleFrame]:
-    """Frames with an angle; x / R_t stands in where there is no rotary encoder."""
-    for frame in [frames] if isinstance(frames, SampleFrame) else frames:
-        if ANGLE in frame.channels or TABLE_POSITION not in frame.channels:
-            yield frame
-        else:
-            channels = dict(frame.channels)
-            channels[ANGLE] = channels.pop(TABLE_POSITION) / ratio_m_per_rad
-            yield SampleFrame(frame.time_s, channels)
 
 
 def _prepared(run: UniformRun, settings: PreparationSettings) -> PreparedRun | None:
@@ -244,7 +198,7 @@ def _prepared(run: UniformRun, settings: PreparationSettings) -> PreparedRun | N
         return None
     raw = dict(run.channels)
     if settings.torque_delay_s != 0.0 and TORQUE in raw:
-        raw[TORQUE] = _held(raw[TORQUE], settings.torque_delay_s / run.period_s)
+        raw[TORQUE] = mean_of_held(raw[TORQUE], settings.torque_delay_s / run.period_s)
     smooth = {
         name: low_pass(values, settings.cutoff_hz, settings.order, run.period_s)
         for name, values in raw.items()
@@ -271,32 +225,3 @@ def _moving(speed_rad_s: Floats, settings: PreparationSettings, period_s: float)
     reach = 2 * math.ceil(_REACH_PERIODS / (settings.cutoff_hz * period_s)) + 1
     moving: Booleans = ~ndimage.maximum_filter1d(at_rest, reach, mode="nearest")
     return moving
-
-
-def _held(values: Floats, samples: float) -> Floats:
-    """Mean torque around each sample of a drive that holds its torque for a period, (n,).
-
-    The commands shifted later by `samples`, a spline between them, and the mean over a period:
-    1 - (w T)^2 / 24, which the second difference has.
-    """
-    shifted: Floats = ndimage.shift(values, samples, order=3, mode="nearest")
-    shifted[1:-1] += np.diff(shifted, 2) / 24.0
-    return shifted
-
-
-def _low_pass_sos(cutoff_hz: float, order: int, period_s: float) -> Floats:
-    half_rate_hz = 0.5 / period_s
-    if cutoff_hz >= half_rate_hz:
-        raise ValueError(
-            f"cutoff_hz: {cutoff_hz:g} Hz is not below half of the sampling rate, "
-            f"{half_rate_hz:g} Hz"
-        )
-    sos: Floats = signal.butter(order, cutoff_hz / half_rate_hz, output="sos")
-    return sos
-
-
-def _decimation_sos(factor: int) -> Floats:
-    sos: Floats = signal.cheby1(
-        _DECIMATION_ORDER, _DECIMATION_RIPPLE_DB, _DECIMATION_PASS / factor, output="sos"
-    )
-    return sos
