@@ -58,7 +58,7 @@ class SimulatedConfig(DriverConfig):
         effects_from_s: axis time from which on it has them, s.
         accelerometer_rate_hz: of an accelerometer on the nut; 0 is none.
         ball_pass_order: balls that pass a point of the nut per revolution of the screw; the machine
-            file's unless given, that of the bench where it does not know the balls.
+            file's unless given, that of the test bench where it does not know the balls.
         raceway_damage: what the accelerometer sees when a ball strikes a pit, m/s^2; 0 is sound.
     """
 
@@ -87,7 +87,7 @@ class SimulatedConfig(DriverConfig):
     raceway_damage: float = Field(0.0, ge=0.0)
 
 
-class _Bench:
+class _SimulatedAxis:
     """One run of the simulated axis from home: motion, wear clock and feed drive."""
 
     def __init__(self, config: SimulatedConfig, context: DriverContext) -> None:
@@ -225,28 +225,28 @@ class SimulatedDriver:
         self._context = context
         self._clock = clock
         self._sleep = sleep
-        self._bench: _Bench | None = None
+        self._running: _SimulatedAxis | None = None
         self._truth: float | None = None
         self.paced = config.speed > 0.0
 
     async def open(self) -> None:
         """Put the axis at home; the first time, compile the plant in a thread."""
-        if self._bench is None:
-            bench = _Bench(self._config, self._context)
+        if self._running is None:
+            axis = _SimulatedAxis(self._config, self._context)
             await asyncio.to_thread(self._compile)
-            self._bench = bench
+            self._running = axis
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of `frame_s` each, without end, until `close`."""
-        bench = self._bench
-        if bench is None:
+        axis = self._running
+        if axis is None:
             raise DriverUnavailableError("the simulated drive is not open")
         config = self._config
         count = max(round(config.frame_s * config.rate_hz), 1)
         clock = self._clock or asyncio.get_running_loop().time
         start_s, taken = clock(), 0
-        while self._bench is bench:
-            frame = bench.advance(count)
+        while self._running is axis:
+            frame = axis.advance(count)
             taken += count
             wait_s = 0.0
             if self.paced:
@@ -255,13 +255,13 @@ class SimulatedDriver:
                 if wait_s < -GREATEST_LAG_S:
                     start_s -= wait_s
             await self._sleep(max(wait_s, 0.0))
-            if self._bench is bench:
-                self._truth = bench.preload_percent
+            if self._running is axis:
+                self._truth = axis.preload_percent
                 yield frame
 
     async def probe(self) -> Probe:
         """Channels and rate; raises DriverMisconfiguredError as `open` does."""
-        _Bench(self._config, self._context)
+        _SimulatedAxis(self._config, self._context)
         return Probe(
             f"simulated feed drive, scenario {self._config.scenario}",
             tuple(CHANNELS),
@@ -270,7 +270,7 @@ class SimulatedDriver:
 
     async def close(self) -> None:
         """End `frames`; the next `open` starts from home again."""
-        self._bench = None
+        self._running = None
         self._truth = None
 
     @property
@@ -288,4 +288,4 @@ class SimulatedDriver:
         return self._truth
 
     def _compile(self) -> None:
-        _Bench(self._config, self._context).advance(1)
+        _SimulatedAxis(self._config, self._context).advance(1)

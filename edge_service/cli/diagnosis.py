@@ -1,4 +1,4 @@
-"""Commands that hold a model against an axis: fingerprint, gap, diagnosis, the seed's studies."""
+"""Commands that hold a model against an axis: fingerprint, gap, diagnosis, the thesis' studies."""
 
 import json
 from pathlib import Path
@@ -15,9 +15,20 @@ from .terminal import progress
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @MACHINE
 @AXIS_NUMBER
-@click.option("--baseline", type=click.Path(path_type=Path), help="An older fingerprint.json.")
-@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: pictures as PNG, too.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+@click.option(
+    "--baseline", type=click.Path(path_type=Path), help="Compare with this older fingerprint.json."
+)
+@click.option(
+    "--pictures",
+    type=click.Path(path_type=Path),
+    help="Also write the pictures as PNG files into this folder.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder that the answer is written to.",
+)
 def fingerprint(
     traces: tuple[Path, ...],
     machine: Path,
@@ -39,7 +50,9 @@ def fingerprint(
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @MACHINE
 @AXIS_NUMBER
-@click.option("--json", "as_json", is_flag=True, help="One JSON object: channel -> RMS.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object: channel -> RMS of the gap."
+)
 def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_json: bool) -> None:
     """Measure the gap between model and machine: torque in motion, and table against motor."""
     from ..offline.gap import gap as measure_gap
@@ -59,7 +72,12 @@ def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_jso
 @click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
 @MACHINE
 @AXIS_NUMBER
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder that the answer is written to.",
+)
 @click.option(
     "--reference",
     multiple=True,
@@ -86,12 +104,17 @@ def diagnose(
 @click.command(epilog="Example: edge-service reproduce --out out/reproduce")
 @click.argument("study", type=click.Choice(["thesis", "puzzle"]), default="thesis")
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out/reproduce"), show_default=True
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("out/reproduce"),
+    show_default=True,
+    help="Folder that the report is written to.",
 )
 def reproduce(study: str, out: Path) -> None:
-    """Repeat the seed's simulations and its Table 4.2 beside the published figures.
+    """Repeat the simulations and Table 4.2 of the thesis beside the published figures.
 
-    STUDY puzzle: why linear models would not fit its bench (Figure 5.13), told by the diagnosis.
+    STUDY puzzle: the diagnosis finds why linear models did not fit the thesis' test bench
+    (Figure 5.13).
     """
     if study == "puzzle":
         from ..offline.thesis.puzzle import reproduce_puzzle

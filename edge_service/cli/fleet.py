@@ -14,11 +14,18 @@ from .options import InputError
 
 @click.command(epilog="Example: edge-service fleet http://127.0.0.1:8080 --services fleet.toml")
 @click.argument("addresses", nargs=-1)
-@click.option("--services", type=click.Path(path_type=Path), help="TOML file with [[services]].")
 @click.option(
-    "--timeout", "timeout_s", type=click.FloatRange(0.1, 60.0), help="For all of it, s; 5."
+    "--services",
+    type=click.Path(path_type=Path),
+    help="TOML file that lists the services as [[services]].",
 )
-@click.option("--json", "as_json", is_flag=True, help="Rows as JSON, one line per round.")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.1, 60.0),
+    help="Wait this many seconds for all answers [default: 5].",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON, one line per round.")
 @click.option(
     "--watch", "period_s", type=click.FloatRange(1.0), help="Ask again after so many seconds."
 )

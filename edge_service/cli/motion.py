@@ -17,14 +17,35 @@ if TYPE_CHECKING:
 @click.argument("name", required=False)
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @MACHINE
-@click.option("--list", "list_all", is_flag=True, help="Name every motion; --out .png draws them.")
-@click.option("--duration", "duration_s", type=float, help="Of the whole, s.")
-@click.option("--rate", "rate_hz", default=1000.0, show_default=True, help="Setpoints per second.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--clip", is_flag=True, help="Leave out what the axis does not allow, and name it.")
-@click.option("--effect", "effects", multiple=True, help="With `next`: a tied effect; repeatable.")
-@click.option("--motion", "rehearsed", help="With `isolability`: the motion to look at.")
-@click.option("--out", type=click.Path(path_type=Path), help=".csv setpoints or .mpf NC program")
+@click.option(
+    "--list", "list_all", is_flag=True, help="List every motion; --out FILE.png draws them."
+)
+@click.option("--duration", "duration_s", type=float, help="Length of the whole motion, s.")
+@click.option(
+    "--rate", "rate_hz", default=1000.0, show_default=True, help="Setpoints written per second."
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Start of the random numbers in motions that use chance.",
+)
+@click.option(
+    "--clip", is_flag=True, help="Leave out moves that the axis does not allow, and name them."
+)
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    help="With `next`: an effect to tell apart; give it twice or more.",
+)
+@click.option("--motion", "rehearsed", help="With `isolability`: the motion to examine.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File to write: setpoints as .csv or an NC program as .mpf.",
+)
 def motion(
     name: str | None,
     files: tuple[Path, ...],

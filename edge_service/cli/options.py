@@ -11,8 +11,8 @@ MACHINE = click.option(
     "--machine",
     type=click.Path(path_type=Path),
     default=DEFAULT_MACHINE,
-    show_default="the bench of the seed, deploy/machine.toml",
-    help="Machine file: the baseline model.",
+    show_default="the thesis' test bench, deploy/machine.toml",
+    help="Machine file with the baseline model of the axis.",
 )
 AXIS_NUMBER = click.option(
     "--axis-number",
@@ -20,8 +20,10 @@ AXIS_NUMBER = click.option(
     show_default="the machine file's, or the only one there",
     help="The controller's number of the axis, in recordings that hold several.",
 )
-PORT = click.option("--port", type=click.IntRange(0, 65535), help="HTTP port; 0 takes a free one.")
-BUS = click.option("--bus", "endpoint", help="Endpoint of the bus, e.g. tcp/127.0.0.1:7447.")
+PORT = click.option(
+    "--port", type=click.IntRange(0, 65535), help="HTTP port to serve on; 0 takes a free one."
+)
+BUS = click.option("--bus", "endpoint", help="Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.")
 
 
 class Greedy(click.Command):

@@ -17,7 +17,11 @@ from .options import AXIS_NUMBER, MACHINE
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Machine file to write."
 )
-@click.option("--config", type=click.Path(path_type=Path), help="Length of the intervals.")
+@click.option(
+    "--config",
+    type=click.Path(path_type=Path),
+    help="Service configuration that gives the length of the intervals.",
+)
 def commission(
     traces: tuple[Path, ...],
     machine: Path,
@@ -38,12 +42,21 @@ def commission(
 @click.argument("trace", type=click.Path(path_type=Path))
 @MACHINE
 @AXIS_NUMBER
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="CSV, a row per block.")
-@click.option("--config", type=click.Path(path_type=Path), help="Choices of the estimator.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="CSV file to write, a row per block.",
+)
+@click.option(
+    "--config",
+    type=click.Path(path_type=Path),
+    help="Service configuration with the estimator's settings.",
+)
 @click.option(
     "--state",
     type=click.Path(path_type=Path),
-    help="Go on from this file if it is there; leave it.",
+    help="Continue from the state in this file if it exists; write the new state to it.",
 )
 def estimate(
     trace: Path,

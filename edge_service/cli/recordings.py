@@ -15,7 +15,9 @@ from .terminal import progress
 @CONFIG
 @click.option("--axis", help="Axis to record; the first configured one by default.")
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help=".csv or .parquet")
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="File to write, .csv or .parquet."
+)
 @BUS
 def record(
     config: Path | None, axis: str | None, duration_s: float | None, out: Path, endpoint: str | None
@@ -33,17 +35,29 @@ def record(
 @click.argument("source", type=click.Path(path_type=Path))
 @MACHINE
 @click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Ends in .csv, .parquet or .mcap."
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="File to write; its name ends in .csv, .parquet or .mcap.",
 )
 @AXIS_NUMBER
 @click.option(
     "--torque-constant",
     "torque_constant_nm_per_a",
     type=click.FloatRange(0.0, min_open=True),
-    help="N m per A: reads a current as torque where there is no torque.",
+    help="Torque constant, N m per A: a current stands in for a torque that is not recorded.",
 )
-@click.option("--interpolate", is_flag=True, help="Draw slower positions as lines, not as steps.")
-@click.option("--all", "keep_all", is_flag=True, help="Keep columns that are no channel.")
+@click.option(
+    "--interpolate",
+    is_flag=True,
+    help="Interpolate positions that are recorded more slowly instead of holding them.",
+)
+@click.option(
+    "--all",
+    "keep_all",
+    is_flag=True,
+    help="Keep columns that are no channel, under their own names.",
+)
 def convert(
     source: Path,
     machine: Path,
@@ -90,25 +104,48 @@ def convert(
     multiple=True,
     default=("production",),
     show_default="production",
-    help="NAME[:duration_s=SECONDS]; several are run one after another on one axis.",
+    help="Motion to run, NAME[:duration_s=SECONDS]; repeat it for several, one after another.",
 )
-@click.option("--effect", "effects", multiple=True, help="NAME[:key=value,...]; repeatable.")
-@click.option("--duration", "duration_s", type=float, help="Axis time, s; the motion's own.")
-@click.option("--preload", "preload_percent", type=float, help="Percent; fresh by default.")
-@click.option("--added-mass", "added_mass_kg", default=0.0, help="Weight plates, kg.")
-@click.option("--external-force", "external_force_n", default=0.0, help="Loading screw, N.")
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0))
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    help="Effect to add, NAME[:key=value,...]; repeat it for several.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=float,
+    help="Length of the recording, s; that of the motion by default.",
+)
+@click.option(
+    "--preload",
+    "preload_percent",
+    type=float,
+    help="Preload in percent of the load rating; that of the fresh screw by default.",
+)
+@click.option("--added-mass", "added_mass_kg", default=0.0, help="Mass added to the table, kg.")
+@click.option(
+    "--external-force", "external_force_n", default=0.0, help="Constant force on the table, N."
+)
+@click.option(
+    "--seed",
+    default=1,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Start of the random numbers of noise and motion.",
+)
 @click.option(
     "--format",
     "file_format",
     type=click.Choice(["csv", "parquet"]),
-    help="Of the files in a folder; csv by default.",
+    help="Format of the files in a folder; csv by default.",
 )
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
     required=True,
-    help=".csv or .parquet; with several motions a folder for 01_NAME.csv, 02_NAME.csv, ...",
+    help="File to write, .csv or .parquet; a folder for 01_NAME.csv, ... with several motions.",
 )
 def simulate(
     machine: Path,

@@ -94,11 +94,18 @@ def _history(settings: EdgeConfig) -> str:
 @MACHINE
 @AXIS_NUMBER
 @click.option(
-    "--speed", default=1.0, show_default=True, help="Times real time; 0: as fast as possible."
+    "--speed",
+    default=1.0,
+    show_default=True,
+    help="Speed as a multiple of real time; 0 is as fast as possible.",
 )
-@click.option("--loop", is_flag=True, help="Begin again at the end.")
-@click.option("--hold", is_flag=True, help="Keep serving after the end.")
-@click.option("--config", type=click.Path(path_type=Path), help="Configuration without its axes.")
+@click.option("--loop", is_flag=True, help="Begin again at the end of the recording.")
+@click.option("--hold", is_flag=True, help="Keep serving after the end of the recording.")
+@click.option(
+    "--config",
+    type=click.Path(path_type=Path),
+    help="Service configuration; its axes are not used.",
+)
 @PORT
 @BUS
 def replay(

@@ -14,8 +14,12 @@ from .terminal import announce, log_to_stderr
 @click.argument("traces", nargs=-1, type=click.Path(path_type=Path))
 @MACHINE
 @AXIS_NUMBER
-@click.option("--config", type=click.Path(path_type=Path), help="Read its drivers instead.")
-@click.option("--axis", help="One axis of --config; all by default.")
+@click.option(
+    "--config",
+    type=click.Path(path_type=Path),
+    help="Listen to the drivers of this configuration instead.",
+)
+@click.option("--axis", help="Examine this axis of --config alone; all by default.")
 @click.option(
     "--seconds",
     type=click.FloatRange(min=0.1),
@@ -23,7 +27,9 @@ from .terminal import announce, log_to_stderr
     show_default=True,
     help="How long to listen to the drivers of --config.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Findings as JSON, one object per axis.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the findings as JSON, one object per axis."
+)
 def doctor(
     traces: tuple[Path, ...],
     machine: Path,
@@ -55,7 +61,7 @@ def doctor(
 )
 @click.argument("protocol")
 @CONFIG
-@click.option("--axis", help="One axis; all that use this protocol by default.")
+@click.option("--axis", help="Serve this axis alone; all that use this protocol by default.")
 @click.option(
     "--scenario",
     type=click.Choice(["healthy", "gradual", "partial", "sudden"]),
@@ -68,7 +74,11 @@ def doctor(
     type=click.Path(path_type=Path),
     help="OPC UA: folder of companion specifications for the Machine Tool address space.",
 )
-@click.option("--fault", default="none", help="NAME[:amount]: delay, exception, stale, drop, ...")
+@click.option(
+    "--fault",
+    default="none",
+    help="Fault to play, NAME[:amount]: delay, exception, stale, drop, ...",
+)
 def stub(
     protocol: str,
     config: Path | None,

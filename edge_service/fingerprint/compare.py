@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from .fingerprint import AxisFingerprint
-from .regression.interval_estimate import Identified, around, normal_quantile
+from .regression.interval_estimate import IntervalEstimate, around, normal_quantile
 from .result import Status
 
 FALSE_DISCOVERY_RATE = 0.01
@@ -34,9 +34,9 @@ class FigureChange:
     """
 
     name: str
-    old: Identified
-    new: Identified
-    change: Identified
+    old: IntervalEstimate
+    new: IntervalEstimate
+    change: IntervalEstimate
     sigmas: float
     significant: bool
     material: bool
@@ -93,13 +93,13 @@ def appeared_figures(new: AxisFingerprint, old: AxisFingerprint) -> tuple[str, .
     )
 
 
-def _comparable(old: Identified, new: Identified) -> bool:
+def _comparable(old: IntervalEstimate, new: IntervalEstimate) -> bool:
     return all(math.isfinite(figure.value) and figure.determined for figure in (old, new)) and (
         old.unit == new.unit
     )
 
 
-def _change(old: Identified, new: Identified) -> Identified:
+def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
     """Difference; of each interval the side that faces the other counts."""
     difference = new.value - old.value
     towards = (
@@ -112,7 +112,7 @@ def _change(old: Identified, new: Identified) -> Identified:
     return around(difference, sigma, new.unit, math.inf)
 
 
-def _sigmas(change: Identified) -> float:
+def _sigmas(change: IntervalEstimate) -> float:
     return change.value / change.sigma if change.sigma > 0.0 else 0.0
 
 
@@ -124,6 +124,6 @@ def _discoveries(sigmas: np.ndarray) -> np.ndarray:
     return np.asarray(adjusted <= FALSE_DISCOVERY_RATE)
 
 
-def _material(old: Identified, change: Identified) -> bool:
+def _material(old: IntervalEstimate, change: IntervalEstimate) -> bool:
     least = max(MATERIAL_SHARE * abs(old.value), LEAST_MATERIAL.get(change.unit, 0.0))
     return abs(change.value) >= least

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .fingerprint import AxisFingerprint
-from .regression.interval_estimate import Identified
+from .regression.interval_estimate import IntervalEstimate
 from .result import Curve, Section, Status
 
 SCHEMA = "fingerprint/1"
@@ -96,8 +96,8 @@ def _from_document(document: Mapping[str, Any]) -> AxisFingerprint:
     return AxisFingerprint(str(document["machine"]), sources, sections)
 
 
-def _figure(figure: Mapping[str, Any]) -> Identified:
-    return Identified(
+def _figure(figure: Mapping[str, Any]) -> IntervalEstimate:
+    return IntervalEstimate(
         _number(figure["value"], math.nan),
         _number(figure["low"], -math.inf),
         _number(figure["high"], math.inf),

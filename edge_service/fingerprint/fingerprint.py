@@ -13,7 +13,7 @@ from .friction.cruise_tests import measure_equability, measure_signature
 from .friction.curve import measure_friction
 from .friction.points import FrictionPoint, friction_points
 from .friction.runs import measure_friction_runs
-from .regression.interval_estimate import Identified
+from .regression.interval_estimate import IntervalEstimate
 from .regression.inverse_dynamics import identify_inverse_dynamics
 from .regression.prepared_run import PreparationSettings, PreparedRun, prepare
 from .result import Contents, Section, Status, judged
@@ -46,7 +46,7 @@ class AxisFingerprint:
     sources: tuple[str, ...]
     sections: Mapping[str, Section]
 
-    def figures(self) -> dict[str, Identified]:
+    def figures(self) -> dict[str, IntervalEstimate]:
         """Every figure by `section.name`."""
         return {
             f"{section}.{name}": figure

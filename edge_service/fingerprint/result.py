@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from ..messages.samples import Floats
-from .regression.interval_estimate import Identified, normal_quantile, student_quantile
+from .regression.interval_estimate import IntervalEstimate, normal_quantile, student_quantile
 
 SPEED_DIGITS = 2
 """Speeds that agree in so many digits are one speed."""
@@ -50,11 +50,11 @@ class Section:
     status: Status
     reason: str
     motion: str
-    figures: Mapping[str, Identified] = field(default_factory=dict)
+    figures: Mapping[str, IntervalEstimate] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
 
 
-Contents = tuple[Mapping[str, Identified], Sequence[Curve]]
+Contents = tuple[Mapping[str, IntervalEstimate], Sequence[Curve]]
 """Figures and curves of a section."""
 
 
@@ -71,7 +71,9 @@ def judged(motion: str, measure: Callable[[], Contents]) -> Section:
     return Section(Status.DETERMINED, "", motion, figures, tuple(curves))
 
 
-def mean_of(values: Sequence[float], standard_errors: Sequence[float], unit: str) -> Identified:
+def mean_of(
+    values: Sequence[float], standard_errors: Sequence[float], unit: str
+) -> IntervalEstimate:
     """Mean of repeats: the greater of their scatter and their own errors makes the interval.
 
     Args:
@@ -82,7 +84,7 @@ def mean_of(values: Sequence[float], standard_errors: Sequence[float], unit: str
     scatter = float(np.std(values, ddof=1)) / math.sqrt(count) if count > 1 else 0.0
     quantile = student_quantile(count - 1) if scatter > own else normal_quantile()
     value, half = float(np.mean(values)), quantile * max(own, scatter)
-    return Identified(value, value - half, value + half, unit, float(count))
+    return IntervalEstimate(value, value - half, value + half, unit, float(count))
 
 
 def rounded_rpm(speed_rad_s: float) -> str:

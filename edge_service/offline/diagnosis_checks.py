@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from ..diagnose.pipeline import Diagnosis, NamedEffect, Verdict
 from ..diagnose.session.run import Run
-from ..fingerprint.checks.check_result import Finding
+from ..fingerprint.checks.check_result import CheckResult
 from ..fingerprint.checks.check_result import Verdict as Check
 from ..fingerprint.checks.plausibility import check_plausibility
 from ..messages.channels import ANGLE, TABLE_POSITION
@@ -19,7 +19,7 @@ _TRUST = 0.5
 """Of the probability of such an effect, where a lag is found and not among the causes."""
 
 
-def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
+def doubts(machine: Machine, runs: Sequence[Run]) -> list[CheckResult]:
     """Findings of `doctor` about the two encoders that are no good ones."""
     ratio = machine.transmission_ratio_m_per_rad
     frames = [
@@ -39,7 +39,7 @@ def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
     return [each for each in found if each.verdict is Check.DOUBTFUL and each.name != "rate"]
 
 
-def beside_doubts(found: Diagnosis, doubted: Sequence[Finding]) -> Diagnosis:
+def beside_doubts(found: Diagnosis, doubted: Sequence[CheckResult]) -> Diagnosis:
     """The diagnosis that names a lag of an encoder with what it may pass for.
 
     Where `doctor` finds a lag and the causes lack it, effects between the encoders are no longer

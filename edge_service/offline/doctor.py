@@ -13,7 +13,7 @@ import numpy as np
 from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableError
 
 from ..config import AxisConfig, ConfigError, EdgeConfig, load_machine
-from ..fingerprint.checks.check_result import Finding, Verdict
+from ..fingerprint.checks.check_result import CheckResult, Verdict
 from ..fingerprint.checks.plausibility import check_plausibility
 from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
@@ -34,7 +34,7 @@ class Examination:
 
     axis: str
     source: str
-    findings: tuple[Finding, ...]
+    findings: tuple[CheckResult, ...]
 
     @property
     def doubts(self) -> int:
@@ -95,7 +95,7 @@ async def _examine(axis: AxisConfig, seconds: float) -> Examination:
         probe = await driver.probe()
         frames = await _listen(driver, seconds)
     except DriverUnavailableError as error:
-        lost = Finding("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
+        lost = CheckResult("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
         return Examination(axis.name, axis.driver, (lost,))
     except DriverMisconfiguredError as error:
         raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
@@ -118,14 +118,14 @@ async def _listen(driver: Driver, seconds: float) -> list[SampleFrame]:
 
 def _findings(
     machine: Machine, driver: Driver, frames: Sequence[SampleFrame]
-) -> tuple[Finding, ...]:
+) -> tuple[CheckResult, ...]:
     if not frames:
-        return (Finding("connection", Verdict.DOUBTFUL, "no samples came"),)
+        return (CheckResult("connection", Verdict.DOUBTFUL, "no samples came"),)
     rows = sum(map(len, frames))
-    fine = Finding("connection", Verdict.FITS, f"{rows} samples")
+    fine = CheckResult("connection", Verdict.FITS, f"{rows} samples")
     readings = ", ".join(f"{name} {value:g}" for name, value in driver.readings.items())
     if readings:
-        fine = Finding("connection", Verdict.FITS, f"{rows} samples; {readings}")
+        fine = CheckResult("connection", Verdict.FITS, f"{rows} samples; {readings}")
     whole = SampleFrame(
         np.concatenate([frame.time_s for frame in frames]),
         {
@@ -136,8 +136,8 @@ def _findings(
     return (fine, _quality(frames), *check_plausibility(machine, [whole]))
 
 
-def _quality(frames: Sequence[SampleFrame]) -> Finding:
-    """Finding on the channels that had samples that were not good, and why."""
+def _quality(frames: Sequence[SampleFrame]) -> CheckResult:
+    """CheckResult on the channels that had samples that were not good, and why."""
     told, most = [], 0.0
     for name in frames[0].channels:
         codes = np.concatenate(
@@ -150,12 +150,12 @@ def _quality(frames: Sequence[SampleFrame]) -> Finding:
             reasons = ", ".join(sorted({Quality(int(code)).name.lower() for code in set(wrong)}))
             told.append(f"{name} {100.0 * share:.2g} % ({reasons})")
     if not told:
-        return Finding("quality", Verdict.FITS, "every sample is good")
+        return CheckResult("quality", Verdict.FITS, "every sample is good")
     verdict = Verdict.FITS if most <= FEW else Verdict.DOUBTFUL
-    return Finding("quality", verdict, "not good: " + "; ".join(told))
+    return CheckResult("quality", verdict, "not good: " + "; ".join(told))
 
 
-def _interval(finding: Finding) -> str:
+def _interval(finding: CheckResult) -> str:
     figure = finding.figure
     if figure is None or not figure.determined:
         return ""
@@ -164,7 +164,7 @@ def _interval(finding: Finding) -> str:
     return f" [{figure.value:.6g}{unit}, {figure.low:.6g} to {figure.high:.6g}{expected}]"
 
 
-def _as_dict(finding: Finding) -> dict[str, object]:
+def _as_dict(finding: CheckResult) -> dict[str, object]:
     figure = finding.figure
     number = None
     if figure is not None:

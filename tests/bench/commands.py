@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 @click.group(invoke_without_command=True, epilog="Example: edge-service bench identification")
-@click.option("--quick", is_flag=True, help="Shorter measurements.")
-@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
+@click.option("--quick", is_flag=True, help="Measure for a shorter time.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.pass_context
 def bench(context: click.Context, quick: bool, as_json: bool) -> None:
     """Measure speed and size: start, CPU, memory, delay, replay, estimator steps.
@@ -40,8 +40,14 @@ def _print_report(report: "PipelineBench | IdentificationBench", as_json: bool) 
 
 
 @bench.command("identification", epilog="Example: edge-service bench identification --seeds 10")
-@click.option("--seeds", type=click.IntRange(1), default=100, show_default=True, help="Axes.")
-@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
+@click.option(
+    "--seeds",
+    type=click.IntRange(1),
+    default=100,
+    show_default=True,
+    help="Number of simulated axes.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 def bench_identification(seeds: int, as_json: bool) -> None:
     """Hold identified parameters against the truth."""
     from .identification.bench import run
@@ -50,28 +56,53 @@ def bench_identification(seeds: int, as_json: bool) -> None:
 
 
 @bench.command("estimator", epilog="Example: edge-service bench estimator --quick --only life")
-@click.option("--quick", is_flag=True, help="Fewer axes, shorter runs.")
-@click.option("--only", type=click.Choice(PARTS), multiple=True, help="A part; may be repeated.")
+@click.option("--quick", is_flag=True, help="Run fewer axes for a shorter time.")
+@click.option(
+    "--only",
+    type=click.Choice(PARTS),
+    multiple=True,
+    help="Run this part alone; repeat it for several.",
+)
 @click.option(
     "--seed",
     type=click.IntRange(1),
     default=FIRST_SEED,
     show_default=True,
-    help="First axis of lives, rates, shifts; first seed of the second plant.",
+    help="Number of the first simulated axis, and first seed of the second plant.",
 )
-@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="How many.")
 @click.option(
-    "--healthy-minutes", type=click.FloatRange(1.0), help="Of healthy production [default: 300]."
+    "--seeds",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    help="Number of axes or seeds, from --seed on.",
+)
+@click.option(
+    "--healthy-minutes",
+    type=click.FloatRange(1.0),
+    help="Length of the healthy production, minutes [default: 300].",
 )
 @click.option(
     "--second-plant",
     type=click.Path(path_type=Path),
     help="Folder with the commands of a second plant [default: shared/bench beside the checkout].",
 )
-@click.option("--processes", type=click.IntRange(1), default=PROCESSES, show_default=True)
-@click.option("--plots", type=click.Path(path_type=Path), help="Folder: draw lives, rates, ...")
-@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
-@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: draw the rows instead.")
+@click.option(
+    "--processes",
+    type=click.IntRange(1),
+    default=PROCESSES,
+    show_default=True,
+    help="Number of processes that share the work.",
+)
+@click.option(
+    "--plots", type=click.Path(path_type=Path), help="Draw lives and rates into this folder."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.option(
+    "--pictures",
+    type=click.Path(path_type=Path),
+    help="Draw the rows into this folder instead of measuring.",
+)
 def bench_estimator(
     quick: bool,
     only: tuple[str, ...],
@@ -132,21 +163,47 @@ def _require_second_plant(folder: Path) -> None:
 
 
 @bench.command("diagnose", epilog="Example: edge-service bench diagnose --cases 20")
-@click.option("--cases", type=click.IntRange(1), default=500, show_default=True, help="Cases.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the mixture of cases.")
-@click.option("--out", type=click.Path(path_type=Path), help="Each case as a line of JSON.")
-@click.option("--pictures", type=click.Path(path_type=Path), help="Folder: reliability, confusion.")
-@click.option("--ties", type=click.IntRange(1), help="Instead: do proposed motions settle ties?")
+@click.option(
+    "--cases",
+    type=click.IntRange(1),
+    default=500,
+    show_default=True,
+    help="Number of simulated cases.",
+)
+@click.option(
+    "--seed",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Start of the random numbers that draw the cases.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Write each case to this file, a line of JSON each.",
+)
+@click.option(
+    "--pictures",
+    type=click.Path(path_type=Path),
+    help="Draw reliability and confusion into this folder.",
+)
+@click.option(
+    "--ties",
+    type=click.IntRange(1),
+    help="Measure on this many ties instead how often a proposed motion settles them.",
+)
 @click.option(
     "--second-plant",
     is_flag=True,
-    help="Instead: the benchmark in shared/bench beside the checkout, whole and thinned.",
+    help="Run the benchmark in shared/bench beside the checkout instead, whole and thinned.",
 )
-@click.option("--quick", is_flag=True, help="With --second-plant: a dozen cases, two rates.")
+@click.option(
+    "--quick", is_flag=True, help="With --second-plant: run a dozen cases at two rates only."
+)
 @click.option(
     "--real-machines",
     is_flag=True,
-    help="Instead: recordings in shared/data beside the checkout, with errors added to them.",
+    help="Use recordings in shared/data beside the checkout instead, with errors added.",
 )
 def bench_diagnose(
     cases: int,
@@ -198,8 +255,8 @@ def _real_machines(seed: int, out: Path | None) -> str:
 
 
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")
-@click.option("--quick", is_flag=True, help="Shorter measurements.")
-@click.option("--json", "as_json", is_flag=True, help="Figures as JSON.")
+@click.option("--quick", is_flag=True, help="Measure for a shorter time.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 def bench_drivers(quick: bool, as_json: bool) -> None:
     """Measure polls and notifications, many devices in one process, and one that hangs."""
     from .pipeline.drivers import DriversBenchSettings, run_drivers_bench

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.regression.interval_estimate import Identified
+from edge_service.fingerprint.regression.interval_estimate import IntervalEstimate
 from edge_service.fingerprint.regression.inverse_dynamics import (
     InverseDynamics,
     fit_inverse_dynamics,
@@ -144,7 +144,7 @@ def simulated_truth(machine: Machine) -> dict[str, float]:
 
 def identify_simulated(
     machine: Machine, drive: Callable[[Floats, int], SampleFrame], seed: int, rows: int = 60_000
-) -> dict[str, Identified]:
+) -> dict[str, IntervalEstimate]:
     frame = drive(production_setpoints(machine, rows, seed), seed)
     settings = PreparationSettings(RATIO, torque_delay_s=0.5e-3)
     return dict(identify_inverse_dynamics([frame], settings).parameters)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.fingerprint.checks.channel_regression import relate
-from edge_service.fingerprint.checks.check_result import Finding, Verdict
+from edge_service.fingerprint.checks.channel_regression import regress_channel
+from edge_service.fingerprint.checks.check_result import CheckResult, Verdict
 from edge_service.fingerprint.checks.plausibility import check_plausibility
 from edge_service.messages.channels import (
     ANGLE,
@@ -46,11 +46,11 @@ def changed(frame: SampleFrame, channel: str, how: Callable[[Floats], Floats]) -
     return SampleFrame(frame.time_s, {**frame.channels, channel: how(frame.channels[channel])})
 
 
-def found(frame: SampleFrame, machine: Machine = MACHINE) -> dict[str, Finding]:
+def found(frame: SampleFrame, machine: Machine = MACHINE) -> dict[str, CheckResult]:
     return {finding.name: finding for finding in check_plausibility(machine, [frame])}
 
 
-def doubts(findings: dict[str, Finding]) -> dict[str, str]:
+def doubts(findings: dict[str, CheckResult]) -> dict[str, str]:
     return {
         name: each.sentence for name, each in findings.items() if each.verdict is Verdict.DOUBTFUL
     }
@@ -169,7 +169,7 @@ def test_the_lag_of_a_formula_lies_inside_its_interval() -> None:
         )
         noisy = 2.5 * y + 0.01 * random.standard_normal(len(time_s))
         frame = SampleFrame(time_s, {ANGLE: np.asarray(x), TABLE_POSITION: noisy})
-        relation = relate([frame], TABLE_POSITION, ANGLE)
+        relation = regress_channel([frame], TABLE_POSITION, ANGLE)
         inside += relation.lag.holds(lag_s) and relation.factor.holds(2.5)
     assert inside >= 48  # both at 95 %: 54 of 60 on average, fewer than 48 in 1 of 100 cases
 

@@ -66,7 +66,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(pole: float) -> None:
     for seed in range(runs):
         noise = ar1(np.random.default_rng(seed), 2000, pole)
         fit = least_squares(NAMES, ramp(2000), ramp(2000) @ truth + noise)
-        hits += fit.identified("slope", "1").holds(truth[0])
+        hits += fit.interval_estimate("slope", "1").holds(truth[0])
     low, high = stats.binom.ppf((0.001, 0.999), runs, 0.95)
     assert low <= hits <= high
 
@@ -78,12 +78,12 @@ def test_collinear_regressors_are_infinite_and_name_each_other() -> None:
     target = 3.0 * motion + 1.0 + 0.01 * random.standard_normal(500)
     fit = least_squares(("inertia", "copy", "offset", "absent"), design, target)
     for name, other in (("inertia", "copy"), ("copy", "inertia")):
-        found = fit.identified(name, "1")
+        found = fit.interval_estimate(name, "1")
         assert (found.low, found.high) == (-math.inf, math.inf)
         assert math.isnan(found.value)
         assert found.note == f"cannot be told from {other}"
-    assert fit.identified("absent", "1").note == "no absent in the recording"
-    assert fit.identified("offset", "1").holds(1.0)
+    assert fit.interval_estimate("absent", "1").note == "no absent in the recording"
+    assert fit.interval_estimate("offset", "1").holds(1.0)
     np.testing.assert_allclose(design @ fit.coefficients, target, atol=0.06)
 
 
@@ -91,8 +91,8 @@ def test_a_regressor_of_noise_is_undetermined_rather_than_nothing() -> None:
     random = np.random.default_rng(2)
     design = np.column_stack((random.standard_normal(5000), np.ones(5000)))
     fit = least_squares(NAMES, design, np.ones(5000), noise_rms=np.array([1.0, 0.0]))
-    assert not fit.identified("slope", "1").determined
-    assert fit.identified("level", "1").value == pytest.approx(1.0)
+    assert not fit.interval_estimate("slope", "1").determined
+    assert fit.interval_estimate("level", "1").value == pytest.approx(1.0)
 
 
 def noisy_regressor(seed: int, count: int = 20_000) -> tuple[Floats, Floats, Floats, Floats]:
@@ -113,9 +113,9 @@ def test_noise_in_a_regressor_pulls_least_squares_down_and_nothing_else() -> Non
         instrumental_variables(NAMES, design, target, instruments),
         total_least_squares(NAMES, design, target, np.array([0.5, 0.0]), 0.1),
     ):
-        assert fit.identified("slope", "1").holds(truth[0])
-        assert fit.identified("level", "1").holds(truth[1])
-        assert fit.identified("slope", "1").sigma < 0.03
+        assert fit.interval_estimate("slope", "1").holds(truth[0])
+        assert fit.interval_estimate("level", "1").holds(truth[1])
+        assert fit.interval_estimate("slope", "1").sigma < 0.03
 
 
 def test_total_least_squares_holds_the_truth_as_often_as_it_says() -> None:
@@ -123,7 +123,7 @@ def test_total_least_squares_holds_the_truth_as_often_as_it_says() -> None:
     for seed in range(runs):
         design, target, _, truth = noisy_regressor(seed, 1000)
         fit = total_least_squares(NAMES, design, target, np.array([0.5, 0.0]), 0.1)
-        hits += fit.identified("slope", "1").holds(truth[0])
+        hits += fit.interval_estimate("slope", "1").holds(truth[0])
     assert hits >= stats.binom.ppf(0.001, runs, 0.95)
 
 
@@ -132,7 +132,7 @@ def test_weak_instruments_give_wide_intervals() -> None:
     unrelated = np.column_stack(
         (np.random.default_rng(99).standard_normal(len(target)), np.ones(len(target)))
     )
-    found = instrumental_variables(NAMES, design, target, unrelated).identified("slope", "1")
+    found = instrumental_variables(NAMES, design, target, unrelated).interval_estimate("slope", "1")
     assert found.sigma > 0.2 or not found.determined
     assert found.holds(truth[0])
 

@@ -15,7 +15,7 @@ from edge_service.fingerprint.regression.prepared_run import (
 )
 from edge_service.fingerprint.transmission.nut_preload import preload_from_stiffness
 from edge_service.fingerprint.transmission.stiffness_fit import StiffnessFit, fit_stiffness
-from edge_service.fingerprint.transmission.stiffness_point import StiffnessStation, backlash
+from edge_service.fingerprint.transmission.stiffness_point import StiffnessPoint, backlash
 from edge_service.messages.channels import ANGLE, TABLE_POSITION
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine, Quantity
@@ -52,11 +52,11 @@ def prepared(frame: SampleFrame) -> list[PreparedRun]:
 
 
 def assert_spring(found: StiffnessFit) -> None:
-    for station in found.stations:
-        truth = compliance(np.array(station.position_m))
-        assert station.stiffness.holds(1.0 / truth)
-        assert station.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
-        assert station.lost_motion.holds(2.0 * GUIDE_FORCE_N * truth)
+    for point in found.points:
+        truth = compliance(np.array(point.position_m))
+        assert point.stiffness.holds(1.0 / truth)
+        assert point.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
+        assert point.lost_motion.holds(2.0 * GUIDE_FORCE_N * truth)
     assert found.guide_force.holds(GUIDE_FORCE_N)
     assert found.clock_skew.holds(1e-4)
     assert found.scale_error.holds(2e-5)
@@ -65,7 +65,7 @@ def assert_spring(found: StiffnessFit) -> None:
 def test_a_spring_is_found_with_its_skew_and_its_lead_error(bench: Machine) -> None:
     found = fit_stiffness(prepared(spring_axis(bench, 1)), PLACES_M, MASS)
     assert_spring(found)
-    assert all(station.stiffness.sigma < 0.01 * 5e7 for station in found.stations)
+    assert all(point.stiffness.sigma < 0.01 * 5e7 for point in found.points)
 
 
 def with_play(frame: SampleFrame, setpoints: Floats, width_m: float) -> SampleFrame:
@@ -83,15 +83,15 @@ def test_play_that_turns_its_flank_is_no_compliance(bench: Machine, mass: Quanti
     frame = with_play(spring_axis(bench, 1), setpoints, 8e-6)
     found = fit_stiffness(prepared(frame), PLACES_M, mass)
     assert found.play.value == pytest.approx(8e-6, rel=5e-3)
-    for station in found.stations:
-        truth = compliance(np.array(station.position_m))
+    for point in found.points:
+        truth = compliance(np.array(point.position_m))
         resonance_hz = 1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0))
-        assert station.locked_resonance.value == pytest.approx(resonance_hz, rel=5e-3)
+        assert point.locked_resonance.value == pytest.approx(resonance_hz, rel=5e-3)
         lost_m = 2.0 * GUIDE_FORCE_N * truth + 8e-6
-        assert station.lost_motion.value == pytest.approx(lost_m, rel=5e-3)
+        assert point.lost_motion.value == pytest.approx(lost_m, rel=5e-3)
     if mass is not None:
         assert found.guide_force.value == pytest.approx(GUIDE_FORCE_N, rel=0.02)
-        assert backlash(found.stations[1], None, found.play) == found.play
+        assert backlash(found.points[1], None, found.play) == found.play
 
 
 def test_without_play_no_flank_turns(bench: Machine) -> None:
@@ -103,18 +103,18 @@ def test_without_play_no_flank_turns(bench: Machine) -> None:
 
 def test_without_the_mass_only_the_resonance_is_known(bench: Machine) -> None:
     found = fit_stiffness(prepared(spring_axis(bench, 1)), PLACES_M)
-    for station in found.stations:
-        truth = compliance(np.array(station.position_m))
-        assert not station.stiffness.determined
-        assert "table_mass_kg" in station.stiffness.note
-        assert station.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
+    for point in found.points:
+        truth = compliance(np.array(point.position_m))
+        assert not point.stiffness.determined
+        assert "table_mass_kg" in point.stiffness.note
+        assert point.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
     assert not found.guide_force.determined
 
 
 def test_an_uncertain_mass_widens_the_stiffness(bench: Machine) -> None:
     runs = prepared(spring_axis(bench, 1))
     vague = fit_stiffness(runs, (0.4,), Quantity(value=20.0, tolerance=0.1))
-    found = vague.stations[0].stiffness
+    found = vague.points[0].stiffness
     assert found.sigma / found.value == pytest.approx(0.1, rel=0.1)
 
 
@@ -124,10 +124,10 @@ def test_places_that_the_axis_never_visits_are_undetermined(bench: Machine) -> N
     channels = {ANGLE: (low + 1e-6 * np.sign(table[:, 1])) / RATIO, TABLE_POSITION: low}
     frame = SampleFrame(np.arange(20_000) / 1000.0, channels)
     found = fit_stiffness(prepared(frame), (0.0, 0.1, 0.3, 0.5), MASS)
-    assert "too stiff" in found.stations[0].stiffness.note or found.stations[0].stiffness.low > 1e8
-    assert not found.stations[3].stiffness.determined
-    assert not found.stations[3].lost_motion.determined
-    assert found.stations[3].lost_motion.note
+    assert "too stiff" in found.points[0].stiffness.note or found.points[0].stiffness.low > 1e8
+    assert not found.points[3].stiffness.determined
+    assert not found.points[3].lost_motion.determined
+    assert found.points[3].lost_motion.note
 
 
 def test_bad_input_is_one_line(bench: Machine) -> None:
@@ -146,11 +146,11 @@ def test_the_simulated_drive_has_the_stiffness_of_its_plant(
 ) -> None:
     frame = drive(production_setpoints(bench, 60_000, 3), 3)
     found = fit_stiffness(prepared(frame), PLACES_M, MASS)
-    for station in found.stations:
-        truth = axial_compliance(settings.plant, station.position_m, FRESH)
-        assert station.stiffness.holds(1.0 / truth)
-        assert station.stiffness.sigma < 0.02 / truth
-        assert station.lost_motion.value == pytest.approx(2.0 * GUIDE_FORCE_N * truth, rel=0.02)
+    for point in found.points:
+        truth = axial_compliance(settings.plant, point.position_m, FRESH)
+        assert point.stiffness.holds(1.0 / truth)
+        assert point.stiffness.sigma < 0.02 / truth
+        assert point.lost_motion.value == pytest.approx(2.0 * GUIDE_FORCE_N * truth, rel=0.02)
     assert found.guide_force.holds(GUIDE_FORCE_N)
 
 
@@ -159,7 +159,7 @@ def test_coverage_on_springs(bench: Machine) -> None:
     runs, hits = 30, np.zeros(3)
     for seed in range(runs):
         found = fit_stiffness(prepared(spring_axis(bench, seed)), (0.1, 0.7), MASS)
-        near, far = found.stations
+        near, far = found.points
         hits += (
             near.stiffness.holds(1.0 / compliance(np.array(0.1))),
             far.stiffness.holds(1.0 / compliance(np.array(0.7))),
@@ -179,12 +179,12 @@ def test_coverage_on_the_simulated_drive(
     for seed in range(runs):
         frame = drive(production_setpoints(bench, 60_000, seed), seed)
         found = fit_stiffness(prepared(frame), PLACES_M, MASS)
-        hits += [s.stiffness.holds(t) for s, t in zip(found.stations, truth, strict=True)]
+        hits += [s.stiffness.holds(t) for s, t in zip(found.points, truth, strict=True)]
     assert hits.min() >= stats.binom.ppf(0.001, runs, 0.95), hits
 
 
-def station(lost_m: float, stiffness_n_per_m: float = 4e7) -> StiffnessStation:
-    return StiffnessStation(
+def point(lost_m: float, stiffness_n_per_m: float = 4e7) -> StiffnessPoint:
+    return StiffnessPoint(
         0.4,
         around(stiffness_n_per_m, 1e5, "N/m", 1e6),
         around(200.0, 1.0, "Hz", 1e6),
@@ -194,13 +194,13 @@ def station(lost_m: float, stiffness_n_per_m: float = 4e7) -> StiffnessStation:
 
 def test_backlash_is_the_lost_motion_that_the_guides_do_not_explain() -> None:
     windup_m = 2.0 * 40.0 / 4e7
-    found = backlash(station(windup_m + 5e-6), Quantity(value=40.0, tolerance=0.05))
+    found = backlash(point(windup_m + 5e-6), Quantity(value=40.0, tolerance=0.05))
     assert found.value == pytest.approx(5e-6, rel=1e-6)
     assert found.sigma == pytest.approx(math.hypot(5e-8, 0.05 * windup_m, windup_m / 400), rel=1e-6)
-    none = backlash(station(windup_m), Quantity(value=40.0, tolerance=0.05))
+    none = backlash(point(windup_m), Quantity(value=40.0, tolerance=0.05))
     assert none.low == 0.0
     assert none.holds(0.0)
-    unknown = backlash(station(windup_m + 5e-6), None)
+    unknown = backlash(point(windup_m + 5e-6), None)
     assert math.isnan(unknown.value)
     assert unknown.low == 0.0
     assert unknown.high == pytest.approx(windup_m + 5e-6 + 1.96 * 5e-8, rel=1e-3)
@@ -246,7 +246,7 @@ def test_a_preload_change_of_the_simulated_axis_is_seen_in_its_stiffness(
         for percent in (FRESH, 3.0)
     ]
     nut = Quantity(value=nut_stiffness(settings.plant.nut_catalogue_n_per_m, FRESH), tolerance=0.01)
-    fresh, worn = (fit.stations[1].stiffness for fit in fits)
+    fresh, worn = (fit.points[1].stiffness for fit in fits)
     found = preload_from_stiffness(worn, fresh, Quantity(value=510.0, tolerance=0.0), nut)
     assert found.holds(74.5 * 3.0)
     assert found.high < 0.8 * 510.0

@@ -10,7 +10,7 @@ import pytest
 
 from edge_service.config import load_machine
 from edge_service.fingerprint.document import FingerprintError, read_fingerprint
-from edge_service.fingerprint.regression.interval_estimate import Identified
+from edge_service.fingerprint.regression.interval_estimate import IntervalEstimate
 from edge_service.messages.channels import SETPOINT
 from edge_service.offline.fingerprint import fingerprint
 from edge_service.offline.report import fingerprint_wording
@@ -133,15 +133,20 @@ def test_emps_gives_its_inertia_and_says_what_one_encoder_lacks(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("figure", "text"),
     [
-        (Identified(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0), "8.00 µm (7.60 to 8.40)"),
-        (Identified(1.5e-3, 1.49e-3, 1.51e-3, "kg m^2", 9.0), "15.00 kg cm² (14.90 to 15.10)"),
-        (Identified(2e-10, -1e-10, 5e-10, "m", 9.0), "0.000 µm (-0.000 to 0.001)"),
-        (Identified(float("nan"), -np.inf, np.inf, "N", 9.0), "undetermined"),
-        (Identified(float("nan"), 0.0, 1.0, "N", 9.0), "0.00 to 1.00 N"),
-        (Identified(0.0, 0.0, 0.0, "N", 9.0), "0.0 N (0.0 to 0.0)"),
+        (IntervalEstimate(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0), "8.00 µm (7.60 to 8.40)"),
+        (
+            IntervalEstimate(1.5e-3, 1.49e-3, 1.51e-3, "kg m^2", 9.0),
+            "15.00 kg cm² (14.90 to 15.10)",
+        ),
+        (IntervalEstimate(2e-10, -1e-10, 5e-10, "m", 9.0), "0.000 µm (-0.000 to 0.001)"),
+        (IntervalEstimate(float("nan"), -np.inf, np.inf, "N", 9.0), "undetermined"),
+        (IntervalEstimate(float("nan"), 0.0, 1.0, "N", 9.0), "0.00 to 1.00 N"),
+        (IntervalEstimate(0.0, 0.0, 0.0, "N", 9.0), "0.0 N (0.0 to 0.0)"),
     ],
 )
-def test_numbers_are_shown_with_the_digits_that_they_have(figure: Identified, text: str) -> None:
+def test_numbers_are_shown_with_the_digits_that_they_have(
+    figure: IntervalEstimate, text: str
+) -> None:
     assert shown(figure).startswith(text)
     assert plain("stiffness.stiffness_at_160_mm_n_per_m") == "stiffness at 160 mm"
     assert plain("coulomb_nm") == "Coulomb"

@@ -1,4 +1,4 @@
-"""Relation of one channel to another: factor, lag and what the mechanics put between."""
+"""Regression of one channel on another: factor, lag and what the mechanics put between."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from ...messages.samples import Floats, SampleFrame
 from ...trace.conditioning import CUTOFF_SHARE, central_difference, low_pass, white_noise_rms
 from ...trace.screening import UniformRun, uniform_runs
-from ..regression.interval_estimate import Identified, undetermined
+from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.linear import LinearFit, least_squares
 
 CUTOFF_HZ = 50.0
@@ -23,7 +23,7 @@ STANDSTILL_SHARE = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Relation:
+class ChannelRegression:
     """target = factor * source(t - lag) + the mechanics.
 
     Attributes:
@@ -31,18 +31,18 @@ class Relation:
         lag: by how much the target comes later, s.
     """
 
-    factor: Identified
-    lag: Identified
+    factor: IntervalEstimate
+    lag: IntervalEstimate
 
 
-def relate(
+def regress_channel(
     recordings: Iterable[SampleFrame],
     target: str,
     source: str,
     *,
     derivative: int = 0,
     mechanics: bool = False,
-) -> Relation:
+) -> ChannelRegression:
     """Regress a channel on another one, or on its derivative, and on the next derivative.
 
     To first order, s(t - lag) = s(t) - lag ds/dt. Both pass the same zero-phase low-pass.
@@ -73,7 +73,7 @@ def relate(
     design, wanted = design[::step], wanted[::step]
     names = ("factor", "lag", "direction", "stretch")[: design.shape[1]]
     fit = least_squares(names, design, wanted)
-    return Relation(fit.identified("factor", ""), _lag(fit))
+    return ChannelRegression(fit.interval_estimate("factor", ""), _lag(fit))
 
 
 def _moves(values: Floats) -> bool:
@@ -81,9 +81,9 @@ def _moves(values: Floats) -> bool:
     return float(np.std(values)) > LEAST_MOTION * white_noise_rms(values)
 
 
-def _lag(fit: LinearFit) -> Identified:
+def _lag(fit: LinearFit) -> IntervalEstimate:
     """From the coefficient of the next derivative, - factor * lag."""
-    factor, slope = fit.identified("factor", ""), fit.identified("lag", "s")
+    factor, slope = fit.interval_estimate("factor", ""), fit.interval_estimate("lag", "s")
     if not factor.determined or factor.holds(0.0):
         return undetermined("s", "the factor itself is not determined")
     return slope.scaled(-1.0 / factor.value, "s")

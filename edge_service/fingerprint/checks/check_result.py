@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ..regression.interval_estimate import Identified
+from ..regression.interval_estimate import IntervalEstimate
 
 FACTOR_TOLERANCE = 0.02
 """No lead, encoder or speed is further off its nominal value than this without a mistake."""
@@ -34,7 +34,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckResult:
     """One check.
 
     Attributes:
@@ -47,24 +47,24 @@ class Finding:
     name: str
     verdict: Verdict
     sentence: str
-    figure: Identified | None = None
+    figure: IntervalEstimate | None = None
     expected: float | None = None
 
 
 def judge_factor(
-    name: str, factor: Identified, expected: float, said: str, channel: str = ""
-) -> Finding:
+    name: str, factor: IntervalEstimate, expected: float, said: str, channel: str = ""
+) -> CheckResult:
     """Hold a factor against what is expected of it."""
     if not factor.determined:
-        return Finding(name, Verdict.UNKNOWN, f"cannot tell: {factor.note}", factor, expected)
+        return CheckResult(name, Verdict.UNKNOWN, f"cannot tell: {factor.note}", factor, expected)
     low, high = sorted((factor.low / expected, factor.high / expected))
     if low > 1.0 + FACTOR_TOLERANCE or high < 1.0 - FACTOR_TOLERANCE:
         ratio = factor.value / expected
         sentence = f"{channel or name} looks {wrongly(ratio)}" + usual_mistake(abs(ratio), channel)
-        return Finding(name, Verdict.DOUBTFUL, sentence, factor, expected)
+        return CheckResult(name, Verdict.DOUBTFUL, sentence, factor, expected)
     if high - low > 2.0 * FACTOR_TOLERANCE:
-        return Finding(name, Verdict.UNKNOWN, "too little motion to tell", factor, expected)
-    return Finding(name, Verdict.FITS, said, factor, expected)
+        return CheckResult(name, Verdict.UNKNOWN, "too little motion to tell", factor, expected)
+    return CheckResult(name, Verdict.FITS, said, factor, expected)
 
 
 def wrongly(ratio: float) -> str:

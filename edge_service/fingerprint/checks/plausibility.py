@@ -23,8 +23,8 @@ from ...messages.samples import Floats, SampleFrame
 from ...models.machine import Machine
 from ..regression.inverse_dynamics import identify_inverse_dynamics
 from ..regression.prepared_run import PreparationSettings
-from .channel_regression import CUTOFF_HZ, Relation, relate
-from .check_result import Finding, Verdict, judge_factor, usual_mistake, wrongly
+from .channel_regression import CUTOFF_HZ, ChannelRegression, regress_channel
+from .check_result import CheckResult, Verdict, judge_factor, usual_mistake, wrongly
 
 INERTIA_FACTOR = 2.0
 """A load changes the inertia by less than this factor; beyond it the torque's unit is another."""
@@ -39,10 +39,10 @@ STROKE_SLACK = 0.02
 TEMPERATURES_C = (-40.0, 150.0)
 
 
-def check_plausibility(machine: Machine, recordings: Sequence[SampleFrame]) -> list[Finding]:
+def check_plausibility(machine: Machine, recordings: Sequence[SampleFrame]) -> list[CheckResult]:
     """Every check that the channels allow, in a fixed order."""
     channels = {name for frame in recordings for name in frame.channels}
-    checks: list[tuple[str, set[str], Callable[[], Finding]]] = [
+    checks: list[tuple[str, set[str], Callable[[], CheckResult]]] = [
         ("rate", set(), lambda: _rate(recordings)),
         ("lead", {ANGLE, TABLE_POSITION}, lambda: _lead(machine, recordings)),
         ("encoder_lag", {ANGLE, TABLE_POSITION}, lambda: _lag(_encoders(recordings))),
@@ -60,18 +60,18 @@ def check_plausibility(machine: Machine, recordings: Sequence[SampleFrame]) -> l
     return [_judged(name, check) for name, needed, check in checks if needed <= channels]
 
 
-def _judged(name: str, check: Callable[[], Finding]) -> Finding:
+def _judged(name: str, check: Callable[[], CheckResult]) -> CheckResult:
     try:
         return check()
     except ValueError as error:
-        return Finding(name, Verdict.UNKNOWN, f"cannot tell: {' '.join(str(error).split())}")
+        return CheckResult(name, Verdict.UNKNOWN, f"cannot tell: {' '.join(str(error).split())}")
 
 
-def _encoders(recordings: Sequence[SampleFrame]) -> Relation:
-    return relate(recordings, TABLE_POSITION, ANGLE, mechanics=True)
+def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
+    return regress_channel(recordings, TABLE_POSITION, ANGLE, mechanics=True)
 
 
-def _lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def _lead(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckResult:
     lead = _encoders(recordings).factor.scaled(2e3 * math.pi, "mm")
     expected = 1e3 * machine.axis.lead_m
     found = judge_factor("lead", lead, expected, f"lead is {lead.value:.6g} mm")
@@ -86,7 +86,7 @@ def _lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
     else:
         sentence = f"lead looks like {lead.value:.4g} mm, not {expected:.4g}"
         sentence += usual_mistake(ratio, f"{TABLE_POSITION} over {ANGLE}")
-    return Finding("lead", found.verdict, sentence, lead, expected)
+    return CheckResult("lead", found.verdict, sentence, lead, expected)
 
 
 def _misread_angle(ratio: float) -> str:
@@ -105,43 +105,43 @@ def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool
         return False
 
 
-def _lag(encoders: Relation) -> Finding:
+def _lag(encoders: ChannelRegression) -> CheckResult:
     lag = encoders.lag.scaled(1e3, "ms")
     if not lag.determined:
-        return Finding("encoder_lag", Verdict.UNKNOWN, f"cannot tell: {lag.note}", lag, 0.0)
+        return CheckResult("encoder_lag", Verdict.UNKNOWN, f"cannot tell: {lag.note}", lag, 0.0)
     least_ms = 1e3 * LEAST_LAG_S
     if lag.low > least_ms:
         sentence = f"linear encoder lags rotary by {lag.value:.2g} ms"
-        return Finding("encoder_lag", Verdict.DOUBTFUL, sentence, lag, 0.0)
+        return CheckResult("encoder_lag", Verdict.DOUBTFUL, sentence, lag, 0.0)
     if lag.high < -least_ms:
         sentence = f"linear encoder leads rotary by {-lag.value:.2g} ms"
-        return Finding("encoder_lag", Verdict.DOUBTFUL, sentence, lag, 0.0)
+        return CheckResult("encoder_lag", Verdict.DOUBTFUL, sentence, lag, 0.0)
     if lag.high - lag.low > 10.0 * least_ms:
-        return Finding("encoder_lag", Verdict.UNKNOWN, "too little motion to tell", lag, 0.0)
-    return Finding("encoder_lag", Verdict.FITS, "both encoders tell the same time", lag, 0.0)
+        return CheckResult("encoder_lag", Verdict.UNKNOWN, "too little motion to tell", lag, 0.0)
+    return CheckResult("encoder_lag", Verdict.FITS, "both encoders tell the same time", lag, 0.0)
 
 
-def _setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def _setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckResult:
     has_table = any(TABLE_POSITION in frame.channels for frame in recordings)
     position = TABLE_POSITION if has_table else ANGLE
     unit = 1.0 if position == TABLE_POSITION else machine.transmission_ratio_m_per_rad
-    factor = relate(recordings, position, SETPOINT).factor.scaled(unit, "")
+    factor = regress_channel(recordings, position, SETPOINT).factor.scaled(unit, "")
     return judge_factor("setpoint", factor, 1.0, f"{position} follows {SETPOINT}", position)
 
 
-def _speed(recordings: Sequence[SampleFrame], speed: str, position: str) -> Finding:
+def _speed(recordings: Sequence[SampleFrame], speed: str, position: str) -> CheckResult:
     name = speed.removesuffix("_rad_s").removesuffix("_m_s")
-    relation = relate(recordings, speed, position, derivative=1)
+    relation = regress_channel(recordings, speed, position, derivative=1)
     said = f"{speed} is the derivative of {position}"
     found = judge_factor(name, relation.factor, 1.0, said, speed)
     lag = relation.lag
     if found.verdict is Verdict.FITS and lag.determined and lag.low > LONGEST_FILTER_S:
         sentence = f"{speed} comes {1e3 * lag.value:.2g} ms later than {position}"
-        return Finding(name, Verdict.DOUBTFUL, sentence, lag.scaled(1e3, "ms"), 0.0)
+        return CheckResult(name, Verdict.DOUBTFUL, sentence, lag.scaled(1e3, "ms"), 0.0)
     return found
 
 
-def _torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def _torque(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckResult:
     able = [frame for frame in recordings if TORQUE in frame.channels]
     if _angle_is_wrong(machine, able):
         able = [_without_angle(frame) for frame in able]
@@ -152,22 +152,22 @@ def _torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
     expected = machine.model.inertia_kg_m2.value
     if not inertia.determined or inertia.holds(0.0):
         sentence = "cannot tell: too little acceleration"
-        return Finding("torque", Verdict.UNKNOWN, sentence, inertia, expected)
+        return CheckResult("torque", Verdict.UNKNOWN, sentence, inertia, expected)
     if inertia.high < 0.0:
         both = coulomb.determined and coulomb.high < 0.0
         sentence = "torque sign looks inverted: " + (
             "inertia and friction read negative" if both else "inertia reads negative"
         )
-        return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected)
+        return CheckResult("torque", Verdict.DOUBTFUL, sentence, inertia, expected)
     if inertia.low > INERTIA_FACTOR * expected or inertia.high < expected / INERTIA_FACTOR:
         ratio = inertia.value / expected
         sentence = f"torque looks {wrongly(ratio)}" + usual_mistake(ratio, TORQUE)
-        return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected)
+        return CheckResult("torque", Verdict.DOUBTFUL, sentence, inertia, expected)
     if coulomb.determined and coulomb.high < 0.0:
         sentence = "friction reads negative: sign of torque or motion, or a load that pulls"
-        return Finding("torque", Verdict.DOUBTFUL, sentence, coulomb, 0.0)
+        return CheckResult("torque", Verdict.DOUBTFUL, sentence, coulomb, 0.0)
     sentence = "torque has the sign and the size that the inertia needs"
-    return Finding("torque", Verdict.FITS, sentence, inertia, expected)
+    return CheckResult("torque", Verdict.FITS, sentence, inertia, expected)
 
 
 def _angle_is_wrong(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
@@ -184,25 +184,25 @@ def _without_angle(frame: SampleFrame) -> SampleFrame:
     return SampleFrame(frame.time_s, channels)
 
 
-def _stroke(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def _stroke(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckResult:
     stroke = machine.axis.stroke_m
     if stroke is None:
-        return Finding("stroke", Verdict.UNKNOWN, "cannot tell: axis.stroke_m is missing")
+        return CheckResult("stroke", Verdict.UNKNOWN, "cannot tell: axis.stroke_m is missing")
     low, high = _range(recordings, TABLE_POSITION)
     sentence = f"table moves from {low:.4g} to {high:.4g} m of a stroke of {stroke:g} m"
     slack = STROKE_SLACK * stroke
     inside = -slack <= low and high <= stroke + slack
-    return Finding("stroke", Verdict.FITS if inside else Verdict.DOUBTFUL, sentence)
+    return CheckResult("stroke", Verdict.FITS if inside else Verdict.DOUBTFUL, sentence)
 
 
-def _temperature(recordings: Sequence[SampleFrame]) -> Finding:
+def _temperature(recordings: Sequence[SampleFrame]) -> CheckResult:
     low, high = _range(recordings, TEMPERATURE)
     inside = TEMPERATURES_C[0] <= low and high <= TEMPERATURES_C[1]
     sentence = f"temperature from {low:.3g} to {high:.3g} degC"
-    return Finding("temperature", Verdict.FITS if inside else Verdict.DOUBTFUL, sentence)
+    return CheckResult("temperature", Verdict.FITS if inside else Verdict.DOUBTFUL, sentence)
 
 
-def _rate(recordings: Sequence[SampleFrame]) -> Finding:
+def _rate(recordings: Sequence[SampleFrame]) -> CheckResult:
     steps = np.concatenate([np.diff(frame.time_s) for frame in recordings])
     forward = steps[steps > 0.0]
     if forward.size == 0:
@@ -216,8 +216,8 @@ def _rate(recordings: Sequence[SampleFrame]) -> Finding:
         sentence += f", {backwards} times repeated or running backwards"
     if 1.0 / period_s < (1.0 - RATE_SLACK) * LEAST_RATE_HZ:
         sentence += "; too slow to know the torque between samples: intervals will be wide"
-        return Finding("rate", Verdict.DOUBTFUL, sentence)
-    return Finding("rate", Verdict.FITS, sentence)
+        return CheckResult("rate", Verdict.DOUBTFUL, sentence)
+    return CheckResult("rate", Verdict.FITS, sentence)
 
 
 def _range(recordings: Sequence[SampleFrame], channel: str) -> tuple[float, float]:

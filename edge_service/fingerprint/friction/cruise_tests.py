@@ -11,7 +11,7 @@ from scipy import signal
 from ...messages.channels import ANGLE, TORQUE
 from ...messages.samples import Floats
 from ...models.screw.ball_screw import BallPassOrders
-from ..regression.interval_estimate import Identified, undetermined
+from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.linear import effective_size
 from ..regression.prepared_run import PreparedRun
 from ..result import Contents, Curve, mean_of, rounded_rpm
@@ -110,7 +110,7 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
 
 def _ball_figures(
     balls: BallPassOrders | None, power: Floats, order: Floats, rpm: str, highest: float
-) -> dict[str, Identified]:
+) -> dict[str, IntervalEstimate]:
     """Root mean squares about the orders of the balls, each with its order as a note.
 
     Args:
@@ -175,7 +175,7 @@ def _torque_cruises(
                 yield _TorqueCruise(angle, torque, speed, run.settings.cutoff_hz)
 
 
-def _band_rms(power: Floats) -> Identified:
+def _band_rms(power: Floats) -> IntervalEstimate:
     """Root mean square within bins, (segments, bins); overlapping segments count as half."""
     squares = np.sum(power, axis=1) / _WINDOW_BINS
     mean = float(np.mean(squares))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.screw.friction import exponential_friction
-from ..regression.interval_estimate import Identified, around, normal_quantile, undetermined
+from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ..result import Contents, Curve, mean_of, rounded_rpm
 from .fit import LEAST_ERROR_SHARE, fit_friction
 from .points import FrictionPoint
@@ -56,7 +56,7 @@ class FrictionParts:
         values: of the curve, by the same names; a part that is missing is not in it.
     """
 
-    parameters: Mapping[str, Identified]
+    parameters: Mapping[str, IntervalEstimate]
     values: Mapping[str, float]
 
     def torque_nm(self, speed_rad_s: Floats) -> Floats:
@@ -90,7 +90,7 @@ def friction_parts(points: Sequence[FrictionPoint]) -> FrictionParts:
     return _straight(points)
 
 
-def _sigma_below(figure: Identified) -> float:
+def _sigma_below(figure: IntervalEstimate) -> float:
     """Standard deviation on the side of the lower bound, which may differ from the upper."""
     return (figure.value - figure.low) / normal_quantile()
 
@@ -123,7 +123,7 @@ def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
     return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
-def _levels(points: Sequence[FrictionPoint]) -> dict[str, Identified]:
+def _levels(points: Sequence[FrictionPoint]) -> dict[str, IntervalEstimate]:
     """Friction at each speed that is there in both directions, N m."""
     return {f"level_{rpm}_rpm_nm": mean_level(ways) for rpm, ways in both_ways(points).items()}
 
@@ -136,12 +136,12 @@ def both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[Fric
     return {rpm: groups[rpm] for rpm in sorted(groups, key=float) if len(groups[rpm]) == 2}
 
 
-def mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> Identified:
+def mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> IntervalEstimate:
     """Mean magnitude of the friction at one speed, of points in both directions, N m."""
     return mean_of_ways([mean_torque(points) for points in ways.values()])
 
 
-def mean_torque(points: Sequence[FrictionPoint]) -> Identified:
+def mean_torque(points: Sequence[FrictionPoint]) -> IntervalEstimate:
     """Mean magnitude of the friction of points at one speed, N m."""
     return mean_of(
         [abs(point.torque_nm) for point in points],
@@ -150,12 +150,12 @@ def mean_torque(points: Sequence[FrictionPoint]) -> Identified:
     )
 
 
-def mean_of_ways(ways: Sequence[Identified]) -> Identified:
+def mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
     """Mean of what was found in either direction, N m."""
     value = sum(way.value for way in ways) / len(ways)
     half = math.hypot(*(way.high - way.value for way in ways)) / len(ways)
     count = min(way.n_effective for way in ways)
-    return Identified(value, value - half, value + half, "N m", count)
+    return IntervalEstimate(value, value - half, value + half, "N m", count)
 
 
 def _point_curve(name: str, points: Sequence[FrictionPoint]) -> Curve:

@@ -1,4 +1,4 @@
-"""Nonlinear friction fit to (speed, torque) points (the seed's 5.3.12-5.3.15, Figure 5.10)."""
+"""Nonlinear friction fit to (speed, torque) points (the thesis' 5.3.12-5.3.15, Figure 5.10)."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.screw.friction import Friction, exponential_friction
-from ..regression.interval_estimate import Identified, undetermined
+from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.nonlinear import Unknown, best_values, fit_profiled, unexplained_share
 from .points import FrictionPoint
 
@@ -41,7 +41,7 @@ class FrictionFit:
     """
 
     form: FrictionForm
-    parameters: Mapping[str, Identified]
+    parameters: Mapping[str, IntervalEstimate]
     values: Mapping[str, float]
     reduced_chi2: float
 

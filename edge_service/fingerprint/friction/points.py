@@ -1,4 +1,4 @@
-"""Friction points: the mean torque of every cruise in a recording (the seed's friction test)."""
+"""Friction points: the mean torque of every cruise in a recording (the thesis' friction test)."""
 
 import math
 from collections.abc import Iterable, Iterator

@@ -1,4 +1,4 @@
-"""Changes from friction test to friction test: the seed's warm-up study (Figure 5.11)."""
+"""Changes from friction test to friction test: the thesis' warm-up study (Figure 5.11)."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..regression.interval_estimate import Identified
+from ..regression.interval_estimate import IntervalEstimate
 from ..result import Contents, Curve, mean_of
 from .curve import (
     FRICTION_LABELS,
@@ -84,7 +84,7 @@ def friction_tests(recordings: Mapping[str, Sequence[FrictionPoint]]) -> list[Fr
     return by_clock if one_clock else found
 
 
-def _change(first: Ways, last: Ways) -> Identified:
+def _change(first: Ways, last: Ways) -> IntervalEstimate:
     """Friction at one speed in the last test less that in the first, N m.
 
     Repeats of one test pair off, each at its place on the stroke: what varies along the stroke is
@@ -93,7 +93,9 @@ def _change(first: Ways, last: Ways) -> Identified:
     return mean_of_ways([_change_one_way(first[way], last[way]) for way in (True, False)])
 
 
-def _change_one_way(first: Sequence[FrictionPoint], last: Sequence[FrictionPoint]) -> Identified:
+def _change_one_way(
+    first: Sequence[FrictionPoint], last: Sequence[FrictionPoint]
+) -> IntervalEstimate:
     if len(first) == len(last):
         pairs = list(zip(first, last, strict=True))
         return mean_of(
@@ -105,7 +107,7 @@ def _change_one_way(first: Sequence[FrictionPoint], last: Sequence[FrictionPoint
     value = after.value - before.value
     half = float(np.hypot(before.high - before.value, after.high - after.value))
     count = min(before.n_effective, after.n_effective)
-    return Identified(value, value - half, value + half, "N m", count)
+    return IntervalEstimate(value, value - half, value + half, "N m", count)
 
 
 def _curve(test: FrictionTest, shared: Sequence[str]) -> Curve:

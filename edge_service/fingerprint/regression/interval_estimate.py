@@ -10,7 +10,7 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
+class IntervalEstimate:
     """One identified quantity.
 
     Attributes:
@@ -43,10 +43,10 @@ class Identified:
         """Tell whether the interval holds `truth`."""
         return self.low <= truth <= self.high
 
-    def scaled(self, factor: float, unit: str) -> "Identified":
+    def scaled(self, factor: float, unit: str) -> "IntervalEstimate":
         """The quantity times `factor` (not 0), in another unit."""
         low, high = sorted((self.low * factor, self.high * factor))
-        return Identified(self.value * factor, low, high, unit, self.n_effective, self.note)
+        return IntervalEstimate(self.value * factor, low, high, unit, self.n_effective, self.note)
 
 
 def normal_quantile() -> float:
@@ -65,7 +65,7 @@ def student_quantile(freedom: float) -> float:
 
 def around(
     value: float, sigma: float, unit: str, n_effective: float, parameters: int = 1, note: str = ""
-) -> Identified:
+) -> IntervalEstimate:
     """An estimate with a symmetric interval from its standard deviation.
 
     >>> round(around(2.0, 0.5, "N m", 1e9).high, 4)
@@ -74,9 +74,9 @@ def around(
     half = student_quantile(n_effective - parameters) * sigma
     if not math.isfinite(half):
         return undetermined(unit, note or "too few independent observations", n_effective)
-    return Identified(value, value - half, value + half, unit, n_effective, note)
+    return IntervalEstimate(value, value - half, value + half, unit, n_effective, note)
 
 
-def undetermined(unit: str, note: str, n_effective: float = 0.0) -> Identified:
+def undetermined(unit: str, note: str, n_effective: float = 0.0) -> IntervalEstimate:
     """A quantity that the data says nothing about."""
-    return Identified(math.nan, -math.inf, math.inf, unit, n_effective, note)
+    return IntervalEstimate(math.nan, -math.inf, math.inf, unit, n_effective, note)

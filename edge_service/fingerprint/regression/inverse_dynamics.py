@@ -1,6 +1,6 @@
 """Inverse-dynamics identification: the torque that the measured motion needs (IDIM-LS).
 
-torque = J a + D v + F_c sgn(v) + offset (the seed's one-mass model with the friction of
+torque = J a + D v + F_c sgn(v) + offset (the thesis' one-mass model with the friction of
 5.3.12-5.3.15), linear in its parameters, solved for all samples of all runs at once
 (Gautier and Khalil, 1988). The published reference for a ball-screw axis is Janot, Gautier and
 Brunot, Data Set and Reference Models of EMPS, 2019.
@@ -15,7 +15,7 @@ import numpy as np
 
 from ...messages.channels import SETPOINT
 from ...messages.samples import Floats, SampleFrame
-from .interval_estimate import Identified, normal_quantile
+from .interval_estimate import IntervalEstimate, normal_quantile
 from .linear import LinearFit, instrumental_variables, least_squares, total_least_squares
 from .prepared_run import PreparationSettings, PreparedRun, prepare
 from .regressors import REGRESSORS, SYMMETRIC, RegressionRows, regression_rows
@@ -32,7 +32,7 @@ Method = Literal["auto", "least_squares", "instrumental", "total"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseDynamics:
-    """Identified inverse model.
+    """IntervalEstimate inverse model.
 
     Attributes:
         parameters: by name of the regressor.
@@ -42,7 +42,7 @@ class InverseDynamics:
         seconds: of motion used.
     """
 
-    parameters: Mapping[str, Identified]
+    parameters: Mapping[str, IntervalEstimate]
     fit: LinearFit
     method: str
     reliability: Mapping[str, float]
@@ -85,7 +85,7 @@ def identify_inverse_dynamics(
     return replace(fast, parameters=widened)
 
 
-def _widened(found: Identified, other: Identified) -> Identified:
+def _widened(found: IntervalEstimate, other: IntervalEstimate) -> IntervalEstimate:
     """`found`, wider by its distance from `other` beyond what chance allows.
 
     `other` leaves out data that `found` has, so the variance of their difference is that of the
@@ -127,7 +127,7 @@ def fit_inverse_dynamics(
     chosen = _chosen(method, rows, reliability)
     fit = _fitted(chosen, rows, names)
     return InverseDynamics(
-        {name: fit.identified(name, REGRESSORS[name].unit) for name in names},
+        {name: fit.interval_estimate(name, REGRESSORS[name].unit) for name in names},
         fit,
         chosen,
         reliability,

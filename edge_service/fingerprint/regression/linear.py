@@ -14,7 +14,7 @@ import numpy as np
 from scipy import fft
 
 from ...messages.samples import Booleans, Floats
-from .interval_estimate import Identified, around, undetermined
+from .interval_estimate import IntervalEstimate, around, undetermined
 
 RANK_TOLERANCE = 1e-8
 """Singular values of the scaled regressors below this share of the greatest one count as zero."""
@@ -50,7 +50,7 @@ class LinearFit:
     condition: float
     notes: dict[str, str]
 
-    def identified(self, name: str, unit: str) -> Identified:
+    def interval_estimate(self, name: str, unit: str) -> IntervalEstimate:
         """One coefficient with its interval. Raises ValueError for an unknown name."""
         index = self.names.index(name)
         count = float(self.observations[index])

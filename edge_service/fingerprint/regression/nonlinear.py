@@ -8,7 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from ...messages.samples import Floats
-from .interval_estimate import Identified, student_quantile
+from .interval_estimate import IntervalEstimate, student_quantile
 
 _MOST_SEARCHED = 60
 """Evaluations from one start; one that has not found its valley by then is in none that counts."""
@@ -52,7 +52,7 @@ class NonlinearFit:
     """
 
     values: Floats
-    parameters: dict[str, Identified]
+    parameters: dict[str, IntervalEstimate]
     residual: Floats
     reduced_chi2: float
 
@@ -99,7 +99,7 @@ def fit_profiled(
         search, best.x, elsewhere, chi2, limit, independent, np.linalg.pinv(curvature, rcond=1e-12)
     )
     values = search.outward(best.x)
-    parameters = {unknown.name: profile.identified(k) for k, unknown in enumerate(unknowns)}
+    parameters = {unknown.name: profile.interval_estimate(k) for k, unknown in enumerate(unknowns)}
     return NonlinearFit(values, parameters, residual(values), reduced)
 
 
@@ -204,7 +204,7 @@ class _Profile:
     n_effective: float
     spread: Floats
 
-    def identified(self, index: int) -> Identified:
+    def interval_estimate(self, index: int) -> IntervalEstimate:
         """The unknown with the interval of its profile."""
         unknown = self.search.unknowns[index]
         low, high = self._bound(index, -1.0), self._bound(index, 1.0)
@@ -215,7 +215,7 @@ class _Profile:
             value, note = math.nan, "any value fits the data"
         elif low is None or high is None:
             note = "bounded on one side only"
-        return Identified(
+        return IntervalEstimate(
             value,
             bottom if low is None else low,
             math.inf if high is None else high,

@@ -1,4 +1,4 @@
-"""Two-mass fit of a measured drive response (the seed's second model, 5.3.19-5.3.21)."""
+"""Two-mass fit of a measured drive response (the thesis' second model, 5.3.19-5.3.21)."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
-from ..regression.interval_estimate import Identified
+from ..regression.interval_estimate import IntervalEstimate
 from ..regression.nonlinear import Residual, Unknown, best_values, fit_profiled, unexplained_share
 from .frequency_response import FrequencyResponse
 from .segment_spectra import Complexes
@@ -44,14 +44,14 @@ class TwoMassFit:
             coherence counts as error.
     """
 
-    inertia: Identified
-    antiresonance: Identified
-    resonance: Identified
-    antiresonance_damping: Identified
-    resonance_damping: Identified
-    table_share: Identified
-    delay: Identified
-    viscous: Identified
+    inertia: IntervalEstimate
+    antiresonance: IntervalEstimate
+    resonance: IntervalEstimate
+    antiresonance_damping: IntervalEstimate
+    resonance_damping: IntervalEstimate
+    table_share: IntervalEstimate
+    delay: IntervalEstimate
+    viscous: IntervalEstimate
     place_rad: float
     reduced_chi2: float
     model: TwoMasses
@@ -196,9 +196,9 @@ def _deepest_hz(places: Sequence[FrequencyResponse]) -> float:
     return float(frequency[np.argmin(np.abs(response) * frequency)])
 
 
-def _product(first: Identified, second: Identified) -> Identified:
+def _product(first: IntervalEstimate, second: IntervalEstimate) -> IntervalEstimate:
     """Product of two positive quantities in the unit of the first, with the bounds of both."""
-    return Identified(
+    return IntervalEstimate(
         first.value * second.value,
         first.low * second.low,
         first.high * second.high,
@@ -208,7 +208,7 @@ def _product(first: Identified, second: Identified) -> Identified:
     )
 
 
-def _table_share(ratio: Identified) -> Identified:
+def _table_share(ratio: IntervalEstimate) -> IntervalEstimate:
     """J2 / (J1 + J2) = 1 - (w_r / w_a)^-2."""
     low, value, high = (1.0 - bound**-2 for bound in (ratio.low, ratio.value, ratio.high))
-    return Identified(value, low, high, "1", ratio.n_effective, ratio.note)
+    return IntervalEstimate(value, low, high, "1", ratio.n_effective, ratio.note)

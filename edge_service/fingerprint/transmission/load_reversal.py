@@ -35,13 +35,13 @@ LEAST_GAIN = 25.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TurnedFlank:
-    """The column of the best candidate.
+class LoadReversal:
+    """Column of the force at which the load on the spring reverses.
 
     Attributes:
         column: -1, 0 or 1, and in between where the flank turns, (n,).
         whole: rows where it does not turn, (n,).
-        shown: whether turned rows are left, and not only rows that have to be left out.
+        shown: rows on the other flank are left, and not only rows that have to be left out.
     """
 
     column: Floats
@@ -49,9 +49,9 @@ class TurnedFlank:
     shown: bool
 
 
-def find_turned_flank(
+def find_load_reversal(
     runs: Sequence[PreparedRun], loads: Sequence[Floats], design: Floats, stretch_m: Floats
-) -> TurnedFlank | None:
+) -> LoadReversal | None:
     """The column that explains most of the stretch, if it explains play at all.
 
     Args:
@@ -88,7 +88,7 @@ def find_turned_flank(
     whole = _not_crossing(np.column_stack((design, column)), stretch_m, column)
     turned = np.abs(column) > 0.5
     shown = int(np.sum(whole & turned)) >= LEAST_ROWS
-    return TurnedFlank(column, whole if shown else whole & ~turned, shown)
+    return LoadReversal(column, whole if shown else whole & ~turned, shown)
 
 
 def _not_crossing(design: Floats, stretch_m: Floats, column: Floats) -> Booleans:

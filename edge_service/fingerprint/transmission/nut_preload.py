@@ -1,18 +1,18 @@
-"""Preload of the nut from a change of the axis' series stiffness (seed, 5.3.11)."""
+"""Preload of the nut from a change of the axis' series stiffness (thesis, 5.3.11)."""
 
 import math
 
 from ...models.machine import Quantity
 from ...models.screw.nut_law import preload_ratio
-from ..regression.interval_estimate import Identified, normal_quantile, undetermined
+from ..regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
 
 
 def preload_from_stiffness(
-    stiffness: Identified,
-    fresh_stiffness: Identified,
+    stiffness: IntervalEstimate,
+    fresh_stiffness: IntervalEstimate,
     fresh_preload_n: Quantity,
     fresh_nut_stiffness_n_per_m: Quantity | None,
-) -> Identified:
+) -> IntervalEstimate:
     """Preload from how the series stiffness at one place has changed since it was known, N.
 
     Only the nut depends on the preload, K_n ~ F^(1/3) (5.3.11), so with c = 1 / K_n and dC the
@@ -49,7 +49,7 @@ def preload_from_stiffness(
         for nut in (nut_low, nut_high)
     ]
     spread = normal_quantile() * fresh_preload_n.sigma
-    return Identified(
+    return IntervalEstimate(
         value,
         max(fresh_preload_n.value - spread, 0.0) * min(ratios),
         (fresh_preload_n.value + spread) * max(ratios),
@@ -59,5 +59,5 @@ def preload_from_stiffness(
     )
 
 
-def _bounded(stiffness: Identified) -> bool:
+def _bounded(stiffness: IntervalEstimate) -> bool:
     return stiffness.determined and stiffness.low > 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...messages.samples import SampleFrame
 from ...models.machine import Machine, Quantity
-from ..regression.interval_estimate import Identified, normal_quantile, undetermined
+from ..regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
 from ..regression.prepared_run import PreparedRun
 from ..response.frequency_response import (
     FrequencyResponse,
@@ -44,15 +44,15 @@ def stiffness_places(machine: Machine) -> tuple[float, ...]:
 
 def measure_stiffness(fit: StiffnessFit) -> Contents:
     """Stiffness and the table's resonance along the stroke."""
-    figures: dict[str, Identified] = {}
-    for station in fit.stations:
-        place = f"at_{round(1000.0 * station.position_m)}_mm"
-        figures[f"stiffness_{place}_n_per_m"] = station.stiffness
-        figures[f"locked_resonance_{place}_hz"] = station.locked_resonance
+    figures: dict[str, IntervalEstimate] = {}
+    for point in fit.points:
+        place = f"at_{round(1000.0 * point.position_m)}_mm"
+        figures[f"stiffness_{place}_n_per_m"] = point.stiffness
+        figures[f"locked_resonance_{place}_hz"] = point.locked_resonance
     curve = Curve(
         "stiffness",
-        np.array([station.position_m for station in fit.stations]),
-        np.array([station.stiffness.value for station in fit.stations]),
+        np.array([point.position_m for point in fit.points]),
+        np.array([point.stiffness.value for point in fit.points]),
         "table position, m",
         "stiffness, N/m",
     )
@@ -63,15 +63,15 @@ def measure_backlash(fit: StiffnessFit, machine: Machine) -> Contents:
     """Lost motion along the stroke, and the play in it where the guide force is known."""
     known = "guide_force_n" in machine.model.model_fields_set
     guide_n = machine.model.guide_force_n if known else None
-    figures: dict[str, Identified] = {}
-    for station in fit.stations:
-        place = f"at_{round(1000.0 * station.position_m)}_mm"
-        figures[f"lost_motion_{place}_m"] = station.lost_motion
-        figures[f"backlash_{place}_m"] = backlash(station, guide_n, fit.play)
+    figures: dict[str, IntervalEstimate] = {}
+    for point in fit.points:
+        place = f"at_{round(1000.0 * point.position_m)}_mm"
+        figures[f"lost_motion_{place}_m"] = point.lost_motion
+        figures[f"backlash_{place}_m"] = backlash(point, guide_n, fit.play)
     curve = Curve(
         "lost motion",
-        np.array([station.position_m for station in fit.stations]),
-        np.array([station.lost_motion.value for station in fit.stations]),
+        np.array([point.position_m for point in fit.points]),
+        np.array([point.lost_motion.value for point in fit.points]),
         "table position, m",
         "lost motion, m",
     )
@@ -113,9 +113,9 @@ def measure_response(recordings: Sequence[SampleFrame]) -> Contents:
 
 
 def measure_preload(
-    coulomb: Identified | None,
-    stiffness: Mapping[str, Identified],
-    fresh_stiffness: Mapping[str, Identified],
+    coulomb: IntervalEstimate | None,
+    stiffness: Mapping[str, IntervalEstimate],
+    fresh_stiffness: Mapping[str, IntervalEstimate],
     machine: Machine,
 ) -> Contents:
     """Preload from the drag (4.3.6) and from the change of the stiffness (5.3.11)."""
@@ -126,7 +126,7 @@ def measure_preload(
     return figures, ()
 
 
-def preload_from_drag_level(coulomb: Identified | None, machine: Machine) -> Identified:
+def preload_from_drag_level(coulomb: IntervalEstimate | None, machine: Machine) -> IntervalEstimate:
     """Preload from the Coulomb level less what guides and bearings rub, N.
 
     The fresh screw's pair of drag and preload gives the ratio. Where the machine file does not say
@@ -143,7 +143,7 @@ def preload_from_drag_level(coulomb: Identified | None, machine: Machine) -> Ide
     shares = (model.preload_n.tolerance, model.preload_drag_nm.tolerance, DRAG_FACTOR_TOLERANCE)
     sigma = newton_per_nm * math.hypot(coulomb.sigma, others.sigma, screw_nm * math.hypot(*shares))
     value, half = newton_per_nm * screw_nm, normal_quantile() * sigma
-    found = Identified(
+    found = IntervalEstimate(
         value, max(value - half, 0.0), max(value + half, 0.0), "N", coulomb.n_effective
     )
     if {"guide_force_n", "bearing_drag_nm"} & model.model_fields_set:
@@ -153,8 +153,8 @@ def preload_from_drag_level(coulomb: Identified | None, machine: Machine) -> Ide
 
 
 def _from_stiffness(
-    now: Mapping[str, Identified], fresh: Mapping[str, Identified], machine: Machine
-) -> Identified:
+    now: Mapping[str, IntervalEstimate], fresh: Mapping[str, IntervalEstimate], machine: Machine
+) -> IntervalEstimate:
     """At the place that the screw's own compliance disturbs least: the tightest interval."""
     model = machine.model
     if model.preload_n is None:

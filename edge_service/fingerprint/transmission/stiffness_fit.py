@@ -7,8 +7,8 @@ A spring between motor and table is stretched by what the table needs,
 so the stretch under known inertia force gives the compliance C of all springs in series (5.3.1),
 its reversal the lost motion 2 C F_guide + b, its part in proportion to the speed the skew T of the
 linear encoder's clock, and its slope along the stroke the lead or scale error e. Where the load
-turns against the motion and outdoes the guides, the play b shows by itself (`turned_flank`). The
-seed takes the same difference in its constant-acceleration test (5.2.1, Figure 5.5).
+turns against the motion and outdoes the guides, the play b shows by itself (`load_reversal`). The
+thesis takes the same difference in its constant-acceleration test (5.2.1, Figure 5.5).
 """
 
 import math
@@ -20,13 +20,13 @@ import numpy as np
 from ...messages.channels import ANGLE, EXTERNAL_FORCE, TABLE_POSITION
 from ...messages.samples import Floats
 from ...models.machine import Quantity
-from ..regression.interval_estimate import LEVEL, Identified, normal_quantile, undetermined
+from ..regression.interval_estimate import LEVEL, IntervalEstimate, normal_quantile, undetermined
 from ..regression.linear import LinearFit, least_squares
 from ..regression.prepared_run import PreparedRun, derivative_noise_rms
-from .load_reversal import find_turned_flank
-from .stiffness_point import MASS_UNKNOWN, StiffnessStation, locked_resonance, stiffness_of
+from .load_reversal import find_load_reversal
+from .stiffness_point import MASS_UNKNOWN, StiffnessPoint, locked_resonance, stiffness_of
 
-_TURNED = "turned flank"
+_REVERSAL = "turned flank"
 _CROSSED = "there is play, and it cannot be told from the guides' wind-up"
 
 
@@ -35,7 +35,7 @@ class StiffnessFit:
     """Quantities identified from the stretch.
 
     Attributes:
-        stations: along the stroke.
+        points: along the stroke.
         guide_force: F_guide, N; where no play shows by itself, all lost motion counts as wind-up.
         play: b, m, one for the whole stroke; undetermined unless the axis brakes harder than its
             guides do and play shows.
@@ -45,11 +45,11 @@ class StiffnessFit:
         fit: the regression behind it.
     """
 
-    stations: tuple[StiffnessStation, ...]
-    guide_force: Identified
-    play: Identified
-    clock_skew: Identified
-    scale_error: Identified
+    points: tuple[StiffnessPoint, ...]
+    guide_force: IntervalEstimate
+    play: IntervalEstimate
+    clock_skew: IntervalEstimate
+    scale_error: IntervalEstimate
     fit: LinearFit
 
 
@@ -81,26 +81,28 @@ def fit_stiffness(
     design, stretch_m, noise_rms = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     noise = np.sqrt(np.mean(noise_rms**2, axis=0))
     names = _names(len(nodes))
-    turned = find_turned_flank(runs, [_load(run, table_mass_kg) for run in runs], design, stretch_m)
-    if turned is not None and turned.shown:
-        names, noise = [*names, _TURNED], np.append(noise, 0.0)
-        design = np.column_stack((design, turned.column))
-    if turned is not None:
-        design, stretch_m = design[turned.whole], stretch_m[turned.whole]
+    reversal = find_load_reversal(
+        runs, [_load(run, table_mass_kg) for run in runs], design, stretch_m
+    )
+    if reversal is not None and reversal.shown:
+        names, noise = [*names, _REVERSAL], np.append(noise, 0.0)
+        design = np.column_stack((design, reversal.column))
+    if reversal is not None:
+        design, stretch_m = design[reversal.whole], stretch_m[reversal.whole]
     fit = least_squares(names, design, stretch_m, noise)
-    stations = tuple(
+    points = tuple(
         _station(fit, k, float(position), table_mass_kg) for k, position in enumerate(nodes)
     )
     return StiffnessFit(
-        stations,
+        points,
         (
             undetermined("N", _CROSSED, fit.n_effective)
-            if turned is not None and not turned.shown
+            if reversal is not None and not reversal.shown
             else _guide_force(fit, len(nodes), table_mass_kg)
         ),
         _play(fit),
-        fit.identified("speed", "s"),
-        fit.identified("position", "m/m"),
+        fit.interval_estimate("speed", "s"),
+        fit.interval_estimate("position", "m/m"),
         fit,
     )
 
@@ -167,11 +169,11 @@ def _hats(position_m: Floats, nodes: Floats) -> Floats:
 
 def _station(
     fit: LinearFit, index: int, position_m: float, table_mass_kg: Quantity | None
-) -> StiffnessStation:
-    load = fit.identified(f"load at {index}", "m/N" if table_mass_kg else "s^2")
-    direction = fit.identified(f"direction at {index}", "m")
+) -> StiffnessPoint:
+    load = fit.interval_estimate(f"load at {index}", "m/N" if table_mass_kg else "s^2")
+    direction = fit.interval_estimate(f"direction at {index}", "m")
     mass = table_mass_kg.value if table_mass_kg else 1.0
-    return StiffnessStation(
+    return StiffnessPoint(
         position_m=position_m,
         stiffness=stiffness_of(load, table_mass_kg),
         locked_resonance=locked_resonance(load, mass),
@@ -179,14 +181,14 @@ def _station(
     )
 
 
-def _play(fit: LinearFit) -> Identified:
+def _play(fit: LinearFit) -> IntervalEstimate:
     """Width of the play, m: the stretch falls by it where the flank turns."""
-    if _TURNED not in fit.names:
+    if _REVERSAL not in fit.names:
         return undetermined("m", "no play shows where the load turns", fit.n_effective)
-    return fit.identified(_TURNED, "m").scaled(-1.0, "m")
+    return fit.interval_estimate(_REVERSAL, "m").scaled(-1.0, "m")
 
 
-def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> Identified:
+def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> IntervalEstimate:
     """F_guide from the ratios of the direction's to the load's coefficients, N.
 
     Each place gives (d - b/2) / C. They are averaged with the weights of their variances; the error
@@ -194,18 +196,18 @@ def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> 
     """
     if table_mass_kg is None:
         return undetermined("N", MASS_UNKNOWN, fit.n_effective)
-    turned = fit.names.index(_TURNED) if _TURNED in fit.names else None
-    half_play = 0.0 if turned is None else -0.5 * float(fit.coefficients[turned])
+    reversal = fit.names.index(_REVERSAL) if _REVERSAL in fit.names else None
+    half_play = 0.0 if reversal is None else -0.5 * float(fit.coefficients[reversal])
     ratios, gradients = [], []
     for k in range(count):
-        load = fit.identified(f"load at {k}", "m/N")
+        load = fit.interval_estimate(f"load at {k}", "m/N")
         if not (load.determined and load.low > 0.0):
             continue
         ratio = (float(fit.coefficients[count + k]) - half_play) / load.value
         gradient = np.zeros(len(fit.names))
         gradient[k], gradient[count + k] = -ratio / load.value, 1.0 / load.value
-        if turned is not None:
-            gradient[turned] = 0.5 / load.value
+        if reversal is not None:
+            gradient[reversal] = 0.5 / load.value
         ratios.append(ratio)
         gradients.append(gradient)
     covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
@@ -217,5 +219,5 @@ def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> 
     value = float(weights @ np.array(ratios))
     sigma = math.hypot(math.sqrt(whole @ covariance @ whole), value * table_mass_kg.tolerance)
     half = normal_quantile() * sigma
-    note = "" if turned is not None else f"{100 * LEVEL:g} % interval if there is no play"
-    return Identified(value, value - half, value + half, "N", fit.n_effective, note)
+    note = "" if reversal is not None else f"{100 * LEVEL:g} % interval if there is no play"
+    return IntervalEstimate(value, value - half, value + half, "N", fit.n_effective, note)

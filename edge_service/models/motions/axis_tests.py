@@ -9,7 +9,7 @@ from .route import Route
 from .segments import rise_time
 
 FRICTION_SPEEDS_RPM = (15.0, 30.0, 60.0, 120.0, 150.0, 300.0, 600.0, 1200.0, 1500.0, 3000.0)
-"""Table 5.1: speeds of the screw; at the bench's lead of 20 mm 5 mm/s to 1 m/s."""
+"""Table 5.1: speeds of the screw; at the test bench's lead of 20 mm 5 mm/s to 1 m/s."""
 STATIONS = 3
 """Positions along the stroke: what varies along it is told from what varies with speed."""
 SETTLE_S = 0.1

@@ -9,7 +9,7 @@ from ..compiled import compiled
 SPEED_BANDWIDTH_HZ = 60.0
 """Crossover of the speed loop; about 55 degrees of phase margin with 1 ms of hold and filter."""
 MAX_TORQUE_NM = 16.0
-"""Torque limit where none is known: the seed's motor at standstill (Table A.4)."""
+"""Torque limit where none is known: the thesis' motor at standstill (Table A.4)."""
 LOOP_RATIO = 4.0
 """Speed loop over integral action, and over the position loop: each a quarter as fast."""
 

@@ -74,7 +74,7 @@ class FeedDriveSettings:
     def of_machine(
         cls, machine: Machine, rate_hz: float = 1000.0, effects: Sequence[ActiveEffect] = ()
     ) -> "FeedDriveSettings":
-        """The axis that a machine file describes, completed by the seed's bench.
+        """The axis that a machine file describes, completed by the thesis' test bench.
 
         Args:
             effects: in addition to those of the machine file.

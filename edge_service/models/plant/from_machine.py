@@ -1,4 +1,4 @@
-"""The plant behind a machine file, completed by the seed's bench where the file is silent."""
+"""The plant behind a machine file, completed by the thesis' test bench where the file is silent."""
 
 import math
 
@@ -57,7 +57,7 @@ def plant_of(machine: Machine) -> Plant:
 
 
 def table_mass(machine: Machine) -> float:
-    """Mass of table and workpiece, kg: the machine file's, or what the bench has if that fits."""
+    """Mass of table and workpiece, kg: the machine file's, or the test bench's where that fits."""
     if machine.model.table_mass_kg:
         return machine.model.table_mass_kg.value
     whole_kg = machine.model.inertia_kg_m2.value / machine.transmission_ratio_m_per_rad**2

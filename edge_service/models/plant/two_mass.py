@@ -5,7 +5,7 @@ In travel coordinates x1 = R_t theta (motor side) and x2 = x (table), with m1 = 
     m1 x1'' = u / R_t - g F - d1 x1' - f1            F = K s + c s',  s = x1 + e - x2
     m2 x2'' = F_ext   +   F - d2 x2' - f2            g = 1 + de / dx1
 
-(the seed's second model, 5.3.21, with friction). The drag of the screw and of its bearings f1 acts
+(the thesis' second model, 5.3.21, with friction). The drag of the screw and of its bearings f1 acts
 on the motor side, the friction of the guides f2 on the table. The shift e of the nut along the
 screw (lead error, growth) does no work of its own, hence g. With backlash the spring has a play;
 nothing but the guides' friction holds the table in it: without any, a closed loop hunts there.

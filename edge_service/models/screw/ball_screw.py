@@ -1,4 +1,4 @@
-"""Ball screw geometry, inertia, and drag torque against preload (seed, section 4.3)."""
+"""Ball screw geometry, inertia, and drag torque against preload (thesis, section 4.3)."""
 
 import math
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ def ball_pass_orders(
 ) -> BallPassOrders:
     """Orders of the balls: those of an angular-contact bearing along the helix.
 
-    Not in the seed. z / 2 (1 - g), z / 2 (1 + g) and D / (2 d) (1 - g^2) with the share
+    Not in the thesis. z / 2 (1 - g), z / 2 (1 + g) and D / (2 d) (1 - g^2) with the share
     g = d cos(beta) cos(lambda) / D, a ball bearing's formulas (Harris and Kotzalas, Rolling Bearing
     Analysis, 2006) with the contact angle beta in the section normal to the track, which climbs by
     the lead angle lambda. Balls without spacers touch: z = pi D / (d cos lambda) per turn of one
@@ -134,7 +134,7 @@ def lumped_inertia(
 ) -> float:
     """Inertia of the whole drive at the motor, kg m^2: J_e = J_bs + J_t + J_m (4.3.3).
 
-    The print has no coupling; that of the bench (Table A.5) is 7 % of the sum.
+    The print has no coupling; that of the test bench (Table A.5) is 7 % of the sum.
 
     Raises:
         ValueError: a part is negative.

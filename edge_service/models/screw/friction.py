@@ -1,4 +1,4 @@
-"""Friction of a sliding contact over its speed (seed, 5.3.12-5.3.15).
+"""Friction of a sliding contact over its speed (thesis, 5.3.12-5.3.15).
 
 The print is the smooth form that Simscape's translational friction has. What it implies:
 
@@ -116,7 +116,7 @@ class Friction:
 class DirectionalFriction:
     """Friction that differs by direction: one set of constants of (5.3.12) for each.
 
-    Real axes have it (the seed's Figure 5.9; EMPS). The offset must be the same in both, for it
+    Real axes have it (the thesis' Figure 5.9; EMPS). The offset must be the same in both, for it
     does not turn with the speed; a level that does is a difference of the Coulomb levels.
 
     Raises:
@@ -178,7 +178,7 @@ def exponential_friction(
 
     sgn(v) (F_c + (F_brk - F_c) exp(-(v / v_st)^2)) + D v
 
-    Not in the seed, but common in the literature (Armstrong-Helouvry, 1991).
+    Not in the thesis, but common in the literature (Armstrong-Helouvry, 1991).
 
     Its peak is at rest, where it jumps from -F_brk to F_brk; (5.3.13) peaks at v_st / sqrt(2). With
     equal constants the Stribeck parts are equal where v / v_st = 1 / sqrt(2 e) = 0.43, and above it

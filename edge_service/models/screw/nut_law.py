@@ -16,7 +16,7 @@ LEAST_NUT_LOAD_PERCENT = 0.5
 """Assumption: load that the balls carry without any preload, in percent of the load rating.
 
 (5.3.11) tends to zero with the preload, but a nut without preload is stiffened by the load that
-it moves (Fig. 5.6); 0.5 % is half of what 20 kg need at 4 m/s2 on the seed's screw.
+it moves (Fig. 5.6); 0.5 % is half of what 20 kg need at 4 m/s2 on the thesis' screw.
 """
 _LEAST_PERCENT = 0.02
 _LOOSE_PERCENT = 0.15
@@ -27,7 +27,7 @@ def nut_stiffness(catalogue_n_per_m: float, preload_percent: float) -> float:
     """Axial stiffness of a nut under preload, N/m: 0.8 K (F_a / (0.1 C_a))^(1/3) (5.3.11).
 
     K_n is the true stiffness of the nut, K the nominal one of its catalogue, F_a the force of the
-    preload and C_a the dynamic load rating; the seed's text calls three of the four F_a. Here
+    preload and C_a the dynamic load rating; the thesis' text calls three of the four F_a. Here
     `preload_percent` is 100 F_a / C_a. Below `LEAST_NUT_LOAD_PERCENT` the stiffness stays.
 
     >>> round(nut_stiffness(1.6e8, 10.0) / 1e8, 3)

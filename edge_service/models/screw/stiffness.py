@@ -24,7 +24,7 @@ def screw_area(diameter_m: float) -> float:
 def screw_torsional_rigidity(diameter_m: float) -> float:
     """Twisting moment per twist and length of a steel screw, N m^2: G I_p = G pi d^4 / 32.
 
-    Not in the seed; I_p is the cylinder's, as in (4.3.1). Like A E it is on the generous side.
+    Not in the thesis; I_p is the cylinder's, as in (4.3.1). Like A E it is on the generous side.
 
     >>> round(screw_torsional_rigidity(0.02))
     1241
@@ -45,7 +45,7 @@ def screw_compliance(
     Each held end is an arm: the bearing with its support and a rod of A E. Fixed-free has one,
     c + a / (A E); fixed-fixed has two side by side, of the lengths a and L - a. Without the
     compliance c of a bearing they are (5.3.9), a / (A E), and (5.3.10), a (L - a) / (A E L); the L
-    of (5.3.9) is this a, and b of (5.3.10) is L - a. The seed lets the fixed-free stiffness fall
+    of (5.3.9) is this a, and b of (5.3.10) is L - a. The thesis lets the fixed-free stiffness fall
     "linearly" along the screw; it is the compliance that grows linearly.
 
     Args:
@@ -71,7 +71,7 @@ def axial_stiffness_of_torsion(torsional_nm_per_rad: float, ratio_m_per_rad: flo
     """Axial stiffness that a torsional spring shows through the screw, N/m: k_t / R_t^2.
 
     An axial force F is a torque R_t F, it twists the spring by R_t F / k_t, and the table moves by
-    R_t times that. The bench's coupling (Table A.5: 67.2 N m/degree):
+    R_t times that. The test bench's coupling (Table A.5: 67.2 N m/degree):
 
     >>> round(axial_stiffness_of_torsion(67.2 * 180.0 / math.pi, 0.02 / (2.0 * math.pi)) / 1e8, 2)
     3.8

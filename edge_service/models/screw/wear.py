@@ -1,4 +1,4 @@
-"""Loss of preload over the life of a ball screw: the seed's simulations 1 to 4 (4.6)."""
+"""Loss of preload over the life of a ball screw: the thesis' simulations 1 to 4 (4.6)."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -20,7 +20,7 @@ class Wear:
         end_percent: preload from `life_s` on.
         shape: `linear`, or `sudden`: the whole loss at half of the life.
         run_in_loss: share of the loss within the first tenth of the life, then linear; 0.1 is a
-            straight line, more is "steeper at first, then linear" (seed, 4.3).
+            straight line, more is "steeper at first, then linear" (thesis, 4.3).
     """
 
     start_percent: float
@@ -56,4 +56,4 @@ SCENARIOS: dict[str, Wear] = {
     "partial": Wear(7.5, 2.5),
     "sudden": Wear(10.0, 0.0, shape="sudden"),
 }
-"""The seed's simulations 3, 1, 2 and 4, by name."""
+"""The thesis' simulations 3, 1, 2 and 4, by name."""

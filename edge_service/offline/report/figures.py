@@ -1,4 +1,4 @@
-"""The seed's Figures 4.3 to 4.10 drawn again, as inline SVG."""
+"""The thesis' Figures 4.3 to 4.10 drawn again, as inline SVG."""
 
 import io
 from collections.abc import Callable
@@ -238,8 +238,8 @@ def _short_steps() -> DrawnFigure:
         _svg("short-steps", draw, columns=3),
         "KF-IMM, causal moving average of 200 steps (2 s), exponent 1.33, Euler at 0.01 s, process "
         "noise scaled with the step.",
-        "The seed reports failure below 0.1 s. That comes from using the printed matrix per step: "
-        "levels then change ten times as often per second "
+        "The thesis reports failure below 0.1 s. That comes from using the printed matrix per "
+        "step: levels then change ten times as often per second "
         f"({mean_absolute_error(poor, run.preload_percent):.2f} points of error). Scaled as "
         f"P^(T/0.1 s) the method works ({mean_absolute_error(good, run.preload_percent):.2f}).",
     )

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ...fingerprint.fingerprint import AxisFingerprint
-from ...fingerprint.regression.interval_estimate import Identified
+from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...fingerprint.result import Curve
 from ...messages.samples import Floats
 from .figures import ESTIMATE, MUTED, STYLE, TRUTH
@@ -89,7 +89,7 @@ def _stem(curve: Curve) -> str:
 
 
 def _panel(
-    name: str, curves: Sequence[Curve], old: Sequence[Curve], known: Mapping[str, Identified]
+    name: str, curves: Sequence[Curve], old: Sequence[Curve], known: Mapping[str, IntervalEstimate]
 ) -> Figure:
     figure = Figure(figsize=PANEL_INCHES, layout="constrained")
     axes = figure.subplots()
@@ -120,7 +120,9 @@ def _draw(axes: Axes, curve: Curve, colour: str, label: str, line: str) -> None:
     axes.plot(curve.x, curve.y, line, marker=marker, ms=4, lw=1.3, color=colour, label=label)
 
 
-def _dress(name: str, axes: Axes, curves: Sequence[Curve], known: Mapping[str, Identified]) -> None:
+def _dress(
+    name: str, axes: Axes, curves: Sequence[Curve], known: Mapping[str, IntervalEstimate]
+) -> None:
     """Scales and marks of one section."""
     if name in ("friction", "equability", "frequency_response"):
         _logarithmic(axes)
@@ -149,7 +151,7 @@ def _logarithmic(axes: Axes) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _mark_modes(axes: Axes, known: Mapping[str, Identified]) -> None:
+def _mark_modes(axes: Axes, known: Mapping[str, IntervalEstimate]) -> None:
     for key, height in (("antiresonance_hz", 0.97), ("resonance_hz", 0.85)):
         mode = known.get(key)
         if mode is not None and math.isfinite(mode.value):

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ...fingerprint.regression.interval_estimate import Identified
+from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...fingerprint.result import Section
 
 
@@ -90,7 +90,7 @@ _MOST_DECIMALS = {"m": 3}
 _NAMES = ("Coulomb", "Stribeck")
 
 
-def headline(name: str, section: Section) -> dict[str, Identified]:
+def headline(name: str, section: Section) -> dict[str, IntervalEstimate]:
     """The chief figures of a section, as far as they have a number, the most telling first."""
     wording = WORDING[name]
     told = [
@@ -102,12 +102,12 @@ def headline(name: str, section: Section) -> dict[str, Identified]:
     return dict(told[: wording.most])
 
 
-def shown(figure: Identified) -> str:
+def shown(figure: IntervalEstimate) -> str:
     """Value and interval with the digits that the interval allows.
 
-    >>> shown(Identified(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0))
+    >>> shown(IntervalEstimate(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0))
     '8.00 µm (7.60 to 8.40)'
-    >>> shown(Identified(math.nan, 0.0, 8.4e-6, "m", 9.0))
+    >>> shown(IntervalEstimate(math.nan, 0.0, 8.4e-6, "m", 9.0))
     '0.0 to 8.4 µm'
     """
     unit, factor = _SHOWN_UNITS.get(figure.unit, (figure.unit, 1.0))
@@ -132,7 +132,7 @@ def shown(figure: Identified) -> str:
     return told.replace("  ", " ").strip()
 
 
-def brief(figure: Identified) -> str:
+def brief(figure: IntervalEstimate) -> str:
     """The value alone, with the digits that its interval allows."""
     return shown(figure).partition(" (")[0]
 

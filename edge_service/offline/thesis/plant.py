@@ -1,4 +1,4 @@
-"""The seed's simulated feed drive: open loop, one inertia, drag from preload (section 4.6).
+"""The thesis' simulated feed drive: open loop, one inertia, drag from preload (section 4.6).
 
 The direction of friction is that of the torque command here, as printed in (4.6.9); everywhere else
 it is that of the speed. Table 4.1 prints R_t = 1.59e-3 m/rad; (4.3.5) with a lead of 20 mm gives
@@ -143,7 +143,7 @@ def net_torque(torque_nm: Floats, drag_nm: Floats) -> Floats:
 
 
 def preload_profile(simulation: int, time_s: Floats, duration_s: float = DURATION_S) -> Floats:
-    """True preload in percent over the seed's simulations 1 to 5, (N,)."""
+    """True preload in percent over the thesis' simulations 1 to 5, (N,)."""
     share = time_s / duration_s
     if simulation in (1, 5):
         return np.asarray(10.0 - 10.0 * share)

@@ -1,4 +1,4 @@
-"""The seed's five simulations and Table 4.2 again, beside what was published."""
+"""The thesis' five simulations and Table 4.2 again, beside what was published."""
 
 from collections.abc import Callable
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""The seed's simulations: its plant, its filter bank, and scores of what comes out."""
+"""The thesis' simulations: its plant, its filter bank, and scores of what comes out."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -45,7 +45,7 @@ class ThesisCase:
     """One way to run a simulation.
 
     Attributes:
-        preload: number of the seed's simulation, 1 to 5, or a constant level in percent.
+        preload: number of the thesis' simulation, 1 to 5, or a constant level in percent.
         method: Kalman or sliding innovation filters.
         step_s, discretisation: of plant and filter alike.
         rescale: whether the transition matrix is scaled to the step (it is per 0.1 s in print).

@@ -9,7 +9,7 @@ import numpy as np
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.fingerprint.friction.fit import fit_friction
 from edge_service.fingerprint.friction.points import friction_points
-from edge_service.fingerprint.regression.interval_estimate import Identified
+from edge_service.fingerprint.regression.interval_estimate import IntervalEstimate
 from edge_service.fingerprint.regression.inverse_dynamics import identify_inverse_dynamics
 from edge_service.fingerprint.regression.prepared_run import (
     PreparationSettings,
@@ -43,7 +43,7 @@ LOWEST_HZ = 5.0
 class Recovered:
     """One parameter of one simulated axis: what was found, and what it is."""
 
-    found: Identified
+    found: IntervalEstimate
     truth: float
 
 
@@ -172,19 +172,19 @@ def _stiffness(machine: Machine, seed: int, play_m: float) -> dict[str, Recovere
     frame, settings = _recorded(machine, "acceleration", seed, *effects)
     fit = fit_stiffness(_runs(machine, frame), PLACES_M, machine.model.table_mass_kg)
     found = {}
-    for station in fit.stations:
-        compliance = axial_compliance(settings.plant, station.position_m, _percent(machine))
+    for point in fit.points:
+        compliance = axial_compliance(settings.plant, point.position_m, _percent(machine))
         locked_hz = 1.0 / (2.0 * math.pi * math.sqrt(compliance * TABLE_KG))
         lost_m = 2.0 * GUIDE_N * compliance + play_m
-        at = f"at_{round(1e3 * station.position_m)}_mm"
-        found[f"stiffness_{at}"] = Recovered(station.stiffness, 1.0 / compliance)
-        found[f"locked_resonance_{at}"] = Recovered(station.locked_resonance, locked_hz)
-        found[f"lost_motion_{at}"] = Recovered(station.lost_motion, lost_m)
+        at = f"at_{round(1e3 * point.position_m)}_mm"
+        found[f"stiffness_{at}"] = Recovered(point.stiffness, 1.0 / compliance)
+        found[f"locked_resonance_{at}"] = Recovered(point.locked_resonance, locked_hz)
+        found[f"lost_motion_{at}"] = Recovered(point.lost_motion, lost_m)
     found["guide_force"] = Recovered(fit.guide_force, GUIDE_N)
     found["clock_skew"] = Recovered(fit.clock_skew, 0.0)
     if play_m:
         found["play"] = Recovered(fit.play, play_m)
-        middle = backlash(fit.stations[1], machine.model.guide_force_n)
+        middle = backlash(fit.points[1], machine.model.guide_force_n)
         found["backlash_by_guide_force"] = Recovered(middle, play_m)
     return found
 
