@@ -16,6 +16,7 @@ from ..nodes.pipeline import make_downsampler
 from ..trace.reader import open_trace
 from .columns import column_maps
 from .convert import controller_axis
+from .report.quantities import tolerated
 
 _TAUGHT = (
     "inertia_kg_m2",
@@ -101,8 +102,8 @@ def _summary(machine: Machine) -> list[str]:
     assert taught is not None
     lines = [
         f"from {taught.motion_s:.0f} s of steady motion:",
-        _line("inertia", model.inertia_kg_m2, "kg m2"),
-        _line("viscous friction", model.viscous_nm_s_per_rad, "N m s/rad"),
+        f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
+        f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
         f"  Coulomb friction {taught.coulomb_nm:.4g} N m in all, of it "
         f"guides {model.guide_force_n.value:.3g} N, bearings {model.bearing_drag_nm.value:.3g} N m",
     ]
@@ -123,7 +124,3 @@ def _summary(machine: Machine) -> list[str]:
     if model.nut_stiffness_n_per_m is None:
         lines.append("  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance")
     return lines
-
-
-def _line(name: str, quantity: Quantity, unit: str) -> str:
-    return f"  {name} {quantity.value:.4g} {unit} +- {100 * quantity.tolerance:.2g} %"

@@ -22,6 +22,7 @@ from ..nodes.acquire_node import make_driver
 from ..trace.reader import read_trace
 from .columns import column_maps
 from .convert import controller_axis
+from .report.quantities import against
 
 FEW = 0.01
 """Share of samples that may be less than good without a doubt about their source."""
@@ -45,7 +46,7 @@ class Examination:
         """A line per check."""
         lines = [f"axis {self.axis}: {self.source}"]
         lines += [
-            f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{_interval(each)}"
+            f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{_against(each)}"
             for each in self.findings
         ]
         lines.append(f"  {self.doubts} of {len(self.findings)} checks found something to doubt")
@@ -155,13 +156,9 @@ def _quality(frames: Sequence[SampleFrame]) -> CheckResult:
     return CheckResult("quality", verdict, "not good: " + "; ".join(told))
 
 
-def _interval(finding: CheckResult) -> str:
-    figure = finding.figure
-    if figure is None or not figure.determined:
-        return ""
-    expected = "" if finding.expected is None else f"; expected {finding.expected:.6g}"
-    unit = f" {figure.unit}" if figure.unit else ""
-    return f" [{figure.value:.6g}{unit}, {figure.low:.6g} to {figure.high:.6g}{expected}]"
+def _against(finding: CheckResult) -> str:
+    told = "" if finding.figure is None else against(finding.figure, finding.expected)
+    return f" [{told}]" if told else ""
 
 
 def _as_dict(finding: CheckResult) -> dict[str, object]:

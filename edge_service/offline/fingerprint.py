@@ -27,9 +27,10 @@ from ..trace.reader import read_trace
 from .columns import column_maps
 from .convert import controller_axis
 from .report.fingerprint_figures import draw_sections
-from .report.fingerprint_wording import WORDING, brief, headline, plain, shown
+from .report.fingerprint_wording import WORDING, headline, plain
 from .report.page import rendered
 from .report.pictures import as_svg, write_png
+from .report.quantities import brief, estimate
 
 
 def fingerprint(
@@ -84,7 +85,7 @@ def render(
     """The page as HTML; nothing in it is loaded from elsewhere."""
     return rendered(
         "fingerprint.html",
-        {"shown": shown, "brief": brief, "plain": plain},
+        {"shown": estimate, "brief": brief, "plain": plain},
         found=found,
         baseline=baseline,
         appeared=() if baseline is None else appeared_figures(found, baseline),
@@ -137,7 +138,7 @@ def _summary(
             key, figure = next(
                 (pair for pair in told.items() if math.isfinite(pair[1].value)),
             )
-            lines.append(f"{WORDING[name].title}: {plain(key)} {shown(figure)}")
+            lines.append(f"{WORDING[name].title}: {plain(key)} {estimate(figure)}")
         else:
             lines.append(
                 f"{WORDING[name].title}: undetermined, {section.reason}; "

@@ -13,8 +13,9 @@ from edge_service.fingerprint.document import FingerprintError, read_fingerprint
 from edge_service.fingerprint.regression.interval_estimate import IntervalEstimate
 from edge_service.messages.channels import SETPOINT
 from edge_service.offline.fingerprint import fingerprint
-from edge_service.offline.report import fingerprint_wording
-from edge_service.offline.report.fingerprint_wording import WORDING, plain, shown
+from edge_service.offline.report import fingerprint_wording, quantities
+from edge_service.offline.report.fingerprint_wording import WORDING, plain
+from edge_service.offline.report.quantities import estimate
 from edge_service.offline.simulate import SimulationSettings, simulate, simulate_session
 from edge_service.trace.columns import TraceError
 from edge_service.trace.reader import read_trace
@@ -147,13 +148,13 @@ def test_emps_gives_its_inertia_and_says_what_one_encoder_lacks(tmp_path: Path) 
 def test_numbers_are_shown_with_the_digits_that_they_have(
     figure: IntervalEstimate, text: str
 ) -> None:
-    assert shown(figure).startswith(text)
+    assert estimate(figure).startswith(text)
     assert plain("stiffness.stiffness_at_160_mm_n_per_m") == "stiffness at 160 mm"
     assert plain("coulomb_nm") == "Coulomb"
 
 
 def test_the_examples_of_the_wording_hold() -> None:
-    assert doctest.testmod(fingerprint_wording).failed == 0
+    assert all(doctest.testmod(each).failed == 0 for each in (fingerprint_wording, quantities))
 
 
 COLD_NM, WARM_S = 0.08, 200.0

@@ -1,6 +1,5 @@
 """Pictures of a diagnosis as inline SVG: the waterfall, and the gap before and after."""
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from ...diagnose.pipeline import ChannelGap, Diagnosis, Verdict
 from ...diagnose.session.session import Session
 from ...diagnose.validation.replay import ReplayedGap
-from .figures import ESTIMATE, MUTED, STYLE, TRUTH
+from .pictures import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
 
 SHOWN = {"torque_nm": ("torque gap, N m", 1.0), "transmission_m": ("position gap, µm", 1e6)}
 LABELS = {
@@ -26,6 +25,7 @@ LABELS = {
     "temperature_c": "temperature, °C",
 }
 _POINTS = 4000
+_DPI = 130
 _WINDOW_S = 4.0
 _PAUSE_S = 0.05
 _LEAST_STEP = 0.005  # of the whole gap: no more than a line's width
@@ -33,7 +33,7 @@ _LEAST_STEP = 0.005  # of the whole gap: no more than a line's width
 
 def draw_waterfalls(found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
     """Channel -> SVG: from the model as it is down to the floor."""
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "waterfall"}):
+    with mpl.rc_context(STYLE):
         return {
             name: _waterfall(name, found.gap[name], found.waterfall.get(name, ()))
             for name in channels
@@ -54,12 +54,12 @@ def _waterfall(channel: str, gap: ChannelGap, steps: Sequence[tuple[str, float]]
     axes.set_yticks(range(len(names)), [names[0], *(f"with {name}" for name in names[1:])])
     axes.invert_yaxis()
     axes.set_xlabel(f"{label} (root mean square)")
-    return _svg(figure, axes)
+    return _svg(figure, axes, "waterfall")
 
 
 def draw_replays(found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
     """Channel -> SVG: the seconds with most of the gap, measured and simulated."""
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "replay"}):
+    with mpl.rc_context(STYLE):
         return {name: _replay(name, found.replay.gap[name]) for name in channels}
 
 
@@ -79,7 +79,7 @@ def _replay(channel: str, gap: ReplayedGap) -> str:
         axes.plot(np.insert(time_s, pauses, np.nan), shown, color=color, label=name)
     axes.set_xlabel(LABELS["time_s"])
     axes.set_ylabel(label)
-    return _svg(figure, axes)
+    return _svg(figure, axes, "replay")
 
 
 def _most_telling(gap: ReplayedGap) -> slice:
@@ -92,7 +92,7 @@ def _most_telling(gap: ReplayedGap) -> slice:
 
 def draw_gaps(session: Session, found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
     """Channel -> SVG: the gap before and after over time and over where it lives."""
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "gap"}):
+    with mpl.rc_context(STYLE):
         return {name: _gap(name, session, found) for name in channels}
 
 
@@ -113,14 +113,11 @@ def _gap(channel: str, session: Session, found: Diagnosis) -> str:
         axes.set_xlabel(LABELS[variable])
         axes.xaxis.set_major_locator(MaxNLocator(6))
     panels[0].set_ylabel(label)
-    return _svg(figure, panels[0])
+    return _svg(figure, panels[0], "gap")
 
 
-def _svg(figure: Figure, axes: Axes) -> str:
+def _svg(figure: Figure, axes: Axes, salt: str) -> str:
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, markerscale=5.0)
-    stream = io.StringIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=130)
-    text = stream.getvalue()
-    return text[text.index("<svg") :]
+    return as_svg(figure, salt, _DPI)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from ...diagnose.estimation.values import Interval
 from ...diagnose.localisation.places import Place
 from ...diagnose.pipeline import Diagnosis, NamedEffect, Verdict
 from ...diagnose.session.data_check import DataCheck
@@ -12,6 +11,7 @@ from ...models.effects.registry import get_effect
 from ...models.machine import Machine
 from .diagnosis_figures import LABELS, draw_gaps, draw_replays, draw_waterfalls
 from .page import rendered
+from .quantities import amount, interval, percent, words
 
 VERDICTS = {
     "no_gap": "Machine and model agree. Nothing was found that matters.",
@@ -25,7 +25,6 @@ FLOORS = {
     "recording": "what neither the motion nor a repeat of it tells in advance, in this recording",
     "reference": "what the healthy recordings leave beside one another",
 }
-_SHOWN_UNITS = {"m": ("µm", 1e6), "s": ("ms", 1e3), "1": ("", 1.0), "degC": ("°C", 1.0)}
 
 
 def render(
@@ -108,7 +107,7 @@ def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) ->
 
 def _page(**content: object) -> str:
     filters: dict[str, Callable[..., object]] = {
-        "shown": shown,
+        "shown": interval,
         "percent": percent,
         "points": points,
         "words": words,
@@ -128,27 +127,6 @@ def _page(**content: object) -> str:
     )
 
 
-def shown(value: Interval) -> str:
-    """Value and interval in a handy unit."""
-    unit, factor = _SHOWN_UNITS.get(value.unit, (value.unit, 1.0))
-    if value.unit == "m" and abs(value.value) >= 1e-3:
-        unit, factor = "mm", 1e3
-    elif value.unit == "s" and abs(value.value) >= 0.1:
-        unit, factor = value.unit, 1.0
-    low, middle, high = (factor * each for each in (value.low, value.value, value.high))
-    return f"{middle:.3g} {unit} ({low:.3g} to {high:.3g})".replace("  ", " ")
-
-
-def amount(value: float, unit: str) -> str:
-    """A value in a handy unit.
-
-    >>> amount(7.22e-7, "m")
-    '0.722 µm'
-    """
-    shown_unit, factor = _SHOWN_UNITS.get(unit, (unit, 1.0))
-    return f"{factor * value:.3g} {shown_unit}"
-
-
 def sure(probability: float) -> str:
     """Confidence in words that never say certain.
 
@@ -166,11 +144,6 @@ def quantity(effect: str, parameter: str) -> str:
     """
     described = next(p for p in get_effect(effect).parameters if p.name == parameter)
     return described.description.rstrip(".")
-
-
-def percent(share: float) -> str:
-    """A share in whole percent."""
-    return f"{100.0 * share:.0f} %"
 
 
 def points(value: Shrink) -> str:
@@ -212,12 +185,3 @@ def _over(variable: str, mine: Sequence[Place]) -> str:
 
 def _plain(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
-
-
-def words(name: str) -> str:
-    """A name without its underscores.
-
-    >>> words("load_offset")
-    'load offset'
-    """
-    return name.replace("_", " ")

@@ -15,7 +15,7 @@ from ...fingerprint.fingerprint import AxisFingerprint
 from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...fingerprint.result import Curve
 from ...messages.samples import Floats
-from .figures import ESTIMATE, MUTED, STYLE, TRUTH
+from .pictures import ESTIMATE, MUTED, STYLE, TRUTH
 
 PANEL_INCHES = (7.6, 3.1)
 _POINTS = {"forward": (">", ESTIMATE), "backward": ("<", "#c9820b")}

@@ -1,4 +1,4 @@
-"""Wording of a fingerprint for a maintenance engineer: words, units, digits."""
+"""Wording of a fingerprint for a maintenance engineer: titles, meaning, names."""
 
 import math
 from collections.abc import Mapping
@@ -78,15 +78,6 @@ WORDING: Mapping[str, Wording] = {
         ("preload_from_drag_n", "preload_from_stiffness_n"),
     ),
 }
-_SHOWN_UNITS = {
-    "m": ("µm", 1e6),
-    "N/m": ("N/µm", 1e-6),
-    "kg m^2": ("kg cm²", 1e4),
-    "s": ("ms", 1e3),
-    "1": ("", 1.0),
-}
-_MOST_DECIMALS = {"m": 3}
-"""Unit -> decimals shown at most: nobody wants to know less than a nanometre."""
 _NAMES = ("Coulomb", "Stribeck")
 
 
@@ -100,41 +91,6 @@ def headline(name: str, section: Section) -> dict[str, IntervalEstimate]:
         if key.startswith(start) and math.isfinite(figure.value)
     ]
     return dict(told[: wording.most])
-
-
-def shown(figure: IntervalEstimate) -> str:
-    """Value and interval with the digits that the interval allows.
-
-    >>> shown(IntervalEstimate(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0))
-    '8.00 µm (7.60 to 8.40)'
-    >>> shown(IntervalEstimate(math.nan, 0.0, 8.4e-6, "m", 9.0))
-    '0.0 to 8.4 µm'
-    """
-    unit, factor = _SHOWN_UNITS.get(figure.unit, (figure.unit, 1.0))
-    known = math.isfinite(figure.value)
-    if not known and not figure.determined:
-        return "undetermined"
-    half = 0.5 * (figure.high - figure.low) * factor
-    value = figure.value * factor if known else figure.high * factor
-    spread = half if math.isfinite(half) and half > 0.0 else abs(value) or 1.0
-    decimals = 1 - math.floor(math.log10(spread))
-    decimals = min(decimals, _MOST_DECIMALS.get(figure.unit, decimals))
-    small = decimals > 5
-    digits = max(decimals + 1 + math.floor(math.log10(abs(value) or spread)), 2)
-
-    def number(bound: float) -> str:
-        return (
-            f"{bound * factor:#.{digits}g}" if small else f"{bound * factor:.{max(decimals, 0)}f}"
-        )
-
-    bounds = f"{number(figure.low)} to {number(figure.high)}"
-    told = f"{number(figure.value)} {unit} ({bounds})" if known else f"{bounds} {unit}"
-    return told.replace("  ", " ").strip()
-
-
-def brief(figure: IntervalEstimate) -> str:
-    """The value alone, with the digits that its interval allows."""
-    return shown(figure).partition(" (")[0]
 
 
 def plain(name: str) -> str:

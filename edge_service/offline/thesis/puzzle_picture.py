@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ..report.figures import ESTIMATE, MUTED, STYLE, TRUTH
+from ..report.pictures import ESTIMATE, MUTED, STYLE, TRUTH
 
 CHANNELS = (("torque_nm", "N m", 1.0), ("transmission_m", "µm", 1e6))
 _LABELS = {"torque_nm": "torque gap", "transmission_m": "gap of table against motor"}

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...atomic import replaced_file
-from ..report.figures import draw_figures
 from ..report.page import rendered
+from .figures import draw_figures
 from .runs import LEVELS, TABLE_WINDOW_STEPS
 
 if TYPE_CHECKING:

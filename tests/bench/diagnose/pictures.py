@@ -7,8 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from edge_service.offline.report.figures import ESTIMATE, MUTED, STYLE
-from edge_service.offline.report.pictures import write_png
+from edge_service.offline.report.pictures import ESTIMATE, MUTED, STYLE, write_png
 
 from .confusion import NOTHING, UNKNOWN, confusion
 from .rows import BenchRow

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
-from edge_service.offline.report.figures import ESTIMATE, MUTED, STYLE, TRUTH
-from edge_service.offline.report.pictures import write_png
+from edge_service.offline.report.pictures import ESTIMATE, MUTED, STYLE, TRUTH, write_png
 from edge_service.offline.thesis.runs import ThesisCase, run_case
 
 from ... import foreign_plant as plant

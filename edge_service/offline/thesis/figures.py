@@ -1,9 +1,7 @@
 """The thesis' Figures 4.3 to 4.10 drawn again, as inline SVG."""
 
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -12,7 +10,8 @@ from matplotlib.figure import Figure
 
 from ...estimate.imm.mode_weighting import causal_moving_average, weighted_level
 from ...messages.samples import Floats
-from ..thesis.runs import (
+from ..report.pictures import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
+from .runs import (
     LEVELS,
     ThesisCase,
     mean_absolute_error,
@@ -25,18 +24,6 @@ SEED = 0
 SMOOTH_STEPS = 20
 DROP_STEPS = 3
 MODE_COLOURS = ("#7b2d8b", "#2f62c9", "#12857a", "#c9820b", "#c0392b")
-ESTIMATE, TRUTH, MUTED = "#2f62c9", "#1c2430", "#98a2b0"
-STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.size": 9,
-    "svg.fonttype": "none",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e3e7ec",
-    "axes.edgecolor": "#8a94a3",
-    "legend.frameon": False,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,8 +245,4 @@ def _svg(name: str, draw: Callable[[Axes], None], columns: int) -> str:
     axes.set(xlabel="time, s")
     axes.margins(x=0.01)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
-    stream = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": name}):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = stream.getvalue()
-    return text[text.index("<svg") :]
+    return as_svg(figure, name)

@@ -1,0 +1,113 @@
+"""Numbers with units and intervals as people read them."""
+
+import math
+
+from ...diagnose.estimation.values import Interval
+from ...fingerprint.regression.interval_estimate import IntervalEstimate
+from ...models.machine import Quantity
+
+SHOWN_UNITS = {
+    "m": ("µm", 1e6),
+    "N/m": ("N/µm", 1e-6),
+    "kg m^2": ("kg cm²", 1e4),
+    "s": ("ms", 1e3),
+    "1": ("", 1.0),
+    "degC": ("°C", 1.0),
+}
+"""SI unit -> the unit that people read, and its factor."""
+_MOST_DECIMALS = {"m": 3}
+"""Unit -> decimals shown at most: nobody wants to know less than a nanometre."""
+
+
+def estimate(figure: IntervalEstimate) -> str:
+    """Value and interval with the digits that the interval allows.
+
+    >>> estimate(IntervalEstimate(8.0e-6, 7.6e-6, 8.4e-6, "m", 9.0))
+    '8.00 µm (7.60 to 8.40)'
+    >>> estimate(IntervalEstimate(math.nan, 0.0, 8.4e-6, "m", 9.0))
+    '0.0 to 8.4 µm'
+    """
+    unit, factor = SHOWN_UNITS.get(figure.unit, (figure.unit, 1.0))
+    known = math.isfinite(figure.value)
+    if not known and not figure.determined:
+        return "undetermined"
+    half = 0.5 * (figure.high - figure.low) * factor
+    value = figure.value * factor if known else figure.high * factor
+    spread = half if math.isfinite(half) and half > 0.0 else abs(value) or 1.0
+    decimals = 1 - math.floor(math.log10(spread))
+    decimals = min(decimals, _MOST_DECIMALS.get(figure.unit, decimals))
+    small = decimals > 5
+    digits = max(decimals + 1 + math.floor(math.log10(abs(value) or spread)), 2)
+
+    def number(bound: float) -> str:
+        return (
+            f"{bound * factor:#.{digits}g}" if small else f"{bound * factor:.{max(decimals, 0)}f}"
+        )
+
+    bounds = f"{number(figure.low)} to {number(figure.high)}"
+    told = f"{number(figure.value)} {unit} ({bounds})" if known else f"{bounds} {unit}"
+    return told.replace("  ", " ").strip()
+
+
+def brief(figure: IntervalEstimate) -> str:
+    """The value alone, with the digits that its interval allows."""
+    return estimate(figure).partition(" (")[0]
+
+
+def interval(value: Interval) -> str:
+    """Value and interval in a handy unit."""
+    unit, factor = SHOWN_UNITS.get(value.unit, (value.unit, 1.0))
+    if value.unit == "m" and abs(value.value) >= 1e-3:
+        unit, factor = "mm", 1e3
+    elif value.unit == "s" and abs(value.value) >= 0.1:
+        unit, factor = value.unit, 1.0
+    low, middle, high = (factor * each for each in (value.low, value.value, value.high))
+    return f"{middle:.3g} {unit} ({low:.3g} to {high:.3g})".replace("  ", " ")
+
+
+def amount(value: float, unit: str) -> str:
+    """A value in a handy unit.
+
+    >>> amount(7.22e-7, "m")
+    '0.722 µm'
+    >>> amount(5e-4, "kg m^2")
+    '5 kg cm²'
+    """
+    shown_unit, factor = SHOWN_UNITS.get(unit, (unit, 1.0))
+    return f"{factor * value:.3g} {shown_unit}"
+
+
+def percent(share: float) -> str:
+    """A share in whole percent."""
+    return f"{100.0 * share:.0f} %"
+
+
+def words(name: str) -> str:
+    """A name without its underscores.
+
+    >>> words("load_offset")
+    'load offset'
+    """
+    return name.replace("_", " ")
+
+
+def tolerated(quantity: Quantity, unit: str) -> str:
+    """A value with its relative tolerance.
+
+    >>> tolerated(Quantity(value=1.5e-3, tolerance=0.02), "kg m2")
+    '0.0015 kg m2 +- 2 %'
+    """
+    return f"{quantity.value:.4g} {unit} +- {100 * quantity.tolerance:.2g} %"
+
+
+def against(figure: IntervalEstimate, expected: float | None) -> str:
+    """A value with its interval beside what is expected of it; empty where it is undetermined.
+
+    >>> against(IntervalEstimate(0.02, 0.019, 0.021, "m", 9.0), 0.01)
+    '0.02 m, 0.019 to 0.021; expected 0.01'
+    """
+    if not figure.determined:
+        return ""
+    unit = f" {figure.unit}" if figure.unit else ""
+    told = f"{figure.value:.6g}{unit}, {figure.low:.6g} to {figure.high:.6g}"
+    return told if expected is None else f"{told}; expected {expected:.6g}"
