@@ -20,7 +20,7 @@ from edge_service.fingerprint.regression.prepared_run import (
     PreparedRun,
     prepare,
 )
-from edge_service.fingerprint.regression.regressors import DIRECTIONAL, SYMMETRIC
+from edge_service.fingerprint.regression.regressors import DIRECTIONAL, SYMMETRIC, regression_rows
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
@@ -208,7 +208,8 @@ def emps() -> Callable[[str], list[PreparedRun]]:
 
 def force_residual_n(found: InverseDynamics, runs: list[PreparedRun]) -> tuple[float, float]:
     """Standard deviation of the residual, N, and its norm over that of the force."""
-    residual, torque = found.residual_nm(runs)
+    rows = regression_rows(runs, found.fit.names)
+    residual, torque = rows.torque_nm - rows.design @ found.fit.coefficients, rows.torque_nm
     ratio = runs[0].settings.ratio_m_per_rad
     return float(np.std(residual)) / ratio, float(np.linalg.norm(residual) / np.linalg.norm(torque))
 

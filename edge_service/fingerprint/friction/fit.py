@@ -1,14 +1,16 @@
-"""Nonlinear friction fit to (speed, torque) points (the thesis' 5.3.12-5.3.15, Figure 5.10)."""
+"""Nonlinear friction fit to (speed, torque) points (thesis, Figure 5.10).
+
+The exponential form (Armstrong-Helouvry, 1991) stands for (5.3.12)-(5.3.15).
+"""
 
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from ...messages.samples import Floats
-from ...models.screw.friction import Friction, exponential_friction
+from ...models.screw.friction import exponential_friction
 from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.nonlinear import Unknown, best_values, fit_profiled, unexplained_share
 from .points import FrictionPoint
@@ -20,39 +22,28 @@ _REACH = 10.0
 """Speed scales are searched up to this factor beyond the slowest and the fastest point."""
 
 
-class FrictionForm(StrEnum):
-    """Equation that describes the curve."""
-
-    PRINTED = "printed"  # (5.3.12)-(5.3.15): smooth, with sqrt(2 e) and tanh
-    EXPONENTIAL = "exponential"  # Armstrong-Helouvry, 1991: peak at rest, with a sign
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionFit:
     """Friction of the axis at the motor.
 
     Attributes:
         parameters: coulomb_nm (F_c), stribeck_excess_nm (F_brk - F_c), stribeck_speed_rad_s
-            (v_st), viscous_nm_s_per_rad (D), offset_nm (f_offset) and, in the printed form,
-            coulomb_speed_rad_s (v_Coul).
+            (v_st), viscous_nm_s_per_rad (D), offset_nm (f_offset).
         values: the best fit itself, by the same names, determined or not.
         reduced_chi2: 1 where the points scatter as their errors say. What they scatter beyond their
             standard errors counts as error.
     """
 
-    form: FrictionForm
     parameters: Mapping[str, IntervalEstimate]
     values: Mapping[str, float]
     reduced_chi2: float
 
     def torque_nm(self, speed_rad_s: Floats) -> Floats:
         """The fitted curve, N m, in the shape of `speed_rad_s`."""
-        return _torque_nm(self.form, self.values, speed_rad_s)
+        return _torque_nm(self.values, speed_rad_s)
 
 
-def fit_friction(
-    points: Sequence[FrictionPoint], form: FrictionForm = FrictionForm.EXPONENTIAL
-) -> FrictionFit:
+def fit_friction(points: Sequence[FrictionPoint]) -> FrictionFit:
     """Fit one curve to all points, each with its own error and the scatter that no curve explains.
 
     With points in one direction only, the offset cannot be told from the Coulomb level and is left
@@ -68,12 +59,12 @@ def fit_friction(
         raise ValueError("no cruise at constant speed in the recording; run the friction test")
     error = np.hypot(error, _LEAST_SHARE * np.abs(torque))
     both = bool((speed > 0.0).any() and (speed < 0.0).any())
-    unknowns = _unknowns(form, speed, torque, both)
+    unknowns = _unknowns(speed, torque, both)
     names = [unknown.name for unknown in unknowns]
 
     def misfit_nm(values: Floats) -> Floats:
         named = dict(zip(names, values.tolist(), strict=True))
-        return np.asarray(_torque_nm(form, named, speed) - torque, dtype=np.float64)
+        return np.asarray(_torque_nm(named, speed) - torque, dtype=np.float64)
 
     starts = _starts(unknowns, torque)
     first = best_values(lambda values: misfit_nm(values) / error, unknowns, starts)
@@ -86,50 +77,23 @@ def fit_friction(
         parameters["offset_nm"] = undetermined(
             "N m", "one direction only: cannot be told from coulomb_nm", float(len(points))
         )
-    return FrictionFit(form, parameters, values, fit.reduced_chi2)
+    return FrictionFit(parameters, values, fit.reduced_chi2)
 
 
-def fit_directional_friction(
-    points: Sequence[FrictionPoint], form: FrictionForm = FrictionForm.EXPONENTIAL
-) -> tuple[FrictionFit, FrictionFit]:
-    """One curve for each direction, forwards and backwards.
-
-    Raises:
-        ValueError: one direction has fewer points than parameters.
-    """
-    forward = [point for point in points if point.forward]
-    backward = [point for point in points if not point.forward]
-    return fit_friction(forward, form), fit_friction(backward, form)
-
-
-def _torque_nm(form: FrictionForm, values: Mapping[str, float], speed_rad_s: Floats) -> Floats:
+def _torque_nm(values: Mapping[str, float], speed_rad_s: Floats) -> Floats:
     """Friction torque; the force equations hold for torque and speed at the motor as they are."""
     coulomb = values["coulomb_nm"]
-    breakaway = coulomb + values["stribeck_excess_nm"]
-    offset = values.get("offset_nm", 0.0)
-    if form is FrictionForm.EXPONENTIAL:
-        friction = exponential_friction(
-            speed_rad_s,
-            coulomb,
-            breakaway,
-            values["stribeck_speed_rad_s"],
-            values["viscous_nm_s_per_rad"],
-        )
-        return np.asarray(friction + offset, dtype=np.float64)
-    printed = Friction(
+    friction = exponential_friction(
+        speed_rad_s,
         coulomb,
-        breakaway,
+        coulomb + values["stribeck_excess_nm"],
         values["stribeck_speed_rad_s"],
-        values["coulomb_speed_rad_s"],
         values["viscous_nm_s_per_rad"],
-        offset,
     )
-    return np.asarray(printed.force_n(speed_rad_s), dtype=np.float64)
+    return np.asarray(friction + values.get("offset_nm", 0.0), dtype=np.float64)
 
 
-def _unknowns(
-    form: FrictionForm, speed_rad_s: Floats, torque_nm: Floats, both: bool
-) -> list[Unknown]:
+def _unknowns(speed_rad_s: Floats, torque_nm: Floats, both: bool) -> list[Unknown]:
     slowest, fastest = float(np.min(np.abs(speed_rad_s))), float(np.max(np.abs(speed_rad_s)))
     peak = float(np.max(np.abs(torque_nm)))
     speeds = (slowest / _REACH, fastest * _REACH)
@@ -139,8 +103,6 @@ def _unknowns(
         Unknown("stribeck_speed_rad_s", *speeds, "rad/s", logarithmic=True),
         Unknown("viscous_nm_s_per_rad", 0.0, 2.0 * peak / slowest, "N m s/rad", floor=0.0),
     ]
-    if form is FrictionForm.PRINTED:
-        unknowns.append(Unknown("coulomb_speed_rad_s", *speeds, "rad/s", logarithmic=True))
     if both:
         unknowns.append(Unknown("offset_nm", -2.0 * peak, 2.0 * peak, "N m"))
     return unknowns

@@ -48,11 +48,6 @@ class InverseDynamics:
     reliability: Mapping[str, float]
     seconds: float
 
-    def residual_nm(self, runs: Iterable[PreparedRun]) -> tuple[Floats, Floats]:
-        """Measured less modelled torque of other runs, and the measured torque, N m, (n,) each."""
-        rows = regression_rows(runs, self.fit.names)
-        return rows.torque_nm - rows.design @ self.fit.coefficients, rows.torque_nm
-
 
 def identify_inverse_dynamics(
     recordings: Sequence[SampleFrame],

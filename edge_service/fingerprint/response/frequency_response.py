@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
+from ...messages.channels import ANGLE, SETPOINT, TORQUE
 from ...messages.samples import Booleans, Floats, SampleFrame
 from ...trace.screening import uniform_runs
 from .segment_spectra import Complexes, SegmentSpectra
@@ -122,19 +122,6 @@ def drive_responses_along(
     """
     settings = settings or ResponseSettings()
     return _responses(_spectra(recordings, TORQUE, ANGLE, settings), TORQUE, settings, places)
-
-
-def transmission_response(
-    recordings: Iterable[SampleFrame], settings: ResponseSettings | None = None
-) -> FrequencyResponse:
-    """Table speed over motor speed, m/rad: R_t well below the table's resonance.
-
-    Raises:
-        ValueError: like `drive_response`.
-    """
-    settings = settings or ResponseSettings()
-    spectra = _spectra(recordings, ANGLE, TABLE_POSITION, settings)
-    return _responses(spectra, ANGLE, settings, 1)[0]
 
 
 def _spectra(

@@ -12,7 +12,7 @@ from ..effects.effect import ActiveEffect
 from ..effects.forward import Forward, TimeLoad, put_into
 from ..effects.registry import machine_effects
 from ..machine import Machine
-from ..screw.ball_screw import Number
+from ..screw.friction import Number
 from .closed_loop import LOOP_STATE_SIZE, Inputs, Loop, advance_loop
 from .controller import MAX_TORQUE_NM, Gains, gains_for
 from .encoders import (

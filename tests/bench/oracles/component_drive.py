@@ -17,9 +17,10 @@ from scipy.integrate import solve_ivp
 
 from edge_service.messages.samples import Floats
 from edge_service.models.bounds import require_not_negative, require_positive
-from edge_service.models.screw.friction import DirectionalFriction, Friction
 from tests.bench.oracles.linear_drive import INPUTS, OUTPUTS
 from tests.bench.oracles.state_space import LinearModel
+
+from .printed_friction import DirectionalFriction, Friction
 
 SHAFT_ANGLE = 0  # rad, at the shaft's input: the rotary encoder
 SHAFT_SPEED = 1  # rad/s

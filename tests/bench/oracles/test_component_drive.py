@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from edge_service.models.plant.two_mass import STATE_SIZE as PLANT_SIZE
 from edge_service.models.plant.two_mass import Load, Plant, advance_plant, axial_compliance
-from edge_service.models.screw.friction import DirectionalFriction, Friction
 from tests.bench.oracles.linear_drive import TwoMassDrive
 
 from .component_drive import STATE_SIZE, TABLE_SPEED, ComponentDrive, ComponentRun, simulate
+from .printed_friction import DirectionalFriction, Friction
 
 RATIO = 0.02 / (2.0 * math.pi)
 GUIDE = Friction(
