@@ -72,8 +72,8 @@ def convert(
     SOURCE is CSV, Parquet or the XML of a SINUMERIK trace; SINUMERIK and Industrial Edge names are
     known. The machine file gives the lead and, under [columns], what comes before those names.
     """
-    from ..offline.convert import controller_axis
     from ..offline.convert import convert as convert_trace
+    from ..offline.recordings import controller_axis
 
     model = load_machine(machine)
     axis = controller_axis(

@@ -13,9 +13,7 @@ from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.pipeline import make_downsampler
-from ..trace.reader import open_trace
-from .columns import column_maps
-from .convert import controller_axis
+from .recordings import open_recording
 from .report.quantities import tolerated
 
 _TAUGHT = (
@@ -67,7 +65,7 @@ def _blocks(
     trace: Path, machine: Machine, config: EdgeConfig, limits: SteadyLimits
 ) -> list[FeatureBlock]:
     downsampler = make_downsampler(config.downsample, machine, limits)
-    with open_trace(trace, column_maps(machine), controller_axis(machine)) as frames:
+    with open_recording(machine, trace) as frames:
         return [block for frame in frames for block in downsampler.push(frame)]
 
 

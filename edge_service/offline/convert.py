@@ -9,11 +9,11 @@ import numpy as np
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..trace.columns import TraceError
-from ..trace.reader import TraceReader, open_trace
+from ..trace.reader import TraceReader
 from ..trace.sinumerik.controller_axis import ControllerAxis
 from ..trace.speed_check import SpeedCheck
 from ..trace.writer import TraceFormat, TraceWriter, format_of
-from .columns import column_maps
+from .recordings import open_recording
 
 _GAP_STEPS = 1.5
 
@@ -90,9 +90,7 @@ def convert(
         raise TraceError(f"{out}: is the recording itself; expected another name")
     rows, check = _Rows(), SpeedCheck()
     with (
-        open_trace(
-            source, column_maps(machine), axis or controller_axis(machine), keep_all=keep_all
-        ) as reader,
+        open_recording(machine, source, axis, keep_all=keep_all) as reader,
         TraceWriter(out, reader.channels) as writer,
     ):
         for frame in reader:
@@ -102,22 +100,6 @@ def convert(
             if progress is not None:
                 progress(reader.fraction_read)
     return _summary(out, reader, rows, check)
-
-
-def controller_axis(
-    machine: Machine,
-    number: int | None = None,
-    torque_constant_nm_per_a: float | None = None,
-    *,
-    interpolate_positions: bool = False,
-) -> ControllerAxis:
-    """The axis of a machine file as a controller's recording needs it."""
-    return ControllerAxis(
-        machine.axis.number if number is None else number,
-        machine.axis.lead_m,
-        torque_constant_nm_per_a,
-        interpolate_positions,
-    )
 
 
 class _Rows:

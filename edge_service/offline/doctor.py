@@ -19,9 +19,7 @@ from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
-from ..trace.reader import read_trace
-from .columns import column_maps
-from .convert import controller_axis
+from .recordings import read_recording
 from .report.quantities import against
 
 FEW = 0.01
@@ -69,8 +67,7 @@ def examine_traces(
 ) -> Examination:
     """Check recordings against a machine file. Raises ConfigError and TraceError."""
     machine = load_machine(machine_file, axis_number)
-    columns, axis = column_maps(machine), controller_axis(machine)
-    frames = [read_trace(path, columns, axis=axis) for path in traces]
+    frames = [read_recording(machine, path) for path in traces]
     source = ", ".join(path.name for path in traces)
     return Examination(machine.axis.name, source, tuple(check_plausibility(machine, frames)))
 

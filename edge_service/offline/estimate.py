@@ -18,9 +18,7 @@ from ..nodes.stores.estimate_store import (
     read_kept,
     write_kept,
 )
-from ..trace.reader import open_trace
-from .columns import column_maps
-from .convert import controller_axis
+from .recordings import open_recording
 
 UNKNOWN_STOP_S = 86_400.0
 """A recording on a clock of its own does not say how long after the other it was made."""
@@ -100,7 +98,7 @@ def estimate_to_csv(
     rows = 0
     last: PreloadEstimate | None = None
     with (
-        open_trace(trace, column_maps(machine), controller_axis(machine)) as frames,
+        open_recording(machine, trace) as frames,
         replaced_file(out) as file,
     ):
         writer = csv.writer(file)

@@ -23,9 +23,7 @@ from ..fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
 from ..fingerprint.result import Status
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..trace.reader import read_trace
-from .columns import column_maps
-from .convert import controller_axis
+from .recordings import read_recording
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
 from .report.page import rendered
@@ -104,8 +102,7 @@ def _recordings(machine: Machine, traces: Sequence[Path]) -> dict[str, SampleFra
     for name in names:
         if names.count(name) > 1:
             raise FingerprintError(f"two recordings are called {name}; expected each once")
-    maps, axis = column_maps(machine), controller_axis(machine)
-    return {path.name: read_trace(path, maps, axis=axis) for path in traces}
+    return {path.name: read_recording(machine, path) for path in traces}
 
 
 def _change_document(change: FigureChange) -> dict[str, str | float | bool | None]:

@@ -21,9 +21,8 @@ from ..diagnose.session.twin import rigid_baseline
 from ..messages.samples import Floats, SampleFrame
 from ..models.effects.registry import machine_effects
 from ..models.machine import Machine
-from ..trace.reader import TraceReader, open_trace
-from .columns import column_maps
-from .convert import controller_axis
+from ..trace.reader import TraceReader
+from .recordings import open_recording
 
 _NOTHING = "nothing to compare: expected a second or more of motion with a torque or both encoders"
 
@@ -120,9 +119,8 @@ def _opened(
     machine: Machine, traces: Sequence[Path], progress: Callable[[str], None]
 ) -> Iterator[Iterator[SampleFrame]]:
     """Each recording in turn; it is closed when the next is asked for."""
-    maps, axis = column_maps(machine), controller_axis(machine)
     for number, path in enumerate(traces, start=1):
-        with open_trace(path, maps, axis) as reader:
+        with open_recording(machine, path) as reader:
             yield _told(reader, f"{path.name}, {number} of {len(traces)}", progress)
 
 

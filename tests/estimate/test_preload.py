@@ -305,7 +305,7 @@ EMPS = Path(__file__).parents[2].parent / "shared" / "data" / "emps"
 )
 def test_the_real_axis_has_its_published_drag(file: str, force_n: float) -> None:
     """Janot, Gautier, Brunot (2019): Coulomb friction 20.39 N at the table."""
-    from edge_service.offline.columns import column_maps
+    from edge_service.offline.recordings import column_maps
     from edge_service.trace.reader import open_trace
 
     machine = load_machine(Path(__file__).parents[2] / "deploy" / "emps.toml")

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from edge_service.models.machine import Machine
-from edge_service.offline.convert import ConvertSummary, controller_axis, convert
+from edge_service.offline.convert import ConvertSummary, convert
+from edge_service.offline.recordings import controller_axis
 from edge_service.trace.columns import TraceError
 from edge_service.trace.reader import open_trace, read_trace
 

@@ -20,10 +20,8 @@ from edge_service.estimate.mixture.model import MixtureSettings
 from edge_service.estimate.mixture.state import LOAD, LOOSENING, LOSS, LUBRICATION, TOTAL_LOSS
 from edge_service.models.machine import Machine
 from edge_service.nodes.pipeline import make_downsampler
-from edge_service.offline.columns import column_maps
 from edge_service.offline.commission import commission_to_file
-from edge_service.offline.convert import controller_axis
-from edge_service.trace.reader import open_trace
+from edge_service.offline.recordings import open_recording
 
 from ... import foreign_plant
 from ..life.bench import KeptEstimator, drawn_life
@@ -177,7 +175,7 @@ def on_second_axis(folder: Path, sheet: bool) -> list[Ablated]:
 def read_recorded(trace: Path, truth_file: Path, machine: Machine, config: EdgeConfig) -> Recorded:
     """A recording of the second plant with its truth."""
     downsampler = make_downsampler(config.downsample, machine)
-    with open_trace(trace, column_maps(machine), controller_axis(machine)) as frames:
+    with open_recording(machine, trace) as frames:
         blocks = [block for frame in frames for block in downsampler.push(frame)]
     with np.load(truth_file) as known:
         truth = known["truth"]
