@@ -11,7 +11,7 @@ from edge_service.cli.options import InputError
 from edge_service.cli.terminal import progress
 
 from .estimator.parts import FIRST_SEED, PARTS, PROCESSES
-from .figures import PipelineBench
+from .table import PipelineBench
 
 if TYPE_CHECKING:
     from .identification.bench import IdentificationBench

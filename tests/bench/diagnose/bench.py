@@ -7,13 +7,10 @@ recording alone: the causes are written beside the answer after it is given. A s
 the same axis shows how far the gap really shrinks.
 """
 
-import concurrent.futures
-import contextlib
-import multiprocessing
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +21,7 @@ from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
 
 from ... import foreign_plant as plant
+from ..pool import in_processes
 from .cases import BenchCase, BenchError, baseline_machine, diagnosed, recorded, session_of_frames
 from .overlap import overlap
 from .pictures import draw_bench
@@ -32,7 +30,6 @@ from .table import as_text
 
 __all__ = ["BenchCase", "BenchError", "BenchRow", "plan_cases", "run_diagnose_bench"]
 
-_THREADS = "OPENBLAS_NUM_THREADS"
 INTERVALS: dict[str, frozenset[str]] = {
     "position_friction": frozenset({"table_position_m"}),
     "external_force": frozenset({"time_s"}),
@@ -115,30 +112,14 @@ def _row(case: BenchCase, found: Diagnosis, again: Session, seconds: float) -> B
     )
 
 
-@contextlib.contextmanager
-def _lone_thread_each() -> Iterator[None]:
-    """Processes started meanwhile multiply matrices in one thread: there is one for each core."""
-    before = os.environ.get(_THREADS)
-    os.environ[_THREADS] = "1"
-    try:
-        yield
-    finally:
-        os.environ.pop(_THREADS)
-        os.environ.update({} if before is None else {_THREADS: before})
-
-
 def run_cases(
     cases: Sequence[BenchCase], workers: int = 2, progress: Callable[[str], None] = lambda _l: None
 ) -> Iterator[BenchRow]:
     """All cases over some processes, as they are done."""
-    context = multiprocessing.get_context("spawn")
-    pool = concurrent.futures.ProcessPoolExecutor(workers, mp_context=context)
-    with _lone_thread_each(), pool:
-        started = [pool.submit(run_case, case) for case in cases]
-        for number, done in enumerate(concurrent.futures.as_completed(started), start=1):
-            row = done.result()
-            progress(f"{number} of {len(cases)}: {row.case.label}: {row.verdict} {row.named}")
-            yield row
+    jobs = [partial(run_case, case) for case in cases]
+    for count, (_, row) in enumerate(in_processes(jobs, workers), start=1):
+        progress(f"{count} of {len(cases)}: {row.case.label}: {row.verdict} {row.named}")
+        yield row
 
 
 def plan_cases(count: int, seed: int = 0) -> list[BenchCase]:

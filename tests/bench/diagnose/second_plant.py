@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ..estimator.second_plant import run_command, tool_command
-from ..figures import Progress
-from .table import BenchFigure
+from ..pool import Progress
+from .table import BenchFigure, figures_as_text
 
 MAKE, SCORE = "make.py", "score.py"
 THINNED = (2, 4, 10, 20, 40)
@@ -60,9 +60,8 @@ def run_diagnosis_plant(
             name = f"{RATE_HZ / every:g} Hz"
             cases = _scored(folder, thinned, [], partial(_told, say, name))["cases"]
             figures += slow_figures_of(cases, name)
-    lines = [f"second plant beside the checkout, seed {seed}", "| figure | aim | reached |"]
-    lines += ["|---|---|---|", *(each.as_text() for each in figures)]
-    return "\n".join(lines)
+    title = f"second plant beside the checkout, seed {seed}"
+    return "\n".join([title, *figures_as_text(figures)])
 
 
 def _told(say: Progress, name: str, line: str) -> None:

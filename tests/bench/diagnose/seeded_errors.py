@@ -4,13 +4,12 @@ What lies beneath the error is a machine that nobody simulated: friction that wa
 encoders of its own. The error is a formula over the recorded position, not an entry of the library.
 """
 
-import concurrent.futures
 import json
 import math
-import multiprocessing
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,9 @@ from edge_service.offline.diagnose import diagnose
 from edge_service.offline.gap import BadDataError
 from edge_service.trace.conditioning import white_noise_rms
 
+from ..pool import in_processes
 from .cases import BenchError
-from .table import BenchFigure
+from .table import BenchFigure, figures_as_text
 
 DATA = Path(__file__).parents[3].parent / "shared" / "data"
 MAGNITUDES = {"small": 0.1, "medium": 0.25, "large": 0.6}
@@ -348,22 +348,16 @@ def run_seeded_errors(
     """
     by_name = {each.name: each for each in recordings(folder)}
     cases = plan(list(by_name.values()))
-    context = multiprocessing.get_context("spawn")
+    jobs = [partial(run_case, by_name[c.recording], c, seed + k) for k, c in enumerate(cases)]
     rows = []
-    with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
-        started = [
-            pool.submit(run_case, by_name[case.recording], case, seed + k)
-            for k, case in enumerate(cases)
-        ]
-        for number, done in enumerate(concurrent.futures.as_completed(started), start=1):
-            rows.append(done.result())
-            case = rows[-1].case
-            say(f"{number} of {len(cases)}: {case.recording}: {case.error or 'as it is'}")
+    for _, row in in_processes(jobs, workers):
+        rows.append(row)
+        said = f"{row.case.recording}: {row.case.error or 'as it is'}"
+        say(f"{len(rows)} of {len(cases)}: {said}")
     if out is not None:
         out.write_text("".join(json.dumps(asdict(row)) + "\n" for row in rows), "utf-8")
-    lines = [f"real machines in {folder}, seed {seed}", "| figure | aim | reached |"]
-    lines += ["|---|---|---|", *(each.as_text() for each in figures_of(rows))]
-    return "\n".join(lines)
+    title = f"real machines in {folder}, seed {seed}"
+    return "\n".join([title, *figures_as_text(figures_of(rows))])
 
 
 def figures_of(rows: Sequence[SeededRow]) -> list[BenchFigure]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from ..table import MISSING, markdown
 from .confusion import by_strength, confusion_matrix, told_of_each
 from .rows import (
     LARGE,
@@ -32,8 +33,9 @@ class BenchFigure:
     count: int
     unit: str = ""
 
-    def as_text(self) -> str:
-        """The line, in Markdown; a share is told as a count of cases."""
+    @property
+    def cells(self) -> tuple[str, str, str]:
+        """The line of the table; a share is told as a count of cases."""
         match self.unit:
             case "":
                 reached = f"{round(self.reached * self.count)} of {self.count}"
@@ -41,7 +43,12 @@ class BenchFigure:
                 reached = f"{100.0 * self.reached:.1f} %, of {self.count}"
             case _:
                 reached = f"{self.reached:.3f}, of {self.count}"
-        return f"| {self.name} | {self.aim} | {reached if self.count else '-'} |"
+        return self.name, self.aim, reached if self.count else MISSING
+
+
+def figures_as_text(figures: Iterable[BenchFigure]) -> list[str]:
+    """Lines of a table in Markdown."""
+    return markdown(("figure", "aim", "reached"), [figure.cells for figure in figures])
 
 
 def figures_of(rows: Sequence[BenchRow]) -> list[BenchFigure]:
@@ -178,11 +185,7 @@ def _share(
 def as_text(rows: Sequence[BenchRow]) -> str:
     """Figures, top-1 by strength, the confusion matrix, and what was said in each case."""
     parts = [
-        [
-            "| figure | aim | reached |",
-            "|---|---|---|",
-            *(figure.as_text() for figure in figures_of(rows)),
-        ],
+        figures_as_text(figures_of(rows)),
         ["top-1 of single causes by strength", *by_strength(rows)],
         ["what is there (rows) against what leads the answer (columns)", *confusion_matrix(rows)],
         ["verdict and names, by cause", *told_of_each(rows)],

@@ -3,10 +3,8 @@
 Every recording is followed once as the estimator is, and once for each part taken away or changed.
 """
 
-import multiprocessing
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -27,7 +25,8 @@ from ... import foreign_plant
 from ..life.bench import KeptEstimator, drawn_life
 from ..life.plants import plant_of
 from ..life.scores import life_score
-from ..sections import Section
+from ..pool import in_processes
+from ..table import Section
 from .foreign import commissioned_machine, recorded, scenarios
 from .scores import Recorded, Score, follow, pooled, score
 from .second_plant import has_second_plant, make_recordings
@@ -105,28 +104,22 @@ def run_ablation(
     Args:
         seeds: of the second plant.
     """
-    found: list[Ablated] = []
-    context = multiprocessing.get_context("spawn")
-    with (
-        tempfile.TemporaryDirectory(prefix="ablation-") as home,
-        ProcessPoolExecutor(processes, context) as pool,
-    ):
+    found: dict[int, list[Ablated]] = {}
+    with tempfile.TemporaryDirectory(prefix="ablation-") as home:
         axes = FOREIGN_AXES[: 1 if quick else None]
-        running = [pool.submit(on_foreign_axis, axis, quick) for axis in axes]
+        jobs = [partial(on_foreign_axis, axis, quick) for axis in axes]
         lives = list(product(LIFE_AXES, LIFE_SHAPES))[: 1 if quick else None]
-        running += [pool.submit(on_life, axis, shape, quick) for axis, shape in lives]
+        jobs += [partial(on_life, axis, shape, quick) for axis, shape in lives]
         for seed in seeds if has_second_plant(second_plant) else ():
             out = Path(home) / str(seed)
             say(f"ablation: making recordings of the second plant, seed {seed}")
             make_recordings(second_plant, out, seed, quick, processes, say)
             for folder in sorted(out.glob("machine-*")):
-                running += [pool.submit(on_second_axis, folder, sheet) for sheet in (False, True)]
-        for number, future in enumerate(as_completed(running), start=1):
-            future.result()
-            say(f"ablation: {number} of {len(running)} axes, {len(VARIANTS)} variants each")
-        for future in running:
-            found += future.result()
-    return found
+                jobs += [partial(on_second_axis, folder, sheet) for sheet in (False, True)]
+        for number, result in in_processes(jobs, processes):
+            found[number] = result
+            say(f"ablation: {len(found)} of {len(jobs)} axes, {len(VARIANTS)} variants each")
+    return [each for number in range(len(jobs)) for each in found[number]]
 
 
 def on_foreign_axis(axis_seed: int, quick: bool) -> list[Ablated]:

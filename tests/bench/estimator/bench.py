@@ -5,15 +5,13 @@ commissioned on a recording of its own before it is judged.
 """
 
 import json
-import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..figures import PipelineBench, Progress
 from ..life.bench import life_pictures, life_section
-from ..sections import Drawn, Section
+from ..pool import Progress, in_processes
+from ..table import Drawn, PipelineBench, Section
 from .ablation import ablation_section, run_ablation
 from .false_alarms import count_false_alarms
 from .false_conditions import healthy_pictures, healthy_section
@@ -95,15 +93,9 @@ def run_estimator_bench(
 def _run(tasks: Sequence[Task], processes: int, say: Progress) -> dict[str, list[Any]]:
     """Results of all tasks by part, in the order of the tasks."""
     done: dict[int, list[Any]] = {}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context) as pool:
-        running: dict[Future[list[Any]], int] = {
-            pool.submit(task): number for number, task in enumerate(tasks)
-        }
-        for future in as_completed(running):
-            number = running[future]
-            done[number] = future.result()
-            say(f"{len(done)} of {len(tasks)}: {tasks[number].name}")
+    for number, result in in_processes(tasks, processes):
+        done[number] = result
+        say(f"{len(done)} of {len(tasks)}: {tasks[number].name}")
     found: dict[str, list[Any]] = {}
     for number, task in enumerate(tasks):
         found.setdefault(task.part, []).extend(done[number])

@@ -9,7 +9,7 @@ from edge_service.estimate.mixture.state import PRELOAD, Bank
 from edge_service.messages.samples import Floats
 from edge_service.offline.thesis.runs import SETTLED_STEPS, ThesisCase, run_case
 
-from ..figures import Figure
+from ..table import Figure
 from .batch import MixtureBatch
 from .fused_speed import phases_of
 from .thesis import FRESH_PERCENT, SETTINGS, thesis_blocks, thesis_machine

@@ -23,7 +23,7 @@ from edge_service.messages.header import Header
 from edge_service.messages.health import AxisCondition
 from edge_service.models.machine import Machine
 
-from ..sections import Drawn, Section
+from ..table import Drawn, Section
 from .production_cases import draw_shift, produced
 from .scores import Score, Track, follow, pooled, score
 

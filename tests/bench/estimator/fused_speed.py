@@ -14,7 +14,7 @@ from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
-from ..figures import Figure, PipelineBench
+from ..table import Figure, PipelineBench
 from .axis import OwnAxis, downsampled
 from .batch import MixtureBatch
 from .speed import measure_estimator_speed

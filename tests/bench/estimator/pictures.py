@@ -15,7 +15,7 @@ from edge_service.offline.report.pictures import ESTIMATE, MUTED, STYLE, TRUTH, 
 from edge_service.offline.thesis.runs import ThesisCase, run_case
 
 from ... import foreign_plant as plant
-from ..sections import Drawn
+from ..table import Drawn
 from .axis import OwnAxis, recorded
 from .foreign import ROW, commissioned_machine, scenarios
 from .foreign import recorded as foreign_recorded

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
+from ..table import aligned, cell, plain
 from .aims import AIMS, Aim
 from .foreign import ROW as _FOREIGN
 from .own import Part
@@ -50,8 +51,9 @@ class BenchTable:
             "score",
             "seen s",
         )
-        lines = [_line(heads, "aim", "met")]
-        lines += [_line(_cells(row), _remark(row), _met(row)) for row in self.rows]
+        table: list[tuple[str, ...]] = [(*heads, "met", "aim")]
+        table += [(*_cells(row), _met(row), _remark(row)) for row in self.rows]
+        lines = aligned(table, right=range(1, len(heads)))
         judged = [row.met for row in self.rows if row.met is not None]
         lines.append(f"{sum(judged)} of {len(judged)} aims met; {self._wrong()}")
         return "\n".join(lines)
@@ -65,7 +67,7 @@ class BenchTable:
 
     def as_json(self) -> str:
         """For a program; what is not a number is null."""
-        rows = _jsonable([asdict(row) for row in self.rows])
+        rows = plain([asdict(row) for row in self.rows])
         return json.dumps({"schema": "estimator-bench/1", "rows": rows}, indent=2, allow_nan=False)
 
 
@@ -112,16 +114,11 @@ def _cases(scores: Sequence[Score]) -> int:
     return sum(each.cases for each in scores)
 
 
-def _line(cells: Sequence[str], aim: str, met: str) -> str:
-    first, *numbers = cells
-    return f"{first:<44}" + "".join(f"{cell:>9}" for cell in numbers) + f"  {met:<7} {aim}"
-
-
 def _cells(row: BenchRow) -> tuple[str, ...]:
     ours, seed = row.ours, row.seed
     if ours is None:
         return (row.row, *["-"] * 10)
-    counted = (_number(ours.wrong), str(ours.told), str(ours.cases))
+    counted = (cell(ours.wrong), str(ours.told), str(ours.cases))
     figures = (
         math.nan if seed is None else seed.mae,
         ours.mae,
@@ -131,7 +128,7 @@ def _cells(row: BenchRow) -> tuple[str, ...]:
         ours.interval_score,
         ours.detection_s,
     )
-    return (row.row, *counted, *(_number(figure) for figure in figures))
+    return (row.row, *counted, *(cell(figure) for figure in figures))
 
 
 def _remark(row: BenchRow) -> str:
@@ -144,23 +141,7 @@ def _remark(row: BenchRow) -> str:
     return remark
 
 
-def _number(figure: float) -> str:
-    if math.isnan(figure):
-        return "-"
-    return "never" if math.isinf(figure) else f"{figure:.3f}"
-
-
 def _met(row: BenchRow) -> str:
     if row.met is None:
         return "-" if row.ours is not None else "no data"
     return "yes" if row.met else "MISSED"
-
-
-def _jsonable(value: object) -> object:
-    if isinstance(value, dict):
-        return {name: _jsonable(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_jsonable(each) for each in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else "never"
-    return value

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from ..figures import Progress
-from ..sections import Drawn, Section, mean_of
+from ..pool import Progress
+from ..table import Drawn, Section, mean_of
 from .scores import Track
 
 BESIDE = Path(__file__).parents[3].parent / "shared" / "bench"

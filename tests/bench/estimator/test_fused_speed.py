@@ -9,8 +9,7 @@ import pytest
 from edge_service.estimate.mixture.state import HYPOTHESES
 from edge_service.offline.thesis.runs import ThesisCase, run_case
 
-from ..figures import Figure
-from ..sections import Drawn
+from ..table import Drawn, Figure
 from . import pictures as estimator_pictures
 from .false_alarms import count_false_alarms
 from .fused_speed import INTERVAL_S, measure_fused_speed, phases_of

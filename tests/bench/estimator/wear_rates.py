@@ -11,7 +11,7 @@ from edge_service.messages.samples import Floats
 
 from ... import foreign_plant as plant
 from ..life.plants import foreign_machine
-from ..sections import Drawn, Section, mean_of
+from ..table import Drawn, Section, mean_of
 from .foreign import recorded
 from .scores import Score, Track, follow, pooled, score
 

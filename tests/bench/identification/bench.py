@@ -1,12 +1,10 @@
 """Coverage of the truth by identification's own intervals, over many simulated axes."""
 
-import contextlib
 import math
-import multiprocessing
 import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,10 +12,10 @@ from scipy import stats
 
 from edge_service.fingerprint.regression.interval_estimate import LEVEL
 
-from ..figures import Progress
+from ..pool import Progress, in_processes
+from ..table import aligned
 from .cases import Recovered, Recoveries, recoveries
 
-_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _HEADINGS = ("parameter", "unit", "truth", "mean", "bias/s", "held", "share, 95 %", "width")
 
 
@@ -107,15 +105,10 @@ class IdentificationBench:
     def as_text(self) -> str:
         """An aligned table, then what it means."""
         rows = [_HEADINGS, *(_row(each) for each in self.recoveries)]
-        widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADINGS))]
-        lines = [
-            "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        ]
         held, count = sum(r.held for r in self.recoveries), sum(r.count for r in self.recoveries)
         return "\n".join(
             [
-                *lines,
+                *aligned(rows),
                 "",
                 f"{held} of {count} intervals hold the truth, {100 * LEVEL:g} % are meant to; "
                 "bias/s: mean error over the stated standard deviation; width: of the interval, "
@@ -127,27 +120,12 @@ class IdentificationBench:
 def run(seeds: int, progress: Progress = lambda _line: None) -> IdentificationBench:
     """Identify `seeds` simulated axes on all cores."""
     workers = min(os.cpu_count() or 1, seeds)
-    runs = []
-    context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(workers, mp_context=context) as pool:
-        for done in pool.map(recoveries, range(1, seeds + 1)):
-            runs.append(done)
-            progress(f"{len(runs)} of {seeds} axes")
-    return IdentificationBench.of(runs)
-
-
-@contextlib.contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes begun meanwhile leave the other cores to each other."""
-    before = {name: os.environ.get(name) for name in _THREAD_COUNTS}
-    os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
+    runs: dict[int, Recoveries] = {}
+    jobs = [partial(recoveries, seed) for seed in range(1, seeds + 1)]
+    for number, done in in_processes(jobs, workers):
+        runs[number] = done
+        progress(f"{len(runs)} of {seeds} axes")
+    return IdentificationBench.of([runs[number] for number in range(seeds)])
 
 
 def _finite(value: Any) -> Any:

@@ -13,7 +13,7 @@ from edge_service.estimate.interface import PreloadEstimator
 from edge_service.offline.estimate import UNKNOWN_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
-from ..sections import Drawn, Section, mean_of
+from ..table import Drawn, Section, mean_of
 from .cases import SHAPES, Life, draw_life
 from .plants import LifePlant, plant_of
 from .scores import LifeScore, joined, life_score

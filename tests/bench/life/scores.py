@@ -10,7 +10,7 @@ from scipy.stats import rankdata
 from edge_service.messages.samples import Floats
 
 from ..estimator.scores import Score, Track, score
-from ..sections import mean_of
+from ..table import mean_of
 from .cases import DAY_S, LIMIT_SHARE, Life
 
 

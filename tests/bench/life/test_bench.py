@@ -13,7 +13,7 @@ from edge_service.messages.samples import Floats
 
 from ..estimator.axis import OwnAxis, downsampled
 from ..estimator.scores import Recorded, Track, follow, score
-from ..sections import Section, cell, mean_of
+from ..table import Section, cell, mean_of
 from .bench import KEPT, NEW, KeptEstimator, LifePart, drawn_life, life_section, live
 from .cases import DAY_S, SHAPES, Life, draw_life
 from .plants import plant_of

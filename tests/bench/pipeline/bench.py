@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..estimator.speed import measure_estimator_speed
-from ..figures import Figure, PipelineBench
 from ..identification.simulated_axis import simulation_share
+from ..table import Figure, PipelineBench
 from .live_load import INTERVAL_S, POLL_PERIOD_S, axes_text, cold_start_figures, live_figures
 from .plant_speed import plant_figures
 from .process_meter import read_stolen_s

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..figures import PipelineBench
+from ..table import PipelineBench
 from .modbus import REGISTERS, fleet_figures, poll_figures
 from .opcua import opcua_figures
 

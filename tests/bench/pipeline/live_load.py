@@ -10,7 +10,7 @@ import numpy as np
 
 from edge_service.messages.samples import Floats
 
-from ..figures import Figure, PipelineBenchError
+from ..table import Figure, PipelineBenchError
 from .process_meter import ServiceProcess, Usage
 from .sample_delay import (
     PreloadPoller,

@@ -20,7 +20,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.samples import Floats
 from edge_service.nodes.acquire_node import BACKOFF_CAP_S, BACKOFF_FIRST_S
 
-from ..figures import Figure, PipelineBenchError
+from ..table import Figure, PipelineBenchError
 
 RESPONDER = Path(__file__).with_name("modbus_responder.py")
 REGISTERS = 20

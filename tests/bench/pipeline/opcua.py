@@ -10,7 +10,7 @@ from drivers.registry import load_driver
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.channels import CHANNELS
 
-from ..figures import Figure, PipelineBenchError
+from ..table import Figure, PipelineBenchError
 from .process_meter import ServiceProcess
 
 SESSIONS = 8

@@ -10,7 +10,7 @@ from edge_service.models.effects.registry import parse_effect
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
 from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
-from ..figures import Figure
+from ..table import Figure
 
 AXIS_TIME_S = 100.0
 RATE_HZ = 1000.0

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from ..figures import PipelineBenchError
+from ..table import PipelineBenchError
 
 STOP_PATIENCE_S = 10.0
 _LOOK_PERIOD_S = 0.005

@@ -4,8 +4,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..figures import Figure, PipelineBenchError
 from ..identification.simulated_axis import write_recording
+from ..table import Figure, PipelineBenchError
 from .process_meter import FinishedRun, ServiceProcess
 
 SHORT_S = 5.0

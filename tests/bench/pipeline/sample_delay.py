@@ -12,7 +12,7 @@ import numpy as np
 
 from edge_service.messages.samples import Floats
 
-from ..figures import PipelineBenchError
+from ..table import PipelineBenchError
 
 _NS_PER_S = 1_000_000_000
 _ANSWER_PATIENCE_S = 10.0

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from edge_service.config import load_config
 from edge_service.trace.reader import read_trace
 
-from ..figures import Figure, PipelineBench, PipelineBenchError, number_text
 from ..identification.simulated_axis import write_recording
+from ..table import Figure, PipelineBench, PipelineBenchError, number_text
 from .bench import PipelineBenchSettings, run_pipeline_bench
 from .live_load import write_config
 from .process_meter import FinishedRun, ServiceProcess, cpu_s_of, memory_of, read_usage, stolen_s_of
