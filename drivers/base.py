@@ -51,7 +51,7 @@ class DriverContext:
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """Channels, rate and description of a source, as told without starting to read."""
+    """Channels, rate and description of a source, without starting to read."""
 
     description: str
     channels: tuple[str, ...]

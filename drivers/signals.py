@@ -77,7 +77,7 @@ def check_channels(key: str, signals: Sequence[SignalConfig]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """From a raw number to the channel in SI units, and back."""
+    """Conversion of a raw number to the channel in SI units, and back."""
 
     factor: float
     offset: float

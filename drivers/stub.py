@@ -57,7 +57,7 @@ def parse_fault(text: str) -> Fault:
 
 @dataclass(slots=True)
 class StubAxis:
-    """One axis of a stub: what its driver is told, where its samples come from, and the latest.
+    """One axis of a stub: what its driver reads, where its samples come from, and the latest.
 
     Attributes:
         latest: channel -> value in SI units; empty before the first sample.

@@ -16,7 +16,7 @@ from .config import FUNCTION_OF
 from .requests import ReadRequest
 from .vetting import Asked, Verdict, vet
 
-# What the library finds wrong with a frame is told through the quality of the samples, once.
+# What the library finds wrong with a frame is passed on in the quality of the samples, once.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
 

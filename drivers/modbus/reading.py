@@ -1,4 +1,4 @@
-"""From the registers of one poll group to values in SI units, each with its quality."""
+"""Registers of one poll group as values in SI units, each with its quality."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -161,7 +161,7 @@ def _taken(axes: Sequence[StubAxis], table: Table) -> dict[int, bool]:
 
 
 def _block(taken: dict[int, bool]) -> list[SimData]:
-    """One piece of memory per register; those that clients may write are told."""
+    """One piece of memory per register; those that clients may write are marked."""
     return [
         SimData(address, values=0, datatype=DataType.REGISTERS, readonly=not writable)
         for address, writable in sorted(taken.items())

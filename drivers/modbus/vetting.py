@@ -27,7 +27,7 @@ class Asked:
 
     @classmethod
     def of_packet(cls, packet: bytes) -> "Asked":
-        """From the bytes of a read request."""
+        """Question in the bytes of a read request."""
         transaction, _, _, unit, function = _HEADER.unpack_from(packet)
         return cls(transaction, unit, function, int.from_bytes(packet[10:12], "big"))
 

@@ -116,5 +116,5 @@ class OpcuaConfig(DriverConfig):
 
     @property
     def host(self) -> str:
-        """Of the server."""
+        """Host name of the server."""
         return urlparse(self.url).hostname or ""

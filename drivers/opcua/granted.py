@@ -15,7 +15,7 @@ class Granted:
     limits: dict[str, float]
 
     def as_readings(self) -> dict[str, float]:
-        """By name."""
+        """Granted values by name."""
         return {
             "publishing_s": self.publishing_s,
             "sampling_s": self.sampling_s,

@@ -1,4 +1,4 @@
-"""From notifications of changed values to rows of samples. Pure: every time is in the data."""
+"""Notifications of changed values as rows of samples. Pure: every time is in the data."""
 
 import math
 from collections.abc import Sequence

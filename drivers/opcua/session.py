@@ -20,7 +20,7 @@ from .granted import LIMITS, Granted
 from .names import browse_path, is_path, node_id
 from .units import unit_of_code
 
-# What the library finds wrong is told once, by the driver; its own log holds tracebacks.
+# What the library finds wrong is logged once, by the driver; its own log holds tracebacks.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 SESSION_S = 20.0
 """A server keeps the session of a client that vanished for so long; it has few to give away."""

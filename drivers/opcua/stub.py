@@ -51,7 +51,7 @@ class OpcuaStub:
         self._task: asyncio.Task[None] | None = None
         self._points: list[tuple[StubAxis, NodeConfig, Scaling | None, Node]] = []
         self._fault_node: Node | None = None
-        self._told = "none"
+        self._wanted = "none"
         self.fault = Fault()
         for axis in axes[1:]:
             if axis.config.url != self._config.url:
@@ -163,11 +163,11 @@ class OpcuaStub:
     async def _obey(self, server: Server) -> None:
         """Do what the fault asks for, or what somebody wrote into its variable."""
         assert self._fault_node is not None
-        told = str(await self._fault_node.read_value())
-        if told != self._told:
-            self._told = told
+        wanted = str(await self._fault_node.read_value())
+        if wanted != self._wanted:
+            self._wanted = wanted
             with suppress(ValueError):
-                self.fault = parse_fault(told)
+                self.fault = parse_fault(wanted)
         transports: list[Any] = list(server.iserver.asyncio_transports)
         for transport in transports:
             if self.fault.kind is FaultKind.DROP:

@@ -49,7 +49,7 @@ class Greedy(click.Command):
 
 
 class InputError(Exception):
-    """Bad input, told in one line."""
+    """Bad input; the text is one line."""
 
 
 def configured(config: Path | None, port: int | None, endpoint: str | None) -> EdgeConfig:

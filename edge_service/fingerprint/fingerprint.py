@@ -16,7 +16,7 @@ from .friction.runs import measure_friction_runs
 from .regression.interval_estimate import IntervalEstimate
 from .regression.inverse_dynamics import identify_inverse_dynamics
 from .regression.prepared_run import PreparationSettings, PreparedRun, prepare
-from .result import Contents, Section, Status, judged
+from .result import Contents, Section, Status, examined
 from .transmission.reversal_error import measure_reversal_error
 from .transmission.sections import (
     measure_backlash,
@@ -90,11 +90,11 @@ def fingerprint_axis(
         "frequency_response": ("multisine", lambda: measure_response(frames)),
         "inertia": ("acceleration", lambda: _measure_inertia(machine, frames)),
     }
-    sections = {name: judged(motion, measure) for name, (motion, measure) in tests.items()}
+    sections = {name: examined(motion, measure) for name, (motion, measure) in tests.items()}
     if sections["friction_runs"].status is Status.UNDETERMINED:
         del sections["friction_runs"]  # a session that tests friction once lacks nothing
     fresh_stiffness = fresh.sections["stiffness"].figures if fresh else {}
-    sections["preload"] = judged(
+    sections["preload"] = examined(
         "friction",
         lambda: measure_preload(
             sections["friction"].figures.get("coulomb_nm"),

@@ -58,7 +58,7 @@ Contents = tuple[Mapping[str, IntervalEstimate], Sequence[Curve]]
 """Figures and curves of a section."""
 
 
-def judged(motion: str, measure: Callable[[], Contents]) -> Section:
+def examined(motion: str, measure: Callable[[], Contents]) -> Section:
     """The section that `measure` gives; undetermined for its ValueError, or without a number."""
     try:
         figures, curves = measure()

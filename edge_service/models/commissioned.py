@@ -1,4 +1,4 @@
-"""`[commissioned]` of a machine file: what a healthy, cold axis has taught beyond the model."""
+"""`[commissioned]` of a machine file: parameters identified on a healthy, cold axis."""
 
 from typing import Annotated, Any
 

@@ -36,10 +36,10 @@ class SteadyLimits:
 
 def steady_limits(machine: Machine) -> SteadyLimits:
     """As commissioned, or as the axis' stated limits ask for."""
-    axis, taught = machine.axis, machine.commissioned
-    if taught is not None:
+    axis, known = machine.axis, machine.commissioned
+    if known is not None:
         return SteadyLimits(
-            taught.slowest_rad_s or SLOWEST_RAD_S, taught.cruise_rad_s2 or CRUISE_RAD_S2
+            known.slowest_rad_s or SLOWEST_RAD_S, known.cruise_rad_s2 or CRUISE_RAD_S2
         )
     acceleration = axis.max_acceleration_m_s2
     return SteadyLimits().for_motion(

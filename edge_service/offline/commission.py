@@ -77,14 +77,14 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
             model[name] = _inline(quantity)
     assert machine.commissioned is not None
     document.pop("commissioned", None)
-    taught = tomlkit.table()
+    learned = tomlkit.table()
     for name, value in machine.commissioned.model_dump(mode="json", exclude_none=True).items():
         if name != "transmission":
-            taught[name] = value
+            learned[name] = value
     if machine.commissioned.transmission is not None:
-        taught["transmission"] = machine.commissioned.transmission.model_dump(mode="json")
+        learned["transmission"] = machine.commissioned.transmission.model_dump(mode="json")
     effects = document.pop("effects", None)  # tables after an array of tables would join it
-    document["commissioned"] = taught
+    document["commissioned"] = learned
     if effects is not None:
         document["effects"] = effects
 
@@ -96,16 +96,16 @@ def _inline(quantity: Quantity) -> tomlkit.items.InlineTable:
 
 
 def _summary(machine: Machine) -> list[str]:
-    model, taught = machine.model, machine.commissioned
-    assert taught is not None
+    model, learned = machine.model, machine.commissioned
+    assert learned is not None
     lines = [
-        f"from {taught.motion_s:.0f} s of steady motion:",
+        f"from {learned.motion_s:.0f} s of steady motion:",
         f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
         f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
-        f"  Coulomb friction {taught.coulomb_nm:.4g} N m in all, of it "
+        f"  Coulomb friction {learned.coulomb_nm:.4g} N m in all, of it "
         f"guides {model.guide_force_n.value:.3g} N, bearings {model.bearing_drag_nm.value:.3g} N m",
     ]
-    transmission = taught.transmission
+    transmission = learned.transmission
     if transmission is None:
         lines.append(
             "  no stretch between two encoders: preload will rest on torque alone, and its "

@@ -136,7 +136,7 @@ def _findings(
 
 def _quality(frames: Sequence[SampleFrame]) -> CheckResult:
     """CheckResult on the channels that had samples that were not good, and why."""
-    told, most = [], 0.0
+    said, most = [], 0.0
     for name in frames[0].channels:
         codes = np.concatenate(
             [frame.quality.get(name, np.zeros(len(frame), dtype=np.uint8)) for frame in frames]
@@ -146,16 +146,16 @@ def _quality(frames: Sequence[SampleFrame]) -> CheckResult:
             share = wrong.size / codes.size
             most = max(most, share)
             reasons = ", ".join(sorted({Quality(int(code)).name.lower() for code in set(wrong)}))
-            told.append(f"{name} {100.0 * share:.2g} % ({reasons})")
-    if not told:
+            said.append(f"{name} {100.0 * share:.2g} % ({reasons})")
+    if not said:
         return CheckResult("quality", Verdict.FITS, "every sample is good")
     verdict = Verdict.FITS if most <= FEW else Verdict.DOUBTFUL
-    return CheckResult("quality", verdict, "not good: " + "; ".join(told))
+    return CheckResult("quality", verdict, "not good: " + "; ".join(said))
 
 
 def _against(finding: CheckResult) -> str:
-    told = "" if finding.figure is None else against(finding.figure, finding.expected)
-    return f" [{told}]" if told else ""
+    said = "" if finding.figure is None else against(finding.figure, finding.expected)
+    return f" [{said}]" if said else ""
 
 
 def _as_dict(finding: CheckResult) -> dict[str, object]:

@@ -131,9 +131,9 @@ def _summary(
     lines = []
     for name, section in found.sections.items():
         if section.status is Status.DETERMINED:
-            told = headline(name, section) or section.figures
+            chief = headline(name, section) or section.figures
             key, figure = next(
-                (pair for pair in told.items() if math.isfinite(pair[1].value)),
+                (pair for pair in chief.items() if math.isfinite(pair[1].value)),
             )
             lines.append(f"{WORDING[name].title}: {plain(key)} {estimate(figure)}")
         else:

@@ -121,16 +121,18 @@ def _opened(
     """Each recording in turn; it is closed when the next is asked for."""
     for number, path in enumerate(traces, start=1):
         with open_recording(machine, path) as reader:
-            yield _told(reader, f"{path.name}, {number} of {len(traces)}", progress)
+            yield _reporting(reader, f"{path.name}, {number} of {len(traces)}", progress)
 
 
-def _told(reader: TraceReader, name: str, progress: Callable[[str], None]) -> Iterator[SampleFrame]:
-    """The frames of a recording; each tenth that is read is told."""
-    told = -1
+def _reporting(
+    reader: TraceReader, name: str, progress: Callable[[str], None]
+) -> Iterator[SampleFrame]:
+    """The frames of a recording; each tenth that is read is reported."""
+    reported = -1
     for frame in reader:
         tenth = int(10.0 * reader.fraction_read)
-        if tenth > told:
-            told = tenth
+        if tenth > reported:
+            reported = tenth
             progress(f"reading {name}: {10 * tenth} %")
         yield frame
 

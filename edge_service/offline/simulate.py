@@ -69,7 +69,7 @@ def simulate(
         raise SimulationError(str(error)) from error
     with TraceWriter(out, tuple(CHANNELS)) as writer:
         axis.record(commanded, writer, progress)
-    return axis.told(commanded, out)
+    return axis.summary(commanded, out)
 
 
 def simulate_session(
@@ -111,7 +111,7 @@ def simulate_session(
         for commanded, writer in zip(session, writers, strict=True):
             axis.record(commanded, writer, progress)
     return "\n".join(
-        axis.told(commanded, path) for commanded, path in zip(session, paths, strict=True)
+        axis.summary(commanded, path) for commanded, path in zip(session, paths, strict=True)
     )
 
 
@@ -156,7 +156,7 @@ class _Axis:
             writer.write(frame)
             progress(f"{(done + rows) / settings.rate_hz:.0f} of {count / settings.rate_hz:.0f} s")
 
-    def told(self, commanded: CommandedMotion, out: Path) -> str:
+    def summary(self, commanded: CommandedMotion, out: Path) -> str:
         """Description of a recording, for people."""
         present = ", ".join(each.effect.name for each in self.drive.settings.effects) or "none"
         return (

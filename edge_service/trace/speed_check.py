@@ -22,7 +22,7 @@ _REASONS = (
 
 @dataclass(slots=True)
 class _Sums:
-    """Of changes of position d and integrals of speed s over windows: d d, d s, s s."""
+    """Sums over changes of position d and integrals of speed s over windows: d d, d s, s s."""
 
     dd: float = 0.0
     ds: float = 0.0

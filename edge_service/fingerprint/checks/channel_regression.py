@@ -19,7 +19,7 @@ MOST_ROWS = 200_000
 LEAST_MOTION = 100.0
 """Times its white noise; less biases the factor by more than 1 in 10,000."""
 STANDSTILL_SHARE = 0.02
-"""Of the greatest speed: slower than that, the direction is not told."""
+"""Of the greatest speed: slower than that, the direction is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def _moves(values: Floats) -> bool:
 
 
 def _lag(fit: LinearFit) -> IntervalEstimate:
-    """From the coefficient of the next derivative, - factor * lag."""
+    """Lag from the coefficient of the next derivative, - factor * lag."""
     factor, slope = fit.interval_estimate("factor", ""), fit.interval_estimate("lag", "s")
     if not factor.determined or factor.holds(0.0):
         return undetermined("s", "the factor itself is not determined")

@@ -1,4 +1,4 @@
-"""Do the channels of a source have the units and signs that the machine file expects?
+"""Check that channels have the units and signs that the machine file expects.
 
 Every answer is a number with an interval, held against the machine file, in one sentence: "torque
 sign looks inverted", "lead looks like 10 mm, not 20", "linear encoder lags rotary by 0.8 ms".

@@ -1,4 +1,4 @@
-"""From a recording to motion and torque that a regression can use.
+"""Motion and torque of a recording as a regression can use them.
 
 All channels pass the same zero-phase low-pass, speeds and accelerations are central differences of
 the filtered position (Gautier, 1997; Janot et al., 2014): what the filter does to one side of the
@@ -79,7 +79,7 @@ class PreparationSettings:
     def sampled(
         cls, ratio_m_per_rad: float, frames: Sequence[SampleFrame], cutoff_hz: float
     ) -> "PreparationSettings":
-        """For recordings of a torque that is held from sample to sample.
+        """Settings for recordings of a torque that is held from sample to sample.
 
         Args:
             cutoff_hz: of the low-pass; less where the samples are too far apart for it.

@@ -73,7 +73,7 @@ class PlaceSpectra:
 
     @property
     def power(self) -> Floats:
-        """Of the reference, per segment, (n,)."""
+        """Power of the reference, per segment, (n,)."""
         return np.asarray(self.sums[_RR].real / self.segments, dtype=np.float64)
 
     def coherence(self) -> Floats:

@@ -188,7 +188,7 @@ class FeedDrive:
         return _frame_of(time_s, out, setpoints, temperature, force)
 
     def take_on(self, effects: Sequence[ActiveEffect]) -> None:
-        """From the next sample on the axis has these effects, too; its encoders stay as homed.
+        """Add effects from the next sample on; the encoders stay as homed.
 
         Raises:
             ValueError: the effects do not go together.

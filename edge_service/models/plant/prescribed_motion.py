@@ -1,4 +1,4 @@
-"""The plant led along a known motion of its motor: what torque that takes, where the table goes.
+"""Inverse simulation: torque and table position along a prescribed motion of the motor.
 
 No controller stands between: gains that nobody knows would decide what a simulated recording looks
 like. The motor is given so much inertia that nothing turns it from its way, and what the rest of

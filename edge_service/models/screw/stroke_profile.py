@@ -71,15 +71,15 @@ class StrokeProfile:
 
 def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | None:
     """Profile along the stroke, as commissioned; None where the machine file has none."""
-    taught, fresh = machine.commissioned, machine.fresh_preload_percent
-    if taught is None or fresh is None or machine.axis.stroke_m is None:
+    known, fresh = machine.commissioned, machine.fresh_preload_percent
+    if known is None or fresh is None or machine.axis.stroke_m is None:
         return None
     position_m = np.linspace(0.0, machine.axis.stroke_m, places)
-    compliance, tolerance, nut, nut_sigma = _series(machine, taught.transmission, position_m)
+    compliance, tolerance, nut, nut_sigma = _series(machine, known.transmission, position_m)
     return StrokeProfile(
         position_m=position_m,
         fresh_percent=fresh,
-        preload_share=_share(taught.stroke_map, position_m / machine.axis.stroke_m),
+        preload_share=_share(known.stroke_map, position_m / machine.axis.stroke_m),
         compliance_m_per_n=compliance,
         compliance_tolerance=tolerance,
         nut_m_per_n=nut,
@@ -97,15 +97,15 @@ def _share(harmonics: tuple[tuple[float, float], ...], place: Floats) -> Floats:
 
 
 def _series(
-    machine: Machine, taught: TransmissionConfig | None, position_m: Floats
+    machine: Machine, known: TransmissionConfig | None, position_m: Floats
 ) -> tuple[Floats, float, float, float]:
     """Compliance along the stroke with its tolerance; the nut's with its standard deviation."""
     mass = machine.model.table_mass_kg
-    if taught is None or mass is None:
+    if known is None or mass is None:
         return np.full_like(position_m, np.nan), 0.0, 0.0, 0.0
-    at_reference = taught.stretch_per_acceleration_s2
-    stretch = at_reference + taught.stretch_slope_s2_per_m * (position_m - taught.reference_m)
+    at_reference = known.stretch_per_acceleration_s2
+    stretch = at_reference + known.stretch_slope_s2_per_m * (position_m - known.reference_m)
     compliance = np.maximum(stretch, 0.1 * at_reference) / mass.value
-    tolerance = float(np.hypot(taught.stretch_sigma_s2 / at_reference, mass.tolerance))
+    tolerance = float(np.hypot(known.stretch_sigma_s2 / at_reference, mass.tolerance))
     nut = at_reference / mass.value
-    return compliance, tolerance, taught.nut_share * nut, taught.nut_share_sigma * nut
+    return compliance, tolerance, known.nut_share * nut, known.nut_share_sigma * nut

@@ -1,4 +1,4 @@
-"""From the answers of many services to one row per axis, the worst first."""
+"""Answers of many services as one row per axis, the worst first."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -77,7 +77,7 @@ def rows_of(
     Raises StrangeAnswerError.
     """
     try:
-        told = {each["axis"]: each for each in health["axes"]}
+        by_axis = {each["axis"]: each for each in health["axes"]}
         limits = {each["axis"]: each.get("limits") for each in axes["axes"]}
         site, machine = str(axes.get("site", "?")), str(axes.get("machine", "?"))
         return [
@@ -85,7 +85,7 @@ def rows_of(
                 FleetRow(address, site, machine, each["axis"], _condition(each)), each, more, fresh
             )
             for each in preloads
-            for more, fresh in [(told[each["axis"]], _fresh(limits[each["axis"]]))]
+            for more, fresh in [(by_axis[each["axis"]], _fresh(limits[each["axis"]]))]
         ]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StrangeAnswerError(f"no answer of an edge-service ({error!r})") from None

@@ -41,8 +41,8 @@ def as_json_line(rows: Sequence[FleetRow]) -> str:
 
 def _summary(rows: Sequence[FleetRow]) -> str:
     counts = [(each, sum(row.condition is each for row in rows)) for each in WORST_FIRST]
-    told = ", ".join(f"{count} {condition}" for condition, count in counts if count)
-    return f"FLEET {worst(rows)}: {told}"
+    summed = ", ".join(f"{count} {condition}" for condition, count in counts if count)
+    return f"FLEET {worst(rows)}: {summed}"
 
 
 def _cells(row: FleetRow, now: datetime | None) -> tuple[str, ...]:

@@ -84,13 +84,13 @@ _NAMES = ("Coulomb", "Stribeck")
 def headline(name: str, section: Section) -> dict[str, IntervalEstimate]:
     """The chief figures of a section, as far as they have a number, the most telling first."""
     wording = WORDING[name]
-    told = [
+    chief = [
         (key, figure)
         for start in wording.headline
         for key, figure in section.figures.items()
         if key.startswith(start) and math.isfinite(figure.value)
     ]
-    return dict(told[: wording.most])
+    return dict(chief[: wording.most])
 
 
 def plain(name: str) -> str:

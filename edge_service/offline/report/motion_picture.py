@@ -1,4 +1,4 @@
-"""Motions drawn over time: where the table is told to be."""
+"""Motions drawn over time: commanded position of the table."""
 
 import math
 import textwrap

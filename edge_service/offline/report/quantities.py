@@ -45,8 +45,8 @@ def estimate(figure: IntervalEstimate) -> str:
         )
 
     bounds = f"{number(figure.low)} to {number(figure.high)}"
-    told = f"{number(figure.value)} {unit} ({bounds})" if known else f"{bounds} {unit}"
-    return told.replace("  ", " ").strip()
+    text = f"{number(figure.value)} {unit} ({bounds})" if known else f"{bounds} {unit}"
+    return text.replace("  ", " ").strip()
 
 
 def brief(figure: IntervalEstimate) -> str:
@@ -109,5 +109,5 @@ def against(figure: IntervalEstimate, expected: float | None) -> str:
     if not figure.determined:
         return ""
     unit = f" {figure.unit}" if figure.unit else ""
-    told = f"{figure.value:.6g}{unit}, {figure.low:.6g} to {figure.high:.6g}"
-    return told if expected is None else f"{told}; expected {expected:.6g}"
+    text = f"{figure.value:.6g}{unit}, {figure.low:.6g} to {figure.high:.6g}"
+    return text if expected is None else f"{text}; expected {expected:.6g}"

@@ -50,7 +50,7 @@ def reproduce(
     Args:
         seeds: runs per case with the printed step of 0.1 s.
         short_step_seeds: runs per case in the study of the step length (0.1 and 0.01 s).
-        progress: told what is being worked on.
+        progress: takes a line on what is being worked on.
     """
     if seeds < 1 or short_step_seeds < 1:
         raise ValueError("seeds: expected at least 1")

@@ -1,4 +1,4 @@
-"""From a controller's units to the channels of one axis."""
+"""Conversion of a controller's units to the channels of one axis."""
 
 import math
 from dataclasses import dataclass
