@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..messages.arrays import finite_or_none
 from .fingerprint import AxisFingerprint
 from .regression.interval_estimate import IntervalEstimate
 from .result import Curve, Section, Status
@@ -59,11 +60,11 @@ def _section_document(section: Section) -> dict[str, Any]:
         "motion": section.motion,
         "figures": {
             name: {
-                "value": _finite(figure.value),
-                "low": _finite(figure.low),
-                "high": _finite(figure.high),
+                "value": finite_or_none(figure.value),
+                "low": finite_or_none(figure.low),
+                "high": finite_or_none(figure.high),
                 "unit": figure.unit,
-                "n_effective": _finite(figure.n_effective),
+                "n_effective": finite_or_none(figure.n_effective),
                 "note": figure.note,
             }
             for name, figure in section.figures.items()
@@ -71,8 +72,8 @@ def _section_document(section: Section) -> dict[str, Any]:
         "curves": [
             {
                 "name": curve.name,
-                "x": [_finite(float(value)) for value in curve.x],
-                "y": [_finite(float(value)) for value in curve.y],
+                "x": [finite_or_none(float(value)) for value in curve.x],
+                "y": [finite_or_none(float(value)) for value in curve.y],
                 "x_label": curve.x_label,
                 "y_label": curve.y_label,
             }
@@ -113,10 +114,6 @@ def _curve(curve: Mapping[str, Any]) -> Curve:
         for key in ("x", "y")
     )
     return Curve(str(curve["name"]), x, y, str(curve["x_label"]), str(curve["y_label"]))
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _number(value: float | None, missing: float) -> float:

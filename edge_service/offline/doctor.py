@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import math
 from collections.abc import Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableErro
 from ..config import AxisConfig, ConfigError, EdgeConfig, load_machine
 from ..fingerprint.checks.check_result import CheckResult, Verdict
 from ..fingerprint.checks.plausibility import check_plausibility
+from ..messages.arrays import finite_or_none
 from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
@@ -163,9 +163,9 @@ def _as_dict(finding: CheckResult) -> dict[str, object]:
     number = None
     if figure is not None:
         number = {
-            "value": _number(figure.value),
-            "low": _number(figure.low),
-            "high": _number(figure.high),
+            "value": finite_or_none(figure.value),
+            "low": finite_or_none(figure.low),
+            "high": finite_or_none(figure.high),
             "unit": figure.unit,
             "expected": finding.expected,
         }
@@ -175,7 +175,3 @@ def _as_dict(finding: CheckResult) -> dict[str, object]:
         "sentence": finding.sentence,
         "figure": number,
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

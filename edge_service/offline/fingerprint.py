@@ -21,6 +21,7 @@ from ..fingerprint.document import (
 )
 from ..fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
 from ..fingerprint.result import Status
+from ..messages.arrays import finite_or_none
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from .recordings import read_recording
@@ -106,7 +107,6 @@ def _recordings(machine: Machine, traces: Sequence[Path]) -> dict[str, SampleFra
 
 
 def _change_document(change: FigureChange) -> dict[str, str | float | bool | None]:
-    relative = change.relative
     return {
         "figure": change.name,
         "old": change.old.value,
@@ -115,7 +115,7 @@ def _change_document(change: FigureChange) -> dict[str, str | float | bool | Non
         "low": change.change.low,
         "high": change.change.high,
         "unit": change.change.unit,
-        "relative": relative if math.isfinite(relative) else None,
+        "relative": finite_or_none(change.relative),
         "sigmas": change.sigmas,
         "significant": change.significant,
         "material": change.material,

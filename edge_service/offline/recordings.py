@@ -4,7 +4,6 @@ from pathlib import Path
 
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..trace.columns import ColumnMap
 from ..trace.reader import TraceReader, open_trace, read_trace
 from ..trace.sinumerik.controller_axis import ControllerAxis
 
@@ -13,22 +12,12 @@ def open_recording(
     machine: Machine, path: Path, axis: ControllerAxis | None = None, *, keep_all: bool = False
 ) -> TraceReader:
     """Open a recording to be read in bounded pieces; arguments and errors as `open_trace`."""
-    return open_trace(
-        path, column_maps(machine), axis or controller_axis(machine), keep_all=keep_all
-    )
+    return open_trace(path, machine.columns, axis or controller_axis(machine), keep_all=keep_all)
 
 
 def read_recording(machine: Machine, path: Path) -> SampleFrame:
     """Read a whole recording into one frame; errors as `read_trace`."""
-    return read_trace(path, column_maps(machine), axis=controller_axis(machine))
-
-
-def column_maps(machine: Machine) -> dict[str, ColumnMap]:
-    """Column map of each channel that the machine file maps."""
-    return {
-        channel: ColumnMap(column.column, column.scale, column.offset)
-        for channel, column in machine.columns.items()
-    }
+    return read_trace(path, machine.columns, axis=controller_axis(machine))
 
 
 def controller_axis(

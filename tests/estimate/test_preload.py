@@ -305,13 +305,12 @@ EMPS = Path(__file__).parents[2].parent / "shared" / "data" / "emps"
 )
 def test_the_real_axis_has_its_published_drag(file: str, force_n: float) -> None:
     """Janot, Gautier, Brunot (2019): Coulomb friction 20.39 N at the table."""
-    from edge_service.offline.recordings import column_maps
     from edge_service.trace.reader import open_trace
 
     machine = load_machine(Path(__file__).parents[2] / "deploy" / "emps.toml")
     ratio = machine.transmission_ratio_m_per_rad
     downsampler = Downsampler(DownsampleSettings(), ratio)
-    with open_trace(EMPS / file, column_maps(machine)) as frames:
+    with open_trace(EMPS / file, machine.columns) as frames:
         blocks = [block for frame in frames for block in downsampler.push(frame)]
     late = [e for e in run(blocks, machine) if e.time_s > 5.0]
     assert {e.status for e in late} == {EstimateStatus.ESTIMATED}

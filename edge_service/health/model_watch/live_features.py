@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from ...messages.arrays import finite_or_none
 from ...messages.features import Fault, FeatureBlock
 from ..condition.data_faults import fault_name
 
@@ -68,11 +69,11 @@ class LiveFeatures:
         self._points.append(
             LivePoint(
                 time_ns=time_ns,
-                torque_nm=_or_none(block.torque_mean_nm),
-                speed_rad_s=_or_none(speed),
-                position_m=_or_none(position if math.isfinite(position) else way),
-                transmission_um=_or_none(1e6 * (position - way)),
-                temperature_c=_or_none(block.temperature_c),
+                torque_nm=finite_or_none(block.torque_mean_nm),
+                speed_rad_s=finite_or_none(speed),
+                position_m=finite_or_none(position if math.isfinite(position) else way),
+                transmission_um=finite_or_none(1e6 * (position - way)),
+                temperature_c=finite_or_none(block.temperature_c),
                 faults=tuple(fault_name(kind) for kind in block.fault),
             )
         )
@@ -114,7 +115,3 @@ def _state(present: bool, share: float) -> str:
     if not present:
         return "missing"
     return "ok" if share == 1.0 else "faulty"
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -1,6 +1,5 @@
 """A diagnosis as JSON (diagnosis/1) and as a machine file with the effects that it accepted."""
 
-import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,6 +8,7 @@ from ...diagnose.localisation.places import Place
 from ...diagnose.pipeline import Diagnosis, NamedEffect, Verdict
 from ...diagnose.validation.replay import Replay
 from ...diagnose.validation.shrink import Shrink
+from ...messages.arrays import finite_or_none
 
 SCHEMA = "diagnosis/1"
 
@@ -48,8 +48,7 @@ def to_document(
         "caveats": list(found.caveats),
         "replay": {"possible": not found.replay.problem, "reason": found.replay.problem or None},
         "suspects": {
-            name: {"structure": each if math.isfinite(each) else None}
-            for name, each in found.suspects.items()
+            name: {"structure": finite_or_none(each)} for name, each in found.suspects.items()
         },
     }
 
@@ -123,8 +122,8 @@ def _effect(each: NamedEffect, replay: Replay) -> dict[str, Any]:
         "parameters": {
             name: {
                 "value": value.value,
-                "low": _finite(value.low),
-                "high": _finite(value.high),
+                "low": finite_or_none(value.low),
+                "high": finite_or_none(value.high),
                 "unit": value.unit,
             }
             for name, value in each.parameters.items()
@@ -135,10 +134,6 @@ def _effect(each: NamedEffect, replay: Replay) -> dict[str, Any]:
 
 def _inline(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} = {float(value)!r}" for name, value in values.items())
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
