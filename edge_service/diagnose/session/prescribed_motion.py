@@ -22,7 +22,13 @@ from ...models.effects.registry import machine_effects
 from ...models.machine import Machine
 from ...models.plant.feed_drive import SUBSTEP_RATE_HZ
 from ...models.plant.from_machine import plant_of
-from ...models.plant.prescribed_motion import STRETCH, TORQUE, Way, carried_along, lead_along
+from ...models.plant.prescribed_motion import (
+    STRETCH,
+    TORQUE,
+    Way,
+    following_state,
+    simulate_inverse,
+)
 from ...models.plant.tables import misreading
 from ...models.plant.two_mass import Plant, axial_compliance
 from ...trace.conditioning import central_difference
@@ -115,7 +121,7 @@ class LedAxis:
         offset_m = float(np.median(motion.position_m - travel))
         plants = [_placed(each.plant, offset_m) for each in variants]
         first = float(travel[0]), float(way.speed_m_s[0]), float(way.strain[0])
-        state = carried_along(plants[number[0]], *first, float(motion.approach[0]))
+        state = following_state(plants[number[0]], *first, float(motion.approach[0]))
         out = np.empty((len(motion), 2))
         substeps = math.ceil(SUBSTEP_RATE_HZ * period_s)
         edges = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(motion)]
@@ -123,7 +129,7 @@ class LedAxis:
             part = Way(*(each[start : end + 1] for each in way))
             screw = self.screw_nm, _PRELOAD_PERCENT
             plant = plants[number[start]]
-            out[start:end] = lead_along(plant, *screw, period_s, substeps, state, part)
+            out[start:end] = simulate_inverse(plant, *screw, period_s, substeps, state, part)
         return _at_samples(out[:, TORQUE]), out[:, STRETCH]
 
     def _way(

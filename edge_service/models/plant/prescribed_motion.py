@@ -44,7 +44,7 @@ class Way(NamedTuple):
     strain: Floats
 
 
-def carried_along(
+def following_state(
     plant: Plant, travel_m: float, speed_m_s: float, strain: float, came_from: float
 ) -> Floats:
     """State (STATE_SIZE,) of a table that follows, on the flank of the last approach.
@@ -78,7 +78,7 @@ def _load_of(way: Way, k: int, torque_nm: float, screw_drag_nm: float, complianc
     )
 
 
-def lead_along(
+def simulate_inverse(
     plant: Plant,
     screw_drag_nm: float,
     preload_percent: float,
@@ -102,12 +102,12 @@ def lead_along(
     heavy = plant._replace(motor_inertia_kg_m2=_HEAVY_KG * ratio**2)
     out = np.empty((len(way.speed_m_s) - 1, 2))
     load = screw_drag_nm, preload_percent
-    _lead(heavy, plant.motor_mass_kg, load, period_s, substeps, state, way, out)
+    _simulate_inverse(heavy, plant.motor_mass_kg, load, period_s, substeps, state, way, out)
     return out
 
 
 @compiled
-def _lead(
+def _simulate_inverse(
     heavy: Plant,
     own_kg: float,
     screw: tuple[float, float],
@@ -122,8 +122,8 @@ def _lead(
         state[MOTOR_SPEED] = way.speed_m_s[k]
         out[k, STRETCH] = state[TABLE_POSITION] - state[MOTOR_TRAVEL]
         compliance = axial_compliance(heavy, way.place_m[k], screw[1])
-        led_nm = _HEAVY_KG * rise_m_s / period_s * heavy.ratio_m_per_rad
-        load = _load_of(way, k, led_nm, screw[0], compliance)
+        prescribing_nm = _HEAVY_KG * rise_m_s / period_s * heavy.ratio_m_per_rad
+        load = _load_of(way, k, prescribing_nm, screw[0], compliance)
         advance_plant(heavy, state, load, period_s, substeps)
         taken = _HEAVY_KG * (way.speed_m_s[k + 1] - state[MOTOR_SPEED])
         out[k, TORQUE] = heavy.ratio_m_per_rad * (own_kg * rise_m_s + taken) / period_s
