@@ -10,7 +10,7 @@ from .options import MACHINE, InputError
 from .terminal import progress
 
 if TYPE_CHECKING:
-    from ..offline.motion import MotionFileSettings
+    from ..offline.motion.motion_file import MotionFileSettings
 
 
 @click.command(epilog="Example: edge-service motion next out/diagnosis.json --out setpoints.csv")
@@ -67,7 +67,7 @@ def motion(
 
     It keeps to stroke, speed, acceleration and torque of the machine file, or is refused.
     """
-    from ..offline.motion import MotionFileSettings, write_motion
+    from ..offline.motion.motion_file import MotionFileSettings, write_motion
 
     if list_all:
         _list(machine, out)
@@ -77,7 +77,7 @@ def motion(
         click.echo(_proposed(machine, files, effects, out, settings))
         return
     if name == "isolability":
-        from ..offline.isolability import isolability
+        from ..offline.motion.isolability import isolability
 
         click.echo(isolability(load_machine(machine), rehearsed, files, progress))
         return
@@ -89,8 +89,8 @@ def motion(
 
 
 def _list(machine: Path, out: Path | None) -> None:
-    from ..offline.motion import list_motions
-    from ..offline.report.motion_picture import write_motions_picture
+    from ..offline.motion.motion_file import list_motions
+    from ..offline.motion.picture import write_motions_picture
 
     axis = load_machine(machine)
     click.echo(list_motions(axis))
@@ -106,7 +106,7 @@ def _proposed(
     settings: "MotionFileSettings",
 ) -> str:
     """The motion that tells tied effects apart."""
-    from ..offline.next_motion import next_motion, tied_effects, typical
+    from ..offline.motion.next_motion import next_motion, tied_effects, typical
 
     if len(files) + bool(effects) != 1:
         raise InputError("motion next: expected one DIAGNOSIS.json, or --effect twice or more")

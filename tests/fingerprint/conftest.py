@@ -20,7 +20,7 @@ Drive = Callable[[Floats, int], SampleFrame]
 
 @pytest.fixture(scope="session")
 def bench() -> Machine:
-    """The seed's bench with guides and bearings that rub."""
+    """The thesis' test bench with guides and bearings that rub."""
     machine = Machine.model_validate(tomllib.loads(BENCH.read_text()))
     model = machine.model.model_copy(
         update={

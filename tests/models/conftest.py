@@ -12,7 +12,7 @@ BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 
 @pytest.fixture
 def machine() -> Machine:
-    """The seed's bench."""
+    """The thesis' test bench."""
     return Machine.model_validate(tomllib.loads(BENCH.read_text()))
 
 

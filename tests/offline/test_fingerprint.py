@@ -38,7 +38,7 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def walked(rubbing: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The seed's five steps: test, parse, model and store; change something; compare."""
+    """The thesis' five steps: test, parse, model and store; change something; compare."""
     folder = tmp_path_factory.mktemp("walk")
     machine = load_machine(rubbing)
     motions = ("acceleration", "reversals")

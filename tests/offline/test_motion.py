@@ -12,15 +12,15 @@ from matplotlib.figure import Figure
 
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, MotionError, Setpoints, motion_limits
-from edge_service.offline.motion import MotionFileSettings, list_motions, write_motion
-from edge_service.offline.report import motion_picture
+from edge_service.offline.motion import picture as motion_picture
+from edge_service.offline.motion.motion_file import MotionFileSettings, list_motions, write_motion
 
 BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 
 
 @pytest.fixture
 def machine() -> Machine:
-    """The seed's bench."""
+    """The thesis' test bench."""
     return Machine.model_validate(tomllib.loads(BENCH.read_text()))
 
 

@@ -16,13 +16,13 @@ from .axis import RATE_HZ, OwnAxis, StatedErrors, recorded
 from .scores import Recorded, Score, Track, detection, follow, score
 
 UNDOUBTING = ImmSettings(validity=ValiditySettings(surprise_high=math.inf))
-"""The seed's filter has no test of consistency: its numbers are taken as they come."""
+"""The thesis' filter has no test of consistency: its numbers are taken as they come."""
 FULL_S, QUICK_S = 100.0, 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Contribution of one case to a row: the score of the fused estimator, and of the seed's."""
+    """Contribution of one case to a row: the score of the fused estimator, and of the thesis'."""
 
     row: str
     ours: Score

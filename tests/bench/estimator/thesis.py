@@ -1,4 +1,4 @@
-"""The seed's own open-loop simulations, given to the fused estimator step by step."""
+"""The thesis' own open-loop simulations, given to the fused estimator step by step."""
 
 import math
 from collections.abc import Iterator
@@ -43,17 +43,17 @@ SETTINGS = MixtureSettings(
     rapid_share=1e-6,
     without=(LUBRICATION,),
 )
-"""The seed's plant has no friction but the screw's, and no process."""
+"""The thesis' plant has no friction but the screw's, and no process."""
 STUCK_MARGIN_NM = 0.05
 """Torque this close to the highest drag says nothing: the axis may stick."""
 SEED_WINDOW_STEPS = 20
 LATE_STEP = 100
 ONE_POINT = 6
-"""Number of the one-point step beside the seed's simulations 1 to 4."""
+"""Number of the one-point step beside the thesis' simulations 1 to 4."""
 
 
 def thesis_machine() -> Machine:
-    """The seed's plant (Table 4.1) as a commissioned machine file, known exactly."""
+    """The thesis' plant (Table 4.1) as a commissioned machine file, known exactly."""
     plant = ThesisPlant()
 
     def exact(value: float) -> Quantity:
@@ -185,7 +185,7 @@ def _scored(simulation: int, track: Track) -> Score:
 
 
 def _published(simulation: int, seed: int) -> Score:
-    """The seed's method with the causal window of 20 steps; it gives no intervals."""
+    """The thesis' method with the causal window of 20 steps; it gives no intervals."""
     run, bank = run_case(ThesisCase(simulation), seed)
     percent = smoothed_preload(bank.mode_probability, SEED_WINDOW_STEPS)
     time_s: Floats = run.time_s + PRINTED_STEP_S

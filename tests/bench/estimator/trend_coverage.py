@@ -58,7 +58,7 @@ class Coverage:
 
 
 def simulate_life(rng: np.random.Generator) -> Life:
-    """Wear of the seed's shape: steeper at first, then linear; more preload wears faster."""
+    """Wear of the thesis' shape: steeper at first, then linear; more preload wears faster."""
     start = rng.uniform(4.0, 10.0)
     life_m = 3.0e6 / (start / 7.0) * np.exp(0.3 * rng.standard_normal())
     wear = Wear(start, 0.0, run_in_loss=rng.uniform(0.1, 0.35))

@@ -61,7 +61,7 @@ def recoveries(seed: int) -> dict[str, Recovered]:
 
 
 def machine_file() -> Machine:
-    """The seed's bench with guides, bearings and a table that rub and weigh what is stated."""
+    """The thesis' test bench; guides, bearings and table rub and weigh what is stated."""
     machine = load_machine(DEFAULT_MACHINE)
     known = {
         "guide_force_n": Quantity(value=GUIDE_N),

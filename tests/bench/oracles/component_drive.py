@@ -1,4 +1,4 @@
-"""The seed's component model (Figure 5.14): shaft, lead screw, friction and platform in a chain.
+"""The thesis' component model (Figure 5.14): shaft, lead screw, friction and platform in a chain.
 
 Torque on the shaft's input -> flexible shaft -> lead screw -> translational friction -> platform,
 with a disturbance force on the platform. An adaptive stiff solver runs it: slow, with an error that
@@ -120,7 +120,7 @@ class ComponentDrive:
     def linearised(self, shaft_speed_rad_s: float, table_speed_m_s: float) -> LinearModel:
         """The model for small deviations from a steady motion (5.3.21), states as here.
 
-        The seed's "Taylor series approximation" of the friction, good near one speed only. On the
+        The thesis' "Taylor series approximation" of the friction, good near one speed only. On the
         falling side of the Stribeck peak it may be unstable, as the axis then is.
         """
         return LinearModel(

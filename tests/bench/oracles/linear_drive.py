@@ -1,4 +1,4 @@
-"""The seed's linear feed drives: one mass, two masses, a chain (5.3.6-5.3.8, 5.3.16-5.3.21).
+"""The thesis' linear feed drives: one mass, two masses, a chain (5.3.6-5.3.8, 5.3.16-5.3.21).
 
 Inputs are the torque u at the motor and the force on the table, positive along x; (5.3.18) and
 (5.3.21) have a disturbance d in their place, which is R_t times that force. The friction is viscous
@@ -23,7 +23,7 @@ OUTPUTS = (channels.ANGLE, channels.MOTOR_SPEED, channels.TABLE_POSITION, channe
 
 @dataclass(frozen=True, slots=True)
 class OneMassDrive:
-    """All masses in one, without stiffness (the seed's Figure 5.12b).
+    """All masses in one, without stiffness (the thesis' Figure 5.12b).
 
     Attributes:
         inertia_kg_m2: J, the whole drive at the motor.
@@ -83,7 +83,7 @@ class OneMassDrive:
 
 @dataclass(frozen=True, slots=True)
 class TwoMassDrive:
-    """Motor and table with a spring between, all seen at the motor (the seed's Figure 5.12a).
+    """Motor and table with a spring between, all seen at the motor (the thesis' Figure 5.12a).
 
     Attributes:
         motor_inertia_kg_m2: J_m, rotor, coupling and screw.

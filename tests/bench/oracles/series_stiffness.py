@@ -1,4 +1,4 @@
-"""Springs in series from motor to table, along the stroke, with tolerances (seed, 5.3.1-5.3.11)."""
+"""Springs in series along the stroke, motor to table, with tolerances (thesis, 5.3.1-5.3.11)."""
 
 import math
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ def in_series(springs_n_per_m: Sequence[Quantity]) -> Quantity:
     """Stiffness of springs in series with its tolerance, N/m: K = 1 / sum(1 / K_i) (5.3.1).
 
     With independent relative tolerances t_i that of the sum is sqrt(sum((K / K_i t_i)^2)): soft
-    springs weigh most, by value and by doubt. In the seed's examples (5.3.3-5.3.5) four springs of
+    springs weigh most, by value and by doubt. In the thesis' examples (5.3.3-5.3.5) four springs of
     1000 N/m (printed "NM") give 250; one of them doubled gives 285.7 (+14 %), halved 200, which is
     a loss of 20 % and not, as printed, an increase, ten times stiffer +29 %, ten times softer -69 %
     (printed 70 %).
@@ -135,7 +135,7 @@ class AxialSprings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StiffnessCurve:
-    """Axial stiffness between motor and table along the stroke (the seed's Figure 5.5).
+    """Axial stiffness between motor and table along the stroke (the thesis' Figure 5.5).
 
     Attributes:
         position_m: distance of the nut from the fixed bearing, m, (n,).
@@ -152,7 +152,7 @@ class StiffnessCurve:
 
 
 def springs_of(machine: Machine, preload_percent: Quantity) -> AxialSprings:
-    """The springs of a machine file at a preload, completed by the seed's bench (Appendix A).
+    """The springs of a machine file at a preload, completed by the thesis' test bench (Appendix A).
 
     What the file does not state has `DATA_SHEET_TOLERANCE` or `ASSUMED_TOLERANCE`.
 

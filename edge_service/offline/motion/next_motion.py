@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..diagnose.experiment.proposal import Proposal, propose
-from ..models.effects.registry import get_effect
-from ..models.machine import Machine
-from .gap import DiagnosisError
-from .motion import MotionFileSettings, write_motion
+from ...diagnose.experiment.proposal import Proposal, propose
+from ...models.effects.registry import get_effect
+from ...models.machine import Machine
+from ..gap import DiagnosisError
+from .motion_file import MotionFileSettings, write_motion
 
 LONGEST_S = 300.0
 _SHOWN = 4

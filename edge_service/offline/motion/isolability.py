@@ -3,20 +3,20 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ..diagnose.experiment.isolability import (
+from ...diagnose.experiment.isolability import (
     DECISIVE,
     Separation,
     rehearsed,
     separations,
     strength_told,
 )
-from ..diagnose.session.session import Session
-from ..diagnose.session.twin import healthy_session
-from ..models.effects.effect import Effect, Role
-from ..models.effects.registry import effect_names, get_effect
-from ..models.machine import Machine
-from ..models.motion import MOTIONS
-from .gap import DiagnosisError, read_runs
+from ...diagnose.session.session import Session
+from ...diagnose.session.twin import healthy_session
+from ...models.effects.effect import Effect, Role
+from ...models.effects.registry import effect_names, get_effect
+from ...models.machine import Machine
+from ...models.motion import MOTIONS
+from ..gap import DiagnosisError, read_runs
 
 _NEVER = 1e3
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ...models.machine import Machine
 from ...models.motion import MOTIONS, MotionError, MotionLimits, Setpoints, motion_limits
 from ...models.motions.segments import samples_of
-from .pictures import ESTIMATE, STYLE, write_png
+from ..report.pictures import ESTIMATE, STYLE, write_png
 
 ENDLESS_SHOWN_S = 30.0
 """Of a motion without end."""

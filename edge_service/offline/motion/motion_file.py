@@ -10,9 +10,9 @@ from typing import TextIO
 
 import numpy as np
 
-from ..atomic import replaced_file
-from ..models.machine import Machine
-from ..models.motion import (
+from ...atomic import replaced_file
+from ...models.machine import Machine
+from ...models.motion import (
     MOTIONS,
     Motion,
     MotionError,
@@ -21,10 +21,10 @@ from ..models.motion import (
     Setpoints,
     motion_limits,
 )
-from ..models.motions.excitation import Shaken
-from ..models.motions.limits import assumed_limits
-from ..models.motions.nc_program import nc_blocks
-from ..models.motions.segments import samples_of
+from ...models.motions.excitation import Shaken
+from ...models.motions.limits import assumed_limits
+from ...models.motions.nc_program import nc_blocks
+from ...models.motions.segments import samples_of
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
 SETPOINTS, NC_PROGRAM = ".csv", ".mpf"

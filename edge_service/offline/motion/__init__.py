@@ -1,0 +1,1 @@
+"""`edge-service motion`: motions for a controller, which of them decides, what one can show."""
