@@ -7,7 +7,6 @@ import numpy as np
 
 from ...messages.channels import ANGLE, SETPOINT, TORQUE
 from ...messages.samples import Floats
-from ...trace.conditioning import central_difference
 from .prepared_run import PreparedRun, derivative_noise_rms
 
 
@@ -57,16 +56,8 @@ REGRESSORS: Mapping[str, Regressor] = {
     ),
     "coulomb_forward": Regressor("N m", _forward),
     "coulomb_backward": Regressor("N m", lambda motion: -_backward(motion)),
-    "quadratic": Regressor(
-        "N m s^2/rad^2", lambda motion: motion.speed_rad_s * np.abs(motion.speed_rad_s), 1
-    ),
-    "jerk": Regressor(
-        "kg m^2 s",
-        lambda motion: central_difference(motion.acceleration_rad_s2, motion.period_s),
-        3,
-    ),
 }
-"""Named columns; `jerk` over `inertia` is the time by which the torque leads the motion, s."""
+"""Columns by name."""
 
 SYMMETRIC = ("inertia", "viscous", "coulomb", "offset")
 DIRECTIONAL = (
