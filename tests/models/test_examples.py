@@ -8,12 +8,22 @@ from types import ModuleType
 import pytest
 
 from edge_service.models import bounds
-from edge_service.models.screw import ball_screw, friction, stiffness
+from edge_service.models.screw import ball_screw, friction, nut_law, stiffness
 from tests.bench.oracles import linear_drive, state_space
 
-from ..bench.oracles import component_drive, series_stiffness
+from ..bench.oracles import component_drive, printed_friction, screw_formulas, series_stiffness
 
-PHYSICS = (ball_screw, component_drive, friction, linear_drive, series_stiffness, stiffness)
+PHYSICS = (
+    ball_screw,
+    component_drive,
+    friction,
+    linear_drive,
+    nut_law,
+    printed_friction,
+    screw_formulas,
+    series_stiffness,
+    stiffness,
+)
 
 
 def public_functions(module: ModuleType) -> dict[str, str]:
@@ -37,7 +47,7 @@ def test_examples_hold(module: ModuleType) -> None:
 
 @pytest.mark.parametrize("module", PHYSICS, ids=lambda m: m.__name__)
 def test_every_public_function_has_an_example_and_a_source(module: ModuleType) -> None:
-    source = re.compile(r"[(-][45]\.3\.\d|Table [4A]\.\d|Figure 5\.\d|Appendix A|Not in the seed")
+    source = re.compile(r"[(-][45]\.3\.\d|Table [4A]\.\d|Figure 5\.\d|Appendix A|Not in the thesis")
     functions = public_functions(module)
     assert {name for name, text in functions.items() if ">>>" not in text} == set()
     assert {name for name, text in functions.items() if not source.search(text)} == set()

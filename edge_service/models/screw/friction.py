@@ -14,8 +14,9 @@ Number = TypeVar("Number", float, Floats)
 def stribeck_decay(speed: Number, stribeck_speed: float, exponent: float = 1.0) -> Number:
     """Share of the Stribeck excess that is left at a speed: exp(-|v / v_st|^delta).
 
-    In the shape of `speed`, whose unit is that of `stribeck_speed`. The exponent delta is 1 or 2 in
-    most of the literature (Armstrong-Helouvry, 1991). Compiled code takes it `inlined`.
+    In the shape of `speed`, whose unit is that of `stribeck_speed`. Not in the thesis; the exponent
+    delta is 1 or 2 in most of the literature (Armstrong-Helouvry, 1991). Compiled code takes it
+    `inlined`.
 
     >>> round(float(stribeck_decay(2.0, 2.0)), 6)
     0.367879

@@ -82,6 +82,9 @@ def nut_deflection(
 
     Returns:
         y, dy/dF 1/N and dy/dp 1/%.
+
+    >>> round(nut_deflection(1.0, 7.0, 7.0, 700.0, 0.0)[0] * 3.0 * 700.0, 6)
+    1.0
     """
     lost = clearance_share * math.exp(-max(percent, 0.0) / _LOOSE_PERCENT)
     share = max(percent, _LEAST_PERCENT) / fresh_percent
