@@ -178,11 +178,11 @@ def test_every_topic_stands_in_the_readme_with_its_times() -> None:
 
 
 def test_every_route_stands_in_the_readme() -> None:
-    from edge_service.health.service_state import Board
+    from edge_service.health.service_state import ServiceState
     from edge_service.http_api.app import create_app
 
     guide = document("deploy/README.md")
-    for path in create_app(Board({}, 0), lambda: 0).openapi()["paths"]:
+    for path in create_app(ServiceState({}, 0), lambda: 0).openapi()["paths"]:
         assert f"`{path}" in guide or f"GET {path}" in guide, path
 
 

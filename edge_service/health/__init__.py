@@ -1,1 +1,1 @@
-"""Axis condition, component status, and the board that the HTTP interface reads."""
+"""Axis condition, component status, and the service state that the HTTP interface reads."""

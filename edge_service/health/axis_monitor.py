@@ -13,15 +13,15 @@ from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, Consistency
 from ..messages.trend import Trend
-from .alarms.axis_alarms import AlarmBench, AlarmSettings
-from .condition.condition_monitor import HealthJudge
+from .alarms.axis_alarms import AlarmSettings, AxisAlarms
+from .condition.condition_monitor import ConditionMonitor
 from .condition.input_watch import NS_PER_S
 from .model_watch.consistency import CHANNEL_WORDS, ConsistencyWatch, Disagreement
 from .model_watch.friction_watch import FrictionWatch
 from .settings import HealthSettings
-from .trend.preload_history import WearSeries
-from .trend.remaining_life import trend_of
-from .trend.usage import ScrewGeometry, UseMeter
+from .trend.preload_history import PreloadHistory
+from .trend.remaining_life import preload_trend
+from .trend.usage import ScrewGeometry, UsageCounter
 
 SNAPSHOT_SCHEMA = "axis-watch/1"
 _SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 5.0, 600.0
@@ -43,28 +43,28 @@ class AxisFacts:
     geometry: ScrewGeometry
 
 
-class AxisWatch:
+class AxisMonitor:
     """Watches one axis; every call returns the events that it caused."""
 
     def __init__(
         self, facts: AxisFacts, settings: HealthSettings, alarms: AlarmSettings, now_ns: int
     ) -> None:
         self.axis = facts.axis
-        self._judge = HealthJudge(facts.axis, facts.fresh_percent, settings, now_ns)
-        self._alarms = AlarmBench(facts.axis, facts.fresh_percent, alarms, now_ns)
+        self._judge = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
+        self._alarms = AxisAlarms(facts.axis, facts.fresh_percent, alarms, now_ns)
         limits = settings.limits(facts.fresh_percent)
         self._limits_percent = (
             {}
             if limits is None
             else {"warning": limits.warning_percent, "fault": limits.fault_percent}
         )
-        self._use = UseMeter(facts.geometry, now_ns)
+        self._use = UsageCounter(facts.geometry, now_ns)
         self._friction = FrictionWatch()
         self._consistency = ConsistencyWatch(facts.geometry.ratio_m_per_rad)
         self._heard = (now_ns, 0.0)
         self._since_ns: int | None = None
         self._recording: str | None = None
-        self._series = WearSeries()
+        self._series = PreloadHistory()
         self._trend: Trend | None = None
         self._trend_ns = 0
         self._rise_percent = alarms.sudden_drop_percent / 100.0 * (facts.fresh_percent or 1.0)
@@ -134,7 +134,7 @@ class AxisWatch:
 
     def trend_work(self) -> Callable[[], Trend]:
         """Work that makes the trend of what is known now: some ten milliseconds, for any thread."""
-        return partial(trend_of, *self._series.points(), self._limits_percent)
+        return partial(preload_trend, *self._series.points(), self._limits_percent)
 
     def take_trend(self, trend: Trend, now_ns: int) -> None:
         """Show a trend that `trend_work` made."""

@@ -6,14 +6,14 @@ from .condition.input_watch import InputWatch
 from .history.archive import AxisArchive
 from .model_watch.live_features import LiveFeatures
 from .settings import AxisLimits
-from .state_settings import BoardSettings, Keeping
+from .state_settings import Keeping, StateSettings
 
 
-class AxisBoard:
+class AxisState:
     """Data known of one axis."""
 
     def __init__(
-        self, axis: str, limits: AxisLimits | None, settings: BoardSettings, keeping: Keeping
+        self, axis: str, limits: AxisLimits | None, settings: StateSettings, keeping: Keeping
     ) -> None:
         self.limits = limits
         self.archive = keeping.archives.get(axis) or AxisArchive()
@@ -59,8 +59,8 @@ def _missing_preload(preload_input: InputWatch, now_ns: int) -> str | None:
     return None
 
 
-def _missing_health(board: AxisBoard, now_ns: int) -> str | None:
-    health_input = board.health_input
+def _missing_health(state: AxisState, now_ns: int) -> str | None:
+    health_input = state.health_input
     if health_input.header is None:
         return "no_health: the condition was not heard yet"
     if health_input.is_stale(now_ns):

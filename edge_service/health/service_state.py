@@ -10,7 +10,7 @@ from ..messages.header import Header
 from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .axis_state import AxisBoard
+from .axis_state import AxisState
 from .condition.component import ComponentWatch
 from .events.fan_out import FanOut
 from .events.log import EventLog
@@ -18,7 +18,7 @@ from .history.buckets import Bucket
 from .history.rows import Rows
 from .model_watch.live_features import ChannelQuality, LivePoint
 from .settings import AxisLimits
-from .state_settings import BoardSettings, Keeping
+from .state_settings import Keeping, StateSettings
 from .stroke import StrokeModel
 
 
@@ -38,7 +38,7 @@ class PreloadReading:
     age_s: float | None
 
 
-class Board:
+class ServiceState:
     """Last values, history and events of a fixed set of axes.
 
     Payloads of other axes are ignored and counted, so nobody on the bus can make it grow. It may
@@ -50,7 +50,7 @@ class Board:
         The configured axes with their limits (for display only), in the order of display.
     now_ns : int
         UNIX time of the start, ns.
-    settings : BoardSettings
+    settings : StateSettings
         Sizes and times.
     keeping : Keeping
         What outlives the process.
@@ -64,17 +64,17 @@ class Board:
         self,
         axes: Mapping[str, AxisLimits | None],
         now_ns: int,
-        settings: BoardSettings | None = None,
+        settings: StateSettings | None = None,
         keeping: Keeping | None = None,
         strokes: Mapping[str, StrokeModel | None] | None = None,
         place: MachineKeys | None = None,
     ) -> None:
-        settings, keeping = settings or BoardSettings(), keeping or Keeping()
+        settings, keeping = settings or StateSettings(), keeping or Keeping()
         self._started_ns = now_ns
         self.place = place or MachineKeys("", "")
         self.keeping = keeping
         self._axes = {
-            axis: AxisBoard(axis, limits, settings, keeping) for axis, limits in axes.items()
+            axis: AxisState(axis, limits, settings, keeping) for axis, limits in axes.items()
         }
         self._strokes = dict(strokes or {})
         self._components = ComponentWatch(settings.component_silent_after_s)
@@ -91,27 +91,27 @@ class Board:
 
     def on_preload(self, axis: str, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
         """Take an estimate in; one that is older than the last is ignored."""
-        board = self._known(axis)
-        if board is None or not board.preload_input.accept(header, now_ns):
+        state = self._known(axis)
+        if state is None or not state.preload_input.accept(header, now_ns):
             return
-        board.estimate = estimate
-        board.archive.append(header.source_time_ns, estimate, board.live.temperature_c)
-        self._mark(board, PRELOAD.name, axis)
+        state.estimate = estimate
+        state.archive.append(header.source_time_ns, estimate, state.live.temperature_c)
+        self._mark(state, PRELOAD.name, axis)
 
     def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
         """Take an interval in, for the live traces."""
-        board = self._known(axis)
-        if board is not None:
-            board.live.add(header.source_time_ns, block)
-            self._mark(board, FEAT.name, axis)
+        state = self._known(axis)
+        if state is not None:
+            state.live.add(header.source_time_ns, block)
+            self._mark(state, FEAT.name, axis)
 
     def on_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
         """Take the condition of an axis in; one that is older than the last is ignored."""
-        board = self._known(health.axis)
-        if board is None or not board.health_input.accept(header, now_ns):
+        state = self._known(health.axis)
+        if state is None or not state.health_input.accept(header, now_ns):
             return
-        board.health = health
-        self._mark(board, HEALTH.name, health.axis)
+        state.health = health
+        self._mark(state, HEALTH.name, health.axis)
 
     def on_event(self, event: Event, now_ns: int) -> None:
         """Log an event and hand it to the live readers."""
@@ -129,29 +129,29 @@ class Board:
 
     def preload(self, axis: str, now_ns: int) -> PreloadReading:
         """Preload of an axis as it may be shown now; KeyError for an unknown axis."""
-        board = self._axes[axis]
-        header = board.preload_input.header
+        state = self._axes[axis]
+        header = state.preload_input.header
         return PreloadReading(
             axis=axis,
-            estimate=board.readable(now_ns),
+            estimate=state.readable(now_ns),
             measured_ns=None if header is None else header.source_time_ns,
-            age_s=board.preload_input.age_s(now_ns),
+            age_s=state.preload_input.age_s(now_ns),
         )
 
     def health(self, axis: str, now_ns: int) -> AxisHealth:
         """Condition of an axis now; UNAVAILABLE as soon as it rests on something stale."""
-        board = self._axes[axis]
-        last = board.health or AxisHealth(
+        state = self._axes[axis]
+        last = state.health or AxisHealth(
             axis=axis, condition=AxisCondition.UNAVAILABLE, since_time_ns=self._started_ns
         )
         changes: dict[str, object] = {"components": self._components_of(axis, last, now_ns)}
-        missing = board.missing(now_ns)
+        missing = state.missing(now_ns)
         if missing:
             own = last.reasons if last.condition is AxisCondition.UNAVAILABLE else ()
             changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))
         if missing and last.condition is not AxisCondition.UNAVAILABLE:
             changes["condition"] = AxisCondition.UNAVAILABLE
-            changes["since_time_ns"] = self._missing_since_ns(board, now_ns)
+            changes["since_time_ns"] = self._missing_since_ns(state, now_ns)
         return last.model_copy(update=changes)
 
     def components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
@@ -193,8 +193,8 @@ class Board:
 
     def lost_payloads(self, axis: str) -> dict[str, int]:
         """Payloads missing in the sequence, per topic."""
-        board = self._axes[axis]
-        return {PRELOAD.name: board.preload_input.lost, HEALTH.name: board.health_input.lost}
+        state = self._axes[axis]
+        return {PRELOAD.name: state.preload_input.lost, HEALTH.name: state.health_input.lost}
 
     def unready(self, now_ns: int) -> tuple[str, ...]:
         """Reasons why the service cannot answer for every axis; empty if it can."""
@@ -202,26 +202,26 @@ class Board:
             return ("no_axis: no axis is configured",)
         return tuple(
             f"{axis}: {reason}"
-            for axis, board in self._axes.items()
-            for reason in board.missing(now_ns)
+            for axis, state in self._axes.items()
+            for reason in state.missing(now_ns)
         )
 
     def close(self) -> None:
         """End all live streams, so that a server can stop."""
         self.readers.close()
 
-    def _mark(self, board: AxisBoard, topic: str, axis: str) -> None:
-        board.versions[topic] = board.versions.get(topic, 0) + 1
+    def _mark(self, state: AxisState, topic: str, axis: str) -> None:
+        state.versions[topic] = state.versions.get(topic, 0) + 1
         self.readers.mark(topic, axis)
 
-    def _known(self, axis: str) -> AxisBoard | None:
-        board = self._axes.get(axis)
-        if board is None:
+    def _known(self, axis: str) -> AxisState | None:
+        state = self._axes.get(axis)
+        if state is None:
             self.ignored_payloads += 1
-        return board
+        return state
 
-    def _missing_since_ns(self, board: AxisBoard, now_ns: int) -> int:
-        inputs = (board.preload_input, board.health_input)
+    def _missing_since_ns(self, state: AxisState, now_ns: int) -> int:
+        inputs = (state.preload_input, state.health_input)
         stale = (each.stale_since_ns for each in inputs if each.is_stale(now_ns))
         return max(min(stale), self._started_ns)
 

@@ -1,4 +1,4 @@
-"""Sizes and times of the board, and what of it outlives the process."""
+"""Sizes and times of the service state, and what of it outlives the process."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,8 +9,8 @@ from .history.archive import AxisArchive
 
 
 @dataclass(frozen=True, slots=True)
-class BoardSettings:
-    """Sizes and times of the board.
+class StateSettings:
+    """Sizes and times of the service state.
 
     Attributes:
         preload_stale_after_s: an estimate older than this is no longer shown.

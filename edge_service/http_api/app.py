@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 
 from .. import __version__
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from .context import Clock
 from .guard import LOOPBACK_HOSTS, Guard
 from .jobs import JobDesk, RefusedError
@@ -43,17 +43,17 @@ class _Application(FastAPI):
 
 
 def create_app(
-    board: Board,
+    state: ServiceState,
     clock: Clock,
     hosts: Iterable[str] = LOOPBACK_HOSTS,
     send_command: SendCommand | None = None,
     desk: JobDesk | None = None,
 ) -> FastAPI:
-    """The HTTP interface of one board.
+    """The HTTP interface of one service.
 
     Parameters
     ----------
-    board : Board
+    state : ServiceState
         What is answered from.
     clock : Callable[[], int]
         UNIX time in ns.
@@ -72,7 +72,7 @@ def create_app(
         redoc_url=None,
         responses=DOCUMENTED_DEFAULT,
     )
-    app.state.board = board
+    app.state.service_state = state
     app.state.clock = clock
     app.state.send_command = send_command
     app.state.desk = desk

@@ -1,11 +1,11 @@
-"""From the board to the answers."""
+"""Answers of the JSON routes, composed from the service state."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from ..health.history.buckets import Bucket, Spread
 from ..health.history.rows import QUANTITIES
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
 from ..messages.alarm import Alarm
 from ..messages.event import Event
@@ -31,10 +31,10 @@ from .answers import (
 from .times import rfc3339, rfc3339_s
 
 
-def preload_answer(board: Board, axis: str, now_ns: int) -> PreloadAnswer:
+def preload_answer(state: ServiceState, axis: str, now_ns: int) -> PreloadAnswer:
     """Preload of one axis with its condition."""
-    reading = board.preload(axis, now_ns)
-    health = board.health(axis, now_ns)
+    reading = state.preload(axis, now_ns)
+    health = state.health(axis, now_ns)
     estimate = reading.estimate
     return PreloadAnswer(
         axis=axis,
@@ -62,37 +62,37 @@ def _together(judged: Sequence[str], told: Sequence[str]) -> list[str]:
     return list(dict.fromkeys((*held, *told)))
 
 
-def health_answer(board: Board, axis: str, now_ns: int) -> HealthAnswer:
+def health_answer(state: ServiceState, axis: str, now_ns: int) -> HealthAnswer:
     """Condition of one axis."""
-    return _health(board.health(axis, now_ns))
+    return _health(state.health(axis, now_ns))
 
 
-def service_answer(board: Board, now_ns: int) -> ServiceAnswer:
+def service_answer(state: ServiceState, now_ns: int) -> ServiceAnswer:
     """Health of the whole service."""
-    reasons = board.unready(now_ns)
+    reasons = state.unready(now_ns)
     return ServiceAnswer(
         time=rfc3339(now_ns),
         ready=not reasons,
         reasons=list(reasons),
-        components=[_component(report) for report in board.components(now_ns)],
-        axes=[health_answer(board, axis, now_ns) for axis in board.axes],
+        components=[_component(report) for report in state.components(now_ns)],
+        axes=[health_answer(state, axis, now_ns) for axis in state.axes],
     )
 
 
-def axes_answer(board: Board, now_ns: int) -> AxesAnswer:
+def axes_answer(state: ServiceState, now_ns: int) -> AxesAnswer:
     """All axes, in the order of the configuration."""
-    answers = [_axis(board, axis, now_ns) for axis in board.axes]
-    place = board.place
+    answers = [_axis(state, axis, now_ns) for axis in state.axes]
+    place = state.place
     return AxesAnswer(
-        site=place.site, machine=place.machine, axes=answers, history=board.keeping.place
+        site=place.site, machine=place.machine, axes=answers, history=state.keeping.place
     )
 
 
 def history_answer(
-    board: Board, axis: str, start_s: float, end_s: float, step_s: float
+    state: ServiceState, axis: str, start_s: float, end_s: float, step_s: float
 ) -> HistoryAnswer:
     """History of one axis."""
-    buckets = board.history(axis, start_s, end_s, step_s)
+    buckets = state.history(axis, start_s, end_s, step_s)
     return HistoryAnswer(
         axis=axis,
         start=rfc3339_s(start_s),
@@ -112,13 +112,13 @@ def _event(event: Event) -> dict[str, Any]:
     return members | {"time": rfc3339(event.time_ns)}
 
 
-def _axis(board: Board, axis: str, now_ns: int) -> AxisAnswer:
+def _axis(state: ServiceState, axis: str, now_ns: int) -> AxisAnswer:
     path = f"/api/v1/axes/{axis}"
     return AxisAnswer(
         axis=axis,
-        condition=board.health(axis, now_ns).condition,
-        status=board.preload(axis, now_ns).estimate.status,
-        limits=_limits(board.limits(axis)),
+        condition=state.health(axis, now_ns).condition,
+        status=state.preload(axis, now_ns).estimate.status,
+        limits=_limits(state.limits(axis)),
         preload=f"{path}/preload",
         health=f"{path}/health",
         history=f"{path}/history",

@@ -1,7 +1,7 @@
-"""From the board to the answers about one axis' work: traces, use, friction, log."""
+"""From the state to the answers about one axis' work: traces, use, friction, log."""
 
 from ..health.model_watch.live_features import LivePoint
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from ..health.stroke import StrokeBand
 from ..messages.samples import Floats
 from ..messages.trend import FrictionCurve
@@ -32,35 +32,35 @@ def live_answer(axis: str, point: LivePoint) -> LiveAnswer:
     )
 
 
-def traces_answer(board: Board, axis: str, since_ns: int) -> TracesAnswer:
+def traces_answer(state: ServiceState, axis: str, since_ns: int) -> TracesAnswer:
     """The last minutes."""
-    points = board.live(axis, since_ns)
+    points = state.live(axis, since_ns)
     return TracesAnswer(
         axis=axis,
         time_s=[point.time_ns / 1e9 for point in points],
         channels=[
             ChannelAnswer(channel=each.channel, state=each.state, good_share=each.good_share)
-            for each in board.channels(axis)
+            for each in state.channels(axis)
         ],
         **{name: [_digits(getattr(point, name)) for point in points] for name in _COLUMNS},
     )
 
 
-def use_answer(board: Board, axis: str, now_ns: int) -> UseAnswer | None:
+def use_answer(state: ServiceState, axis: str, now_ns: int) -> UseAnswer | None:
     """Use of the screw; None before anything was heard."""
-    use = board.health(axis, now_ns).use
+    use = state.health(axis, now_ns).use
     if use is None:
         return None
     members = use.model_dump(exclude={"since_time_ns"})
     return UseAnswer.model_validate(members | {"axis": axis, "since": rfc3339(use.since_time_ns)})
 
 
-def stroke_answer(board: Board, axis: str, now_ns: int) -> StrokeAnswer | None:
+def stroke_answer(state: ServiceState, axis: str, now_ns: int) -> StrokeAnswer | None:
     """Stroke profiles that the estimate implies; None where the axis is not commissioned."""
-    stroke = board.stroke(axis)
+    stroke = state.stroke(axis)
     if stroke is None:
         return None
-    estimate = board.preload(axis, now_ns).estimate
+    estimate = state.preload(axis, now_ns).estimate
     fresh, now = stroke.fresh_percent, estimate.preload_percent
     told = None if now is None else (now, estimate.low or 0.0, estimate.high or now)
     return StrokeAnswer(
@@ -87,15 +87,17 @@ def _rounded(values: Floats) -> list[float]:
     return [float(f"{value:.5g}") for value in values]
 
 
-def friction_answer(board: Board, axis: str, now_ns: int) -> FrictionAnswer:
+def friction_answer(state: ServiceState, axis: str, now_ns: int) -> FrictionAnswer:
     """The friction curve, empty before anything was heard."""
-    curve = board.health(axis, now_ns).friction or FrictionCurve()
+    curve = state.health(axis, now_ns).friction or FrictionCurve()
     return FrictionAnswer.model_validate(curve.model_dump() | {"axis": axis})
 
 
-def log_answer(board: Board, axis: str, start_s: float, end_s: float, limit: int) -> LogAnswer:
+def log_answer(
+    state: ServiceState, axis: str, start_s: float, end_s: float, limit: int
+) -> LogAnswer:
     """The newest events and notes."""
-    events = board.events.between(round(start_s * 1e9), round(end_s * 1e9), axis)
+    events = state.events.between(round(start_s * 1e9), round(end_s * 1e9), axis)
     return LogAnswer(
         axis=axis,
         events=[

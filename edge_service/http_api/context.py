@@ -1,4 +1,4 @@
-"""Dependencies of the routes: the board, the time, and parameters that make sense."""
+"""Dependencies of the routes: the service state, the time, and parameters that make sense."""
 
 from collections.abc import Callable
 from typing import Annotated
@@ -8,17 +8,17 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BeforeValidator
 from starlette.exceptions import HTTPException
 
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from .times import parse_moment
 
 Clock = Callable[[], int]
 Moment = Annotated[float, BeforeValidator(parse_moment, json_schema_input_type=str)]
 
 
-async def board_of(request: Request) -> Board:
-    """The board that the application was made with."""
-    board: Board = request.app.state.board
-    return board
+async def state_of(request: Request) -> ServiceState:
+    """The state that the application was made with."""
+    state: ServiceState = request.app.state.service_state
+    return state
 
 
 async def clock_of(request: Request) -> Clock:
@@ -32,29 +32,29 @@ async def now_of(clock: Annotated[Clock, Depends(clock_of)]) -> int:
     return clock()
 
 
-BoardDep = Annotated[Board, Depends(board_of)]
+StateDep = Annotated[ServiceState, Depends(state_of)]
 NowDep = Annotated[int, Depends(now_of)]
 
 
-def check_axis(board: Board, axis: str) -> str:
+def check_axis(state: ServiceState, axis: str) -> str:
     """The axis, if there is one of that name."""
-    if axis not in board.axes:
-        there = ", ".join(board.axes) or "none"
+    if axis not in state.axes:
+        there = ", ".join(state.axes) or "none"
         raise HTTPException(404, f"no axis {axis!r}; there are: {there}")
     return axis
 
 
-async def known_axis(axis: str, board: BoardDep) -> str:
+async def known_axis(axis: str, state: StateDep) -> str:
     """The axis of the path."""
-    return check_axis(board, axis)
+    return check_axis(state, axis)
 
 
 async def known_axis_filter(
-    board: BoardDep,
+    state: StateDep,
     axis: Annotated[str | None, Query(description="Only what concerns this axis.")] = None,
 ) -> str | None:
     """The axis of the query, if there is one."""
-    return None if axis is None else check_axis(board, axis)
+    return None if axis is None else check_axis(state, axis)
 
 
 AxisDep = Annotated[str, Depends(known_axis)]

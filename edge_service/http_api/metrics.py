@@ -1,4 +1,4 @@
-"""`/metrics`: the board in the words of Prometheus, read at the moment of the scrape."""
+"""`/metrics`: the service state in the words of Prometheus, read at the moment of the scrape."""
 
 from collections.abc import Callable, Iterable
 from operator import attrgetter
@@ -9,11 +9,11 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisCondition, ComponentHealth, ComponentStatus
-from .context import BoardDep, NowDep
-from .metrics_outlook import OutlookCollector
+from .context import NowDep, StateDep
+from .metrics_trend import TrendCollector
 
 metrics_router = APIRouter(tags=["service"])
 
@@ -47,19 +47,19 @@ _NUMBERS: tuple[tuple[str, str, _Number], ...] = (
 
 
 @metrics_router.get("/metrics", response_class=Response)
-async def metrics(board: BoardDep, now_ns: NowDep) -> Response:
+async def metrics(state: StateDep, now_ns: NowDep) -> Response:
     """Metrics in the text format of Prometheus; a number that does not exist has no sample."""
     registry = CollectorRegistry()
-    registry.register(BoardCollector(board, now_ns))
-    registry.register(OutlookCollector(board, now_ns))
+    registry.register(StateCollector(state, now_ns))
+    registry.register(TrendCollector(state, now_ns))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
-class BoardCollector(Collector):
-    """The board as of one moment."""
+class StateCollector(Collector):
+    """Metrics of the service state as of one moment."""
 
-    def __init__(self, board: Board, now_ns: int) -> None:
-        self._board = board
+    def __init__(self, state: ServiceState, now_ns: int) -> None:
+        self._state = state
         self._now_ns = now_ns
 
     def collect(self) -> Iterable[Metric]:
@@ -73,8 +73,8 @@ class BoardCollector(Collector):
         families = [_gauge(name, text) for name, text, _number in _NUMBERS]
         age = _gauge("estimate_age_seconds", "Age of the newest sample behind the estimate")
         status = _gauge("estimate_status", "1 for the present status", "axis", "status")
-        for axis in self._board.axes:
-            reading = self._board.preload(axis, self._now_ns)
+        for axis in self._state.axes:
+            reading = self._state.preload(axis, self._now_ns)
             for family, (_name, _text, number) in zip(families, _NUMBERS, strict=True):
                 _add(family, (axis,), number(reading.estimate))
             _add(age, (axis,), reading.age_s)
@@ -85,8 +85,8 @@ class BoardCollector(Collector):
     def _conditions(self) -> Iterable[Metric]:
         family = _gauge("axis_condition", "1 for the present condition", "axis", "condition")
         faults = _counter("data_faults", "Faulty intervals", "axis", "kind")
-        for axis in self._board.axes:
-            health = self._board.health(axis, self._now_ns)
+        for axis in self._state.axes:
+            health = self._state.health(axis, self._now_ns)
             for condition in AxisCondition:
                 value = float(condition is health.condition)
                 _add(family, (axis, condition.value), value)
@@ -113,29 +113,29 @@ class BoardCollector(Collector):
         return family, counts, readings
 
     def _reports(self) -> Iterable[ComponentHealth]:
-        yield from self._board.components(self._now_ns)
-        for axis in self._board.axes:
-            yield from self._board.health(axis, self._now_ns).components
+        yield from self._state.components(self._now_ns)
+        for axis in self._state.axes:
+            yield from self._state.health(axis, self._now_ns).components
 
     def _counters(self) -> Iterable[Metric]:
         lost = _counter("lost_payloads", "Holes in the sequence", "axis", "topic")
-        for axis in self._board.axes:
-            for topic, count in self._board.lost_payloads(axis).items():
+        for axis in self._state.axes:
+            for topic, count in self._state.lost_payloads(axis).items():
                 _add(lost, (axis, topic), count)
         ready = GaugeMetricFamily(
             f"{_PREFIX}_ready",
             "1 if every axis has fresh input",
-            not self._board.unready(self._now_ns),
+            not self._state.unready(self._now_ns),
         )
         readers = GaugeMetricFamily(
-            f"{_PREFIX}_live_readers", "Readers of the live stream", len(self._board.readers)
+            f"{_PREFIX}_live_readers", "Readers of the live stream", len(self._state.readers)
         )
         ignored = CounterMetricFamily(
             f"{_PREFIX}_ignored_payloads",
             "Payloads of axes that are not configured",
-            self._board.ignored_payloads,
+            self._state.ignored_payloads,
         )
-        place = self._board.place
+        place = self._state.place
         info = _gauge("info", "1, with what the axes belong to", "site", "machine")
         _add(info, (place.site, place.machine), 1.0)
         return info, lost, ready, readers, ignored

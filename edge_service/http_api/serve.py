@@ -54,7 +54,7 @@ async def serve(
         Called with the address and the real port as soon as connections are taken.
     before_stop : Callable
         Called before the server waits for its connections to end: end the live streams here
-        (`Board.close`), or they are cut off after a short grace.
+        (`ServiceState.close`), or they are cut off after a short grace.
 
     Raises
     ------

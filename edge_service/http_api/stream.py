@@ -11,11 +11,11 @@ from starlette.exceptions import HTTPException
 
 from ..health.events.fan_out import Batch, Subscription, concerns
 from ..health.events.log import LoggedEvent
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .compose import event_answer, health_answer, preload_answer, service_answer
 from .compose_axis import live_answer
-from .context import AxisFilterDep, BoardDep, Clock, clock_of
+from .context import AxisFilterDep, Clock, StateDep, clock_of
 from .problems import documented
 
 MOST_READERS = 64
@@ -34,11 +34,11 @@ class LostAnswer(BaseModel):
     reason: str
 
 
-async def reader(board: BoardDep, axis: AxisFilterDep) -> AsyncIterator[Subscription]:
+async def reader(state: StateDep, axis: AxisFilterDep) -> AsyncIterator[Subscription]:
     """A place among the live readers, until the response has ended."""
-    if len(board.readers) >= MOST_READERS:
+    if len(state.readers) >= MOST_READERS:
         raise HTTPException(503, f"{MOST_READERS} live readers are connected, no more are taken")
-    with board.readers.subscribe(axis) as subscription:
+    with state.readers.subscribe(axis) as subscription:
         yield subscription
 
 
@@ -56,16 +56,16 @@ async def resume_after(
 class _Encoded:
     """The newest message of each topic, made once for all readers that ask at the same moment."""
 
-    def __init__(self, board: Board) -> None:
-        self._board = board
+    def __init__(self, state: ServiceState) -> None:
+        self._state = state
         self._made: dict[tuple[str, str], tuple[int, int, bytes]] = {}
 
     def value(self, topic: str, axis: str, now_ns: int) -> bytes:
         """The message as of now, or of at most a few milliseconds ago."""
-        version = self._board.version(topic, axis)
+        version = self._state.version(topic, axis)
         made = self._made.get((topic, axis))
         if made is None or made[0] != version or not 0 <= now_ns - made[1] <= _SHARED_NS:
-            message = _value(self._board, topic, axis, now_ns)
+            message = _value(self._state, topic, axis, now_ns)
             made = self._made[topic, axis] = (version, now_ns, message)
         return made[2]
 
@@ -74,7 +74,7 @@ async def encoded_of(request: Request) -> _Encoded:
     """The messages that all readers of this application share."""
     state = request.app.state
     if not hasattr(state, "encoded"):
-        state.encoded = _Encoded(state.board)
+        state.encoded = _Encoded(state.service_state)
     encoded: _Encoded = state.encoded
     return encoded
 
@@ -85,7 +85,7 @@ async def encoded_of(request: Request) -> _Encoded:
     responses=documented(404, 422, 503) | {200: {"content": {"text/event-stream": {}}}},
 )
 async def events(
-    board: BoardDep,
+    state: StateDep,
     clock: Annotated[Clock, Depends(clock_of)],
     encoded: Annotated[_Encoded, Depends(encoded_of)],
     subscription: Annotated[Subscription, Depends(reader)],
@@ -96,49 +96,51 @@ async def events(
     Events can be resumed after `Last-Event-ID`, or after `last_event_id` (0: all that are kept).
     """
     return StreamingResponse(
-        _stream(board, encoded, clock, subscription, resume_id),
+        _stream(state, encoded, clock, subscription, resume_id),
         media_type="text/event-stream",
         headers={"cache-control": "no-cache", "x-accel-buffering": "no"},
     )
 
 
 async def _stream(
-    board: Board,
+    state: ServiceState,
     encoded: _Encoded,
     clock: Clock,
     subscription: Subscription,
     resume_id: int | None,
 ) -> AsyncIterator[bytes]:
-    seen_id = board.events.last_id
+    seen_id = state.events.last_id
     first_id = seen_id if resume_id is None else resume_id
     yield format_sse_event(id=str(first_id), retry=RETRY_MS)
     if resume_id is not None:
-        for message in _missed(board, resume_id, subscription.axis):
+        for message in _missed(state, resume_id, subscription.axis):
             yield message
     refreshed_ns: int | None = None
     while not subscription.closed:
         now_ns = clock()
         if refreshed_ns is None or abs(now_ns - refreshed_ns) >= REFRESH_S * 1e9:
             refreshed_ns = now_ns
-            for message in _everything(board, encoded, subscription.axis, now_ns):
+            for message in _everything(state, encoded, subscription.axis, now_ns):
                 yield message
         batch = await subscription.next(REFRESH_S)
         for message in _news(encoded, batch, seen_id, clock()):
             yield message
 
 
-def _missed(board: Board, resume_id: int, axis: str | None) -> Iterator[bytes]:
-    if resume_id and not board.events.holds_all_after(resume_id):
+def _missed(state: ServiceState, resume_id: int, axis: str | None) -> Iterator[bytes]:
+    if resume_id and not state.events.holds_all_after(resume_id):
         yield _lost(None, "older events are no longer kept")
-    for logged in board.events.after(resume_id):
+    for logged in state.events.after(resume_id):
         if concerns(logged.event, axis):
             yield _event(logged)
 
 
-def _everything(board: Board, encoded: _Encoded, axis: str | None, now_ns: int) -> Iterator[bytes]:
+def _everything(
+    state: ServiceState, encoded: _Encoded, axis: str | None, now_ns: int
+) -> Iterator[bytes]:
     yield format_sse_event(comment="keep-alive")
-    yield _named("service", service_answer(board, now_ns))
-    for each in board.axes if axis is None else (axis,):
+    yield _named("service", service_answer(state, now_ns))
+    for each in state.axes if axis is None else (axis,):
         yield encoded.value(PRELOAD.name, each, now_ns)
         yield encoded.value(HEALTH.name, each, now_ns)
 
@@ -158,12 +160,12 @@ def _event(logged: LoggedEvent) -> bytes:
     return format_sse_event(event="event", id=str(logged.id), data_str=data)
 
 
-def _value(board: Board, topic: str, axis: str, now_ns: int) -> bytes:
+def _value(state: ServiceState, topic: str, axis: str, now_ns: int) -> bytes:
     if topic == FEAT.name:
-        point = board.live_now(axis)
+        point = state.live_now(axis)
         return b"" if point is None else _named("live", live_answer(axis, point))
     answer = preload_answer if topic == PRELOAD.name else health_answer
-    return _named(topic, answer(board, axis, now_ns))
+    return _named(topic, answer(state, axis, now_ns))
 
 
 def _lost(count: int | None, reason: str) -> bytes:

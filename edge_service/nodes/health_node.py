@@ -12,7 +12,7 @@ from ..bus.publisher import Publisher
 from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
 from ..health.alarms.axis_alarms import AlarmSettings
-from ..health.axis_monitor import AxisFacts, AxisWatch
+from ..health.axis_monitor import AxisFacts, AxisMonitor
 from ..health.settings import HealthSettings
 from ..health.trend.usage import ScrewGeometry
 from ..messages.alarm import Command
@@ -59,7 +59,7 @@ class _Bench:
         settings, alarms = health_settings(config.health), alarm_settings(config.alarms)
         now_ns = time.time_ns()
         self.watches = {
-            axis: AxisWatch(axis_facts(axis, machine), settings, alarms, now_ns)
+            axis: AxisMonitor(axis_facts(axis, machine), settings, alarms, now_ns)
             for axis, machine in load_machines(config).items()
         }
         self._health = {

@@ -1,11 +1,11 @@
-"""Everything that is heard goes on the board; the board is served."""
+"""Service state from all topics, and the HTTP interface that serves it."""
 
 import asyncio
 import logging
 import time
 from functools import partial
 
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
 from ..http_api.serve import serve
@@ -42,7 +42,7 @@ async def run(context: NodeContext) -> None:
     store = open_history(
         config, {axis: each.transmission_ratio_m_per_rad for axis, each in machines.items()}
     )
-    board = Board(
+    state = ServiceState(
         _limits(context),
         time.time_ns(),
         keeping=store.keeping,
@@ -68,19 +68,19 @@ async def run(context: NodeContext) -> None:
 
     async def follow_preloads() -> None:
         async for axis, header, estimate in preloads:
-            board.on_preload(axis, header, estimate, time.time_ns())
+            state.on_preload(axis, header, estimate, time.time_ns())
 
     async def follow_healths() -> None:
         async for _, header, health in healths:
-            board.on_health(header, health, time.time_ns())
+            state.on_health(header, health, time.time_ns())
 
     async def follow_features() -> None:
         async for axis, header, block in features:
-            board.on_feature(axis, header, block)
+            state.on_feature(axis, header, block)
 
     async def follow_events() -> None:
         async for _, _, event in events:
-            board.on_event(event, time.time_ns())
+            state.on_event(event, time.time_ns())
             webhook.put(event)
             recorder.note(event)
 
@@ -90,7 +90,7 @@ async def run(context: NodeContext) -> None:
 
     async def follow_reports() -> None:
         async for _, _, report in reports:
-            board.on_component(report, time.time_ns())
+            state.on_component(report, time.time_ns())
 
     publishers = {axis: bus.publisher(config.keys.key(axis, COMMAND), COMMAND) for axis in machines}
 
@@ -124,12 +124,12 @@ async def run(context: NodeContext) -> None:
         ]
         try:
             await serve(
-                create_app(board, time.time_ns, send_command=send_command, desk=desk),
+                create_app(state, time.time_ns, send_command=send_command, desk=desk),
                 config.http.host,
                 config.http.port,
                 stop=asyncio.Event(),
                 on_bound=bound,
-                before_stop=board.close,
+                before_stop=state.close,
             )
         finally:
             for follower in followers:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from edge_service.health.condition.condition_monitor import HealthJudge
+from edge_service.health.condition.condition_monitor import ConditionMonitor
 from edge_service.health.settings import HealthSettings
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event
@@ -30,7 +30,7 @@ class Scene:
     events: list[Event] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.judge = HealthJudge("X", self.fresh_percent, self.settings, self.now_ns)
+        self.judge = ConditionMonitor("X", self.fresh_percent, self.settings, self.now_ns)
 
     def header(self) -> Header:
         """The next header."""

@@ -6,7 +6,7 @@ import pytest
 
 from edge_service.health.alarms.axis_alarms import AlarmSettings, SuddenDrop
 from edge_service.health.alarms.latch import AlarmLatch, AlarmRule
-from edge_service.health.axis_monitor import AxisFacts, AxisWatch
+from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.settings import HealthSettings
 from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.messages.alarm import AlarmKind, Command
@@ -113,7 +113,7 @@ class Axis:
         self.now_ns = START_NS
         self.sequence = 0
         settings = AlarmSettings(**alarms)
-        self.watch = AxisWatch(FACTS, HealthSettings(), settings, self.now_ns)
+        self.watch = AxisMonitor(FACTS, HealthSettings(), settings, self.now_ns)
         self.events: list[str] = []
 
     def hear(self, percent: float | None, seconds: float = 0.1, **more: object) -> None:
@@ -287,7 +287,7 @@ def test_everything_outlives_a_restart():
     axis.hear(1.0)
     axis.ask("shelve", "rate", "known")
     text = json.dumps(axis.watch.snapshot(), allow_nan=False)
-    other = AxisWatch(FACTS, HealthSettings(), AlarmSettings(), axis.now_ns)
+    other = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), axis.now_ns)
     other.restore(json.loads(text))
     assert other.snapshot() == axis.watch.snapshot()
     assert [alarm.kind.value for alarm in other.health(axis.now_ns).alarms] == ["sudden_drop"]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from edge_service.health.trend.broken_line import draw_trends
-from edge_service.health.trend.preload_history import MOST_POINTS, WearSeries
-from edge_service.health.trend.remaining_life import look_ahead, trend_of
+from edge_service.health.trend.preload_history import MOST_POINTS, PreloadHistory
+from edge_service.health.trend.remaining_life import preload_trend, project_wear
+from edge_service.health.trend.segmented_regression import draw_trends
 from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.trend_coverage import coverage, simulate_life
@@ -18,7 +18,7 @@ LIMITS = {"warning": 4.2, "fault": 2.1}
 def _trend(days: np.ndarray, percent: np.ndarray, distance_m: np.ndarray | None = None):
     unknown = np.full(days.size, np.nan)
     width = np.full(days.size, 0.1)
-    return trend_of(
+    return preload_trend(
         days * DAY_S, percent, width, unknown if distance_m is None else distance_m, LIMITS
     )
 
@@ -64,7 +64,7 @@ def _minutes(change: float, half_width: float):
     percent = 6.8 - change * time_s / 600.0
     percent = percent + 0.01 * np.random.default_rng(10).standard_normal(time_s.size)
     width, unknown = np.full(time_s.size, half_width), np.full(time_s.size, np.nan)
-    return trend_of(time_s, percent, width, unknown, LIMITS)
+    return preload_trend(time_s, percent, width, unknown, LIMITS)
 
 
 def test_a_quick_change_within_the_interval_may_be_the_estimators_own():
@@ -83,7 +83,7 @@ def test_estimates_that_only_begin_to_know_are_no_history():
     percent = 7.0 + 0.03 * rng.standard_normal(100)
     width = np.full(100, 0.1)
     percent[:8], width[:8] = 9.0, 2.0
-    trend = trend_of(days * DAY_S, percent, width, np.full(100, np.nan), LIMITS)
+    trend = preload_trend(days * DAY_S, percent, width, np.full(100, np.nan), LIMITS)
     assert trend.status is TrendStatus.STEADY
     assert trend.since_time_ns == round(8.0 * DAY_S * NS)
 
@@ -130,7 +130,7 @@ def test_the_same_history_gives_the_same_answer():
     days = np.arange(50.0) * DAY_S
     percent = 7.0 - 1e-7 * days
     unknown = np.full(50, np.nan)
-    first, second = (look_ahead(days, unknown, percent, 0.1) for _ in range(2))
+    first, second = (project_wear(days, unknown, percent, 0.1) for _ in range(2))
     np.testing.assert_array_equal(first.draws.slope, second.draws.slope)
 
 
@@ -149,7 +149,7 @@ def test_nine_of_ten_bands_hold_the_true_time(seed):
 
 
 def test_the_series_stays_short_and_keeps_means():
-    series = WearSeries(1.0)
+    series = PreloadHistory(1.0)
     values = np.random.default_rng(9).uniform(5.0, 6.0, 5000)
     for second, value in enumerate(values.tolist()):
         series.add(second + 0.25, value, 0.2, 3.0 * second)
@@ -163,7 +163,7 @@ def test_the_series_stays_short_and_keeps_means():
 
 
 def test_the_series_goes_on_from_its_snapshot():
-    series, other = WearSeries(1.0), WearSeries(1.0)
+    series, other = PreloadHistory(1.0), PreloadHistory(1.0)
     for second in range(700):
         series.add(float(second), 5.0 + second, 0.1, 0.0)
     other.restore(series.snapshot())

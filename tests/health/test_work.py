@@ -10,7 +10,7 @@ from edge_service.health.events.journal import EventJournal
 from edge_service.health.events.log import EventLog, LoggedEvent
 from edge_service.health.model_watch.friction_watch import FrictionWatch
 from edge_service.health.model_watch.live_features import LiveFeatures
-from edge_service.health.trend.usage import FORCE_EDGES_N, ScrewGeometry, UseMeter
+from edge_service.health.trend.usage import FORCE_EDGES_N, ScrewGeometry, UsageCounter
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 
@@ -44,7 +44,7 @@ def block(speed_rad_s: float = 50.0, place_m: float = 0.4, **more: object) -> Fe
 
 
 def test_way_hours_reversals_and_the_map_add_up():
-    meter = UseMeter(ScrewGeometry(RATIO, 0.8), 5)
+    meter = UsageCounter(ScrewGeometry(RATIO, 0.8), 5)
     for place_m in np.linspace(0.0, 0.79, 80).tolist():
         meter.add(block(40.0, place_m))
     meter.add(block(0.0, 0.5))
@@ -64,7 +64,7 @@ def test_way_hours_reversals_and_the_map_add_up():
 
 
 def test_use_goes_on_from_its_snapshot_and_ends_with_the_part():
-    meter, other = (UseMeter(ScrewGeometry(RATIO, 0.8), 5) for _ in range(2))
+    meter, other = (UsageCounter(ScrewGeometry(RATIO, 0.8), 5) for _ in range(2))
     meter.add(block())
     other.restore(meter.snapshot())
     assert other.use() == meter.use()
@@ -73,7 +73,7 @@ def test_use_goes_on_from_its_snapshot_and_ends_with_the_part():
 
 
 def test_without_a_stroke_there_is_no_map():
-    meter = UseMeter(ScrewGeometry(RATIO, None), 0)
+    meter = UsageCounter(ScrewGeometry(RATIO, None), 0)
     meter.add(block())
     assert meter.use().way_m == ()
     assert meter.use().distance_m > 0.0

@@ -1,4 +1,4 @@
-"""A board and its application, with a clock that the test moves."""
+"""A service state and its application, with a clock that the test moves."""
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
-from edge_service.health.service_state import Board
+from edge_service.health.service_state import ServiceState
 from edge_service.health.settings import HealthSettings
-from edge_service.health.state_settings import BoardSettings
+from edge_service.health.state_settings import StateSettings
 from edge_service.http_api.app import create_app
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
@@ -43,12 +43,12 @@ class Scene:
 
     now_ns: int = START_NS
     sequence: int = 0
-    settings: BoardSettings = field(default_factory=BoardSettings)
+    settings: StateSettings = field(default_factory=StateSettings)
 
     def __post_init__(self) -> None:
         axes = {"X": HealthSettings().limits(10.0), "Y": None}
-        self.board = Board(axes, self.now_ns, self.settings)
-        self.app = create_app(self.board, lambda: self.now_ns)
+        self.state = ServiceState(axes, self.now_ns, self.settings)
+        self.app = create_app(self.state, lambda: self.now_ns)
 
     def wait(self, seconds: float) -> None:
         """Let time pass."""
@@ -62,7 +62,7 @@ class Scene:
     def hear_preload(self, axis: str = "X", **changes: object) -> None:
         """An estimate comes."""
         estimate = ESTIMATE.model_copy(update=changes)
-        self.board.on_preload(axis, self.header(), estimate, self.now_ns)
+        self.state.on_preload(axis, self.header(), estimate, self.now_ns)
 
     def hear_health(
         self, axis: str = "X", condition: AxisCondition = AxisCondition.NORMAL, **more: object
@@ -70,12 +70,12 @@ class Scene:
         """A condition comes."""
         members = {"axis": axis, "condition": condition, "since_time_ns": START_NS} | more
         health = AxisHealth.model_validate(members)
-        self.board.on_health(self.header(), health, self.now_ns)
+        self.state.on_health(self.header(), health, self.now_ns)
 
     def hear_component(self, component: str = "http", **more: object) -> None:
         """A component reports."""
         members = {"component": component, "status": ComponentStatus.OK} | more
-        self.board.on_component(ComponentHealth.model_validate(members), self.now_ns)
+        self.state.on_component(ComponentHealth.model_validate(members), self.now_ns)
 
     def hear_event(self, message: str, axis: str = "X") -> int:
         """An event comes; its id."""
@@ -86,12 +86,12 @@ class Scene:
             message=message,
             time_ns=self.now_ns,
         )
-        self.board.on_event(event, self.now_ns)
-        return self.board.events.last_id
+        self.state.on_event(event, self.now_ns)
+        return self.state.events.last_id
 
     def hear_all(self) -> None:
         """Both axes are well."""
-        for axis in self.board.axes:
+        for axis in self.state.axes:
             self.hear_preload(axis)
             self.hear_health(axis)
 

@@ -44,7 +44,7 @@ async def test_failure_says_nothing_about_the_inside(scene, client, monkeypatch)
     def fail(now_ns: int) -> None:
         raise RuntimeError("secret")
 
-    monkeypatch.setattr(scene.board, "unready", fail)
+    monkeypatch.setattr(scene.state, "unready", fail)
     answer = await client.get("/readyz")
     assert answer.status_code == 500
     assert answer.headers["content-type"] == "application/problem+json"
@@ -81,7 +81,7 @@ async def test_only_loopback_names_are_answered(client, host, status):
 
 
 async def test_further_hosts_are_an_argument(scene):
-    app = create_app(scene.board, lambda: scene.now_ns, hosts=["testserver"])
+    app = create_app(scene.state, lambda: scene.now_ns, hosts=["testserver"])
     transport = httpx.ASGITransport(app=app)
     async with httpx.AsyncClient(transport=transport, base_url="http://testserver") as client:
         assert (await client.get("/healthz")).status_code == 200

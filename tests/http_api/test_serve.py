@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
-from edge_service.health.state_settings import BoardSettings
+from edge_service.health.state_settings import StateSettings
 from edge_service.http_api.serve import AddressError, PortInUseError, bind, serve
 from edge_service.http_api.stream import MOST_READERS
 
@@ -24,7 +24,7 @@ async def _served(scene) -> AsyncIterator[httpx.AsyncClient]:
             0,
             stop=stop,
             on_bound=lambda host, port: bound.set_result(f"http://{host}:{port}"),
-            before_stop=scene.board.close,
+            before_stop=scene.state.close,
         )
     )
     try:
@@ -90,11 +90,11 @@ async def test_stream_is_resumed_where_it_broke_off(scene):
     async with _served(scene) as client:
         async with client.stream("GET", "/api/v1/events") as response:
             first = asyncio.create_task(_read(response, 2))
-            await _until(lambda: len(scene.board.readers) == 1)
+            await _until(lambda: len(scene.state.readers) == 1)
             ids = [scene.hear_event(str(number)) for number in range(2)]
             received = await first
         assert [int(message.id) for message in received] == ids
-        await _until(lambda: len(scene.board.readers) == 0)
+        await _until(lambda: len(scene.state.readers) == 0)
         missed = [scene.hear_event(f"missed {number}") for number in range(3)]
         headers = {"Last-Event-ID": str(ids[-1])}
         async with client.stream("GET", "/api/v1/events", headers=headers) as response:
@@ -104,7 +104,7 @@ async def test_stream_is_resumed_where_it_broke_off(scene):
 
 
 async def test_reader_that_was_away_too_long_is_told(make_scene):
-    scene = make_scene(settings=BoardSettings(event_capacity=2))
+    scene = make_scene(settings=StateSettings(event_capacity=2))
     first = scene.hear_event("seen")
     for number in range(5):
         scene.hear_event(str(number))
@@ -133,13 +133,13 @@ async def test_stream_of_one_axis(scene):
 async def test_open_streams_do_not_hold_up_the_end(scene):
     loop = asyncio.get_running_loop()
     async with _served(scene) as client, client.stream("GET", "/api/v1/events") as response:
-        await _until(lambda: len(scene.board.readers) == 1)
+        await _until(lambda: len(scene.state.readers) == 1)
         started = loop.time()
-        scene.board.close()
+        scene.state.close()
         async with asyncio.timeout(5.0):
             await response.aread()
     assert loop.time() - started < 2.0
-    assert len(scene.board.readers) == 0
+    assert len(scene.state.readers) == 0
 
 
 async def test_slow_client_cannot_fill_the_service_nor_hold_up_another(scene):
@@ -162,23 +162,23 @@ async def test_slow_client_cannot_fill_the_service_nor_hold_up_another(scene):
 
     slow = asyncio.create_task(scene.app(scope, receive, send))
     await asyncio.wait_for(stuck.wait(), 5.0)
-    (subscription,) = scene.board.readers._subscriptions
-    with scene.board.readers.subscribe() as fast:
+    (subscription,) = scene.state.readers._subscriptions
+    with scene.state.readers.subscribe() as fast:
         for number in range(2000):
             scene.hear_event(str(number))
             scene.hear_preload()
             await fast.next(1.0)
         assert fast.backlog == 0
-    assert subscription.backlog <= scene.settings.backlog_capacity + 2 * len(scene.board.axes)
+    assert subscription.backlog <= scene.settings.backlog_capacity + 2 * len(scene.state.axes)
     gone.set()
     await asyncio.wait_for(slow, 5.0)
-    assert len(scene.board.readers) == 0
+    assert len(scene.state.readers) == 0
 
 
 async def test_number_of_readers_is_bounded(scene, client):
     with ExitStack() as held:
         for _ in range(MOST_READERS):
-            held.enter_context(scene.board.readers.subscribe())
+            held.enter_context(scene.state.readers.subscribe())
         assert (await client.get("/api/v1/events")).status_code == 503
 
 

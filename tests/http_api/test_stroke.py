@@ -3,7 +3,7 @@
 import httpx
 import numpy as np
 
-from edge_service.health.service_state import Board
+from edge_service.health.service_state import ServiceState
 from edge_service.health.stroke import StrokeBand
 from edge_service.http_api.app import create_app
 from edge_service.messages.keys import MachineKeys
@@ -32,10 +32,10 @@ class OneEncoder(Ramp):
 
 
 def client_of(scene, stroke):
-    scene.board = Board(
+    scene.state = ServiceState(
         {"X": None}, scene.now_ns, strokes={"X": stroke}, place=MachineKeys("hall", "m1")
     )
-    app = create_app(scene.board, lambda: scene.now_ns)
+    app = create_app(scene.state, lambda: scene.now_ns)
     transport = httpx.ASGITransport(app=app)
     return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1")
 

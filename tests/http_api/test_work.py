@@ -159,7 +159,7 @@ async def test_use_and_friction_are_told_once_they_are_known(scene, client):
 async def test_traces_are_the_last_intervals_with_null_for_what_is_missing(scene, client):
     for tenth in range(30):
         torque = float("nan") if tenth == 29 else 0.1 * tenth
-        scene.board.on_feature("X", scene.header(), _feature(torque_mean_nm=torque))
+        scene.state.on_feature("X", scene.header(), _feature(torque_mean_nm=torque))
         scene.wait(0.1)
     answer = (await client.get(f"{BASE}/traces", params={"seconds": 1.05})).json()
     assert answer["torque_nm"] == pytest.approx([*np.arange(2.0, 2.85, 0.1), None])
@@ -212,7 +212,7 @@ async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_sc
 
     from edge_service.health.history.rows import single_rows
     from edge_service.health.history.tier import HOUR, FileTier
-    from edge_service.health.service_state import Board
+    from edge_service.health.service_state import ServiceState
     from edge_service.health.state_settings import Keeping
 
     scene = make_scene()
@@ -223,8 +223,8 @@ async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_sc
     rows = single_rows(times, np.zeros(times.size, np.int64), values[0], values[1], values)
     FileTier(HOUR, tmp_path / "X").replace(times[0], end_s, rows)
     keeping = Keeping(archives={"X": AxisArchive(tmp_path / "X")})
-    board = Board({"X": None}, scene.now_ns, keeping=keeping)
-    app = create_app(board, lambda: scene.now_ns)
+    state = ServiceState({"X": None}, scene.now_ns, keeping=keeping)
+    app = create_app(state, lambda: scene.now_ns)
     import httpx
 
     transport = httpx.ASGITransport(app=app)

@@ -13,9 +13,9 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.health.service_state import Board
-from edge_service.http_api.metrics import BoardCollector
-from edge_service.http_api.metrics_outlook import OutlookCollector
+from edge_service.health.service_state import ServiceState
+from edge_service.http_api.metrics import StateCollector
+from edge_service.http_api.metrics_trend import TrendCollector
 
 ROOT = Path(__file__).parents[2]
 PROMETHEUS = shutil.which("prometheus")
@@ -28,8 +28,8 @@ def asked_by_grafana() -> list[str]:
 
 
 def test_the_dashboard_asks_only_for_what_is_there() -> None:
-    board = Board({"X": None}, 0)
-    collectors = (BoardCollector(board, 0), OutlookCollector(board, 0))
+    state = ServiceState({"X": None}, 0)
+    collectors = (StateCollector(state, 0), TrendCollector(state, 0))
     families = [family for each in collectors for family in each.collect()]
     names = {f"{f.name}_total" if f.type == "counter" else f.name for f in families}
     assert set(re.findall(r"edge_service_[a-z_]+", " ".join(asked_by_grafana()))) <= names

@@ -63,7 +63,7 @@ class SuddenDrop:
         return best[2] - value
 
 
-class AlarmBench:
+class AxisAlarms:
     """The alarms of one axis.
 
     Parameters

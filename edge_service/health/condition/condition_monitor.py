@@ -25,7 +25,7 @@ _NO_NUMBER = {
 _Verdict = tuple[AxisCondition, tuple[str, ...]]
 
 
-class HealthJudge:
+class ConditionMonitor:
     """Judges one axis from what is heard about it; every call returns the events that it caused.
 
     The condition is UNAVAILABLE without input, with stale input, while no number came for

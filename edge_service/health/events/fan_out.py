@@ -1,4 +1,4 @@
-"""From the board to any number of live readers, none of which can hold up or fill up the service.
+"""Events and changes for any number of live readers, none of which can hold up the service.
 
 Everything here runs in the thread of one event loop.
 """
@@ -20,7 +20,7 @@ class Batch:
     Attributes:
         lost: events dropped because the reader was too slow.
         events: events, oldest first.
-        changed: (topic, axis) of which there is a newer value on the board.
+        changed: (topic, axis) of which there is a newer value on the state.
     """
 
     lost: int
@@ -58,7 +58,7 @@ class Subscription:
         self._wake.set()
 
     def mark(self, topic: str, axis: str) -> None:
-        """Say that the board holds a newer value."""
+        """Say that there is a newer value."""
         if self.axis in (None, axis):
             self._changed[topic, axis] = None
             self._wake.set()
@@ -118,7 +118,7 @@ class FanOut:
             subscription.put_event(logged)
 
     def mark(self, topic: str, axis: str) -> None:
-        """Tell every reader that the board holds a newer value."""
+        """Tell every reader that there is a newer value."""
         for subscription in self._subscriptions:
             subscription.mark(topic, axis)
 

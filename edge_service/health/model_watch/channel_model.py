@@ -56,7 +56,7 @@ def _place(phase: Phase, ratio_m_per_rad: float) -> float:
 ROWS = {"torque_nm": torque_row, "transmission_m": transmission_row}
 
 
-class WatchedChannel:
+class ChannelModel:
     """Model of one channel, the stretch that is being collected, and what stretches were like."""
 
     def __init__(self, name: str) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from ...messages.features import FeatureBlock
 from ...messages.health import Consistency, ConsistencyState
 from ...messages.samples import Floats
-from .channel_model import CHANNELS, LEAST_RATIO, ROWS, WatchedChannel
+from .channel_model import CHANNELS, LEAST_RATIO, ROWS, ChannelModel
 
 STRETCH_S = 8.0
 """Steady motion that one innovation statistic is taken over, s."""
@@ -62,7 +62,7 @@ class ConsistencyWatch:
     def restart(self) -> None:
         """The axis is another one from now on: learn anew."""
         names = CHANNELS if self._ratio is not None else CHANNELS[:1]
-        self._channels = {name: WatchedChannel(name) for name in names}
+        self._channels = {name: ChannelModel(name) for name in names}
         self._steady_s = 0.0
         self._counting, self._calm = 0, 0
         self._recent: list[tuple[float, float]] = []

@@ -10,7 +10,7 @@ MOST_POINTS = 400
 _COLUMNS = 5
 
 
-class WearSeries:
+class PreloadHistory:
     """Means of preload over equal steps of time; the steps double whenever there are too many.
 
     Parameters

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ...messages.estimate import Interval
 from ...messages.samples import Floats
 from ...messages.trend import Crossing, Trend, TrendStatus
-from .broken_line import TrendDraws, draw_trends
+from .segmented_regression import TrendDraws, draw_trends
 
 NS_PER_S = 1_000_000_000
 _SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
@@ -21,7 +21,7 @@ _WIDE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class OutlookSettings:
+class TrendSettings:
     """Conditions under which a trend is told.
 
     Attributes:
@@ -36,7 +36,7 @@ class OutlookSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Future:
+class WearProjection:
     """Draws of a trend, with what turns its s into time.
 
     Attributes:
@@ -50,9 +50,9 @@ class Future:
     s_per_s: Floats
 
 
-def look_ahead(
+def project_wear(
     time_s: Floats, distance_m: Floats, percent: Floats, sigma_level: float
-) -> Future | None:
+) -> WearProjection | None:
     """The better explained of wear against time and wear against distance; None if too early.
 
     Parameters
@@ -71,8 +71,8 @@ def look_ahead(
         by_distance = draw_trends(distance_m, percent, sigma_level, rng, memory_m)
         if by_distance is not None and by_distance.evidence > by_time.evidence:
             speed_m_s = _future_speed(time_s, distance_m, by_distance.slope.size, rng)
-            return Future(by_distance, "distance", speed_m_s)
-    return Future(by_time, "time", np.ones(by_time.slope.size))
+            return WearProjection(by_distance, "distance", speed_m_s)
+    return WearProjection(by_time, "time", np.ones(by_time.slope.size))
 
 
 def crossing_draws(
@@ -82,8 +82,8 @@ def crossing_draws(
 
     None if it is too early, or if it cannot be told whether the preload falls.
     """
-    future = look_ahead(time_s, distance_m, percent, sigma_level)
-    if future is None or future.draws.falling_probability() < OutlookSettings().certain:
+    future = project_wear(time_s, distance_m, percent, sigma_level)
+    if future is None or future.draws.falling_probability() < TrendSettings().certain:
         return None
     return future.draws.way_to(limit_percent) / future.s_per_s
 
@@ -103,13 +103,13 @@ def _future_speed(
     return speeds_m_s
 
 
-def trend_of(
+def preload_trend(
     time_s: Floats,
     percent: Floats,
     half_width_percent: Floats,
     distance_m: Floats,
     limits_percent: dict[str, float],
-    settings: OutlookSettings | None = None,
+    settings: TrendSettings | None = None,
 ) -> Trend:
     """The trend of a history, for people.
 
@@ -120,14 +120,14 @@ def trend_of(
     limits_percent : dict[str, float]
         Limits by name, percent of the dynamic load rating.
     """
-    settings = settings or OutlookSettings()
+    settings = settings or TrendSettings()
     if time_s.size:
         sure = half_width_percent <= _WIDE * np.median(half_width_percent)
         time_s, percent, distance_m = time_s[sure], percent[sure], distance_m[sure]
         half_width_percent = half_width_percent[sure]
     since_ns = round(float(time_s[0]) * NS_PER_S) if time_s.size else 0
     sigma = float(np.median(half_width_percent)) * _SIGMA_OF_HALF_WIDTH if time_s.size else 0.0
-    future = look_ahead(time_s, distance_m, percent, sigma)
+    future = project_wear(time_s, distance_m, percent, sigma)
     if future is None:
         reason = "too little history for a trend since the part came into use"
         return Trend(status=TrendStatus.TOO_EARLY, reason=reason, since_time_ns=since_ns)
@@ -161,7 +161,7 @@ _SENTENCES = {
 }
 
 
-def _status(draws: TrendDraws, settings: OutlookSettings) -> TrendStatus:
+def _status(draws: TrendDraws, settings: TrendSettings) -> TrendStatus:
     if draws.falling_probability() >= settings.certain:
         return TrendStatus.FALLING
     rising = draws.rising_probability() >= settings.certain
@@ -182,10 +182,10 @@ def _interval(draws: npt.NDArray[np.float64], level: float) -> Interval:
 def _crossing(
     name: str,
     limit_percent: float,
-    future: Future,
+    future: WearProjection,
     now_s: float,
     span_s: float,
-    settings: OutlookSettings,
+    settings: TrendSettings,
 ) -> Crossing:
     remaining = future.draws.way_to(limit_percent) / future.s_per_s
     horizon_s = settings.horizon * span_s

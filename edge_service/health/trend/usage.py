@@ -27,7 +27,7 @@ class ScrewGeometry:
     stroke_m: float | None
 
 
-class UseMeter:
+class UsageCounter:
     """Counts what every usable interval of one axis adds."""
 
     def __init__(self, geometry: ScrewGeometry, now_ns: int) -> None:

@@ -15,7 +15,7 @@ from ..compose_axis import (
     traces_answer,
     use_answer,
 )
-from ..context import AxisDep, BoardDep, Moment, NowDep, parameter_error
+from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
 from ..problems import documented
 from ..work_answers import (
     AcceptedAnswer,
@@ -43,36 +43,36 @@ async def send_command_of(request: Request) -> SendCommand | None:
 @work_router.get("/traces", response_model=TracesAnswer)
 async def traces(
     axis: AxisDep,
-    board: BoardDep,
+    state: StateDep,
     now_ns: NowDep,
     seconds: Annotated[float, Query(gt=0.0, le=300.0, description="How far back.")] = 60.0,
 ) -> TracesAnswer:
     """Torque, speed, position and transmission difference of the last minutes."""
-    return traces_answer(board, axis, now_ns - round(seconds * 1e9))
+    return traces_answer(state, axis, now_ns - round(seconds * 1e9))
 
 
 @work_router.get("/use", response_model=UseAnswer | None)
-async def use(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> UseAnswer | None:
+async def use(axis: AxisDep, state: StateDep, now_ns: NowDep) -> UseAnswer | None:
     """Way, hours, reversals, load spectrum and map along the stroke of the part in use."""
-    return use_answer(board, axis, now_ns)
+    return use_answer(state, axis, now_ns)
 
 
 @work_router.get("/stroke", response_model=StrokeAnswer | None)
-async def stroke(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> StrokeAnswer | None:
+async def stroke(axis: AxisDep, state: StateDep, now_ns: NowDep) -> StrokeAnswer | None:
     """Preload and stiffness along the stroke: as commissioned, and as the estimate implies now."""
-    return stroke_answer(board, axis, now_ns)
+    return stroke_answer(state, axis, now_ns)
 
 
 @work_router.get("/friction", response_model=FrictionAnswer)
-async def friction(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> FrictionAnswer:
+async def friction(axis: AxisDep, state: StateDep, now_ns: NowDep) -> FrictionAnswer:
     """The friction curve of ordinary work, now and when the part was new."""
-    return friction_answer(board, axis, now_ns)
+    return friction_answer(state, axis, now_ns)
 
 
 @work_router.get("/log", response_model=LogAnswer, responses=documented(422))
 async def log(
     axis: AxisDep,
-    board: BoardDep,
+    state: StateDep,
     now_ns: NowDep,
     start_s: Annotated[
         Moment | None,
@@ -86,7 +86,7 @@ async def log(
     """Events and notes of the axis and of the service."""
     end_s = now_ns / 1e9 + 1.0 / PRELOAD.rate_hz if end_s is None else end_s
     start_s = end_s - _LOG_SPAN_S if start_s is None else start_s
-    return log_answer(board, axis, start_s, end_s, limit)
+    return log_answer(state, axis, start_s, end_s, limit)
 
 
 @work_router.post(

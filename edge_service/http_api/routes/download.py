@@ -8,8 +8,8 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from ...health.history.parquet import as_bytes
-from ...health.service_state import Board
-from ..context import AxisDep, BoardDep, Moment, NowDep, parameter_error
+from ...health.service_state import ServiceState
+from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
 from ..problems import documented
 
 _MOST_ROWS = 300_000
@@ -39,7 +39,7 @@ async def history_file(
     *,
     axis: AxisDep,
     form: Form,
-    board: BoardDep,
+    state: StateDep,
     now_ns: NowDep,
     start_s: Annotated[
         Moment | None,
@@ -54,14 +54,14 @@ async def history_file(
     start_s = max(end_s - _SPAN_S, 0.0) if start_s is None else start_s
     if not start_s < end_s:
         raise parameter_error("from", "must be before `to`")
-    content = await asyncio.to_thread(_content, board, axis, form, start_s, end_s)
+    content = await asyncio.to_thread(_content, state, axis, form, start_s, end_s)
     name = f"preload_{axis}.{form.value}"
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type=_TYPES[form.value], headers=headers)
 
 
-def _content(board: Board, axis: str, form: Form, start_s: float, end_s: float) -> bytes:
+def _content(state: ServiceState, axis: str, form: Form, start_s: float, end_s: float) -> bytes:
     span_s = end_s - start_s
     step_s = next((each for each in _STEPS_S if span_s / each <= _MOST_ROWS), _STEPS_S[-1])
-    rows = board.history_rows(axis, start_s, end_s, step_s)
+    rows = state.history_rows(axis, start_s, end_s, step_s)
     return as_bytes(rows, form.value)

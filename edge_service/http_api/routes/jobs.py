@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import FileResponse, Response
 from starlette.exceptions import HTTPException
 
-from ..context import BoardDep, check_axis
+from ..context import StateDep, check_axis
 from ..jobs import (
     JobAnswer,
     JobBody,
@@ -75,9 +75,9 @@ async def jobs(desk: DeskDep) -> JobsAnswer:
 
 
 @job_router.post("/jobs", response_model=JobAnswer, status_code=202)
-async def start(body: JobBody, board: BoardDep, desk: DeskDep) -> JobAnswer:
+async def start(body: JobBody, state: StateDep, desk: DeskDep) -> JobAnswer:
     """Start a fingerprint or a diagnosis in a process of its own; one runs at a time."""
-    check_axis(board, body.axis)
+    check_axis(state, body.axis)
     return await desk.start(body)
 
 

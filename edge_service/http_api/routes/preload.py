@@ -18,7 +18,7 @@ from ..answers import (
     ServiceAnswer,
 )
 from ..compose import axes_answer, health_answer, history_answer, preload_answer, service_answer
-from ..context import AxisDep, BoardDep, Moment, NowDep, parameter_error
+from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
 from ..problems import documented, problem_response
 
 DEFAULT_SPAN_S = 3600.0
@@ -36,9 +36,9 @@ async def alive() -> AliveAnswer:
 
 
 @service_router.get("/readyz", response_model=ReadyAnswer, responses=documented(503))
-async def ready(request: Request, board: BoardDep, now_ns: NowDep) -> ReadyAnswer | Response:
+async def ready(request: Request, state: StateDep, now_ns: NowDep) -> ReadyAnswer | Response:
     """Tell whether every axis has fresh input; 503 with reasons if not."""
-    reasons = board.unready(now_ns)
+    reasons = state.unready(now_ns)
     if not reasons:
         return ReadyAnswer()
     detail = "an input is stale or was never heard"
@@ -46,27 +46,27 @@ async def ready(request: Request, board: BoardDep, now_ns: NowDep) -> ReadyAnswe
 
 
 @axis_router.get("/health", response_model=ServiceAnswer)
-async def service_health(board: BoardDep, now_ns: NowDep) -> ServiceAnswer:
+async def service_health(state: StateDep, now_ns: NowDep) -> ServiceAnswer:
     """Health of the whole service."""
-    return service_answer(board, now_ns)
+    return service_answer(state, now_ns)
 
 
 @axis_router.get("/axes", response_model=AxesAnswer)
-async def axes(board: BoardDep, now_ns: NowDep) -> AxesAnswer:
+async def axes(state: StateDep, now_ns: NowDep) -> AxesAnswer:
     """All axes with their condition and limits."""
-    return axes_answer(board, now_ns)
+    return axes_answer(state, now_ns)
 
 
 @axis_router.get("/axes/{axis}/preload", response_model=PreloadAnswer, responses=documented(404))
-async def preload(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> PreloadAnswer:
+async def preload(axis: AxisDep, state: StateDep, now_ns: NowDep) -> PreloadAnswer:
     """Preload of one axis; numbers are null, never stale, unless the status is `estimated`."""
-    return preload_answer(board, axis, now_ns)
+    return preload_answer(state, axis, now_ns)
 
 
 @axis_router.get("/axes/{axis}/health", response_model=HealthAnswer, responses=documented(404))
-async def health(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> HealthAnswer:
+async def health(axis: AxisDep, state: StateDep, now_ns: NowDep) -> HealthAnswer:
     """Condition of one axis, its components and data faults."""
-    return health_answer(board, axis, now_ns)
+    return health_answer(state, axis, now_ns)
 
 
 @axis_router.get(
@@ -75,7 +75,7 @@ async def health(axis: AxisDep, board: BoardDep, now_ns: NowDep) -> HealthAnswer
 async def history(
     *,
     axis: AxisDep,
-    board: BoardDep,
+    state: StateDep,
     now_ns: NowDep,
     start_s: Annotated[
         Moment | None,
@@ -97,4 +97,4 @@ async def history(
     step_s = max(1.0, (end_s - start_s) / _DEFAULT_BUCKETS) if step_s is None else step_s
     if math.ceil((end_s - start_s) / step_s) > MOST_BUCKETS:
         raise parameter_error("step", f"would make more than {MOST_BUCKETS} buckets")
-    return await asyncio.to_thread(history_answer, board, axis, start_s, end_s, step_s)
+    return await asyncio.to_thread(history_answer, state, axis, start_s, end_s, step_s)

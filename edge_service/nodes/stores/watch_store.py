@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ...atomic import replaced_file
-from ...health.axis_monitor import AxisWatch
+from ...health.axis_monitor import AxisMonitor
 
 log = logging.getLogger(__name__)
 
@@ -21,7 +21,7 @@ def snapshot_path(folder: Path, axis: str) -> Path:
     return axis_folder(folder, axis) / "watch.json"
 
 
-def load_snapshot(folder: Path, watch: AxisWatch) -> None:
+def load_snapshot(folder: Path, watch: AxisMonitor) -> None:
     """Let a watch go on where it was; a damaged file is set aside, and said."""
     path = snapshot_path(folder, watch.axis)
     if not path.exists():

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.health.alarms.axis_alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisWatch
+from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.settings import HealthSettings
 from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.messages.estimate import PreloadEstimate
@@ -79,7 +79,7 @@ class Watched:
         self._estimator = estimator
         geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
         facts = AxisFacts(machine.axis.name, machine.fresh_preload_percent, geometry)
-        self._watch = AxisWatch(facts, HealthSettings(), AlarmSettings(), START_NS)
+        self._watch = AxisMonitor(facts, HealthSettings(), AlarmSettings(), START_NS)
         self._sequence, self._now_ns = 0, START_NS
         self._conditions: Counter[str] = Counter()
         self._alarms: Counter[str] = Counter()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.health.trend.remaining_life import OutlookSettings, crossing_draws
+from edge_service.health.trend.remaining_life import TrendSettings, crossing_draws
 from edge_service.messages.samples import Floats
 from edge_service.models.screw.wear import Wear
 
@@ -101,7 +101,7 @@ def _errors(rng: np.random.Generator, count: int) -> Floats:
 def coverage(lives: int, seed: int = 1) -> Coverage:
     """Ask once in each of many lives."""
     rng = np.random.default_rng(seed)
-    settings = OutlookSettings()
+    settings = TrendSettings()
     inside, widths = 0, []
     for _ in range(lives):
         life = simulate_life(rng)

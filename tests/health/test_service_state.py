@@ -1,4 +1,4 @@
-"""The board: what may be shown, the event log, and readers that are too slow."""
+"""The service state: what may be shown, the event log, and readers that are too slow."""
 
 import asyncio
 
@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from edge_service.health.events.fan_out import FanOut
 from edge_service.health.events.log import EventLog, LoggedEvent
-from edge_service.health.service_state import Board
-from edge_service.health.state_settings import BoardSettings
+from edge_service.health.service_state import ServiceState
+from edge_service.health.state_settings import StateSettings
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.header import Header
@@ -19,8 +19,8 @@ START_NS = 1_700_000_000 * NS
 NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "nis")
 
 
-def _board(**settings: object) -> Board:
-    return Board({"X": None, "Y": None}, START_NS, BoardSettings(**settings))
+def _state(**settings: object) -> ServiceState:
+    return ServiceState({"X": None, "Y": None}, START_NS, StateSettings(**settings))
 
 
 def _header(sequence: int, time_ns: int, boot_epoch: int = START_NS) -> Header:
@@ -66,15 +66,15 @@ updates = st.lists(
 @given(updates=updates, look=st.integers(-10 * NS, 10 * NS))
 @settings(max_examples=150, deadline=None)
 def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, look):
-    board = _board()
+    state = _state()
     now_ns = START_NS
     for status, sequence, boot, step_ns, ahead_ns in updates:
         now_ns += step_ns
         header = Header(sequence, boot, now_ns + ahead_ns, 0)
         estimate = _estimate().model_copy(update={"status": status})
-        board.on_preload("X", header, estimate, now_ns)
+        state.on_preload("X", header, estimate, now_ns)
     now_ns += look
-    reading = board.preload("X", now_ns)
+    reading = state.preload("X", now_ns)
     numbers = [getattr(reading.estimate, name) for name in NUMBERS]
     if reading.estimate.status is EstimateStatus.ESTIMATED:
         assert None not in numbers
@@ -85,9 +85,9 @@ def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, loo
 
 
 def test_stale_estimate_keeps_its_time_but_no_number():
-    board = _board()
-    board.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
-    reading = board.preload("X", START_NS + 3 * NS)
+    state = _state()
+    state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    reading = state.preload("X", START_NS + 3 * NS)
     assert reading.estimate.status is EstimateStatus.UNESTIMATED
     assert reading.estimate.preload_percent is None
     assert reading.estimate.reasons[0].startswith("stale_input:")
@@ -95,69 +95,69 @@ def test_stale_estimate_keeps_its_time_but_no_number():
 
 
 def test_condition_is_unavailable_as_soon_as_the_preload_is_stale():
-    board = _board()
-    board.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    state = _state()
+    state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
     for second in range(4):
-        board.on_health(_header(second, START_NS + second * NS), _normal(), START_NS + second * NS)
+        state.on_health(_header(second, START_NS + second * NS), _normal(), START_NS + second * NS)
     now_ns = START_NS + 3 * NS
-    health = board.health("X", now_ns)
+    health = state.health("X", now_ns)
     assert health.condition is AxisCondition.UNAVAILABLE
     assert health.since_time_ns == START_NS + 2 * NS  # the topic's stale-after
 
 
 def test_condition_is_unavailable_when_it_is_not_renewed():
-    board = _board()
-    board.on_health(_header(0, START_NS), _normal(), START_NS)
+    state = _state()
+    state.on_health(_header(0, START_NS), _normal(), START_NS)
     for second in range(8):
         now_ns = START_NS + second * NS
-        board.on_preload("X", _header(second, now_ns), _estimate(), now_ns)
-    assert board.preload("X", now_ns).estimate.status is EstimateStatus.ESTIMATED
-    health = board.health("X", now_ns)
+        state.on_preload("X", _header(second, now_ns), _estimate(), now_ns)
+    assert state.preload("X", now_ns).estimate.status is EstimateStatus.ESTIMATED
+    health = state.health("X", now_ns)
     assert health.condition is AxisCondition.UNAVAILABLE
     assert [reason.split(":")[0] for reason in health.reasons] == ["stale_health"]
 
 
 def test_unready_names_every_axis_and_input():
-    board = _board()
-    board.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
-    board.on_health(_header(0, START_NS), _normal(), START_NS)
-    codes = [tuple(reason.split(": ")[:2]) for reason in board.unready(START_NS)]
+    state = _state()
+    state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    state.on_health(_header(0, START_NS), _normal(), START_NS)
+    codes = [tuple(reason.split(": ")[:2]) for reason in state.unready(START_NS)]
     assert codes == [("Y", "no_input"), ("Y", "no_health")]
-    assert len(board.unready(START_NS + 60 * NS)) == 4
-    assert Board({}, START_NS).unready(START_NS) == ("no_axis: no axis is configured",)
+    assert len(state.unready(START_NS + 60 * NS)) == 4
+    assert ServiceState({}, START_NS).unready(START_NS) == ("no_axis: no axis is configured",)
 
 
 def test_payloads_of_other_axes_are_ignored_and_counted():
-    board = _board()
-    board.on_preload("Q", _header(0, START_NS), _estimate(), START_NS)
-    board.on_health(_header(0, START_NS), _normal(axis="Q"), START_NS)
-    board.on_event(_event(axis="Q"), START_NS)
+    state = _state()
+    state.on_preload("Q", _header(0, START_NS), _estimate(), START_NS)
+    state.on_health(_header(0, START_NS), _normal(axis="Q"), START_NS)
+    state.on_event(_event(axis="Q"), START_NS)
     report = ComponentHealth(component="acquire", axis="Q", status=ComponentStatus.OK)
-    board.on_component(report, START_NS)
-    assert board.axes == ("X", "Y")
-    assert board.ignored_payloads == 4
-    assert board.events.after(0) == ()
+    state.on_component(report, START_NS)
+    assert state.axes == ("X", "Y")
+    assert state.ignored_payloads == 4
+    assert state.events.after(0) == ()
 
 
 def test_components_are_the_judge_s_with_the_newer_own_reports():
-    board = _board()
+    state = _state()
     told = ComponentHealth(component="estimate", axis="X", status=ComponentStatus.STARTING)
     health = _normal().model_copy(update={"components": (told,)})
-    board.on_health(_header(0, START_NS), health, START_NS)
-    assert board.health("X", START_NS).components == (told,)
+    state.on_health(_header(0, START_NS), health, START_NS)
+    assert state.health("X", START_NS).components == (told,)
     own = ComponentHealth(component="estimate", axis="X", status=ComponentStatus.OK)
     shared = ComponentHealth(component="http", status=ComponentStatus.OK)
-    board.on_component(own, START_NS)
-    board.on_component(shared, START_NS)
-    assert board.health("X", START_NS).components == (own,)
-    assert board.components(START_NS) == (shared,)
+    state.on_component(own, START_NS)
+    state.on_component(shared, START_NS)
+    assert state.health("X", START_NS).components == (own,)
+    assert state.components(START_NS) == (shared,)
 
 
 def test_lost_payloads_are_counted_from_the_sequence():
-    board = _board()
+    state = _state()
     for sequence in (5, 6, 9, 8, 10):
-        board.on_preload("X", _header(sequence, START_NS), _estimate(), START_NS)
-    assert board.lost_payloads("X")["preload"] == 2
+        state.on_preload("X", _header(sequence, START_NS), _estimate(), START_NS)
+    assert state.lost_payloads("X")["preload"] == 2
 
 
 def test_event_ids_grow_within_a_burst_and_across_restarts():
@@ -207,14 +207,14 @@ async def test_reader_of_one_axis_hears_it_and_the_service():
 
 
 async def test_close_wakes_waiting_and_future_readers():
-    board = _board()
-    with board.readers.subscribe() as reader:
+    state = _state()
+    with state.readers.subscribe() as reader:
         waiting = asyncio.create_task(reader.next(60.0))
         await asyncio.sleep(0)
-        board.close()
+        state.close()
         assert (await waiting).events == ()
         assert reader.closed
-    with board.readers.subscribe() as late:
+    with state.readers.subscribe() as late:
         assert late.closed
 
 

@@ -5,18 +5,18 @@ from collections.abc import Iterable
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from ..health.service_state import Board
+from ..health.service_state import ServiceState
 from ..messages.alarm import AlarmKind
 from ..messages.trend import Trend, Use
 
 _PREFIX = "edge_service"
 
 
-class OutlookCollector(Collector):
+class TrendCollector(Collector):
     """Metrics that the judgement of every axis adds to its condition, as of one moment."""
 
-    def __init__(self, board: Board, now_ns: int) -> None:
-        self._board = board
+    def __init__(self, state: ServiceState, now_ns: int) -> None:
+        self._state = state
         self._now_ns = now_ns
 
     def collect(self) -> Iterable[Metric]:
@@ -32,8 +32,8 @@ class OutlookCollector(Collector):
             _counter("moving_seconds", "Time in motion since the part is in use"),
             _counter("reversals", "Changes of direction since the part is in use"),
         ]
-        for axis in self._board.axes:
-            health = self._board.health(axis, self._now_ns)
+        for axis in self._state.axes:
+            health = self._state.health(axis, self._now_ns)
             shown = {alarm.kind: alarm for alarm in health.alarms}
             for kind in AlarmKind:
                 alarm = shown.get(kind)
