@@ -1,21 +1,23 @@
 """Publishing payloads of one key, and answering for the last of them."""
 
 import time
-from collections.abc import Callable
+from typing import Generic
 
 import zenoh
 
+from ..messages.codec.interface import T
+from ..messages.codec.json_message import JSON_ENCODING
 from ..messages.header import Header
-from ..messages.topics import JSON_ENCODING, Keep, Topic
+from ..messages.topics import Keep, Topic
 
 
-class Publisher:
+class Publisher(Generic[T]):
     """Numbers, stamps and puts payloads; never waits for a reader."""
 
-    def __init__(self, session: zenoh.Session, key: str, topic: Topic) -> None:
+    def __init__(self, session: zenoh.Session, key: str, topic: Topic[T], axis: str | None) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
-        self._key = key
+        self._key, self._topic, self._axis = key, topic, axis
         self._publisher = session.declare_publisher(
             key,
             encoding=self._encoding,
@@ -34,10 +36,14 @@ class Publisher:
         self.boot_epoch = time.time_ns()
         self.sequence = 0
 
-    def publish(self, encode: Callable[[Header], bytes], source_time_ns: int) -> Header:
-        """Encode with the next header and put; returns the header that went out."""
+    def publish(self, payload: T, source_time_ns: int) -> Header:
+        """Encode with the next header and put; returns the header that went out.
+
+        Args:
+            source_time_ns: UNIX time of the newest sample that the payload rests on, ns.
+        """
         header = Header(self.sequence, self.boot_epoch, source_time_ns, time.monotonic_ns())
-        self._last = encode(header)
+        self._last = self._topic.encode(self._axis, header, payload)
         self._publisher.put(self._last)
         self.sequence += 1
         return header

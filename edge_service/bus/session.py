@@ -3,19 +3,17 @@
 import asyncio
 import json
 import socket
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Literal, Self
 
 import zenoh
 
 from ..messages.addresses import split_endpoint
-from ..messages.header import Header
+from ..messages.codec.interface import T
 from ..messages.topics import Topic
 from .publisher import Publisher
 from .subscriber import Subscriber
 
-_T = TypeVar("_T")
 _EPHEMERAL_TRIES = 5
 
 
@@ -48,7 +46,7 @@ class Bus:
         self._session = session
         self.endpoint = endpoint
         self._subscribers: list[Subscriber[Any]] = []
-        self._publishers: list[Publisher] = []
+        self._publishers: list[Publisher[Any]] = []
         self._tokens: list[zenoh.LivelinessToken] = []
 
     @classmethod
@@ -80,21 +78,15 @@ class Bus:
             return cls(session, endpoint)
         raise AssertionError("unreachable")
 
-    def publisher(self, key: str, topic: Topic) -> Publisher:
+    def publisher(self, key: str, topic: Topic[T], axis: str | None) -> Publisher[T]:
         """Declare a publisher; it answers queries for its last payload if the topic keeps it."""
-        publisher = Publisher(self._session, key, topic)
+        publisher = Publisher(self._session, key, topic, axis)
         self._publishers.append(publisher)
         return publisher
 
-    def subscribe(
-        self,
-        key_expr: str,
-        decode: Callable[[bytes], tuple[str, Header, _T]],
-        *,
-        depth: int = 256,
-    ) -> Subscriber[_T]:
+    def subscribe(self, key_expr: str, topic: Topic[T], *, depth: int = 256) -> Subscriber[T]:
         """Subscribe with a ring of `depth` payloads; when it is full the oldest goes, counted."""
-        subscriber = Subscriber(self._session, key_expr, decode, depth)
+        subscriber = Subscriber(self._session, key_expr, topic, depth)
         self._subscribers.append(subscriber)
         return subscriber
 

@@ -2,17 +2,15 @@
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from collections.abc import AsyncIterator
+from dataclasses import asdict, dataclass
+from typing import Generic
 
 import zenoh
 
-from ..messages.codec import CodecError
+from ..messages.codec.interface import CodecError, T
 from ..messages.header import Header
-
-T = TypeVar("T")
-Decoded = tuple[str, Header, T]
+from ..messages.topics import Topic
 
 
 @dataclass(slots=True)
@@ -36,30 +34,15 @@ class ReceiveCounters:
 
     def as_dict(self) -> dict[str, int]:
         """The counts by name."""
-        return {
-            name: getattr(self, name)
-            for name in (
-                "received",
-                "ring_overruns",
-                "lost_payloads",
-                "malformed",
-                "publisher_restarts",
-            )
-        }
+        return asdict(self)
 
 
 class Subscriber(Generic[T]):
     """An asynchronous iterator of `(axis, header, payload)`; ends when it is closed."""
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key_expr: str,
-        decode: Callable[[bytes], Decoded[T]],
-        depth: int,
-    ) -> None:
+    def __init__(self, session: zenoh.Session, key_expr: str, topic: Topic[T], depth: int) -> None:
         self.counters = ReceiveCounters()
-        self._decode = decode
+        self._decode = topic.decode
         self._ring: deque[tuple[str, bytes]] = deque(maxlen=depth)
         self._expected: dict[str, tuple[int, int]] = {}
         self._loop = asyncio.get_running_loop()
@@ -81,7 +64,7 @@ class Subscriber(Generic[T]):
             self._waiting = False
             self._loop.call_soon_threadsafe(self._wake.set)
 
-    async def __aiter__(self) -> AsyncIterator[Decoded[T]]:
+    async def __aiter__(self) -> AsyncIterator[tuple[str, Header, T]]:
         while True:
             while self._ring:
                 key, payload = self._ring.popleft()

@@ -1,1 +1,1 @@
-"""The HTTP interface: answers, live stream, metrics and dashboard, all read from the service state."""
+"""HTTP interface: answers, live stream, metrics and dashboard, read from the service state."""

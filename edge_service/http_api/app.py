@@ -20,7 +20,7 @@ from .routes.diagnose import diagnose_router
 from .routes.download import download_router
 from .routes.jobs import job_router, on_refused
 from .routes.preload import axis_router, service_router
-from .schemas import schema_router
+from .routes.schemas import schema_router
 from .stream import stream_router
 
 STATIC = Path(__file__).with_name("static")

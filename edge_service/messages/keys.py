@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from typing import Any
 
 from .topics import Topic
 
@@ -35,20 +36,20 @@ class MachineKeys:
         """Key of the liveliness token."""
         return f"{self.root}/{ALIVE}"
 
-    def key(self, axis: str, topic: Topic) -> str:
+    def key(self, axis: str, topic: Topic[Any]) -> str:
         """Key of one topic of one axis."""
         return f"{self.root}/{axis}/{topic.name}"
 
-    def all_axes(self, topic: Topic) -> str:
+    def all_axes(self, topic: Topic[Any]) -> str:
         """Key expression of one topic of every axis."""
         return f"{self.root}/*/{topic.name}"
 
-    def component(self, component: str, axis: str | None, topic: Topic) -> str:
+    def component(self, component: str, axis: str | None, topic: Topic[Any]) -> str:
         """Key of a component's report; `@` keeps it out of the wildcards for axes."""
         parts = [self.root, COMPONENT, component, *([axis] if axis else []), topic.name]
         return "/".join(parts)
 
-    def all_components(self, topic: Topic) -> str:
+    def all_components(self, topic: Topic[Any]) -> str:
         """Key expression of the reports of every component."""
         return f"{self.root}/{COMPONENT}/**/{topic.name}"
 

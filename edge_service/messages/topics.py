@@ -1,7 +1,18 @@
-"""The one table of topics: key, payload, encoding, rate, stale-after, keep policy."""
+"""The one table of topics: key, payload with its codec, rate, stale-after, keep policy."""
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any, Generic
+
+from .alarm import Command
+from .codec.columns import FeatureCodec, SampleCodec, WaveformCodec
+from .codec.interface import Codec, T
+from .codec.json_message import JsonCodec
+from .estimate import PreloadEstimate
+from .event import Event
+from .header import Header
+from .health import AxisHealth, ComponentHealth
+from .vibration import VibrationFeatures
 
 
 class Keep(StrEnum):
@@ -12,41 +23,57 @@ class Keep(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class Topic(Generic[T]):
     """One row of the table.
 
     Attributes:
         name: last part of the key.
-        payload: name of the payload type and its schema version, `type/version`.
-        encoding: the Zenoh encoding that the publisher declares.
+        codec: of its payloads.
         rate_hz: nominal rate on the wire.
         stale_after_s: without a new payload for this long, a reader must treat it as missing.
         keep: what is answered to a query.
-        best_effort: whether a slow reader may lose payloads (it sees the hole in `sequence`).
     """
 
     name: str
-    payload: str
-    encoding: str
+    codec: Codec[T]
     rate_hz: float
     stale_after_s: float
     keep: Keep
-    best_effort: bool
+
+    @property
+    def payload(self) -> str:
+        """Name of the payload type and its schema version, `type/version`."""
+        return self.codec.schema
+
+    @property
+    def encoding(self) -> str:
+        """The Zenoh encoding that the publisher declares."""
+        return self.codec.encoding
+
+    def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
+        """Bytes of a payload."""
+        return self.codec.encode(axis, header, payload)
+
+    def decode(self, payload: bytes) -> tuple[str, Header, T]:
+        """Axis (empty if none), header and payload. Raises CodecError."""
+        return self.codec.decode(payload)
 
 
-BLOCK_ENCODING = "application/octet-stream;edge-block/1"
-JSON_ENCODING = "application/json"
+_NEVER = float("inf")
+_ESTIMATES = JsonCodec("preload/1", PreloadEstimate)
+_VIBRATION = JsonCodec("vibration/1", VibrationFeatures)
+_COMMANDS = JsonCodec("command/1", Command)
 
-RAW = Topic("raw", "samples/1", BLOCK_ENCODING, 50.0, 2.0, Keep.LAST, True)
-FEAT = Topic("feat", "features/1", BLOCK_ENCODING, 10.0, 2.0, Keep.LAST, True)
-PRELOAD = Topic("preload", "preload/1", JSON_ENCODING, 10.0, 2.0, Keep.LAST, True)
-HEALTH = Topic("health", "health/1", JSON_ENCODING, 1.0, 5.0, Keep.LAST, False)
-EVENT = Topic("event", "event/1", JSON_ENCODING, 0.0, float("inf"), Keep.LAST, False)
-COMMAND = Topic("command", "command/1", JSON_ENCODING, 0.0, float("inf"), Keep.NONE, False)
-STATUS = Topic("status", "status/1", JSON_ENCODING, 1.0, 5.0, Keep.LAST, False)
-WAVE = Topic("wave", "waveform/1", BLOCK_ENCODING, 50.0, 2.0, Keep.NONE, True)
-VIB = Topic("vib", "vibration/1", JSON_ENCODING, 1.0, 5.0, Keep.LAST, True)
+RAW = Topic("raw", SampleCodec("samples/1"), 50.0, 2.0, Keep.LAST)
+FEAT = Topic("feat", FeatureCodec("features/1"), 10.0, 2.0, Keep.LAST)
+PRELOAD = Topic("preload", _ESTIMATES, 10.0, 2.0, Keep.LAST)
+HEALTH = Topic("health", JsonCodec("health/1", AxisHealth), 1.0, 5.0, Keep.LAST)
+EVENT = Topic("event", JsonCodec("event/1", Event), 0.0, _NEVER, Keep.LAST)
+COMMAND = Topic("command", _COMMANDS, 0.0, _NEVER, Keep.NONE)
+STATUS = Topic("status", JsonCodec("status/1", ComponentHealth), 1.0, 5.0, Keep.LAST)
+WAVE = Topic("wave", WaveformCodec("waveform/1"), 50.0, 2.0, Keep.NONE)
+VIB = Topic("vib", _VIBRATION, 1.0, 5.0, Keep.LAST)
 
-TOPICS: dict[str, Topic] = {
+TOPICS: dict[str, Topic[Any]] = {
     topic.name: topic for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, VIB)
 }

@@ -5,18 +5,16 @@ import logging
 import time
 from collections.abc import AsyncIterator
 from contextlib import aclosing
-from functools import partial
 
 from drivers.base import Driver, DriverContext, DriverMisconfiguredError, DriverUnavailableError
 from drivers.registry import UnknownDriverError, load_driver
 
 from ..bus.publisher import Publisher
 from ..config import AxisConfig, ConfigError, check_settings, load_machine
-from ..messages.codec import decode_json, encode_samples, encode_waveform
-from ..messages.estimate import PreloadEstimate
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import PRELOAD, RAW, WAVE
+from ..messages.waveform import Waveform
 from .context import NodeContext, Reporter
 
 log = logging.getLogger(__name__)
@@ -44,8 +42,8 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     Raises ConfigError if the driver says that its settings cannot work.
     """
     driver = make_driver(axis)
-    publisher = context.bus.publisher(context.config.keys.key(axis.name, RAW), RAW)
-    waves = context.bus.publisher(context.config.keys.key(axis.name, WAVE), WAVE)
+    publisher = context.publisher(axis.name, RAW)
+    waves = context.publisher(axis.name, WAVE)
     reporter = Reporter(context, "acquire", axis.name)
     counts = {"samples": 0, "frames": 0, "reconnects": 0}
     reporter.counters = lambda: counts | driver.counters
@@ -68,8 +66,8 @@ async def _read(
     context: NodeContext,
     axis: AxisConfig,
     driver: Driver,
-    publisher: Publisher,
-    waves: Publisher,
+    publisher: Publisher[SampleFrame],
+    waves: Publisher[Waveform],
     reporter: Reporter,
     counts: dict[str, int],
 ) -> DriverUnavailableError | None:
@@ -86,9 +84,9 @@ async def _read(
                 counts["samples"] += len(frame)
                 counts["frames"] += 1
                 now_ns = time.time_ns()
-                publisher.publish(partial(encode_samples, axis.name, frame=frame), now_ns)
+                publisher.publish(frame, now_ns)
                 for wave in frame.waveforms:
-                    waves.publish(partial(encode_waveform, axis.name, wave=wave), now_ns)
+                    waves.publish(wave, now_ns)
     except DriverUnavailableError as error:
         return error
     return None
@@ -113,10 +111,7 @@ async def _credited(
 
     So a recording replayed flat out loses nothing although no reader ever blocks the bus.
     """
-    subscriber = context.bus.subscribe(
-        context.config.keys.key(axis, PRELOAD),
-        partial(decode_json, PRELOAD.payload, PreloadEstimate),
-    )
+    subscriber = context.bus.subscribe(context.config.keys.key(axis, PRELOAD), PRELOAD)
     answers = aiter(subscriber)
     answered_s: float | None = None
     try:

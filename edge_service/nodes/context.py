@@ -5,14 +5,15 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from functools import partial
 
+from ..bus.publisher import Publisher
 from ..bus.session import Bus
+from ..bus.subscriber import Subscriber
 from ..config import EdgeConfig
 from ..health.condition.component import ComponentStatusMachine
-from ..messages.codec import encode_json
+from ..messages.codec.interface import T
 from ..messages.health import ComponentStatus
-from ..messages.topics import STATUS
+from ..messages.topics import STATUS, Topic
 
 REPORT_PERIOD_S = 1.0
 
@@ -31,15 +32,22 @@ class NodeContext:
     on_http_ready: Callable[[str], None] = field(default=lambda _url: None)
     keeps_estimates: bool = True
 
+    def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
+        """Declare the publisher of one topic of one axis."""
+        return self.bus.publisher(self.config.keys.key(axis, topic), topic, axis)
+
+    def subscribe(self, topic: Topic[T], *, depth: int = 256) -> Subscriber[T]:
+        """Subscribe to one topic of every axis."""
+        return self.bus.subscribe(self.config.keys.all_axes(topic), topic, depth=depth)
+
 
 class Reporter:
     """Publishes the status and the counters of one component, on change and once a second."""
 
     def __init__(self, context: NodeContext, component: str, axis: str | None = None) -> None:
-        self._axis = axis
         self._machine = ComponentStatusMachine(component, axis)
         self._publisher = context.bus.publisher(
-            context.config.keys.component(component, axis, STATUS), STATUS
+            context.config.keys.component(component, axis, STATUS), STATUS, axis
         )
         self.counters: Callable[[], dict[str, int]] = dict
         self.readings: Callable[[], dict[str, float]] = dict
@@ -57,9 +65,7 @@ class Reporter:
     def publish(self) -> None:
         """Put the report on the bus."""
         report = self._machine.report(self.counters(), self.readings())
-        self._publisher.publish(
-            partial(encode_json, STATUS.payload, self._axis, payload=report), time.time_ns()
-        )
+        self._publisher.publish(report, time.time_ns())
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:

@@ -1,10 +1,6 @@
 """Raw samples in, feature blocks out: all axes."""
 
-from functools import partial
-
-from ..bus.publisher import Publisher
 from ..downsample import Downsampler
-from ..messages.codec import decode_samples, encode_features
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
@@ -16,13 +12,10 @@ from .pipeline import load_machines, make_downsampler
 
 async def run(context: NodeContext) -> None:
     """Downsample every configured axis until cancelled."""
-    config, bus = context.config, context.bus
-    machines = load_machines(config)
-    downsamplers = {
-        axis: make_downsampler(config.downsample, machine) for axis, machine in machines.items()
-    }
-    publishers = {axis: bus.publisher(config.keys.key(axis, FEAT), FEAT) for axis in machines}
-    subscriber = bus.subscribe(config.keys.all_axes(RAW), decode_samples)
+    machines, config = load_machines(context.config), context.config.downsample
+    downsamplers = {axis: make_downsampler(config, machine) for axis, machine in machines.items()}
+    publishers = {axis: context.publisher(axis, FEAT) for axis in machines}
+    subscriber = context.subscribe(RAW)
     reporter = Reporter(context, "downsample")
     reporter.counters = lambda: subscriber.counters.as_dict() | _fault_counts(downsamplers)
     async with reporter.running():
@@ -30,7 +23,7 @@ async def run(context: NodeContext) -> None:
         async for axis, header, frame in subscriber:
             if axis in downsamplers:
                 for block in downsamplers[axis].push(frame):
-                    _publish(publishers[axis], axis, block, source_time_ns(header, frame, block))
+                    publishers[axis].publish(block, source_time_ns(header, frame, block))
 
 
 def source_time_ns(header: Header, frame: SampleFrame, block: FeatureBlock) -> int:
@@ -41,10 +34,6 @@ def source_time_ns(header: Header, frame: SampleFrame, block: FeatureBlock) -> i
         if 0.0 <= ahead_s < 1.0
         else header.source_time_ns
     )
-
-
-def _publish(publisher: Publisher, axis: str, block: FeatureBlock, source_ns: int) -> None:
-    publisher.publish(partial(encode_features, axis, block=block), source_ns)
 
 
 def _fault_counts(downsamplers: dict[str, Downsampler]) -> dict[str, int]:

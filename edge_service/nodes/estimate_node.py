@@ -2,10 +2,7 @@
 
 import asyncio
 import logging
-from functools import partial
 
-from ..messages.alarm import Command
-from ..messages.codec import decode_features, decode_json, encode_json
 from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, FEAT, PRELOAD
 from .context import NodeContext, Reporter
@@ -73,25 +70,20 @@ class _Axes:
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
-    config, bus = context.config, context.bus
+    config = context.config
     estimated = _Axes(context)
     axes = estimated.axes
-    publishers = {axis: bus.publisher(config.keys.key(axis, PRELOAD), PRELOAD) for axis in axes}
-    features = bus.subscribe(config.keys.all_axes(FEAT), decode_features, depth=1024)
-    commands = bus.subscribe(
-        config.keys.all_axes(COMMAND), partial(decode_json, COMMAND.payload, Command)
-    )
+    publishers = {axis: context.publisher(axis, PRELOAD) for axis in axes}
+    features = context.subscribe(FEAT, depth=1024)
+    commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "estimate")
     reporter.counters = features.counters.as_dict
 
     async def follow_features() -> None:
         async for axis, header, block in features:
             if axis in axes:
-                payload = axes[axis].take(header, block)
-                publishers[axis].publish(
-                    partial(encode_json, PRELOAD.payload, axis, payload=payload),
-                    header.source_time_ns,
-                )
+                estimate = axes[axis].take(header, block)
+                publishers[axis].publish(estimate, header.source_time_ns)
 
     async def follow_commands() -> None:
         async for axis, _, command in commands:

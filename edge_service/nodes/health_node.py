@@ -4,22 +4,17 @@ import asyncio
 import logging
 import time
 from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..bus.publisher import Publisher
 from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
 from ..health.alarms.axis_alarms import AlarmSettings
 from ..health.axis_monitor import AxisFacts, AxisMonitor
 from ..health.settings import HealthSettings
 from ..health.trend.usage import ScrewGeometry
-from ..messages.alarm import Command
-from ..messages.codec import decode_features, decode_json, encode_json
-from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
-from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
+from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from ..models.machine import Machine
 from .context import NodeContext, Reporter
@@ -50,11 +45,11 @@ def axis_facts(axis: str, machine: Machine) -> AxisFacts:
     return AxisFacts(axis, machine.fresh_preload_percent, geometry)
 
 
-class _Bench:
-    """The watches of all axes with their publishers."""
+class _Monitors:
+    """Monitors of all axes with their publishers."""
 
     def __init__(self, context: NodeContext) -> None:
-        config, bus = context.config, context.bus
+        config = context.config
         self._folder = config.history.folder
         settings, alarms = health_settings(config.health), alarm_settings(config.alarms)
         now_ns = time.time_ns()
@@ -62,12 +57,8 @@ class _Bench:
             axis: AxisMonitor(axis_facts(axis, machine), settings, alarms, now_ns)
             for axis, machine in load_machines(config).items()
         }
-        self._health = {
-            axis: bus.publisher(config.keys.key(axis, HEALTH), HEALTH) for axis in self.watches
-        }
-        self._event = {
-            axis: bus.publisher(config.keys.key(axis, EVENT), EVENT) for axis in self.watches
-        }
+        self._health = {axis: context.publisher(axis, HEALTH) for axis in self.watches}
+        self._event = {axis: context.publisher(axis, EVENT) for axis in self.watches}
 
     def load(self) -> None:
         """Go on where the last process was."""
@@ -97,7 +88,7 @@ class _Bench:
         """Publish events, and the health that goes with them at once."""
         told = False
         for event in events:
-            _publish(self._event[axis], EVENT.payload, event, axis, event.time_ns)
+            self._event[axis].publish(event, event.time_ns)
             told = True
         if told:
             self.publish_health(axis)
@@ -105,60 +96,45 @@ class _Bench:
     def publish_health(self, axis: str) -> None:
         """Publish the condition of an axis as of now."""
         now_ns = time.time_ns()
-        health = self.watches[axis].health(now_ns)
-        _publish(self._health[axis], HEALTH.payload, health, axis, now_ns)
-
-
-def _publish(
-    publisher: Publisher, schema: str, payload: Event | AxisHealth, axis: str, now_ns: int
-) -> None:
-    publisher.publish(partial(encode_json, schema, axis, payload=payload), now_ns)
+        self._health[axis].publish(self.watches[axis].health(now_ns), now_ns)
 
 
 async def run(context: NodeContext) -> None:
     """Judge every configured axis until cancelled."""
-    config, bus = context.config, context.bus
-    bench = _Bench(context)
-    watches = bench.watches
-    preloads = bus.subscribe(
-        config.keys.all_axes(PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
-    )
-    features = bus.subscribe(config.keys.all_axes(FEAT), decode_features)
-    reports = bus.subscribe(
-        config.keys.all_components(STATUS), partial(decode_json, STATUS.payload, ComponentHealth)
-    )
-    commands = bus.subscribe(
-        config.keys.all_axes(COMMAND), partial(decode_json, COMMAND.payload, Command)
-    )
+    axes = _Monitors(context)
+    watches = axes.watches
+    preloads, features = context.subscribe(PRELOAD), context.subscribe(FEAT)
+    reports = context.bus.subscribe(context.config.keys.all_components(STATUS), STATUS)
+    commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "health")
     reporter.counters = preloads.counters.as_dict
 
     async def follow_preloads() -> None:
         async for axis, header, estimate in preloads:
             if axis in watches:
-                bench.tell(axis, watches[axis].on_preload(header, estimate, time.time_ns()))
+                axes.tell(axis, watches[axis].on_preload(header, estimate, time.time_ns()))
 
     async def follow_features() -> None:
         async for axis, header, block in features:
             if axis in watches:
-                bench.tell(axis, watches[axis].on_feature(header, block, time.time_ns()))
+                axes.tell(axis, watches[axis].on_feature(header, block, time.time_ns()))
 
     async def follow_reports() -> None:
         async for axis, _, report in reports:
             if axis in watches:
-                bench.tell(axis, watches[axis].on_component(report, time.time_ns()))
+                axes.tell(axis, watches[axis].on_component(report, time.time_ns()))
 
     async def follow_commands() -> None:
         async for axis, _, command in commands:
             if axis in watches:
-                bench.tell(axis, watches[axis].on_command(command, time.time_ns()))
-                bench.save()
+                axes.tell(axis, watches[axis].on_command(command, time.time_ns()))
+                axes.save()
 
     async def renew() -> None:
         while True:
             for axis, watch in watches.items():
-                bench.tell(axis, watch.tick(time.time_ns()))
-                bench.publish_health(axis)
+                axes.tell(axis, watch.tick(time.time_ns()))
+                axes.publish_health(axis)
             await asyncio.sleep(HEALTH_PERIOD_S)
 
     async def foresee() -> None:
@@ -172,10 +148,10 @@ async def run(context: NodeContext) -> None:
     async def keep() -> None:
         while True:
             await asyncio.sleep(SAVE_PERIOD_S)
-            await asyncio.to_thread(bench.write, bench.snapshots())
+            await asyncio.to_thread(axes.write, axes.snapshots())
 
     async with reporter.running(), asyncio.TaskGroup() as group:
-        bench.load()
+        axes.load()
         reporter.to(ComponentStatus.OK)
         try:
             for follow in (follow_preloads, follow_features, follow_reports, follow_commands):
@@ -184,4 +160,4 @@ async def run(context: NodeContext) -> None:
                 group.create_task(repeat())
             await asyncio.Event().wait()
         finally:
-            bench.save()
+            axes.save()

@@ -3,17 +3,13 @@
 import asyncio
 import logging
 import time
-from functools import partial
 
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
 from ..http_api.serve import serve
 from ..messages.alarm import Command
-from ..messages.codec import decode_features, decode_json, decode_samples, encode_json
-from ..messages.estimate import PreloadEstimate
-from ..messages.event import Event
-from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
+from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
 from ..models.screw.stroke_profile import stroke_profile
 from .context import NodeContext, Reporter
@@ -37,7 +33,7 @@ def _limits(context: NodeContext) -> dict[str, AxisLimits | None]:
 
 async def run(context: NodeContext) -> None:
     """Serve the API and the page until cancelled. Raises AddressError before anything is served."""
-    config, bus = context.config, context.bus
+    config = context.config
     machines = load_machines(config)
     store = open_history(
         config, {axis: each.transmission_ratio_m_per_rad for axis, each in machines.items()}
@@ -49,18 +45,10 @@ async def run(context: NodeContext) -> None:
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
     )
-    preloads = bus.subscribe(
-        config.keys.all_axes(PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
-    )
-    healths = bus.subscribe(
-        config.keys.all_axes(HEALTH), partial(decode_json, HEALTH.payload, AxisHealth)
-    )
-    features = bus.subscribe(config.keys.all_axes(FEAT), decode_features)
-    events = bus.subscribe(config.keys.all_axes(EVENT), partial(decode_json, EVENT.payload, Event))
-    samples = bus.subscribe(config.keys.all_axes(RAW), decode_samples, depth=1024)
-    reports = bus.subscribe(
-        config.keys.all_components(STATUS), partial(decode_json, STATUS.payload, ComponentHealth)
-    )
+    preloads, healths = context.subscribe(PRELOAD), context.subscribe(HEALTH)
+    features, events = context.subscribe(FEAT), context.subscribe(EVENT)
+    samples = context.subscribe(RAW, depth=1024)
+    reports = context.bus.subscribe(config.keys.all_components(STATUS), STATUS)
     webhook = Webhook.of(config)
     desk = ProcessJobDesk(config.history.folder, {axis.name: axis.machine for axis in config.axes})
     reporter = Reporter(context, "http")
@@ -92,11 +80,10 @@ async def run(context: NodeContext) -> None:
         async for _, _, report in reports:
             state.on_component(report, time.time_ns())
 
-    publishers = {axis: bus.publisher(config.keys.key(axis, COMMAND), COMMAND) for axis in machines}
+    publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def send_command(axis: str, command: Command) -> None:
-        encode = partial(encode_json, COMMAND.payload, axis, payload=command)
-        publishers[axis].publish(encode, time.time_ns())
+        publishers[axis].publish(command, time.time_ns())
 
     def on_kept(axis: str, name: str) -> None:
         send_command(axis, Command(action="recorded", user="edge-service", note=name))

@@ -3,8 +3,8 @@
 import asyncio
 import logging
 import time
-from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from ..bus.mqtt.delivery import MqttDelivery, MqttError, MqttSettings
 from ..bus.mqtt.packet import GONE, PayloadForm
@@ -14,21 +14,13 @@ from ..bus.mqtt.spool import Spool, SpoolError
 from ..bus.subscriber import Subscriber
 from ..config import ConfigError
 from ..config_tables import MqttConfig
-from ..messages.codec import decode_json
-from ..messages.estimate import Frozen, PreloadEstimate
-from ..messages.event import Event
-from ..messages.header import Header
-from ..messages.health import AxisHealth, ComponentStatus
+from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
 from .context import NodeContext, Reporter
 
 _ABSENCE_PERIOD_S = 0.5
 log = logging.getLogger(__name__)
-SENT: tuple[tuple[Topic, type[Frozen]], ...] = (
-    (PRELOAD, PreloadEstimate),
-    (HEALTH, AxisHealth),
-    (EVENT, Event),
-)
+SENT: tuple[Topic[Any], ...] = (PRELOAD, HEALTH, EVENT)
 
 
 async def run(context: NodeContext) -> None:
@@ -48,7 +40,7 @@ async def run(context: NodeContext) -> None:
     except (SpoolError, MqttError) as error:
         raise ConfigError(str(error)) from None
     attendance = Attendance(PRELOAD.stale_after_s)
-    subscribers = [_subscribe(context, topic, model) for topic, model in SENT]
+    subscribers = [context.subscribe(topic, depth=1024) for topic in SENT]
     reporter.counters = lambda: {
         "delivered": delivery.delivered,
         "connections": delivery.connections,
@@ -58,7 +50,7 @@ async def run(context: NodeContext) -> None:
     try:
         async with reporter.running(), asyncio.TaskGroup() as group:
             group.create_task(delivery.run())
-            for (topic, _), subscriber in zip(SENT, subscribers, strict=True):
+            for topic, subscriber in zip(SENT, subscribers, strict=True):
                 group.create_task(_follow(config.mqtt, spool, topic, subscriber, attendance))
             group.create_task(_note_absence(attendance, spool))
     finally:
@@ -96,22 +88,6 @@ def _tell(reporter: Reporter, problem: str) -> None:
         reporter.to(ComponentStatus.OK)
 
 
-def _subscribe(context: NodeContext, topic: Topic, model: type[Frozen]) -> Subscriber[bytes]:
-    return context.bus.subscribe(
-        context.config.keys.all_axes(topic), _as_it_is(topic.payload, model), depth=1024
-    )
-
-
-def _as_it_is(schema: str, model: type[Frozen]) -> Callable[[bytes], tuple[str, Header, bytes]]:
-    """Decode to be sure of it, and pass on the bytes."""
-
-    def decode(payload: bytes) -> tuple[str, Header, bytes]:
-        axis, header, _ = decode_json(schema, model, payload)
-        return axis, header, payload
-
-    return decode
-
-
 class Attendance:
     """Register of the axes that are heard, by their estimates."""
 
@@ -134,8 +110,8 @@ class Attendance:
 async def _follow(
     mqtt: MqttConfig,
     spool: Spool,
-    topic: Topic,
-    subscriber: Subscriber[bytes],
+    topic: Topic[Any],
+    subscriber: Subscriber[Any],
     attendance: Attendance,
 ) -> None:
     """Put what is heard into the spool; estimates not more often than asked for."""
@@ -147,7 +123,7 @@ async def _follow(
         if 0 <= header.source_time_ns - sent_ns.get(axis, -period_ns) < period_ns:
             continue
         sent_ns[axis] = header.source_time_ns
-        spool.put(f"{axis}/{topic.name}", payload)
+        spool.put(f"{axis}/{topic.name}", topic.encode(axis, header, payload))
 
 
 async def _note_absence(attendance: Attendance, spool: Spool) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from ..bus.session import Bus, BusSettings
 from ..config import ConfigError, EdgeConfig
-from ..messages.codec import decode_samples
 from ..messages.topics import RAW
 from ..trace.writer import TraceWriter
 
@@ -27,7 +26,7 @@ async def record_axis(
     """
     bus = await Bus.open(BusSettings(config.bus.endpoint, "client"))
     try:
-        subscriber = bus.subscribe(config.keys.key(axis, RAW), decode_samples, depth=4096)
+        subscriber = bus.subscribe(config.keys.key(axis, RAW), RAW, depth=4096)
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             with suppress(NotImplementedError, RuntimeError):

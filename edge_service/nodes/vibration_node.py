@@ -5,16 +5,13 @@ import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
-from ..bus.publisher import Publisher
 from ..config import ConfigError
 from ..config_tables import VibrationConfig
 from ..downsample.signal_ring import SignalRing
 from ..downsample.vibration import VibrationReducer, VibrationSettings
 from ..messages.channels import ANGLE
-from ..messages.codec import decode_json, decode_samples, decode_waveform, encode_json
 from ..messages.event import Event, Severity
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
@@ -43,7 +40,7 @@ class _Sensor:
     due: list[float] = field(default_factory=list)
 
 
-class _Bench:
+class _Sensors:
     """All sensors of all axes."""
 
     def __init__(self, config: VibrationConfig, machines: Mapping[str, Machine]) -> None:
@@ -106,35 +103,32 @@ class _Bench:
 
 async def run(context: NodeContext) -> None:
     """Reduce what every axis' fast sensors send, until cancelled."""
-    config, bus = context.config, context.bus
+    config = context.config
     if config.vibration is None:
         raise ConfigError("vibration: missing; the node needs a [vibration] table")
-    bench = _Bench(config.vibration, load_machines(config))
-    publishers = {
-        axis.name: bus.publisher(config.keys.key(axis.name, VIB), VIB) for axis in config.axes
-    }
-    waves = bus.subscribe(config.keys.all_axes(WAVE), decode_waveform, depth=1024)
-    samples = bus.subscribe(config.keys.all_axes(RAW), decode_samples)
-    events = bus.subscribe(config.keys.all_axes(EVENT), partial(decode_json, EVENT.payload, Event))
+    sensors = _Sensors(config.vibration, load_machines(config))
+    publishers = {axis.name: context.publisher(axis.name, VIB) for axis in config.axes}
+    waves = context.subscribe(WAVE, depth=1024)
+    samples, events = context.subscribe(RAW), context.subscribe(EVENT)
     reporter = Reporter(context, "vibration")
-    reporter.counters = lambda: waves.counters.as_dict() | bench.counts | {"gaps": bench.gaps}
+    reporter.counters = lambda: waves.counters.as_dict() | sensors.counts | {"gaps": sensors.gaps}
 
     async def follow_samples() -> None:
         async for axis, _, frame in samples:
-            bench.follow(axis, frame)
+            sensors.follow(axis, frame)
 
     async def follow_events() -> None:
         async for _, _, event in events:
-            bench.note(event)
+            sensors.note(event)
 
     async def follow_waves() -> None:
         async for axis, header, wave in waves:
             if axis in publishers:
-                for features in bench.push(axis, wave):
-                    _publish(publishers[axis], axis, features, header.source_time_ns)
-                for path, cut in bench.cuts():
+                for features in sensors.push(axis, wave):
+                    publishers[axis].publish(features, header.source_time_ns)
+                for path, cut in sensors.cuts():
                     await asyncio.to_thread(_keep, path, cut)
-                    bench.counts["kept"] += 1
+                    sensors.counts["kept"] += 1
 
     async with reporter.running(), asyncio.TaskGroup() as group:
         reporter.to(ComponentStatus.OK)
@@ -150,10 +144,6 @@ def orders_of(config: VibrationConfig, machine: Machine) -> Mapping[str, float]:
     if balls is None:
         return {"screw": 1.0}
     return {"screw": 1.0, "ball_pass_nut": balls.on_nut, "ball_pass_screw": balls.on_screw}
-
-
-def _publish(publisher: Publisher, axis: str, features: VibrationFeatures, source_ns: int) -> None:
-    publisher.publish(partial(encode_json, VIB.payload, axis, payload=features), source_ns)
 
 
 def _keep(path: Path, cut: SampleFrame) -> None:

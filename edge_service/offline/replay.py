@@ -2,13 +2,11 @@
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from ..bus.session import Bus, BusSettings
 from ..bus.subscriber import Subscriber
 from ..config import AxisConfig, EdgeConfig, load_machine
-from ..messages.codec import decode_json
 from ..messages.estimate import PreloadEstimate
 from ..messages.topics import PRELOAD
 from ..nodes.context import NodeContext
@@ -48,10 +46,7 @@ async def replay_trace(
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
     try:
         bus.declare_alive(config.keys.alive)
-        answers = bus.subscribe(
-            config.keys.key(name, PRELOAD),
-            partial(decode_json, PRELOAD.payload, PreloadEstimate),
-        )
+        answers = bus.subscribe(config.keys.key(name, PRELOAD), PRELOAD)
         following = asyncio.create_task(_follow(answers))
         await run_nodes(
             NodeContext(config, bus, announce, keeps_estimates=False),

@@ -15,7 +15,6 @@ from edge_service.bus.session import (
     BusUnavailableError,
 )
 from edge_service.messages.channels import TORQUE
-from edge_service.messages.codec import decode_samples, encode_samples
 from edge_service.messages.header import Header
 from edge_service.messages.keys import MachineKeys
 from edge_service.messages.samples import SampleFrame
@@ -40,7 +39,7 @@ async def client(router: Bus) -> AsyncIterator[Bus]:
 
 
 def encode(header: Header) -> bytes:
-    return encode_samples("X", header, FRAME)
+    return RAW.encode("X", header, FRAME)
 
 
 async def answered(ask: object, expected: bytes) -> None:
@@ -54,10 +53,10 @@ async def answered(ask: object, expected: bytes) -> None:
 
 
 async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, client: Bus) -> None:
-    near = router.subscribe(KEYS.all_axes(RAW), decode_samples)
-    far = client.subscribe(KEYS.all_axes(RAW), decode_samples)
-    publisher = router.publisher(KEYS.key("X", RAW), RAW)
-    headers = [publisher.publish(encode, time.time_ns())]
+    near = router.subscribe(KEYS.all_axes(RAW), RAW)
+    far = client.subscribe(KEYS.all_axes(RAW), RAW)
+    publisher = router.publisher(KEYS.key("X", RAW), RAW, "X")
+    headers = [publisher.publish(FRAME, time.time_ns())]
     axis, header, _ = await anext(aiter(near))
     assert (axis, header) == ("X", headers[0])
     assert header.sequence == 0
@@ -66,7 +65,7 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
     async with asyncio.timeout(5.0):
         first = asyncio.ensure_future(anext(arrivals))
         while not first.done():
-            headers.append(publisher.publish(encode, time.time_ns()))
+            headers.append(publisher.publish(FRAME, time.time_ns()))
             await asyncio.sleep(0)
         axis, header, frame = await first
     assert axis == "X"
@@ -75,10 +74,10 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
 
 
 async def test_a_reader_that_sleeps_loses_the_oldest_and_the_count_is_exact(router: Bus) -> None:
-    subscriber = router.subscribe(KEYS.all_axes(RAW), decode_samples, depth=4)
-    publisher = router.publisher(KEYS.key("X", RAW), RAW)
+    subscriber = router.subscribe(KEYS.all_axes(RAW), RAW, depth=4)
+    publisher = router.publisher(KEYS.key("X", RAW), RAW, "X")
     for _ in range(10):
-        publisher.publish(encode, 0)
+        publisher.publish(FRAME, 0)
     subscriber.close()
     sequences = [header.sequence async for _, header, _ in subscriber]
     assert sequences == [6, 7, 8, 9]
@@ -87,7 +86,7 @@ async def test_a_reader_that_sleeps_loses_the_oldest_and_the_count_is_exact(rout
 
 
 async def test_holes_restarts_and_foreign_bytes_are_counted(router: Bus) -> None:
-    subscriber = router.subscribe(KEYS.all_axes(RAW), decode_samples)
+    subscriber = router.subscribe(KEYS.all_axes(RAW), RAW)
     raw = router._session.declare_publisher(KEYS.key("X", RAW))
     for boot, sequence in ((1, 0), (1, 1), (1, 5), (2, 0), (2, 1)):
         raw.put(encode(Header(sequence, boot, 0, 0)))
@@ -111,13 +110,13 @@ async def test_a_stalled_foreign_reader_never_blocks_the_publisher(router: Bus) 
     subscriber = stalled.declare_subscriber(
         KEYS.key("X", RAW), zenoh.handlers.FifoChannel(1)
     )  # nobody reads it
-    publisher = router.publisher(KEYS.key("X", RAW), RAW)
+    publisher = router.publisher(KEYS.key("X", RAW), RAW, "X")
     big = SampleFrame(np.zeros(20_000), {TORQUE: np.zeros(20_000)})
-    near = router.subscribe(KEYS.key("X", RAW), decode_samples, depth=1000)
+    near = router.subscribe(KEYS.key("X", RAW), RAW, depth=1000)
     try:
         async with asyncio.timeout(60.0):
             for _ in range(300):
-                publisher.publish(lambda header: encode_samples("X", header, big), 0)
+                publisher.publish(big, 0)
                 await asyncio.sleep(0)
         near.close()
         assert len([item async for item in near]) == 300
@@ -127,14 +126,14 @@ async def test_a_stalled_foreign_reader_never_blocks_the_publisher(router: Bus) 
 
 
 async def test_the_last_payload_answers_a_query(router: Bus, client: Bus) -> None:
-    publisher = router.publisher(KEYS.key("X", RAW), RAW)
-    publisher.publish(encode, 5)
-    publisher.publish(encode, 6)
+    publisher = router.publisher(KEYS.key("X", RAW), RAW, "X")
+    publisher.publish(FRAME, 5)
+    publisher.publish(FRAME, 6)
     expected = encode(Header(1, publisher.boot_epoch, 6, 0))
 
     def ask() -> list[bytes]:
         replies = client._session.get(KEYS.key("X", RAW))
-        headers = [decode_samples(r.ok.payload.to_bytes())[1] for r in replies if r.ok]
+        headers = [RAW.decode(r.ok.payload.to_bytes())[1] for r in replies if r.ok]
         return [encode(Header(h.sequence, h.boot_epoch, h.source_time_ns, 0)) for h in headers]
 
     await answered(ask, expected)

@@ -1,12 +1,10 @@
 """What the bus says of an axis while a test goes on."""
 
 import asyncio
-from functools import partial
 
 from edge_service.bus.session import Bus
-from edge_service.messages.codec import decode_features, decode_json
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.health import ComponentStatus
 from edge_service.messages.keys import MachineKeys
 from edge_service.messages.topics import FEAT, STATUS
 
@@ -17,10 +15,8 @@ class Heard:
     def __init__(self, bus: Bus, keys: MachineKeys) -> None:
         self.features: list[FeatureBlock] = []
         self.statuses: list[ComponentStatus] = []
-        self._feat = bus.subscribe(keys.all_axes(FEAT), decode_features)
-        self._status = bus.subscribe(
-            keys.all_components(STATUS), partial(decode_json, STATUS.payload, ComponentHealth)
-        )
+        self._feat = bus.subscribe(keys.all_axes(FEAT), FEAT)
+        self._status = bus.subscribe(keys.all_components(STATUS), STATUS)
         self._tasks = [
             asyncio.create_task(self._follow_features()),
             asyncio.create_task(self._follow_statuses()),

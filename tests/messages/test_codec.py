@@ -10,22 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_service.messages.channels import ANGLE, TORQUE
-from edge_service.messages.codec import (
-    FEATURE_UNITS,
-    CodecError,
-    decode_features,
-    decode_json,
-    decode_samples,
-    encode_features,
-    encode_json,
-    encode_samples,
-)
+from edge_service.messages.codec.columns import FeatureCodec
+from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from edge_service.messages.header import Header
 from edge_service.messages.samples import SampleFrame
-from edge_service.messages.topics import EVENT, PRELOAD
+from edge_service.messages.topics import EVENT, FEAT, PRELOAD, RAW
 
 HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
 
@@ -42,7 +34,7 @@ def block() -> FeatureBlock:
 
 
 def test_samples_come_back_bit_equal() -> None:
-    axis, header, frame = decode_samples(encode_samples("X", HEADER, samples()))
+    axis, header, frame = RAW.decode(RAW.encode("X", HEADER, samples()))
     assert (axis, header) == ("X", HEADER)
     np.testing.assert_array_equal(frame.time_s, samples().time_s)
     assert list(frame.channels) == [TORQUE, ANGLE]
@@ -51,14 +43,14 @@ def test_samples_come_back_bit_equal() -> None:
 
 
 def test_features_come_back_equal() -> None:
-    axis, header, decoded = decode_features(encode_features("Y", HEADER, block()))
+    axis, header, decoded = FEAT.decode(FEAT.encode("Y", HEADER, block()))
     assert (axis, header) == ("Y", HEADER)
     assert repr(decoded) == repr(block())
     assert decoded.fault is Fault.HOLE | Fault.REPEAT
 
 
 def test_a_block_can_be_read_with_the_standard_library_alone() -> None:
-    payload = encode_samples("X", HEADER, samples(2))
+    payload = RAW.encode("X", HEADER, samples(2))
     magic, length = struct.unpack_from("<4sI", payload)
     members = json.loads(payload[8 : 8 + length])
     assert magic == b"EDB1"
@@ -69,7 +61,7 @@ def test_a_block_can_be_read_with_the_standard_library_alone() -> None:
 
 
 def test_every_feature_with_a_dimension_has_a_unit() -> None:
-    bare = {name for name, unit in FEATURE_UNITS.items() if not unit}
+    bare = {name for name, unit in FeatureCodec.units.items() if not unit}
     assert bare == {
         "sample_count",
         "fault",
@@ -79,9 +71,9 @@ def test_every_feature_with_a_dimension_has_a_unit() -> None:
         "reversal_count",
         "steady_direction",
     }
-    assert FEATURE_UNITS["braking_acceleration_rad_s2"] == "rad/s^2"
-    assert FEATURE_UNITS["speed_end_rad_s"] == "rad/s"
-    assert FEATURE_UNITS["torque_mean_nm"] == "N m"
+    assert FeatureCodec.units["braking_acceleration_rad_s2"] == "rad/s^2"
+    assert FeatureCodec.units["speed_end_rad_s"] == "rad/s"
+    assert FeatureCodec.units["torque_mean_nm"] == "N m"
 
 
 def test_json_payloads_come_back_equal() -> None:
@@ -94,11 +86,11 @@ def test_json_payloads_come_back_equal() -> None:
         drag_torque_nm=Interval(value=0.14, low=0.13, high=0.15),
         mode_probability={"10": 0.1, "7.5": 0.9},
     )
-    payload = encode_json(PRELOAD.payload, "X", HEADER, estimate)
-    assert decode_json(PRELOAD.payload, PreloadEstimate, payload) == ("X", HEADER, estimate)
+    payload = PRELOAD.encode("X", HEADER, estimate)
+    assert PRELOAD.decode(payload) == ("X", HEADER, estimate)
     event = Event(axis="X", kind="k", severity=Severity.INFO, message="m", time_ns=1)
-    payload = encode_json(EVENT.payload, "X", HEADER, event)
-    assert decode_json(EVENT.payload, Event, payload) == ("X", HEADER, event)
+    payload = EVENT.encode("X", HEADER, event)
+    assert EVENT.decode(payload) == ("X", HEADER, event)
 
 
 def test_numbers_that_are_none_are_not_finite() -> None:
@@ -108,35 +100,35 @@ def test_numbers_that_are_none_are_not_finite() -> None:
 
 @given(st.binary(max_size=200))
 def test_foreign_bytes_are_refused(payload: bytes) -> None:
-    for decode in (decode_samples, decode_features):
+    for decode in (RAW.decode, FEAT.decode):
         with pytest.raises(CodecError):
             decode(payload)
     with pytest.raises(CodecError):
-        decode_json(PRELOAD.payload, PreloadEstimate, payload)
+        PRELOAD.decode(payload)
 
 
 @given(st.integers(0, 10_000), st.integers(0, 255), st.booleans())
 def test_damaged_blocks_are_refused_or_read_but_never_crash(
     position: int, value: int, cut: bool
 ) -> None:
-    payload = bytearray(encode_features("X", HEADER, block()))
+    payload = bytearray(FEAT.encode("X", HEADER, block()))
     position %= len(payload)
     payload[position] = value
     damaged = bytes(payload[:position] if cut else payload)
     with suppress(CodecError):
-        decode_features(damaged)
+        FEAT.decode(damaged)
 
 
 @pytest.mark.parametrize("depth", [100_000])
 def test_deep_nesting_is_refused_like_any_other_garbage(depth: int) -> None:
     nested = b"[" * depth
-    for decode in (decode_samples, decode_features):
+    for decode in (RAW.decode, FEAT.decode):
         with pytest.raises(CodecError):
             decode(b"EDB1" + struct.pack("<I", depth) + nested)
     with pytest.raises(CodecError):
-        decode_json(PRELOAD.payload, PreloadEstimate, nested)
+        PRELOAD.decode(nested)
 
 
 def test_another_schema_is_refused() -> None:
     with pytest.raises(CodecError, match="samples/1"):
-        decode_features(encode_samples("X", HEADER, samples()))
+        FEAT.decode(RAW.encode("X", HEADER, samples()))

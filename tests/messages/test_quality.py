@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from edge_service.messages.channels import ANGLE, TORQUE
-from edge_service.messages.codec import CodecError, decode_samples, encode_samples
+from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.header import Header
 from edge_service.messages.quality import Level, Quality, is_bad, is_uncertain
 from edge_service.messages.samples import SampleFrame
+from edge_service.messages.topics import RAW
 
 HEADER = Header(1, 2, 3, 4)
 CODES = np.array([Quality.GOOD, Quality.LATE_READ, Quality.NO_REPLY], dtype=np.uint8)
@@ -29,8 +30,8 @@ def test_every_code_has_its_level() -> None:
 
 
 def test_quality_goes_over_the_wire_where_it_is_not_all_good() -> None:
-    payload = encode_samples("X", HEADER, FRAME)
-    axis, header, decoded = decode_samples(payload)
+    payload = RAW.encode("X", HEADER, FRAME)
+    axis, header, decoded = RAW.decode(payload)
     assert (axis, header) == ("X", HEADER)
     assert set(decoded.channels) == {TORQUE, ANGLE}
     assert set(decoded.quality) == {TORQUE}
@@ -41,7 +42,7 @@ def test_quality_goes_over_the_wire_where_it_is_not_all_good() -> None:
 def test_samples_without_doubt_are_the_bytes_they_always_were() -> None:
     plain = SampleFrame(FRAME.time_s, FRAME.channels)
     good = SampleFrame(FRAME.time_s, FRAME.channels, {ANGLE: np.zeros(3, dtype=np.uint8)})
-    assert encode_samples("X", HEADER, good) == encode_samples("X", HEADER, plain)
+    assert RAW.encode("X", HEADER, good) == RAW.encode("X", HEADER, plain)
 
 
 @pytest.mark.parametrize("value", [-1.0, 256.0, np.nan])
@@ -49,7 +50,7 @@ def test_a_code_that_is_none_is_no_payload(value: float) -> None:
     named = "torque_command_nm.quality"
     forged = SampleFrame(FRAME.time_s, {**FRAME.channels, named: np.full(3, value)})
     with pytest.raises(CodecError, match="no code"):
-        decode_samples(encode_samples("X", HEADER, forged))
+        RAW.decode(RAW.encode("X", HEADER, forged))
 
 
 def test_quality_of_a_channel_that_is_not_there_is_refused() -> None:
@@ -57,7 +58,7 @@ def test_quality_of_a_channel_that_is_not_there_is_refused() -> None:
         SampleFrame(FRAME.time_s, {TORQUE: FRAME.channels[TORQUE]}, {ANGLE: CODES})
     forged = SampleFrame(FRAME.time_s, {"a": np.zeros(3), "b.quality": np.zeros(3)})
     with pytest.raises(CodecError, match="quality of b"):
-        decode_samples(encode_samples("X", HEADER, forged))
+        RAW.decode(RAW.encode("X", HEADER, forged))
 
 
 def test_cutting_a_frame_cuts_its_quality() -> None:

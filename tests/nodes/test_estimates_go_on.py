@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +30,10 @@ from edge_service.config import (
 from edge_service.config_tables import HistoryConfig
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.alarm import Command
-from edge_service.messages.codec import decode_json, encode_features, encode_json
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.header import Header
-from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import COMMAND, FEAT, PRELOAD, STATUS
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
@@ -108,14 +107,12 @@ class Feed:
 
     def __init__(self, service: Running, config: EdgeConfig) -> None:
         self._keys, self._bus = config.keys, service.bus
-        self._answers = self._bus.subscribe(
-            self._keys.key("X", PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
-        )
+        self._answers = self._bus.subscribe(self._keys.key("X", PRELOAD), PRELOAD)
         self._reports = self._bus.subscribe(
             self._keys.all_components(STATUS),
-            partial(decode_json, STATUS.payload, ComponentHealth),
+            STATUS,
         )
-        self._features = self._bus.publisher(self._keys.key("X", FEAT), FEAT)
+        self._features = self._bus.publisher(self._keys.key("X", FEAT), FEAT, "X")
 
     async def ready(self) -> None:
         """The node is there."""
@@ -131,17 +128,15 @@ class Feed:
         async with asyncio.timeout(PATIENCE_S):
             for block in given:
                 source_ns = begin_ns + round(block.time_s * NS)
-                self._features.publish(partial(encode_features, "X", block=block), source_ns)
+                self._features.publish(block, source_ns)
                 _, _, estimate = await anext(answers)
                 told.append(estimate.model_dump_json())
         return told
 
     def command(self, command: Command) -> None:
         """What a person asks."""
-        publisher = self._bus.publisher(self._keys.key("X", COMMAND), COMMAND)
-        publisher.publish(
-            partial(encode_json, COMMAND.payload, "X", payload=command), time.time_ns()
-        )
+        publisher = self._bus.publisher(self._keys.key("X", COMMAND), COMMAND, "X")
+        publisher.publish(command, time.time_ns())
 
 
 async def fed(config: EdgeConfig, given: Sequence[FeatureBlock], begin_ns: int) -> list[str]:

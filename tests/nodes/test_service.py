@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,8 @@ import pytest
 from edge_service.bus.session import Bus, BusSettings
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.channels import ANGLE
-from edge_service.messages.codec import decode_json
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import PRELOAD, STATUS
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.record_node import record_axis
@@ -100,9 +98,7 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
             e.model_dump_json() for e in estimates(frames, load_machine(DEFAULT_MACHINE), config)
         ]
     async with running(config, until_sources_end=True) as service:
-        subscriber = service.bus.subscribe(
-            config.keys.key("X", PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
-        )
+        subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
         await asyncio.wait_for(asyncio.shield(service.task), 60.0)
         subscriber.close()
         live = [estimate.model_dump_json() async for _, _, estimate in subscriber]
@@ -116,9 +112,7 @@ async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path) -> No
     buses = [await Bus.open(BusSettings(router.endpoint, "client")) for _ in range(4)]
     stop = asyncio.Event()
     try:
-        subscriber = buses[3].subscribe(
-            config.keys.all_axes(PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
-        )
+        subscriber = buses[3].subscribe(config.keys.all_axes(PRELOAD), PRELOAD)
         names: tuple[NodeName, ...] = ("estimate", "downsample", "acquire")
         tasks = [
             asyncio.create_task(run_nodes(NodeContext(config, bus), (name,), stop))
@@ -166,11 +160,9 @@ async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_pat
     async with running(config, until_sources_end=True) as service:
         reports = service.bus.subscribe(
             config.keys.all_components(STATUS),
-            partial(decode_json, STATUS.payload, ComponentHealth),
+            STATUS,
         )
-        subscriber = service.bus.subscribe(
-            config.keys.key("X", PRELOAD), partial(decode_json, PRELOAD.payload, PreloadEstimate)
-        )
+        subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
         await asyncio.wait_for(asyncio.shield(service.task), 60.0)
         subscriber.close()
         reports.close()
@@ -227,7 +219,7 @@ async def test_a_driver_that_is_lost_comes_back(monkeypatch: pytest.MonkeyPatch)
     async with running(config, ("acquire",)) as service:
         reports = service.bus.subscribe(
             config.keys.all_components(STATUS),
-            partial(decode_json, STATUS.payload, ComponentHealth),
+            STATUS,
         )
         seen = []
         async with asyncio.timeout(20.0):

@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +9,10 @@ import pytest
 
 from edge_service.config import DEFAULT_MACHINE, ConfigError, load_config, load_machine
 from edge_service.config_tables import VibrationConfig
-from edge_service.messages.codec import (
-    CodecError,
-    decode_json,
-    decode_waveform,
-    encode_json,
-    encode_waveform,
-)
+from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.header import Header
-from edge_service.messages.topics import EVENT, VIB
+from edge_service.messages.topics import EVENT, VIB, WAVE
 from edge_service.messages.vibration import VibrationFeatures
 from edge_service.messages.waveform import Waveform
 from edge_service.nodes.vibration_node import orders_of
@@ -32,13 +25,13 @@ HEADER = Header(1, 2, 3, 4)
 
 def test_a_waveform_goes_over_the_wire() -> None:
     wave = Waveform("nut", "m/s^2", 12.5, 1e-4, np.random.default_rng(1).standard_normal(200))
-    axis, header, decoded = decode_waveform(encode_waveform("X", HEADER, wave))
+    axis, header, decoded = WAVE.decode(WAVE.encode("X", HEADER, wave))
     assert (axis, header, decoded.sensor, decoded.unit) == ("X", HEADER, "nut", "m/s^2")
     assert decoded.start_s == wave.start_s
     assert decoded.period_s == pytest.approx(1e-4, rel=1e-9)
     np.testing.assert_array_equal(decoded.values, wave.values)
     with pytest.raises(CodecError, match="without a clock"):
-        decode_waveform(encode_waveform("X", HEADER, Waveform("a", "V", 0.0, 1.0, np.zeros(1))))
+        WAVE.decode(WAVE.encode("X", HEADER, Waveform("a", "V", 0.0, 1.0, np.zeros(1))))
 
 
 @pytest.mark.slow
@@ -57,10 +50,8 @@ async def test_a_damaged_raceway_is_heard_and_kept_around_an_event(tmp_path: Pat
     }
     config = config_of("simulated", settings, vibration=vibration)
     async with running(config, ("vibration", "acquire")) as service:
-        features = service.bus.subscribe(
-            config.keys.all_axes(VIB), partial(decode_json, VIB.payload, VibrationFeatures)
-        )
-        alarm = service.bus.publisher(config.keys.key("X", EVENT), EVENT)
+        features = service.bus.subscribe(config.keys.all_axes(VIB), VIB)
+        alarm = service.bus.publisher(config.keys.key("X", EVENT), EVENT, "X")
         heard: list[VibrationFeatures] = []
         async with asyncio.timeout(30.0):
             async for axis, _, each in features:
@@ -74,7 +65,7 @@ async def test_a_damaged_raceway_is_heard_and_kept_around_an_event(tmp_path: Pat
                         message="",
                         time_ns=1,
                     )
-                    alarm.publish(partial(encode_json, EVENT.payload, "X", payload=event), 1)
+                    alarm.publish(event, 1)
                 peaks = [each.envelope_orders["ball_pass"] for each in heard]
                 clear = [peak for peak in peaks if peak and peak.amplitude > 4.0 * peak.floor]
                 if clear and list(tmp_path.glob("X_nut_acceleration_*.parquet")):

@@ -17,12 +17,11 @@ from edge_service.bus.mqtt.sparkplug import Sparkplug
 from edge_service.bus.mqtt.spool import Message, Spool
 from edge_service.config_tables import MqttConfig
 from edge_service.messages.alarm import AlarmKind
-from edge_service.messages.codec import encode_json
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.header import Header
 from edge_service.messages.health import AxisCondition, AxisHealth
-from edge_service.messages.topics import PRELOAD
+from edge_service.messages.topics import EVENT, HEALTH, PRELOAD
 
 from ...nodes.conftest import config_of, running
 from .conftest import PATIENCE_S, Broker, empty, needs_broker, stop
@@ -105,17 +104,17 @@ def estimate(second: float, percent: float | None) -> bytes:
         drag_torque_nm=Interval(value=0.1, low=0.09, high=0.11) if known else None,
         nis=1.0,
     )
-    return encode_json("preload/1", "X", header(second), told)
+    return PRELOAD.encode("X", header(second), told)
 
 
 def health(second: float, condition: AxisCondition) -> bytes:
     told = AxisHealth(axis="X", condition=condition, since_time_ns=5_000_000_000)
-    return encode_json("health/1", None, header(second), told)
+    return HEALTH.encode(None, header(second), told)
 
 
 def event(second: float, text: str) -> bytes:
     told = Event(axis="X", kind="note", severity=Severity.INFO, message=text, time_ns=1)
-    return encode_json("event/1", None, header(second), told)
+    return EVENT.encode(None, header(second), told)
 
 
 class Bench:
@@ -464,14 +463,14 @@ async def test_the_service_is_an_edge_node_and_a_silent_axis_a_dead_device(
     hosting = asyncio.create_task(host.run())
     await host.ready()
     async with running(config, ("mqtt",)) as service:
-        publisher = service.bus.publisher(config.keys.key("X", PRELOAD), PRELOAD)
+        publisher = service.bus.publisher(config.keys.key("X", PRELOAD), PRELOAD, "X")
         await host.until("NBIRTH")
 
         async def say(percent: float, kind: str, count: int) -> dict[str, Any]:
             told = PreloadEstimate(
                 time_s=1.0, status=EstimateStatus.ESTIMATED, preload_percent=percent
             )
-            publisher.publish(partial(encode_json, PRELOAD.payload, "X", payload=told), 10**9)
+            publisher.publish(told, 10**9)
             return await host.until(kind, count)
 
         await say(6.0, "DBIRTH", 1)

@@ -1,0 +1,1 @@
+"""Bytes on the wire, both ways: JSON messages and binary edge blocks."""

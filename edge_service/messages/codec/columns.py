@@ -1,0 +1,112 @@
+"""Columns of the edge blocks: samples, waveforms and features.
+
+Samples that are not all good bring a column `CHANNEL.quality` of `Quality` codes beside their own.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..channels import CHANNELS, TIME
+from ..features import FEATURE_FIELDS, PHASE_FIELDS, PHASES, Fault, FeatureBlock, Phase
+from ..quality import Qualities
+from ..samples import Floats, SampleFrame
+from ..waveform import Waveform
+from .edge_block import BlockCodec
+from .interface import CodecError
+
+_QUALITY = ".quality"
+_INTEGER_FEATURES = frozenset({"sample_count", "reversal_count"})
+_PHASE_COLUMNS = {(phase, field): f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS}
+_FEATURE_UNITS = {"s": "s", "nm": "N m", "rad": "rad", "m": "m", "c": "degC", "n": "N"}
+
+
+def _feature_unit(name: str) -> str:
+    if name.endswith("rad_s2"):
+        return "rad/s^2"
+    if name.endswith("rad_s"):
+        return "rad/s"
+    return _FEATURE_UNITS.get(name.rpartition("_")[2], "")
+
+
+class SampleCodec(BlockCodec[SampleFrame]):
+    """Samples: columns `time_s` and the frame's channels."""
+
+    def to_columns(self, payload: SampleFrame) -> tuple[dict[str, Floats], dict[str, str]]:
+        """Columns and units of a frame."""
+        columns = {TIME: payload.time_s, **payload.channels}
+        columns |= {
+            name + _QUALITY: codes.astype(np.float64)
+            for name, codes in payload.quality.items()
+            if codes.any()
+        }
+        units = {name: CHANNELS[name].unit for name in columns if name in CHANNELS}
+        return columns, units | {TIME: "s"}
+
+    def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> SampleFrame:
+        """Frame of columns. Raises CodecError."""
+        if TIME not in columns:
+            raise CodecError("a block of samples without time_s")
+        time_s = columns.pop(TIME)
+        quality = {
+            name.removesuffix(_QUALITY): _codes(columns.pop(name))
+            for name in [name for name in columns if name.endswith(_QUALITY)]
+        }
+        try:
+            return SampleFrame(time_s, columns, quality)
+        except ValueError as error:
+            raise CodecError(f"a block of samples: {error}") from None
+
+
+def _codes(column: Floats) -> Qualities:
+    if not ((column >= 0.0) & (column <= 255.0)).all():
+        raise CodecError("a quality that is no code")
+    return column.astype(np.uint8)
+
+
+class WaveformCodec(BlockCodec[Waveform]):
+    """A piece of a fast sensor's signal: columns `time_s` and the sensor."""
+
+    def to_columns(self, payload: Waveform) -> tuple[dict[str, Floats], dict[str, str]]:
+        """Columns and units of a signal."""
+        columns = {TIME: payload.time_s, payload.sensor: payload.values}
+        return columns, {TIME: "s", payload.sensor: payload.unit}
+
+    def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> Waveform:
+        """Signal of columns. Raises CodecError."""
+        time_s = columns.pop(TIME, None)
+        if time_s is None or len(columns) != 1 or len(time_s) < 2 or not time_s[-1] > time_s[0]:
+            raise CodecError("a waveform without a clock and one sensor")
+        ((sensor, values),) = columns.items()
+        period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+        return Waveform(sensor, units[sensor], float(time_s[0]), period_s, values)
+
+
+class FeatureCodec(BlockCodec[FeatureBlock]):
+    """One interval as one row: the fields of FeatureBlock and of its phases."""
+
+    units = {name: _feature_unit(name) for name in (*FEATURE_FIELDS, *_PHASE_COLUMNS.values())}
+
+    def to_columns(self, payload: FeatureBlock) -> tuple[dict[str, Floats], Mapping[str, str]]:
+        """Columns and units of an interval."""
+        columns = {name: np.array([float(getattr(payload, name))]) for name in FEATURE_FIELDS}
+        for (phase, field), name in _PHASE_COLUMNS.items():
+            columns[name] = np.array([float(getattr(getattr(payload, phase), field))])
+        return columns, self.units
+
+    def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
+        """Interval of columns. Raises CodecError."""
+        if set(columns) != set(self.units) or any(len(c) != 1 for c in columns.values()):
+            raise CodecError("a block of features with other columns than this version's")
+        values: dict[str, float] = {name: float(column[0]) for name, column in columns.items()}
+        integers = {name: int(values.pop(name)) for name in _INTEGER_FEATURES}
+        fault = Fault(int(values.pop("fault")))
+        phases = {
+            phase: Phase(
+                **{field: values.pop(_PHASE_COLUMNS[phase, field]) for field in PHASE_FIELDS}
+            )
+            for phase in PHASES
+        }
+        fields: dict[str, Any] = integers | values | phases
+        return FeatureBlock(fault=fault, **fields)

@@ -1,0 +1,100 @@
+"""Edge blocks: columns of numbers, readable with a standard library alone.
+
+    bytes 0..3    b"EDB1"
+    bytes 4..7    length H of the header, unsigned 32 bit, little endian
+    bytes 8..8+H  header, UTF-8 JSON: {"schema", "axis", "sequence", "boot_epoch",
+                  "source_time_ns", "monotonic_time_ns", "rows", "columns": [[name, unit], ...]}
+    then          per column `rows` little-endian float64 values, column after column
+
+Integers and flags travel as float64 too (all are far below 2**53).
+"""
+
+import json
+import struct
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic
+
+import numpy as np
+
+from ..header import Header
+from ..samples import Floats
+from .interface import CodecError, T, header_members, header_schema, take_header
+
+BLOCK_ENCODING = "application/octet-stream;edge-block/1"
+MAGIC = b"EDB1"
+_PREFIX = struct.Struct("<4sI")
+
+
+@dataclass(frozen=True)
+class BlockCodec(ABC, Generic[T]):
+    """Codec of one type of block; a subclass says what its columns are."""
+
+    schema: str
+    units: ClassVar[Mapping[str, str]] = {"time_s": "s"}
+    """Units of the columns that every block of the type has."""
+
+    @property
+    def encoding(self) -> str:
+        """The Zenoh encoding."""
+        return BLOCK_ENCODING
+
+    @abstractmethod
+    def to_columns(self, payload: T) -> tuple[Mapping[str, Floats], Mapping[str, str]]:
+        """Columns (n,) of a payload by name, and the units of those that have one."""
+
+    @abstractmethod
+    def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> T:
+        """Payload of columns. Raises CodecError."""
+
+    def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
+        """Bytes of a payload with its axis and header."""
+        columns, units = self.to_columns(payload)
+        text = json.dumps(
+            {"schema": self.schema, "axis": axis}
+            | header_members(header)
+            | {
+                "rows": len(next(iter(columns.values()))),
+                "columns": [[name, units.get(name, "")] for name in columns],
+            }
+        ).encode()
+        body = [np.ascontiguousarray(column, dtype="<f8").tobytes() for column in columns.values()]
+        return b"".join([_PREFIX.pack(MAGIC, len(text)), text, *body])
+
+    def decode(self, payload: bytes) -> tuple[str, Header, T]:
+        """Axis, header and payload. Raises CodecError."""
+        members, columns = self._parsed(payload)
+        units = {str(name): str(unit) for name, unit in members["columns"]}
+        return str(members["axis"]), take_header(members), self.from_columns(columns, units)
+
+    def description(self) -> dict[str, Any]:
+        """Header and columns of a block."""
+        return {
+            "title": self.schema,
+            "encoding": MAGIC.decode(),
+            "header": {"schema": {"const": self.schema}} | header_schema(),
+            "columns": dict(self.units),
+        }
+
+    def _parsed(self, payload: bytes) -> tuple[dict[str, Any], dict[str, Floats]]:
+        """Header and columns of a block of this schema. Raises CodecError."""
+        try:
+            magic, length = _PREFIX.unpack_from(payload)
+            if magic != MAGIC:
+                raise CodecError("no edge block: wrong first four bytes")
+            start = _PREFIX.size + length
+            members = json.loads(payload[_PREFIX.size : start])
+            if members["schema"] != self.schema:
+                raise CodecError(f"a {members['schema']} block where {self.schema} was expected")
+            names = [str(name) for name, _unit in members["columns"]]
+            rows, _ = int(members["rows"]), members["axis"]
+            table = np.frombuffer(payload, dtype="<f8", offset=start)
+            if rows < 0 or table.size != rows * len(names) or len(set(names)) != len(names):
+                raise CodecError("an edge block whose size contradicts its header")
+            table = table.reshape(len(names), rows).astype(np.float64)
+            return members, dict(zip(names, table, strict=True))
+        except CodecError:
+            raise
+        except (ValueError, KeyError, TypeError, RecursionError, struct.error) as error:
+            raise CodecError(f"no edge block: {error}") from error
