@@ -1,17 +1,33 @@
-"""Answers of the JSON routes."""
+"""Answers of the JSON routes.
+
+An answer is made of the message that it shows by `Answer.model_validate(message)`: members come
+from the attributes of the same name, or of the name that their `validation_alias` gives. What is
+shown as it is has no answer of its own.
+"""
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
+from ..health.history.buckets import Spread
 from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
 from ..messages.event import Severity
-from ..messages.health import AxisCondition, ComponentStatus, ConsistencyState
+from ..messages.health import AxisCondition, ComponentHealth, ConsistencyState
 from ..messages.trend import TrendStatus
+from .times import rfc3339, rfc3339_s
+
+
+def _written(time: int | float | str) -> str:
+    """A time as it is shown: an integer is UNIX time in ns, a float in s."""
+    if isinstance(time, str):
+        return time
+    return rfc3339(time) if isinstance(time, int) else rfc3339_s(time)
+
 
 Timestamp = Annotated[
     str,
+    BeforeValidator(_written),
     WithJsonSchema(
         {"type": "string", "format": "date-time", "examples": ["2026-01-31T12:00:00.000Z"]}
     ),
@@ -40,7 +56,13 @@ _PRELOAD_EXAMPLE: dict[str, Any] = {
 class Answer(BaseModel):
     """Base of every answer: no NaN, nothing beyond the documented members."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        from_attributes=True,
+        populate_by_name=True,
+    )
 
 
 class PreloadAnswer(Answer):
@@ -77,19 +99,6 @@ class PreloadAnswer(Answer):
     age_s: float | None = Field(description="Time since then, s.")
 
 
-class ComponentAnswer(Answer):
-    """Status of one component of the service."""
-
-    component: str = Field(examples=["estimate"])
-    axis: str | None = Field(description="The axis that it works for; null: all.")
-    status: ComponentStatus
-    reason: str
-    counters: dict[str, int] = Field(description="Counts since its start.")
-    readings: dict[str, float] = Field(
-        description="Values it wants seen, e.g. the simulated drive's true preload."
-    )
-
-
 _ALARM_EXAMPLE: dict[str, Any] = {
     "alarm": "sudden_drop",
     "severity": "error",
@@ -108,15 +117,17 @@ class AlarmAnswer(Answer):
 
     model_config = ConfigDict(json_schema_extra={"examples": [_ALARM_EXAMPLE]})
 
-    alarm: AlarmKind
+    alarm: AlarmKind = Field(validation_alias="kind")
     severity: Severity
     active: bool = Field(description="Whether its cause holds now.")
     message: str
-    raised_at: Timestamp
-    cleared_at: Timestamp | None
+    raised_at: Timestamp = Field(validation_alias="raised_time_ns")
+    cleared_at: Timestamp | None = Field(validation_alias="cleared_time_ns")
     acknowledged_by: str | None = Field(description="null: nobody has taken note yet.")
     note: str
-    shelved_until: Timestamp | None = Field(description="Until then it calls nobody.")
+    shelved_until: Timestamp | None = Field(
+        validation_alias="shelved_until_ns", description="Until then it calls nobody."
+    )
 
 
 class CrossingAnswer(Answer):
@@ -124,9 +135,11 @@ class CrossingAnswer(Answer):
 
     limit: str = Field(examples=["fault"])
     limit_percent: float
-    earliest: Timestamp | None
-    likely: Timestamp | None
-    latest: Timestamp | None = Field(description="null: beyond what the history can tell.")
+    earliest: Timestamp | None = Field(validation_alias="earliest_ns")
+    likely: Timestamp | None = Field(validation_alias="likely_ns")
+    latest: Timestamp | None = Field(
+        validation_alias="latest_ns", description="null: beyond what the history can tell."
+    )
 
 
 _TREND_EXAMPLE: dict[str, Any] = {
@@ -156,7 +169,7 @@ class TrendAnswer(Answer):
 
     status: TrendStatus
     reason: str
-    since: Timestamp
+    since: Timestamp = Field(validation_alias="since_time_ns")
     basis: str = Field(description="What wear is counted against: `time` or `distance`.")
     level: float = Field(description="Probability that each interval holds the truth.")
     rate_percent_per_h: Interval | None
@@ -183,7 +196,7 @@ class ConsistencyAnswer(Answer):
         description="Mean squared innovation by channel, over that of ordinary motion."
     )
     channel: str | None = Field(description="Where they disagree most.")
-    since: Timestamp | None
+    since: Timestamp | None = Field(validation_alias="since_time_ns")
     recording: str | None = Field(description="Trace of that moment, ready to diagnose.")
 
 
@@ -193,8 +206,10 @@ class HealthAnswer(Answer):
     axis: str
     condition: AxisCondition
     reasons: list[str] = Field(description="Why, as `code: sentence`.")
-    since: Timestamp = Field(description="When the condition was entered.")
-    components: list[ComponentAnswer]
+    since: Timestamp = Field(
+        validation_alias="since_time_ns", description="When the condition was entered."
+    )
+    components: list[ComponentHealth]
     data_faults: dict[str, int] = Field(
         description="Faulty intervals per kind since the start.", examples=[{"gap": 2}]
     )
@@ -209,7 +224,7 @@ class ServiceAnswer(Answer):
     time: Timestamp = Field(description="Time of this answer, by the clock of the service.")
     ready: bool
     reasons: list[str] = Field(description="Why the service is not ready, per axis.")
-    components: list[ComponentAnswer] = Field(description="Components that serve all axes.")
+    components: list[ComponentHealth] = Field(description="Components that serve all axes.")
     axes: list[HealthAnswer]
 
 
@@ -242,34 +257,24 @@ class AxesAnswer(Answer):
     history: str = Field(description="Where and how long the history is kept.")
 
 
-class SpreadAnswer(Answer):
-    """Values inside a bucket."""
-
-    min: float
-    max: float
-    mean: float
-
-
 class BucketAnswer(Answer):
     """Summary of a span of time; numbers are null where there was no estimate."""
 
-    time: Timestamp = Field(description="Start of the bucket.")
+    time: Timestamp = Field(validation_alias="start_s", description="Start of the bucket.")
     samples: int = Field(description="Estimates kept inside, with or without a number.")
     estimated: int = Field(description="Those with a preload in percent.")
     status: EstimateStatus = Field(description="Status of the newest one.")
-    preload_percent: SpreadAnswer | None
+    preload_percent: Spread | None
     low: float | None = Field(description="Lowest lower bound, percent.")
     high: float | None = Field(description="Highest upper bound, percent.")
-    drag_torque_nm: SpreadAnswer | None
-    nis: SpreadAnswer | None = Field(description="Squared error of the model, 1 if it fits.")
-    stiffness_n_per_m: SpreadAnswer | None
-    temperature_c: SpreadAnswer | None
+    drag_torque_nm: Spread | None
+    nis: Spread | None = Field(description="Squared error of the model, 1 if it fits.")
+    stiffness_n_per_m: Spread | None
+    temperature_c: Spread | None
 
 
 class HistoryAnswer(Answer):
     """History of one axis in buckets, oldest first; empty buckets are absent."""
-
-    model_config = ConfigDict(populate_by_name=True)
 
     axis: str
     start: Timestamp = Field(alias="from")
@@ -285,7 +290,7 @@ class EventAnswer(Answer):
     kind: str = Field(examples=["condition_changed"])
     severity: Severity
     message: str
-    time: Timestamp
+    time: Timestamp = Field(validation_alias="time_ns")
     data: dict[str, str | float | int | None]
 
 

@@ -13,8 +13,8 @@ from ..health.events.fan_out import Batch, Subscription, concerns
 from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .compose import event_answer, health_answer, preload_answer, service_answer
-from .compose_axis import live_answer
+from .answers import EventAnswer
+from .compose import health_answer, live_answer, preload_answer, service_answer
 from .context import AxisFilterDep, Clock, StateDep, clock_of
 from .problems import documented
 
@@ -156,7 +156,7 @@ def _news(encoded: _Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterato
 
 
 def _event(logged: LoggedEvent) -> bytes:
-    data = event_answer(logged.event).model_dump_json()
+    data = EventAnswer.model_validate(logged.event).model_dump_json()
     return format_sse_event(event="event", id=str(logged.id), data_str=data)
 
 

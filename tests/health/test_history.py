@@ -58,7 +58,7 @@ def test_buckets_agree_with_a_plain_calculation(archive):
         assert bucket.low == inside.min() - 1.0
         assert bucket.high == inside.max() + 2.0
         assert bucket.drag_torque_nm.mean == pytest.approx(inside.mean() / 50.0)
-        assert bucket.spreads["temperature_c"].mean == 21.5
+        assert bucket.temperature_c.mean == 21.5
 
 
 def test_days_of_history_agree_at_every_resolution(tmp_path):

@@ -243,10 +243,10 @@ def test_examples_are_what_they_are_examples_of():
     """Every example in the description is an answer of its own model."""
     from pydantic import BaseModel
 
-    from edge_service.http_api import answers, jobs, work_answers
+    from edge_service.http_api import answers, axis_answers, jobs
 
     found = 0
-    for module in (answers, jobs, work_answers):
+    for module in (answers, jobs, axis_answers):
         for model in vars(module).values():
             if isinstance(model, type) and issubclass(model, BaseModel):
                 extra = model.model_config.get("json_schema_extra") or {}

@@ -1,7 +1,7 @@
 """Rows of history as the answer to a question: one bucket per step."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class Bucket:
         status: status of the newest one.
         low: lowest lower bound, percent.
         high: highest upper bound, percent.
-        spreads: spread of each of QUANTITIES that has values.
+        preload_percent, ...: spread of each of QUANTITIES; None without values.
     """
 
     start_s: float
@@ -39,17 +39,11 @@ class Bucket:
     status: EstimateStatus
     low: float | None
     high: float | None
-    spreads: dict[str, Spread] = field(default_factory=dict)
-
-    @property
-    def preload_percent(self) -> Spread | None:
-        """Spread of the preload, percent of the dynamic load rating."""
-        return self.spreads.get("preload_percent")
-
-    @property
-    def drag_torque_nm(self) -> Spread | None:
-        """Spread of the drag torque, N m."""
-        return self.spreads.get("drag_torque_nm")
+    preload_percent: Spread | None
+    drag_torque_nm: Spread | None
+    nis: Spread | None
+    stiffness_n_per_m: Spread | None
+    temperature_c: Spread | None
 
 
 def buckets(rows: Rows) -> tuple[Bucket, ...]:
@@ -64,10 +58,9 @@ def buckets(rows: Rows) -> tuple[Bucket, ...]:
             status=STATUSES[status],
             low=low,
             high=high,
-            spreads={
-                name: Spread(*spread)
+            **{
+                name: Spread(*spread) if number else None
                 for name, number, spread in zip(QUANTITIES, count, values, strict=True)
-                if number
             },
         )
         for start_s, samples, status, low, high, count, values in zip(

@@ -8,16 +8,7 @@ from starlette.exceptions import HTTPException
 
 from ...messages.alarm import Command
 from ...messages.topics import PRELOAD
-from ..compose_axis import (
-    friction_answer,
-    log_answer,
-    stroke_answer,
-    traces_answer,
-    use_answer,
-)
-from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
-from ..problems import documented
-from ..work_answers import (
+from ..axis_answers import (
     AcceptedAnswer,
     CommandBody,
     FrictionAnswer,
@@ -26,6 +17,15 @@ from ..work_answers import (
     TracesAnswer,
     UseAnswer,
 )
+from ..compose import (
+    friction_answer,
+    log_answer,
+    stroke_answer,
+    traces_answer,
+    use_answer,
+)
+from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
+from ..problems import documented
 
 _LOG_SPAN_S = 30 * 86400.0
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")

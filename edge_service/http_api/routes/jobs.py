@@ -6,6 +6,7 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import FileResponse, Response
 from starlette.exceptions import HTTPException
 
+from ..axis_answers import AcceptedAnswer
 from ..context import StateDep, check_axis
 from ..jobs import (
     JobAnswer,
@@ -17,7 +18,6 @@ from ..jobs import (
     RefusedError,
 )
 from ..problems import documented, problem_response
-from ..work_answers import AcceptedAnswer
 
 _REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"

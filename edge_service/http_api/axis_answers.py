@@ -1,11 +1,17 @@
 """Requests and answers of the routes about the work of one axis."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from ..health.model_watch.live_features import ChannelQuality
 from ..messages.alarm import AlarmKind
 from .answers import Answer, EventAnswer, Timestamp
+
+Measured = Annotated[
+    float | None, AfterValidator(lambda value: None if value is None else float(f"{value:.7g}"))
+]
+"""A measured value to seven digits: more than any was measured with; null if it was not."""
 
 
 class NumberedEventAnswer(EventAnswer):
@@ -25,7 +31,7 @@ class UseAnswer(Answer):
     """Use of the screw since the part was put into service; null before anything was heard."""
 
     axis: str
-    since: Timestamp
+    since: Timestamp = Field(validation_alias="since_time_ns")
     moving_s: float
     observed_s: float
     distance_m: float
@@ -92,26 +98,18 @@ class FrictionAnswer(Answer):
     count: list[int]
 
 
-class ChannelAnswer(Answer):
-    """One measured channel over the last minute."""
-
-    channel: str
-    state: str = Field(description="`ok`, `faulty` or `missing`.")
-    good_share: float
-
-
 class LiveAnswer(Answer):
     """The newest interval of one axis; null where a number was not measured."""
 
     axis: str
-    time: Timestamp
-    torque_nm: float | None
-    speed_rad_s: float | None
-    position_m: float | None
-    transmission_um: float | None = Field(
+    time: Timestamp = Field(validation_alias="time_ns")
+    torque_nm: Measured
+    speed_rad_s: Measured
+    position_m: Measured
+    transmission_um: Measured = Field(
         description="Table position less the way of the screw; its zero has no meaning."
     )
-    temperature_c: float | None
+    temperature_c: Measured
     faults: list[str]
 
 
@@ -120,12 +118,12 @@ class TracesAnswer(Answer):
 
     axis: str
     time_s: list[float] = Field(description="UNIX times, s.")
-    torque_nm: list[float | None]
-    speed_rad_s: list[float | None]
-    position_m: list[float | None]
-    transmission_um: list[float | None]
-    temperature_c: list[float | None]
-    channels: list[ChannelAnswer]
+    torque_nm: list[Measured]
+    speed_rad_s: list[Measured]
+    position_m: list[Measured]
+    transmission_um: list[Measured]
+    temperature_c: list[Measured]
+    channels: list[ChannelQuality]
 
 
 class CommandBody(BaseModel):
