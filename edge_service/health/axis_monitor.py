@@ -2,28 +2,32 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import TypeAdapter, ValidationError
 
 from ..messages.alarm import Command
 from ..messages.estimate import EstimateStatus, PreloadEstimate
-from ..messages.event import Event, Severity
+from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, Consistency
-from ..messages.trend import Trend
+from ..messages.trend import Trend, Use
 from .alarms.axis_alarms import AlarmSettings, AxisAlarms
+from .alarms.latch import LatchSnapshot
+from .axis_events import consistency_changed, disagreement_recorded, log_entry, preload_rose
 from .condition.condition_monitor import ConditionMonitor
 from .condition.input_watch import NS_PER_S
-from .model_watch.consistency import CHANNEL_WORDS, ConsistencyWatch, Disagreement
-from .model_watch.friction_watch import FrictionWatch
+from .model_watch.channel_model import LearnedChannel
+from .model_watch.consistency import ConsistencyWatch, Disagreement
+from .model_watch.friction_watch import FrictionClasses, FrictionWatch
 from .settings import HealthSettings
-from .trend.preload_history import PreloadHistory
+from .trend.preload_history import PreloadHistory, PreloadSteps
 from .trend.remaining_life import preload_trend
 from .trend.usage import ScrewGeometry, UsageCounter
 
-SNAPSHOT_SCHEMA = "axis-watch/1"
+SNAPSHOT_SCHEMA: Literal["axis-watch/1"] = "axis-watch/1"
 _SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 5.0, 600.0
 _PERIOD_SHARE = 0.02
 _RISES = 20
@@ -41,6 +45,22 @@ class AxisFacts:
     axis: str
     fresh_percent: float | None
     geometry: ScrewGeometry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisSnapshot:
+    """All that must outlive the process; without `consistency` if an older version wrote it."""
+
+    schema: Literal["axis-watch/1"]
+    axis: str
+    alarms: dict[str, LatchSnapshot]
+    use: Use
+    friction: FrictionClasses
+    series: PreloadSteps
+    consistency: dict[str, LearnedChannel] | None = None
+
+
+_SNAPSHOTS = TypeAdapter(AxisSnapshot)
 
 
 class AxisMonitor:
@@ -103,10 +123,10 @@ class AxisMonitor:
         if command.action == "part_replaced":
             self._restart(now_ns)
         if command.action in ("part_replaced", "note"):
-            return (_log_entry(self.axis, command, now_ns),)
+            return (log_entry(self.axis, command, now_ns),)
         if command.action == "recorded":
             self._recording = command.note
-            return (_recorded_event(self.axis, command.note, now_ns),)
+            return (disagreement_recorded(self.axis, command.note, now_ns),)
         return self._alarms.on_command(command, now_ns)
 
     def tick(self, now_ns: int) -> tuple[Event, ...]:
@@ -142,29 +162,34 @@ class AxisMonitor:
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that must outlive the process, for JSON."""
-        return {
-            "schema": SNAPSHOT_SCHEMA,
-            "axis": self.axis,
-            "alarms": self._alarms.snapshot(),
-            "use": self._use.snapshot(),
-            "friction": self._friction.snapshot(),
-            "series": self._series.snapshot(),
-            "consistency": self._consistency.snapshot(),
-        }
+        snapshot = AxisSnapshot(
+            schema=SNAPSHOT_SCHEMA,
+            axis=self.axis,
+            alarms=self._alarms.snapshot(),
+            use=self._use.use(),
+            friction=self._friction.snapshot(),
+            series=self._series.snapshot(),
+            consistency=self._consistency.snapshot(),
+        )
+        document: dict[str, Any] = _SNAPSHOTS.dump_python(snapshot, mode="json")
+        return document
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError if it is none."""
-        if snapshot.get("schema") != SNAPSHOT_SCHEMA or snapshot.get("axis") != self.axis:
-            raise ValueError(f"no {SNAPSHOT_SCHEMA} of axis {self.axis}")
+    def restore(self, document: object) -> None:
+        """Go on from a snapshot. Raises ValueError."""
         try:
-            self._alarms.restore(snapshot["alarms"])
-            self._use.restore(snapshot["use"])
-            self._friction.restore(snapshot["friction"])
-            self._series.restore(snapshot["series"])
-            if "consistency" in snapshot:
-                self._consistency.restore(snapshot["consistency"])
-        except (KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"a damaged {SNAPSHOT_SCHEMA}: {error}") from error
+            snapshot = _SNAPSHOTS.validate_python(document)
+        except ValidationError as error:
+            (first, *_) = error.errors(include_url=False)
+            place = ".".join(map(str, first["loc"]))
+            raise ValueError(f"no {SNAPSHOT_SCHEMA}: {place}: {first['msg']}") from None
+        if snapshot.axis != self.axis:
+            raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
+        self._alarms.restore(snapshot.alarms)
+        self._use.restore(snapshot.use)
+        self._friction.restore(snapshot.friction)
+        self._series.restore(snapshot.series)
+        if snapshot.consistency is not None:
+            self._consistency.restore(snapshot.consistency)
 
     def _note_wear(self, time_ns: int, estimate: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
         percent, low, high = estimate.preload_percent, estimate.low, estimate.high
@@ -177,7 +202,7 @@ class AxisMonitor:
             return ()  # not yet sure: keep it out of the trend
         events: tuple[Event, ...] = ()
         if rose and known is not None:
-            events = (_rise_event(self.axis, known, percent, now_ns),)
+            events = (preload_rose(self.axis, known, percent, now_ns),)
             self._series.clear()
             self._trend, self._trend_ns, self._rises = None, 0, 0
         half_width = 0.5 * (high - low)
@@ -198,7 +223,7 @@ class AxisMonitor:
             heard_ns, heard_s = self._heard
             self._since_ns = heard_ns - round(NS_PER_S * max(heard_s - change.since_s, 0.0))
         return (
-            _change_event(self.axis, change, self._since_ns or now_ns, now_ns),
+            consistency_changed(self.axis, change, self._since_ns or now_ns, now_ns),
             *self._look_at_alarms(now_ns),
         )
 
@@ -212,74 +237,3 @@ class AxisMonitor:
         self._consistency.restart()
         self._series.clear()
         self._trend = None
-
-
-def _rise_event(axis: str, before: float, percent: float, now_ns: int) -> Event:
-    return Event(
-        axis=axis,
-        kind="preload_rose",
-        severity=Severity.INFO,
-        message=(
-            f"preload rose from {before:.2f} to {percent:.2f} %, which wear cannot do: its trend "
-            "begins anew; if a part was replaced, note it"
-        ),
-        time_ns=now_ns,
-        data={"from_percent": before, "to_percent": percent},
-    )
-
-
-def recording_name(axis: str, since_ns: int) -> str:
-    """Name of the trace around a disagreement.
-
-    >>> recording_name("X", 1_795_000_000_000_000_000)
-    'disagreement_X_20261118T110640Z.parquet'
-    """
-    stamp = datetime.fromtimestamp(since_ns / NS_PER_S, UTC).strftime("%Y%m%dT%H%M%SZ")
-    return f"disagreement_{axis}_{stamp}.parquet"
-
-
-def _change_event(axis: str, change: Disagreement, since_ns: int, now_ns: int) -> Event:
-    name = recording_name(axis, since_ns)
-    words = (
-        f"the model no longer fits: {CHANNEL_WORDS[change.channel]} is off by "
-        f"{change.ratio**0.5:.1f} times as much as before; {name} is being recorded"
-        if change.disagrees
-        else f"the model fits again: {CHANNEL_WORDS[change.channel]} is as it was"
-    )
-    return Event(
-        axis=axis,
-        kind="model_disagrees" if change.disagrees else "model_agrees",
-        severity=Severity.WARNING if change.disagrees else Severity.INFO,
-        message=words,
-        time_ns=now_ns,
-        data={
-            "channel": change.channel,
-            "ratio": change.ratio,
-            "since_s": change.since_s,
-            "recording": name if change.disagrees else None,
-        },
-    )
-
-
-def _recorded_event(axis: str, name: str, now_ns: int) -> Event:
-    return Event(
-        axis=axis,
-        kind="disagreement_recorded",
-        severity=Severity.INFO,
-        message=f"{name} holds the disagreement, ready to diagnose",
-        time_ns=now_ns,
-        data={"recording": name},
-    )
-
-
-def _log_entry(axis: str, command: Command, now_ns: int) -> Event:
-    replaced = command.action == "part_replaced"
-    words = command.note or ("part replaced" if replaced else "")
-    return Event(
-        axis=axis,
-        kind="part_replaced" if replaced else "note",
-        severity=Severity.INFO,
-        message=f"{words} ({command.user})",
-        time_ns=now_ns,
-        data={"user": command.user},
-    )

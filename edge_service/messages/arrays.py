@@ -1,11 +1,18 @@
-"""Arrays in JSON, bit for bit (a tenth of the time, half of the size of decimals), and numbers."""
+"""Arrays and numbers in JSON documents.
+
+An array is nested lists of numbers, or text that is bit for bit the same and takes a tenth of the
+time and half of the size.
+"""
 
 import math
 from base64 import b64decode, b64encode
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import PlainSerializer, PlainValidator
+
+from .samples import Floats
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -23,3 +30,16 @@ def decoded(text: str, dtype: "type[_Scalar] | np.dtype[_Scalar]") -> npt.NDArra
 def finite_or_none(value: float) -> float | None:
     """A number for JSON, which has neither NaN nor infinity: null stands for both."""
     return value if math.isfinite(value) else None
+
+
+def _to_floats(value: Any) -> Floats:
+    try:
+        return np.array(value, np.float64)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
+StoredFloats = Annotated[
+    Floats, PlainValidator(_to_floats), PlainSerializer(lambda array: array.tolist())
+]
+"""Array of a stored dataclass, as nested lists."""

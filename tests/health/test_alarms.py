@@ -1,6 +1,7 @@
 """Alarms: when they come and go, who has seen them, and what outlives a restart."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -301,3 +302,12 @@ def test_a_damaged_snapshot_is_refused(damage):
     axis = _settled()
     with pytest.raises(ValueError):
         axis.watch.restore(axis.watch.snapshot() | damage)
+
+
+def test_a_snapshot_of_version_0_1_0_can_be_read():
+    recorded = json.loads(Path(__file__).with_name("recorded_snapshot.json").read_text())
+    monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), START_NS)
+    monitor.restore(recorded)
+    assert monitor.snapshot() == recorded
+    del recorded["consistency"]
+    monitor.restore(recorded)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -147,9 +148,8 @@ def test_a_restart_goes_on_from_what_was_learned():
     assert (change.channel, change.disagrees) == (same.channel, same.disagrees)
     assert change.since_s == pytest.approx(same.since_s, abs=1.0)
     with pytest.raises(ValueError, match="another version"):
-        broken = watch.snapshot()
-        broken["torque_nm"]["cross"] = [1.0]
-        other.restore(broken)
+        broken = replace(watch.snapshot()["torque_nm"], cross=np.ones(1))
+        other.restore(watch.snapshot() | {"torque_nm": broken})
 
 
 def test_one_encoder_watches_the_torque_alone():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edge_service.health.trend.preload_history import MOST_POINTS, PreloadHistory
+from edge_service.health.trend.preload_history import MOST_POINTS, PreloadHistory, PreloadSteps
 from edge_service.health.trend.remaining_life import preload_trend, project_wear
 from edge_service.health.trend.segmented_regression import draw_trends
 from edge_service.messages.trend import TrendStatus
@@ -171,6 +171,7 @@ def test_the_series_goes_on_from_its_snapshot():
         each.add(800.0, 9.0, 0.1, 0.0)
     for mine, theirs in zip(series.points(), other.points(), strict=True):
         np.testing.assert_array_equal(mine, theirs)
-    damaged = series.snapshot() | {"rows": [[2, 1, 1, 1, 1], [1, 1, 1, 1, 1]]}
+    rows = np.array([[2.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0, 1.0]])
+    damaged = PreloadSteps(1.0, rows)
     with pytest.raises(ValueError, match="order"):
         other.restore(damaged)

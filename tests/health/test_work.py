@@ -66,7 +66,7 @@ def test_way_hours_reversals_and_the_map_add_up():
 def test_use_goes_on_from_its_snapshot_and_ends_with_the_part():
     meter, other = (UsageCounter(ScrewGeometry(RATIO, 0.8), 5) for _ in range(2))
     meter.add(block())
-    other.restore(meter.snapshot())
+    other.restore(meter.use())
     assert other.use() == meter.use()
     other.restart(9)
     assert (other.use().distance_m, other.use().since_time_ns) == (0.0, 9)
@@ -178,3 +178,17 @@ def test_a_disk_that_fails_is_told_once_and_ends_nothing(tmp_path, caplog):
     path.rmdir()
     journal.append(LoggedEvent(3, _event(3)))
     assert [each.id for each in EventJournal(path).events] == [3]
+
+
+def test_a_journal_of_version_0_1_0_can_be_read(tmp_path):
+    members = (
+        '{"id": 7, "event": {"axis": "X", "kind": "note", "severity": "info", '
+        '"message": "ge\\u00f6lt", "time_ns": 9, '
+        '"data": {"user": "Kim", "none": null, "share": 0.5}}}'
+    )
+    path = tmp_path / "events.log"
+    path.write_text(f"1b24b06e {members}\n")
+    (known,) = EventJournal(path).events
+    assert (known.id, known.event.message) == (7, "geölt")
+    assert known.event.data == {"user": "Kim", "none": None, "share": 0.5}
+    assert EventJournal(path).events == [known]

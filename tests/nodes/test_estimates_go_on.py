@@ -44,7 +44,9 @@ from edge_service.nodes.stores.estimate_store import (
     AHEAD_S,
     LONGEST_STOP_S,
     EstimateStore,
+    Kept,
     identity_of,
+    read_kept,
 )
 from edge_service.offline.replay import replay_trace
 
@@ -386,3 +388,14 @@ def test_a_state_of_the_part_before_is_not_written_behind_its_back(tmp_path: Pat
 def test_the_default_configuration_keeps_nothing() -> None:
     assert EdgeConfig.model_validate({"axes": [{"name": "X"}]}).history.folder is None
     assert "# folder" in DEFAULT_CONFIG.read_text()
+
+
+def test_a_state_of_version_0_1_0_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "estimate.json"
+    path.write_text(
+        '{"schema": "estimate-state/1", "axis": "X", "machine": "abc", "time_s": 1.5, '
+        '"source_time_ns": 9, '
+        '"sha256": "e569038494a75bd161110408b3abdabca299c67bd3d4d0aad4f42af94423f88f", '
+        '"state": "{\\"schema\\": \\"x/1\\", \\"a\\": [1.0]}"}'
+    )
+    assert read_kept(path, "X", "abc") == Kept(1.5, 9, {"schema": "x/1", "a": [1.0]})

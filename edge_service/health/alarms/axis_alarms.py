@@ -1,8 +1,8 @@
 """All alarms of one axis: what their causes are."""
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ...messages.alarm import Alarm, AlarmKind, Command
 from ...messages.estimate import EstimateStatus, PreloadEstimate
@@ -11,7 +11,7 @@ from ...messages.health import AxisCondition, AxisHealth, ConsistencyState
 from ...messages.trend import Trend
 from ..condition.input_watch import NS_PER_S
 from ..model_watch.consistency import CHANNEL_WORDS
-from .latch import AlarmLatch, AlarmRule
+from .latch import AlarmLatch, AlarmRule, LatchSnapshot
 
 _H_PER_RATE = 1000.0
 _NIS_MEMORY = 0.98
@@ -156,12 +156,12 @@ class AxisAlarms:
             sorted(alarms, key=lambda a: (a.active, order.index(a.severity)), reverse=True)
         )
 
-    def snapshot(self) -> dict[str, Any]:
-        """State for JSON."""
+    def snapshot(self) -> dict[str, LatchSnapshot]:
+        """State of each kind of alarm."""
         return {kind.value: latch.snapshot() for kind, latch in self._latches.items()}
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError or KeyError if it is none."""
+    def restore(self, snapshot: Mapping[str, LatchSnapshot]) -> None:
+        """Go on from a snapshot."""
         for kind, latch in self._latches.items():
             if kind.value in snapshot:
                 latch.restore(snapshot[kind.value])

@@ -1,7 +1,6 @@
 """One alarm: delays, acknowledgement, shelving, and an event for every change (after ISA-18.2)."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from ...messages.alarm import Alarm, AlarmKind
 from ...messages.event import Event, Severity
@@ -23,6 +22,14 @@ class AlarmRule:
     raise_delay_s: float
     clear_delay_s: float
     latched: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LatchSnapshot:
+    """Alarm as it is shown, and UNIX time to which it is shelved, ns; None without."""
+
+    alarm: Alarm | None
+    shelved_until_ns: int | None
 
 
 class AlarmLatch:
@@ -102,16 +109,13 @@ class AlarmLatch:
             return None
         return self._alarm.model_copy(update={"shelved_until_ns": self._shelved_until_ns})
 
-    def snapshot(self) -> dict[str, Any]:
-        """State for JSON."""
-        alarm = None if self._alarm is None else self._alarm.model_dump(mode="json")
-        return {"alarm": alarm, "shelved_until_ns": self._shelved_until_ns}
+    def snapshot(self) -> LatchSnapshot:
+        """State that outlives the process."""
+        return LatchSnapshot(self._alarm, self._shelved_until_ns)
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError if it is none."""
-        alarm, until_ns = snapshot["alarm"], snapshot["shelved_until_ns"]
-        self._alarm = None if alarm is None else Alarm.model_validate(alarm)
-        self._shelved_until_ns = None if until_ns is None else int(until_ns)
+    def restore(self, snapshot: LatchSnapshot) -> None:
+        """Go on from a snapshot."""
+        self._alarm, self._shelved_until_ns = snapshot.alarm, snapshot.shelved_until_ns
 
     def _raise(self, message: str, now_ns: int) -> tuple[Event, ...]:
         self._alarm = Alarm(

@@ -1,18 +1,17 @@
 """Events on disk: one checked line each, bounded, read back at the start."""
 
-import json
 import logging
 import zlib
 from pathlib import Path
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from ...atomic import replaced_file
-from ...messages.event import Event
 from .log import LoggedEvent
 
 log = logging.getLogger(__name__)
 MOST_EVENTS = 20_000
+_EVENTS = TypeAdapter(LoggedEvent)
 
 
 class EventJournal:
@@ -58,9 +57,8 @@ class EventJournal:
 
 
 def _line(logged: LoggedEvent) -> str:
-    members = {"id": logged.id, "event": logged.event.model_dump(mode="json")}
-    text = json.dumps(members, allow_nan=False)
-    return f"{zlib.crc32(text.encode()):08x} {text}\n"
+    text = _EVENTS.dump_json(logged)
+    return f"{zlib.crc32(text):08x} {text.decode()}\n"
 
 
 def _read(path: Path) -> list[LoggedEvent]:
@@ -72,8 +70,7 @@ def _read(path: Path) -> list[LoggedEvent]:
         if not text or check != f"{zlib.crc32(text):08x}".encode():
             continue
         try:
-            members = json.loads(text)
-            events.append(LoggedEvent(int(members["id"]), Event.model_validate(members["event"])))
-        except (ValueError, KeyError, TypeError, ValidationError):
+            events.append(_EVENTS.validate_json(text))
+        except ValidationError:
             log.warning("%s: an event of another version is left out", path)
     return events

@@ -1,9 +1,11 @@
 """One watched channel: what was learned of it, and the innovations of a stretch of motion."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...messages.arrays import StoredFloats
 from ...messages.features import Phase
 from ...messages.samples import Floats
 
@@ -54,6 +56,21 @@ def _place(phase: Phase, ratio_m_per_rad: float) -> float:
 
 
 ROWS = {"torque_nm": torque_row, "transmission_m": transmission_row}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LearnedChannel:
+    """What was learned of a channel.
+
+    Attributes:
+        gram, cross: normal equations, (p, p) and (p,); empty before the first stretch.
+        numbers: stretches learned from and judged, their mean and worst mean square, and the mean
+            square of the channel itself.
+    """
+
+    gram: StoredFloats
+    cross: StoredFloats
+    numbers: tuple[int, int, float, float, float]
 
 
 class ChannelModel:
@@ -135,3 +152,17 @@ class ChannelModel:
             self.cross = self.cross + rows.T @ values
             self.learned += 1
             self.square += (float(np.mean(np.square(self._values))) - self.square) / self.learned
+
+    def snapshot(self) -> LearnedChannel:
+        """What was learned."""
+        numbers = (self.learned, self.judged, self.mean, self.worst, self.square)
+        return LearnedChannel(self.gram, self.cross, numbers)
+
+    def restore(self, snapshot: LearnedChannel) -> None:
+        """Go on from a snapshot. Raises ValueError."""
+        gram, cross = snapshot.gram, snapshot.cross
+        if cross.size:
+            if gram.shape != (cross.size, cross.size):
+                raise ValueError("a consistency watch of another version")
+            self.gram, self.cross = gram, cross
+        self.learned, self.judged, self.mean, self.worst, self.square = snapshot.numbers

@@ -10,14 +10,13 @@ in every stretch and so never counts; neither does what is sure but too small to
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...messages.features import FeatureBlock
 from ...messages.health import Consistency, ConsistencyState
 from ...messages.samples import Floats
-from .channel_model import CHANNELS, LEAST_RATIO, ROWS, ChannelModel
+from .channel_model import CHANNELS, LEAST_RATIO, ROWS, ChannelModel, LearnedChannel
 
 STRETCH_S = 8.0
 """Steady motion that one innovation statistic is taken over, s."""
@@ -154,29 +153,17 @@ class ConsistencyWatch:
             return self._last
         return None
 
-    def snapshot(self) -> dict[str, Any]:
-        """Snapshot of what was learned, for JSON."""
-        return {
-            name: {
-                "gram": each.gram.tolist(),
-                "cross": each.cross.tolist(),
-                "numbers": [each.learned, each.judged, each.mean, each.worst, each.square],
-            }
-            for name, each in self._channels.items()
-        }
+    def snapshot(self) -> dict[str, LearnedChannel]:
+        """What was learned of each channel."""
+        return {name: channel.snapshot() for name, channel in self._channels.items()}
 
-    def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Go on from a snapshot; ValueError, KeyError or TypeError if it is none."""
+    def restore(self, snapshot: Mapping[str, LearnedChannel]) -> None:
+        """Go on from a snapshot. Raises ValueError."""
+        if not self._channels.keys() <= snapshot.keys():
+            raise ValueError("a consistency watch of other channels")
         self.restart()
         for name, channel in self._channels.items():
-            saved = snapshot[name]
-            gram, cross = np.array(saved["gram"], np.float64), np.array(saved["cross"], np.float64)
-            if cross.size:
-                if gram.shape != (cross.size, cross.size):
-                    raise ValueError("a consistency watch of another version")
-                channel.gram, channel.cross = gram, cross
-            learned, judged, channel.mean, channel.worst, channel.square = saved["numbers"]
-            channel.learned, channel.judged = int(learned), int(judged)
+            channel.restore(snapshot[name])
 
 
 def _onset_s(recent: list[tuple[float, float]]) -> float:

@@ -1,10 +1,11 @@
 """The friction curve that ordinary work shows, against the one from when the part was new."""
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...messages.arrays import StoredFloats
 from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
 from ...messages.trend import FrictionCurve
@@ -15,6 +16,13 @@ _STEADY_SHARE = 0.03
 _SETTLED_S = 0.2
 _BASELINE_COUNT = 100.0
 _MEMORY_COUNT = 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrictionClasses:
+    """Count, recent count, mean speed, newest and first torque by class of speed, (5, n)."""
+
+    columns: StoredFloats
 
 
 class FrictionWatch:
@@ -67,14 +75,14 @@ class FrictionWatch:
             count=tuple(int(each) for each in self._count[seen]),
         )
 
-    def snapshot(self) -> dict[str, Any]:
-        """Everything, for JSON."""
+    def snapshot(self) -> FrictionClasses:
+        """State that outlives the process."""
         columns = (self._count, self._recent, self._speed, self._now, self._first)
-        return {"columns": [np.nan_to_num(each, nan=0.0).tolist() for each in columns]}
+        return FrictionClasses(np.nan_to_num(columns, nan=0.0))
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError if it is none."""
-        columns = np.array(snapshot["columns"], np.float64)
+    def restore(self, snapshot: FrictionClasses) -> None:
+        """Go on from a snapshot. Raises ValueError."""
+        columns = snapshot.columns
         if columns.shape != (5, self._count.size):
             raise ValueError("a friction curve of another version")
         self._count, self._recent, speed, now, first = columns

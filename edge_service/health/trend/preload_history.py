@@ -1,13 +1,27 @@
 """Preload since the part came into use, in few points however long that is."""
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...messages.arrays import StoredFloats
 from ...messages.samples import Floats
 
 MOST_POINTS = 400
 _COLUMNS = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreloadSteps:
+    """Steps of a preload history.
+
+    Attributes:
+        step_s: length of a step, s.
+        rows: step number, count, preload (percent), half width (percent), distance (m), (n, 5).
+    """
+
+    step_s: float
+    rows: StoredFloats
 
 
 class PreloadHistory:
@@ -66,16 +80,16 @@ class PreloadHistory:
             rows = rows[:-1]
         return (rows[:, 0] + 0.5) * self._step_s, rows[:, 2], rows[:, 3], rows[:, 4]
 
-    def snapshot(self) -> dict[str, Any]:
-        """Everything, for JSON."""
-        return {"step_s": self._step_s, "rows": self._rows}
+    def snapshot(self) -> PreloadSteps:
+        """State that outlives the process."""
+        return PreloadSteps(self._step_s, np.array(self._rows, np.float64).reshape(-1, _COLUMNS))
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError if it is none."""
-        rows = np.array(snapshot["rows"], np.float64).reshape(-1, _COLUMNS)
+    def restore(self, snapshot: PreloadSteps) -> None:
+        """Go on from a snapshot. Raises ValueError."""
+        rows = snapshot.rows.reshape(-1, _COLUMNS)
         if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0):
             raise ValueError("a wear series out of order")
-        self._step_s, self._rows = float(snapshot["step_s"]), rows.tolist()
+        self._step_s, self._rows = snapshot.step_s, rows.tolist()
 
     def _coarsen(self) -> None:
         rows = np.array(self._rows)

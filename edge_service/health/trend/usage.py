@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -74,13 +73,8 @@ class UsageCounter:
             force_way_m=tuple(round(each, 3) for each in self._force_way_m.tolist()),
         )
 
-    def snapshot(self) -> dict[str, Any]:
-        """Everything, for JSON."""
-        return self.use().model_dump(mode="json")
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError if it is none."""
-        use = Use.model_validate(snapshot)
+    def restore(self, use: Use) -> None:
+        """Go on from what was counted."""
         self._since_ns, self._moving_s = use.since_time_ns, use.moving_s
         self._observed_s, self.distance_m = use.observed_s, use.distance_m
         self._reversals = use.reversals

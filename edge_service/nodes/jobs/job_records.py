@@ -1,6 +1,5 @@
 """Records of jobs that outlive the service: one JSON file beside each job's folder."""
 
-import json
 import logging
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,8 +33,8 @@ def known_jobs(folder: Path) -> Sequence[tuple[Path, JobAnswer]]:
     jobs = []
     for path in folder.glob(f"[!.]*{_SUFFIX}"):
         try:
-            answer = JobAnswer.model_validate(json.loads(path.read_bytes()))
-        except (OSError, ValueError, ValidationError) as error:
+            answer = JobAnswer.model_validate_json(path.read_bytes())
+        except (OSError, ValidationError) as error:
             log.warning("%s: no record of a job (%s)", path, type(error).__name__)
             continue
         if answer.state is JobState.RUNNING:

@@ -3,11 +3,12 @@
 import hashlib
 import json
 import logging
-import math
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import FiniteFloat, TypeAdapter
 
 from ...atomic import replaced_file
 from ...config_tables import Table
@@ -15,7 +16,7 @@ from ...models.machine import Machine
 from .watch_store import axis_folder
 
 log = logging.getLogger(__name__)
-SCHEMA = "estimate-state/1"
+SCHEMA: Literal["estimate-state/1"] = "estimate-state/1"
 LONGEST_STOP_S = 30 * 86400.0
 """After a longer stop nothing is left of what was known."""
 AHEAD_S = 60.0
@@ -45,10 +46,29 @@ class Kept:
     snapshot: dict[str, Any]
 
 
+@dataclass(frozen=True, slots=True)
+class _File:
+    """Content of a file: the JSON of the snapshot with its digest, and what it belongs to."""
+
+    schema: Literal["estimate-state/1"]
+    axis: str
+    machine: str
+    time_s: FiniteFloat
+    source_time_ns: int
+    sha256: str
+    state: str
+
+
+_FILES = TypeAdapter(_File)
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def identity_of(machine: Machine, *tables: Table) -> str:
     """Digest of all that the numbers of a state rest on: machine file and choices."""
-    told = "\n".join(each.model_dump_json() for each in (machine, *tables))
-    return hashlib.sha256(told.encode()).hexdigest()
+    return _digest("\n".join(each.model_dump_json() for each in (machine, *tables)))
 
 
 def read_kept(path: Path, axis: str, identity: str) -> Kept | None:
@@ -68,17 +88,9 @@ def read_kept(path: Path, axis: str, identity: str) -> Kept | None:
 def write_kept(path: Path, axis: str, identity: str, kept: Kept) -> None:
     """Write a state, whole or not at all. Raises OSError."""
     state = json.dumps(kept.snapshot, allow_nan=False)
-    content = {
-        "schema": SCHEMA,
-        "axis": axis,
-        "machine": identity,
-        "time_s": kept.time_s,
-        "source_time_ns": kept.source_time_ns,
-        "sha256": hashlib.sha256(state.encode()).hexdigest(),
-        "state": state,
-    }
+    content = _File(SCHEMA, axis, identity, kept.time_s, kept.source_time_ns, _digest(state), state)
     with replaced_file(path) as file:
-        json.dump(content, file, allow_nan=False)
+        file.write(_FILES.dump_json(content).decode())
 
 
 class EstimateStore:
@@ -146,16 +158,13 @@ class EstimateStore:
 def _parsed(text: str, axis: str) -> tuple[Kept, str]:
     """State and identity of a file. Raises StateError."""
     try:
-        content = json.loads(text)
-        if (content["schema"], content["axis"]) != (SCHEMA, axis):
-            raise ValueError(f"{content['schema']} of axis {content['axis']}, not {SCHEMA}")
-        if hashlib.sha256(content["state"].encode()).hexdigest() != content["sha256"]:
+        content = _FILES.validate_json(text)
+        if content.axis != axis:
+            raise ValueError(f"{SCHEMA} of axis {content.axis}")
+        if _digest(content.state) != content.sha256:
             raise ValueError("its checksum is wrong")
-        time_s, source_time_ns = float(content["time_s"]), int(content["source_time_ns"])
-        if not math.isfinite(time_s):
-            raise ValueError("its time is none")
-        kept = Kept(time_s, source_time_ns, json.loads(content["state"]))
-        return kept, str(content["machine"])
+        kept = Kept(content.time_s, content.source_time_ns, json.loads(content.state))
+        return kept, content.machine
     except DAMAGED as error:
         raise StateError(f"it cannot be read ({_short(error)})", damaged=True) from None
 

@@ -1,0 +1,83 @@
+"""Events of one axis beyond those of its condition and its alarms."""
+
+from datetime import UTC, datetime
+
+from ..messages.alarm import Command
+from ..messages.event import Event, Severity
+from .condition.input_watch import NS_PER_S
+from .model_watch.consistency import CHANNEL_WORDS, Disagreement
+
+
+def preload_rose(axis: str, before: float, percent: float, now_ns: int) -> Event:
+    """Event of a rise that wear cannot make; preloads in percent of the load rating."""
+    return Event(
+        axis=axis,
+        kind="preload_rose",
+        severity=Severity.INFO,
+        message=(
+            f"preload rose from {before:.2f} to {percent:.2f} %, which wear cannot do: its trend "
+            "begins anew; if a part was replaced, note it"
+        ),
+        time_ns=now_ns,
+        data={"from_percent": before, "to_percent": percent},
+    )
+
+
+def recording_name(axis: str, since_ns: int) -> str:
+    """Name of the trace around a disagreement.
+
+    >>> recording_name("X", 1_795_000_000_000_000_000)
+    'disagreement_X_20261118T110640Z.parquet'
+    """
+    stamp = datetime.fromtimestamp(since_ns / NS_PER_S, UTC).strftime("%Y%m%dT%H%M%SZ")
+    return f"disagreement_{axis}_{stamp}.parquet"
+
+
+def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: int) -> Event:
+    """Event of a change of the verdict on the model."""
+    name = recording_name(axis, since_ns)
+    words = (
+        f"the model no longer fits: {CHANNEL_WORDS[change.channel]} is off by "
+        f"{change.ratio**0.5:.1f} times as much as before; {name} is being recorded"
+        if change.disagrees
+        else f"the model fits again: {CHANNEL_WORDS[change.channel]} is as it was"
+    )
+    return Event(
+        axis=axis,
+        kind="model_disagrees" if change.disagrees else "model_agrees",
+        severity=Severity.WARNING if change.disagrees else Severity.INFO,
+        message=words,
+        time_ns=now_ns,
+        data={
+            "channel": change.channel,
+            "ratio": change.ratio,
+            "since_s": change.since_s,
+            "recording": name if change.disagrees else None,
+        },
+    )
+
+
+def disagreement_recorded(axis: str, name: str, now_ns: int) -> Event:
+    """Event of a recording that is ready to diagnose."""
+    return Event(
+        axis=axis,
+        kind="disagreement_recorded",
+        severity=Severity.INFO,
+        message=f"{name} holds the disagreement, ready to diagnose",
+        time_ns=now_ns,
+        data={"recording": name},
+    )
+
+
+def log_entry(axis: str, command: Command, now_ns: int) -> Event:
+    """Event of a note, or of a part that was replaced."""
+    replaced = command.action == "part_replaced"
+    words = command.note or ("part replaced" if replaced else "")
+    return Event(
+        axis=axis,
+        kind="part_replaced" if replaced else "note",
+        severity=Severity.INFO,
+        message=f"{words} ({command.user})",
+        time_ns=now_ns,
+        data={"user": command.user},
+    )
