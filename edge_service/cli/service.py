@@ -71,7 +71,7 @@ def check_config(config: Path | None) -> None:
 
 def _axes(settings: EdgeConfig) -> Iterator[str]:
     """A line for each axis: where it comes from, and what can be said of it."""
-    from ..nodes.pipeline import load_machines
+    from ..nodes.wiring.stages import load_machines
 
     machines = load_machines(settings)
     for axis in settings.axes:

@@ -15,7 +15,7 @@ from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import PRELOAD, RAW, WAVE
 from ..messages.waveform import Waveform
-from .context import NodeContext, Reporter
+from .wiring.context import NodeContext, Reporter
 
 log = logging.getLogger(__name__)
 BACKOFF_FIRST_S, BACKOFF_CAP_S = 0.5, 5.0

@@ -6,8 +6,8 @@ from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import FEAT, RAW
-from .context import NodeContext, Reporter
-from .pipeline import load_machines, make_downsampler
+from .wiring.context import NodeContext, Reporter
+from .wiring.stages import load_machines, make_downsampler
 
 
 async def run(context: NodeContext) -> None:

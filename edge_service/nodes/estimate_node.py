@@ -5,10 +5,10 @@ import logging
 
 from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, FEAT, PRELOAD
-from .context import NodeContext, Reporter
-from .estimated_axis import EstimatedAxis
-from .pipeline import load_machines, make_estimator, warm_up
 from .stores.estimate_store import EstimateStore, Kept, identity_of
+from .wiring.context import NodeContext, Reporter
+from .wiring.estimated_axis import EstimatedAxis
+from .wiring.stages import load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 SAVE_PERIOD_S = 60.0

@@ -17,9 +17,9 @@ from ..messages.event import Event
 from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from ..models.machine import Machine
-from .context import NodeContext, Reporter
-from .pipeline import load_machines
 from .stores.watch_store import load_snapshot, save_snapshot
+from .wiring.context import NodeContext, Reporter
+from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
 HEALTH_PERIOD_S = 1.0

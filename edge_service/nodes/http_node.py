@@ -12,13 +12,13 @@ from ..messages.alarm import Command
 from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
 from ..models.screw.stroke_profile import stroke_profile
-from .context import NodeContext, Reporter
 from .health_node import health_settings
 from .jobs.job_desk import ProcessJobDesk
-from .pipeline import load_machines
+from .outputs.registry import OUTPUTS
 from .stores.disagreement_recorder import DisagreementRecorder
 from .stores.history_store import open_history
-from .webhook import Webhook
+from .wiring.context import NodeContext, Reporter
+from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ async def run(context: NodeContext) -> None:
     features, events = context.subscribe(FEAT), context.subscribe(EVENT)
     samples = context.subscribe(RAW, depth=1024)
     reports = context.bus.subscribe(config.keys.all_components(STATUS), STATUS)
-    webhook = Webhook.of(config)
+    outputs = [make(config) for make in OUTPUTS]
     desk = ProcessJobDesk(config.history.folder, {axis.name: axis.machine for axis in config.axes})
     reporter = Reporter(context, "http")
     reporter.counters = preloads.counters.as_dict
@@ -69,7 +69,8 @@ async def run(context: NodeContext) -> None:
     async def follow_events() -> None:
         async for _, _, event in events:
             state.on_event(event, time.time_ns())
-            webhook.put(event)
+            for output in outputs:
+                output.put(event)
             recorder.note(event)
 
     async def follow_samples() -> None:
@@ -106,7 +107,7 @@ async def run(context: NodeContext) -> None:
                 follow_samples,
                 follow_reports,
                 store.run,
-                webhook.run,
+                *(output.run for output in outputs),
             )
         ]
         try:

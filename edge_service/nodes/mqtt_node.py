@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -12,11 +13,11 @@ from ..bus.mqtt.plain_json import PlainJson
 from ..bus.mqtt.sparkplug import Sparkplug
 from ..bus.mqtt.spool import Spool, SpoolError
 from ..bus.subscriber import Subscriber
-from ..config import ConfigError
+from ..config import ConfigError, ServiceConfig
 from ..config_tables import MqttConfig
 from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
-from .context import NodeContext, Reporter
+from .wiring.context import NodeContext, Reporter
 
 _ABSENCE_PERIOD_S = 0.5
 log = logging.getLogger(__name__)
@@ -33,7 +34,7 @@ async def run(context: NodeContext) -> None:
         spool = Spool(config.mqtt.buffer, config.mqtt.buffer_messages)
         delivery = MqttDelivery(
             _settings(context, config.mqtt),
-            _form(context, config.mqtt),
+            _FORMS[config.mqtt.payload](config.service, config.mqtt),
             spool,
             partial(_tell, reporter),
         )
@@ -71,11 +72,12 @@ def _settings(context: NodeContext, mqtt: MqttConfig) -> MqttSettings:
     )
 
 
-def _form(context: NodeContext, mqtt: MqttConfig) -> PayloadForm:
-    service = context.config.service
-    if mqtt.payload == "sparkplug":
-        return Sparkplug(service.site, service.machine)
-    return PlainJson(f"{mqtt.prefix.strip('/')}/{service.site}/{service.machine}")
+_FORMS: dict[str, Callable[[ServiceConfig, MqttConfig], PayloadForm]] = {
+    "json": lambda service, mqtt: PlainJson(
+        f"{mqtt.prefix.strip('/')}/{service.site}/{service.machine}"
+    ),
+    "sparkplug": lambda service, _mqtt: Sparkplug(service.site, service.machine),
+}
 
 
 def _tell(reporter: Reporter, problem: str) -> None:

@@ -6,29 +6,23 @@ import logging
 import signal
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from typing import Any, Literal
+from importlib import import_module
+from typing import Any, Literal, get_args
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
 from ..bus.session import Bus, BusSettings, BusUnavailableError
 from ..config import ConfigError, EdgeConfig
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
-from .context import NodeContext
+from .wiring.context import NodeContext
 
 log = logging.getLogger(__name__)
 NodeName = Literal[
     "acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration", "bus"
 ]
-NODE_NAMES: tuple[NodeName, ...] = (
-    "acquire",
-    "downsample",
-    "estimate",
-    "health",
-    "http",
-    "mqtt",
-    "vibration",
-    "bus",
-)
+NODE_NAMES: tuple[NodeName, ...] = get_args(NodeName)
+OPTIONAL: tuple[NodeName, ...] = ("mqtt", "vibration")
+"""Nodes that run where their table stands in the configuration."""
 PIPELINE: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample", "acquire")
 _JOIN_PERIOD_S = 1.0
 DRAIN_S = 0.5
@@ -41,18 +35,9 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     """
     await check_service(config)
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
-    names = (*_optional(config), *PIPELINE)
+    optional = (name for name in OPTIONAL if getattr(config, name) is not None)
+    names = (*optional, *PIPELINE)
     await _run_on(bus, config, names, on_http_ready)
-
-
-def _optional(config: EdgeConfig) -> tuple[NodeName, ...]:
-    """Nodes that run where their table stands in the configuration."""
-    names: list[NodeName] = []
-    if config.mqtt is not None:
-        names.append("mqtt")
-    if config.vibration is not None:
-        names.append("vibration")
-    return tuple(names)
 
 
 async def run_node(
@@ -135,16 +120,11 @@ async def run_nodes(
 
 
 def _coroutines(context: NodeContext, name: NodeName) -> list[Coroutine[Any, Any, None]]:
-    match name:
-        case "acquire":
-            return [acquire_node.run(context, axis) for axis in context.config.axes]
-        case "bus":
-            return []
-        case "mqtt":
-            return [_mqtt(context)]
-        case "vibration":
-            return [_vibration(context)]
-    return [_RUNS[name](context)]
+    if name == "acquire":
+        return [acquire_node.run(context, axis) for axis in context.config.axes]
+    if name == "bus":
+        return []
+    return [_optional_node(context, name) if name in OPTIONAL else _RUNS[name](context)]
 
 
 _RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
@@ -155,18 +135,13 @@ _RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
 }
 
 
-async def _mqtt(context: NodeContext) -> None:
+async def _optional_node(context: NodeContext, name: NodeName) -> None:
+    """Run a node whose libraries are large, or may be missing. Raises ConfigError."""
     try:
-        from . import mqtt_node
+        node = import_module(f".{name}_node", __package__)
     except ImportError as error:
-        raise ConfigError(f"mqtt: needs `pip install edge-service[mqtt]` ({error})") from None
-    await mqtt_node.run(context)
-
-
-async def _vibration(context: NodeContext) -> None:
-    from . import vibration_node  # its signal processing takes 45 MB
-
-    await vibration_node.run(context)
+        raise ConfigError(f"{name}: needs `pip install edge-service[{name}]` ({error})") from None
+    await node.run(context)
 
 
 async def check_service(config: EdgeConfig) -> tuple[str, ...]:

@@ -21,8 +21,8 @@ from ..messages.waveform import Waveform
 from ..models.machine import Machine
 from ..trace.columns import TraceError
 from ..trace.writer import TraceWriter
-from .context import NodeContext, Reporter
-from .pipeline import load_machines
+from .wiring.context import NodeContext, Reporter
+from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
 

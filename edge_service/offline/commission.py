@@ -12,7 +12,7 @@ from ..estimate.commissioning.steady_phases import observed_limits
 from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits
-from ..nodes.pipeline import make_downsampler
+from ..nodes.wiring.stages import make_downsampler
 from .recordings import open_recording
 from .report.quantities import tolerated
 

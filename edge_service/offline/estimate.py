@@ -9,7 +9,6 @@ from ..config import ConfigError, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..nodes.pipeline import make_downsampler, make_estimator
 from ..nodes.stores.estimate_store import (
     DAMAGED,
     Kept,
@@ -18,6 +17,7 @@ from ..nodes.stores.estimate_store import (
     read_kept,
     write_kept,
 )
+from ..nodes.wiring.stages import make_downsampler, make_estimator
 from .recordings import open_recording
 
 UNKNOWN_STOP_S = 86_400.0

@@ -9,8 +9,8 @@ from ..bus.subscriber import Subscriber
 from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.topics import PRELOAD
-from ..nodes.context import NodeContext
 from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
+from ..nodes.wiring.context import NodeContext
 
 FLAT_OUT_FRAME_S = 0.5
 

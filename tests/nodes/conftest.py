@@ -20,8 +20,8 @@ from edge_service.config import (
 )
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
 from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
-from edge_service.nodes.context import NodeContext
 from edge_service.nodes.service import PIPELINE, NodeName, run_nodes
+from edge_service.nodes.wiring.context import NodeContext
 from edge_service.trace.writer import TraceWriter
 
 PATIENCE_S = 30.0

@@ -38,8 +38,6 @@ from edge_service.messages.topics import COMMAND, FEAT, PRELOAD, STATUS
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
 from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
-from edge_service.nodes.estimated_axis import EstimatedAxis
-from edge_service.nodes.pipeline import make_downsampler
 from edge_service.nodes.stores.estimate_store import (
     AHEAD_S,
     LONGEST_STOP_S,
@@ -48,6 +46,8 @@ from edge_service.nodes.stores.estimate_store import (
     identity_of,
     read_kept,
 )
+from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
+from edge_service.nodes.wiring.stages import make_downsampler
 from edge_service.offline.replay import replay_trace
 
 from .conftest import PATIENCE_S, Running, config_of, running, until

@@ -18,9 +18,9 @@ from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import PRELOAD, STATUS
-from edge_service.nodes.context import NodeContext
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import NodeName, run_nodes
+from edge_service.nodes.wiring.context import NodeContext
 from edge_service.offline.estimate import estimates
 from edge_service.offline.replay import replay_trace
 from edge_service.trace.reader import open_trace, read_trace

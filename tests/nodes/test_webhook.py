@@ -13,8 +13,8 @@ import pytest
 
 from edge_service.config import ConfigError, EdgeConfig
 from edge_service.messages.event import Event, Severity
-from edge_service.nodes import webhook as webhook_module
-from edge_service.nodes.webhook import SIGNATURE, TIMESTAMP, Webhook
+from edge_service.nodes.outputs import webhook as webhook_module
+from edge_service.nodes.outputs.webhook import SIGNATURE, TIMESTAMP, Webhook
 
 from .conftest import config_of, until
 

@@ -17,7 +17,7 @@ from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.estimate.mixture.model import MixtureSettings
 from edge_service.estimate.mixture.state import LOAD, LOOSENING, LOSS, LUBRICATION, TOTAL_LOSS
 from edge_service.models.machine import Machine
-from edge_service.nodes.pipeline import make_downsampler
+from edge_service.nodes.wiring.stages import make_downsampler
 from edge_service.offline.commission import commission_to_file
 from edge_service.offline.recordings import open_recording
 

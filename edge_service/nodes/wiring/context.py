@@ -6,14 +6,14 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
-from ..bus.publisher import Publisher
-from ..bus.session import Bus
-from ..bus.subscriber import Subscriber
-from ..config import EdgeConfig
-from ..health.condition.component import ComponentStatusMachine
-from ..messages.codec.interface import T
-from ..messages.health import ComponentStatus
-from ..messages.topics import STATUS, Topic
+from ...bus.publisher import Publisher
+from ...bus.session import Bus
+from ...bus.subscriber import Subscriber
+from ...config import EdgeConfig
+from ...health.condition.component import ComponentStatusMachine
+from ...messages.codec.interface import T
+from ...messages.health import ComponentStatus
+from ...messages.topics import STATUS, Topic
 
 REPORT_PERIOD_S = 1.0
 

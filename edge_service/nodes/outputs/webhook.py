@@ -12,9 +12,9 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
-from ..config import ConfigError, EdgeConfig
-from ..messages.event import Event
-from ..messages.topics import EVENT
+from ...config import ConfigError, EdgeConfig
+from ...messages.event import Event
+from ...messages.topics import EVENT
 
 log = logging.getLogger(__name__)
 MOST_WAITING = 1000

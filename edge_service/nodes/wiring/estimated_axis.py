@@ -3,11 +3,11 @@
 import logging
 import time
 
-from ..estimate.interface import PreloadEstimator
-from ..messages.estimate import PreloadEstimate
-from ..messages.features import FeatureBlock
-from ..messages.header import Header
-from .stores.estimate_store import DAMAGED, EstimateStore, Kept, StateError
+from ...estimate.interface import PreloadEstimator
+from ...messages.estimate import PreloadEstimate
+from ...messages.features import FeatureBlock
+from ...messages.header import Header
+from ..stores.estimate_store import DAMAGED, EstimateStore, Kept, StateError
 
 log = logging.getLogger(__name__)
 SILENCE_S = 10.0

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..config import (
+from ...config import (
     DEFAULT_MACHINE,
     ConfigError,
     DownsampleConfig,
@@ -12,17 +12,17 @@ from ..config import (
     EstimatorConfig,
     load_machine,
 )
-from ..downsample import Downsampler, DownsampleSettings
-from ..downsample.channel_limits import channel_limits
-from ..downsample.phases import PhaseSettings
-from ..downsample.statistics import PlausibilitySettings
-from ..estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
-from ..estimate.interface import PreloadEstimator
-from ..estimate.mixture.estimator import FusedPreloadEstimator
-from ..messages.channels import ANGLE, TORQUE
-from ..messages.samples import SampleFrame
-from ..models.machine import Machine
-from ..models.steady_limits import SteadyLimits, steady_limits
+from ...downsample import Downsampler, DownsampleSettings
+from ...downsample.channel_limits import channel_limits
+from ...downsample.phases import PhaseSettings
+from ...downsample.statistics import PlausibilitySettings
+from ...estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
+from ...estimate.interface import PreloadEstimator
+from ...estimate.mixture.estimator import FusedPreloadEstimator
+from ...messages.channels import ANGLE, TORQUE
+from ...messages.samples import SampleFrame
+from ...models.machine import Machine
+from ...models.steady_limits import SteadyLimits, steady_limits
 
 _WARM_RAD_S = 10.0
 

@@ -1,0 +1,1 @@
+"""Outputs of events beside the bus."""

@@ -1,0 +1,1 @@
+"""What the processes share: context, the configured stages, and an axis that is estimated."""
