@@ -44,20 +44,13 @@ class ServiceState:
     Payloads of other axes are ignored and counted, so nobody on the bus can make it grow. It may
     be used from the thread of one event loop only.
 
-    Parameters
-    ----------
-    axes : Mapping[str, AxisLimits or None]
-        The configured axes with their limits (for display only), in the order of display.
-    now_ns : int
-        UNIX time of the start, ns.
-    settings : StateSettings
-        Sizes and times.
-    keeping : Keeping
-        What outlives the process.
-    strokes : Mapping[str, StrokeModel or None]
-        What is known of each axis along its stroke.
-    place : MachineKeys or None
-        Site and machine that the axes belong to.
+    Args:
+        axes: The configured axes with their limits (for display only), in the order of display.
+        now_ns: UNIX time of the start, ns.
+        settings: Sizes and times.
+        keeping: What outlives the process.
+        strokes: What is known of each axis along its stroke.
+        place: Site and machine that the axes belong to.
     """
 
     def __init__(

@@ -58,10 +58,8 @@ class HealthSettings:
     def limits(self, fresh_preload_percent: float | None) -> AxisLimits | None:
         """Limits of an axis, or None where the fresh screw's preload is not known.
 
-        Parameters
-        ----------
-        fresh_preload_percent : float or None
-            Preload of the fresh screw in percent of the dynamic load rating.
+        Args:
+            fresh_preload_percent: Preload of the fresh screw in percent of the dynamic load rating.
         """
         if fresh_preload_percent is None:
             return None

@@ -51,18 +51,12 @@ def create_app(
 ) -> FastAPI:
     """The HTTP interface of one service.
 
-    Parameters
-    ----------
-    state : ServiceState
-        What is answered from.
-    clock : Callable[[], int]
-        UNIX time in ns.
-    hosts : Iterable[str]
-        Host names, without port, under which the service may be addressed.
-    send_command : Callable[[str, Command], None] or None
-        Passes on what a person asks of an axis; None: nothing is taken.
-    desk : JobDesk or None
-        Keeps recordings and runs jobs; None: there are none.
+    Args:
+        state: What is answered from.
+        clock: UNIX time in ns.
+        hosts: Host names, without port, under which the service may be addressed.
+        send_command: Passes on what a person asks of an axis; None: nothing is taken.
+        desk: Keeps recordings and runs jobs; None: there are none.
     """
     app = _Application(
         title="edge-service",

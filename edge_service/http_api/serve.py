@@ -40,26 +40,18 @@ async def serve(
 ) -> None:
     """Serve until `stop` is set or the task is cancelled; both end it in good order.
 
-    Parameters
-    ----------
-    app : ASGIApp
-        The application.
-    host : str
-        A loopback address or `localhost`.
-    port : int
-        TCP port; 0 takes a free one.
-    stop : asyncio.Event
-        Set to end.
-    on_bound : Callable
-        Called with the address and the real port as soon as connections are taken.
-    before_stop : Callable
-        Called before the server waits for its connections to end: end the live streams here
-        (`ServiceState.close`), or they are cut off after a short grace.
+    Args:
+        app: The application.
+        host: A loopback address or `localhost`.
+        port: TCP port; 0 takes a free one.
+        stop: Set to end.
+        on_bound: Called with the address and the real port as soon as connections are taken.
+        before_stop: Called before the server waits for its connections to end: end the live streams
+            here (`ServiceState.close`), or they are cut off after a short grace.
 
-    Raises
-    ------
-    AddressError
-        Before anything is served: the address is no loopback address (PortInUseError: or taken).
+    Raises:
+        AddressError: Before anything is served: the address is no loopback address (PortInUseError:
+            or taken).
     """
     listener = bind(host, port)
     config = uvicorn.Config(

@@ -66,10 +66,9 @@ class SuddenDrop:
 class AxisAlarms:
     """The alarms of one axis.
 
-    Parameters
-    ----------
-    fresh_percent : float or None
-        The commissioned preload, percent of the load rating; without it limits have no meaning.
+    Args:
+        fresh_percent: The commissioned preload, percent of the load rating; without it limits have
+            no meaning.
     """
 
     def __init__(

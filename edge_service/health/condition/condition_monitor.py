@@ -31,16 +31,12 @@ class ConditionMonitor:
     The condition is UNAVAILABLE without input, with stale input, while no number came for
     `grace_s`, where no limit is known, and until the first numbers have lasted for `delay_s`.
 
-    Parameters
-    ----------
-    axis : str
-        Name of the axis.
-    fresh_preload_percent : float or None
-        Preload of the fresh screw in percent of the dynamic load rating; None if not known.
-    settings : HealthSettings
-        Limits and delays.
-    now_ns : int
-        UNIX time of the start, ns.
+    Args:
+        axis: Name of the axis.
+        fresh_preload_percent: Preload of the fresh screw in percent of the dynamic load rating;
+            None if not known.
+        settings: Limits and delays.
+        now_ns: UNIX time of the start, ns.
     """
 
     def __init__(

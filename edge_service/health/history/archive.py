@@ -30,10 +30,8 @@ class AxisArchive:
     `append` never waits and may be called from an event loop; everything else may be called from
     any thread and takes turns.
 
-    Parameters
-    ----------
-    folder : Path or None
-        Where the axis' files live; None keeps everything in memory, in bounded size.
+    Args:
+        folder: Where the axis' files live; None keeps everything in memory, in bounded size.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -75,13 +73,10 @@ class AxisArchive:
     def buckets(self, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
         """Buckets of [start_s, end_s) that hold estimates, oldest first; empty ones are left out.
 
-        Parameters
-        ----------
-        start_s, end_s : float
-            UNIX times, s.
-        step_s : float
-            Length of a bucket, s. From a minute on, buckets are made of whole minutes, and from an
-            hour on of whole hours: each belongs to the bucket in which it begins.
+        Args:
+            start_s, end_s: UNIX times, s.
+            step_s: Length of a bucket, s. From a minute on, buckets are made of whole minutes, and
+                from an hour on of whole hours: each belongs to the bucket in which it begins.
         """
         return buckets(aggregate(self.rows(start_s, end_s, step_s), start_s, step_s))
 

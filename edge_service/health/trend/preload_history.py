@@ -27,10 +27,8 @@ class PreloadSteps:
 class PreloadHistory:
     """Means of preload over equal steps of time; the steps double whenever there are too many.
 
-    Parameters
-    ----------
-    step_s : float
-        The first length of a step, s.
+    Args:
+        step_s: The first length of a step, s.
     """
 
     def __init__(self, step_s: float = 1.0) -> None:
@@ -40,14 +38,10 @@ class PreloadHistory:
     def add(self, time_s: float, percent: float, half_width: float, distance_m: float) -> None:
         """Take an estimate in.
 
-        Parameters
-        ----------
-        time_s : float
-            UNIX time, s; one before the newest step is ignored.
-        percent, half_width : float
-            Preload and half the width of its 95 % interval, percent.
-        distance_m : float
-            Way of the table since the part came into use, m.
+        Args:
+            time_s: UNIX time, s; one before the newest step is ignored.
+            percent, half_width: Preload and half the width of its 95 % interval, percent.
+            distance_m: Way of the table since the part came into use, m.
         """
         step = float(time_s // self._step_s)
         if self._rows and step < self._rows[-1][0]:

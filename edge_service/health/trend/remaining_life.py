@@ -55,12 +55,10 @@ def project_wear(
 ) -> WearProjection | None:
     """The better explained of wear against time and wear against distance; None if too early.
 
-    Parameters
-    ----------
-    time_s, distance_m, percent : (n,)
-        The history; the distance may be NaN or not grow, then time alone counts.
-    sigma_level : float
-        Standard deviation of an error common to all points, percent.
+    Args:
+        time_s, distance_m, percent: The history; the distance may be NaN or not grow, then time
+            alone counts, (n,).
+        sigma_level: Standard deviation of an error common to all points, percent.
     """
     rng = np.random.default_rng(_SEED)
     by_time = draw_trends(time_s, percent, sigma_level, rng, MEMORY_S)
@@ -113,12 +111,10 @@ def preload_trend(
 ) -> Trend:
     """The trend of a history, for people.
 
-    Parameters
-    ----------
-    time_s, percent, half_width_percent, distance_m : (n,)
-        The history since the part came into use.
-    limits_percent : dict[str, float]
-        Limits by name, percent of the dynamic load rating.
+    Args:
+        time_s, percent, half_width_percent, distance_m: The history since the part came into use,
+            (n,).
+        limits_percent: Limits by name, percent of the dynamic load rating.
     """
     settings = settings or TrendSettings()
     if time_s.size:

@@ -69,18 +69,12 @@ def draw_trends(
 ) -> TrendDraws | None:
     """Draw lines through a history; None if it is too short to tell.
 
-    Parameters
-    ----------
-    s : (n,)
-        Time or distance, rising; only its differences matter.
-    percent : (n,)
-        Preload, percent of the dynamic load rating.
-    sigma_level : float
-        Standard deviation of an error common to neighbouring points, percent.
-    rng : Generator
-        Source of the draws; seed it, so that the same history gives the same answer.
-    memory : float
-        After so much s that error is another one, as with a filter that forgets.
+    Args:
+        s: Time or distance, rising; only its differences matter, (n,).
+        percent: Preload, percent of the dynamic load rating, (n,).
+        sigma_level: Standard deviation of an error common to neighbouring points, percent.
+        rng: Source of the draws; seed it, so that the same history gives the same answer.
+        memory: After so much s that error is another one, as with a filter that forgets.
     """
     if s.size < _FEWEST_POINTS or s[-1] <= s[0]:
         return None

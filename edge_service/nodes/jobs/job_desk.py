@@ -83,12 +83,9 @@ class _Job:
 class ProcessJobDesk:
     """See JobDesk. Recordings stay in `folder`; without one everything ends with the service.
 
-    Parameters
-    ----------
-    folder : Path or None
-        Where recordings and answers live.
-    machines : dict[str, Path]
-        Machine file of each axis.
+    Args:
+        folder: Where recordings and answers live.
+        machines: Machine file of each axis.
     """
 
     def __init__(
