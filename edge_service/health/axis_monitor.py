@@ -1,4 +1,4 @@
-"""Everything that is known and asked about one axis: judge, alarms, trend, use."""
+"""Monitor of one axis: condition, alarms, trend, use and consistency."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class AxisFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisSnapshot:
-    """All that must outlive the process; without `consistency` if an older version wrote it."""
+    """State that must outlive the process; without `consistency` if an older version wrote it."""
 
     schema: Literal["axis-watch/1"]
     axis: str
@@ -64,13 +64,13 @@ _SNAPSHOTS = TypeAdapter(AxisSnapshot)
 
 
 class AxisMonitor:
-    """Watches one axis; every call returns the events that it caused."""
+    """Monitor of one axis; every call returns the events that it caused."""
 
     def __init__(
         self, facts: AxisFacts, settings: HealthSettings, alarms: AlarmSettings, now_ns: int
     ) -> None:
         self.axis = facts.axis
-        self._judge = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
+        self._condition = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
         self._alarms = AxisAlarms(facts.axis, facts.fresh_percent, alarms, now_ns)
         limits = settings.limits(facts.fresh_percent)
         self._limits_percent = (
@@ -94,7 +94,7 @@ class AxisMonitor:
         self, header: Header, estimate: PreloadEstimate, now_ns: int
     ) -> tuple[Event, ...]:
         """Take an estimate in."""
-        events = self._judge.on_preload(header, estimate, now_ns)
+        events = self._condition.on_preload(header, estimate, now_ns)
         sudden = self._alarms.on_preload(estimate, header.source_time_ns, now_ns)
         if sudden:
             self._series.clear()  # what comes now is another state: its trend begins anew
@@ -112,11 +112,11 @@ class AxisMonitor:
         self._heard = (header.source_time_ns, block.time_s)
         change = self._consistency.add(block)
         noted = () if change is None else self._note_change(change, now_ns)
-        return (*self._judge.on_feature(header, block, now_ns), *noted)
+        return (*self._condition.on_feature(header, block, now_ns), *noted)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:
         """Take a component's report in."""
-        return self._judge.on_component(report, now_ns)
+        return self._condition.on_component(report, now_ns)
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Do what a person asks."""
@@ -131,11 +131,11 @@ class AxisMonitor:
 
     def tick(self, now_ns: int) -> tuple[Event, ...]:
         """Let time pass."""
-        return (*self._judge.tick(now_ns), *self._look_at_alarms(now_ns))
+        return (*self._condition.tick(now_ns), *self._look_at_alarms(now_ns))
 
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis with everything beside it, as of now."""
-        return self._judge.health(now_ns).model_copy(
+        return self._condition.health(now_ns).model_copy(
             update={
                 "alarms": self._alarms.shown(),
                 "trend": self._trend,
@@ -161,7 +161,7 @@ class AxisMonitor:
         self._trend, self._trend_ns = trend, now_ns
 
     def snapshot(self) -> dict[str, Any]:
-        """Everything that must outlive the process, for JSON."""
+        """State that must outlive the process, for JSON."""
         snapshot = AxisSnapshot(
             schema=SNAPSHOT_SCHEMA,
             axis=self.axis,
@@ -228,7 +228,9 @@ class AxisMonitor:
         )
 
     def _look_at_alarms(self, now_ns: int) -> tuple[Event, ...]:
-        health = self._judge.health(now_ns).model_copy(update={"consistency": self._consistent()})
+        health = self._condition.health(now_ns).model_copy(
+            update={"consistency": self._consistent()}
+        )
         return self._alarms.tick(health, self._trend, now_ns)
 
     def _restart(self, now_ns: int) -> None:

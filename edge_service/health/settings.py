@@ -1,4 +1,4 @@
-"""Settings of the judgement of an axis."""
+"""Settings of the condition of an axis."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ class AxisLimits:
 
 @dataclass(frozen=True, slots=True)
 class HealthSettings:
-    """Limits and delays of the judgement; the limits are a convention that the owner may change.
+    """Limits and delays of the condition; the limits are a convention that the owner may change.
 
     Attributes:
         warning_below_percent: WARNING below this share of the fresh preload, percent.

@@ -89,7 +89,7 @@ class JobsAnswer(Answer):
 
 
 class RefusedError(Exception):
-    """It cannot be done; the text is one line, `status` the HTTP status that says so."""
+    """Refusal of a request; the text is one line, `status` the HTTP status that says so."""
 
     def __init__(self, status: int, message: str) -> None:
         super().__init__(message)

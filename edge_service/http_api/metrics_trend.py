@@ -13,7 +13,7 @@ _PREFIX = "edge_service"
 
 
 class TrendCollector(Collector):
-    """Metrics that the judgement of every axis adds to its condition, as of one moment."""
+    """Alarms, trend and use of every axis, as of one moment."""
 
     def __init__(self, state: ServiceState, now_ns: int) -> None:
         self._state = state

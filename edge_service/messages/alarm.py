@@ -42,7 +42,7 @@ class Alarm(Frozen):
 
 
 class Command(Frozen):
-    """Command given by a person to the judgement of one axis.
+    """Command given by a person about one axis.
 
     Attributes:
         action: `acknowledge`, `shelve` or `unshelve` an alarm; write a `note`; say that a part

@@ -25,8 +25,8 @@ class Fault(IntFlag):
     TABLE_DISAGREES = 1 << 13  # both encoders part further than a sound axis can
     TABLE_DOUBTED = 1 << 14  # the linear encoder has not agreed for long enough again
     TABLE_SHIFTED = 1 << 15  # its level may be another than before it was doubted
-    TORQUE_STUCK = 1 << 16  # told with STUCK: it is the torque that repeats one value
-    ANGLE_STUCK = 1 << 17  # told with STUCK: it is the motor angle that repeats one value
+    TORQUE_STUCK = 1 << 16  # with STUCK: the torque repeats one value
+    ANGLE_STUCK = 1 << 17  # with STUCK: the motor angle repeats one value
 
 
 UNUSABLE = (

@@ -52,7 +52,3 @@ class MachineKeys:
     def all_components(self, topic: Topic[Any]) -> str:
         """Key expression of the reports of every component."""
         return f"{self.root}/{COMPONENT}/**/{topic.name}"
-
-    def axis_of(self, key: str) -> str:
-        """Axis part of a key made by `key`."""
-        return key.removeprefix(self.root + "/").rpartition("/")[0]

@@ -6,10 +6,10 @@ from .estimate import Frozen, Interval
 
 
 class TrendStatus(StrEnum):
-    """Status of a trend; `too_early` while none can be told."""
+    """Status of a trend; `too_early` while none can be estimated."""
 
     TOO_EARLY = "too_early"  # too little history since the trend began
-    STEADY = "steady"  # no change can be told from none
+    STEADY = "steady"  # no significant change
     FALLING = "falling"
     RISING = "rising"  # parts do not heal: something else changed
 

@@ -46,7 +46,7 @@ class _Axes:
         return {name: each for name, each in kept.items() if each is not None}
 
     def write(self, kept: dict[str, Kept]) -> None:
-        """Write states, from any thread; a full disk is told, and tried again."""
+        """Write states, from any thread; a full disk is logged, and tried again."""
         if self._store is None:
             return
         try:
@@ -59,7 +59,7 @@ class _Axes:
             self._failing = False
 
     def forget(self, axis: str) -> None:
-        """The part is another: begin anew."""
+        """Begin anew: the part is another."""
         heard_ns = self.axes[axis].forget()
         try:
             if self._store is not None:

@@ -27,7 +27,7 @@ SAVE_PERIOD_S = 10.0
 
 
 def health_settings(config: HealthConfig) -> HealthSettings:
-    """The judge's settings from the configuration."""
+    """Settings of the condition from the configuration."""
     return HealthSettings(
         warning_below_percent=config.warning_percent_of_fresh,
         fault_below_percent=config.fault_percent_of_fresh,
@@ -40,7 +40,7 @@ def alarm_settings(config: AlarmsConfig) -> AlarmSettings:
 
 
 def axis_facts(axis: str, machine: Machine) -> AxisFacts:
-    """Facts that the watch of an axis needs of its machine file."""
+    """Facts that the monitor of an axis needs of its machine file."""
     geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
     return AxisFacts(axis, machine.fresh_preload_percent, geometry)
 
@@ -53,18 +53,18 @@ class _Monitors:
         self._folder = config.history.folder
         settings, alarms = health_settings(config.health), alarm_settings(config.alarms)
         now_ns = time.time_ns()
-        self.watches = {
+        self.axes = {
             axis: AxisMonitor(axis_facts(axis, machine), settings, alarms, now_ns)
             for axis, machine in load_machines(config).items()
         }
-        self._health = {axis: context.publisher(axis, HEALTH) for axis in self.watches}
-        self._event = {axis: context.publisher(axis, EVENT) for axis in self.watches}
+        self._health = {axis: context.publisher(axis, HEALTH) for axis in self.axes}
+        self._event = {axis: context.publisher(axis, EVENT) for axis in self.axes}
 
     def load(self) -> None:
         """Go on where the last process was."""
         if self._folder is not None:
-            for watch in self.watches.values():
-                load_snapshot(self._folder, watch)
+            for monitor in self.axes.values():
+                load_snapshot(self._folder, monitor)
 
     def save(self) -> None:
         """Keep what must outlive the process."""
@@ -74,35 +74,35 @@ class _Monitors:
         """State of every axis; only in the thread of the event loop."""
         if self._folder is None:
             return {}
-        return {axis: watch.snapshot() for axis, watch in self.watches.items()}
+        return {axis: monitor.snapshot() for axis, monitor in self.axes.items()}
 
     def write(self, snapshots: dict[str, dict[str, Any]]) -> None:
-        """Write states, from any thread; a full disk is told, and tried again."""
+        """Write states, from any thread; a full disk is logged, and tried again."""
         try:
             for axis, snapshot in snapshots.items():
                 save_snapshot(self._folder or Path(), axis, snapshot)
         except OSError as error:
             log.warning("%s: the state cannot be kept (%s)", self._folder, error.strerror)
 
-    def tell(self, axis: str, events: Iterable[Event]) -> None:
+    def publish(self, axis: str, events: Iterable[Event]) -> None:
         """Publish events, and the health that goes with them at once."""
-        told = False
+        changed = False
         for event in events:
             self._event[axis].publish(event, event.time_ns)
-            told = True
-        if told:
+            changed = True
+        if changed:
             self.publish_health(axis)
 
     def publish_health(self, axis: str) -> None:
         """Publish the condition of an axis as of now."""
         now_ns = time.time_ns()
-        self._health[axis].publish(self.watches[axis].health(now_ns), now_ns)
+        self._health[axis].publish(self.axes[axis].health(now_ns), now_ns)
 
 
 async def run(context: NodeContext) -> None:
-    """Judge every configured axis until cancelled."""
-    axes = _Monitors(context)
-    watches = axes.watches
+    """Monitor every configured axis until cancelled."""
+    monitors = _Monitors(context)
+    axes = monitors.axes
     preloads, features = context.subscribe(PRELOAD), context.subscribe(FEAT)
     reports = context.bus.subscribe(context.config.keys.all_components(STATUS), STATUS)
     commands = context.subscribe(COMMAND)
@@ -111,47 +111,47 @@ async def run(context: NodeContext) -> None:
 
     async def follow_preloads() -> None:
         async for axis, header, estimate in preloads:
-            if axis in watches:
-                axes.tell(axis, watches[axis].on_preload(header, estimate, time.time_ns()))
+            if axis in axes:
+                monitors.publish(axis, axes[axis].on_preload(header, estimate, time.time_ns()))
 
     async def follow_features() -> None:
         async for axis, header, block in features:
-            if axis in watches:
-                axes.tell(axis, watches[axis].on_feature(header, block, time.time_ns()))
+            if axis in axes:
+                monitors.publish(axis, axes[axis].on_feature(header, block, time.time_ns()))
 
     async def follow_reports() -> None:
         async for axis, _, report in reports:
-            if axis in watches:
-                axes.tell(axis, watches[axis].on_component(report, time.time_ns()))
+            if axis in axes:
+                monitors.publish(axis, axes[axis].on_component(report, time.time_ns()))
 
     async def follow_commands() -> None:
         async for axis, _, command in commands:
-            if axis in watches:
-                axes.tell(axis, watches[axis].on_command(command, time.time_ns()))
-                axes.save()
+            if axis in axes:
+                monitors.publish(axis, axes[axis].on_command(command, time.time_ns()))
+                monitors.save()
 
     async def renew() -> None:
         while True:
-            for axis, watch in watches.items():
-                axes.tell(axis, watch.tick(time.time_ns()))
-                axes.publish_health(axis)
+            for axis, monitor in axes.items():
+                monitors.publish(axis, monitor.tick(time.time_ns()))
+                monitors.publish_health(axis)
             await asyncio.sleep(HEALTH_PERIOD_S)
 
     async def foresee() -> None:
         while True:
-            for watch in watches.values():
-                if watch.trend_is_due(time.time_ns()):
-                    trend = await asyncio.to_thread(watch.trend_work())
-                    watch.take_trend(trend, time.time_ns())
+            for monitor in axes.values():
+                if monitor.trend_is_due(time.time_ns()):
+                    trend = await asyncio.to_thread(monitor.trend_work())
+                    monitor.take_trend(trend, time.time_ns())
             await asyncio.sleep(HEALTH_PERIOD_S)
 
     async def keep() -> None:
         while True:
             await asyncio.sleep(SAVE_PERIOD_S)
-            await asyncio.to_thread(axes.write, axes.snapshots())
+            await asyncio.to_thread(monitors.write, monitors.snapshots())
 
     async with reporter.running(), asyncio.TaskGroup() as group:
-        axes.load()
+        monitors.load()
         reporter.to(ComponentStatus.OK)
         try:
             for follow in (follow_preloads, follow_features, follow_reports, follow_commands):
@@ -160,4 +160,4 @@ async def run(context: NodeContext) -> None:
                 group.create_task(repeat())
             await asyncio.Event().wait()
         finally:
-            axes.save()
+            monitors.save()

@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-import time
+from time import time_ns as now
 
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
@@ -17,7 +17,7 @@ from .jobs.job_desk import ProcessJobDesk
 from .outputs.registry import OUTPUTS
 from .stores.disagreement_recorder import DisagreementRecorder
 from .stores.history_store import open_history
-from .wiring.context import NodeContext, Reporter
+from .wiring.context import NodeContext, Reporter, each
 from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ async def run(context: NodeContext) -> None:
     )
     state = ServiceState(
         _limits(context),
-        time.time_ns(),
+        now(),
         keeping=store.keeping,
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
@@ -54,21 +54,9 @@ async def run(context: NodeContext) -> None:
     reporter = Reporter(context, "http")
     reporter.counters = preloads.counters.as_dict
 
-    async def follow_preloads() -> None:
-        async for axis, header, estimate in preloads:
-            state.on_preload(axis, header, estimate, time.time_ns())
-
-    async def follow_healths() -> None:
-        async for _, header, health in healths:
-            state.on_health(header, health, time.time_ns())
-
-    async def follow_features() -> None:
-        async for axis, header, block in features:
-            state.on_feature(axis, header, block)
-
     async def follow_events() -> None:
         async for _, _, event in events:
-            state.on_event(event, time.time_ns())
+            state.on_event(event, now())
             for output in outputs:
                 output.put(event)
             recorder.note(event)
@@ -77,14 +65,10 @@ async def run(context: NodeContext) -> None:
         async for axis, _, frame in samples:
             await recorder.follow(axis, frame)
 
-    async def follow_reports() -> None:
-        async for _, _, report in reports:
-            state.on_component(report, time.time_ns())
-
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def send_command(axis: str, command: Command) -> None:
-        publishers[axis].publish(command, time.time_ns())
+        publishers[axis].publish(command, now())
 
     def on_kept(axis: str, name: str) -> None:
         send_command(axis, Command(action="recorded", user="edge-service", note=name))
@@ -98,21 +82,23 @@ async def run(context: NodeContext) -> None:
 
     async with reporter.running():
         followers = [
-            asyncio.create_task(follow())
-            for follow in (
-                follow_preloads,
-                follow_healths,
-                follow_features,
-                follow_events,
-                follow_samples,
-                follow_reports,
-                store.run,
-                *(output.run for output in outputs),
+            asyncio.create_task(follower)
+            for follower in (
+                each(
+                    preloads, lambda axis, header, one: state.on_preload(axis, header, one, now())
+                ),
+                each(healths, lambda _axis, header, health: state.on_health(header, health, now())),
+                each(features, state.on_feature),
+                each(reports, lambda _axis, _header, one: state.on_component(one, now())),
+                follow_events(),
+                follow_samples(),
+                store.run(),
+                *(output.run() for output in outputs),
             )
         ]
         try:
             await serve(
-                create_app(state, time.time_ns, send_command=send_command, desk=desk),
+                create_app(state, now, send_command=send_command, desk=desk),
                 config.http.host,
                 config.http.port,
                 stop=asyncio.Event(),

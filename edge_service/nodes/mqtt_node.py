@@ -98,11 +98,11 @@ class Attendance:
         self._heard_s: dict[str, float] = {}
 
     def hear(self, axis: str, now_s: float) -> None:
-        """An axis is there."""
+        """Note that an axis is there."""
         self._heard_s[axis] = now_s
 
     def missing(self, now_s: float) -> list[str]:
-        """Axes that have not been heard for too long; each is told once."""
+        """Axes that have not been heard for too long; each is returned once."""
         gone = [axis for axis, at_s in self._heard_s.items() if now_s - at_s > self._patience_s]
         for axis in gone:
             del self._heard_s[axis]

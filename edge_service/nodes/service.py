@@ -7,7 +7,7 @@ import signal
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from importlib import import_module
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
@@ -20,7 +20,6 @@ log = logging.getLogger(__name__)
 NodeName = Literal[
     "acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration", "bus"
 ]
-NODE_NAMES: tuple[NodeName, ...] = get_args(NodeName)
 OPTIONAL: tuple[NodeName, ...] = ("mqtt", "vibration")
 """Nodes that run where their table stands in the configuration."""
 PIPELINE: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample", "acquire")

@@ -147,7 +147,7 @@ def orders_of(config: VibrationConfig, machine: Machine) -> Mapping[str, float]:
 
 
 def _keep(path: Path, cut: SampleFrame) -> None:
-    """Write a signal; a disk that is full is told and stops nothing."""
+    """Write a signal; a full disk is logged and stops nothing."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with TraceWriter(path, tuple(cut.channels)) as writer:

@@ -1,4 +1,4 @@
-"""A judge with a clock of its own, fed with estimates made by hand."""
+"""A condition monitor with a clock of its own, fed with estimates made by hand."""
 
 from dataclasses import dataclass, field
 
@@ -20,7 +20,7 @@ STEP_S = 0.1
 
 @dataclass
 class Scene:
-    """One judged axis: with a fresh preload of 10 %, WARNING is below 6 % and FAULT below 3 %."""
+    """One monitored axis: with a fresh preload of 10 %, WARNING is below 6 % and FAULT below 3 %."""
 
     settings: HealthSettings = field(default_factory=HealthSettings)
     fresh_percent: float | None = FRESH_PERCENT
@@ -30,7 +30,7 @@ class Scene:
     events: list[Event] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.judge = ConditionMonitor("X", self.fresh_percent, self.settings, self.now_ns)
+        self.monitor = ConditionMonitor("X", self.fresh_percent, self.settings, self.now_ns)
 
     def header(self) -> Header:
         """The next header."""
@@ -52,7 +52,7 @@ class Scene:
         for _ in range(steps):
             members = {"time_s": 0.0, "status": EstimateStatus.ESTIMATED} | numbers | more
             estimate = PreloadEstimate.model_validate(members)
-            self.events += self.judge.on_preload(self.header(), estimate, self.now_ns)
+            self.events += self.monitor.on_preload(self.header(), estimate, self.now_ns)
             self.wait(STEP_S)
 
     def silent(self, status: EstimateStatus, seconds: float) -> None:
@@ -63,23 +63,23 @@ class Scene:
         """Let one interval with data faults come."""
         values = {name: 0.0 for name in FEATURE_FIELDS if name != "fault"}
         block = FeatureBlock(fault=fault, **values)  # type: ignore[arg-type]
-        self.events += self.judge.on_feature(self.header(), block, self.now_ns)
+        self.events += self.monitor.on_feature(self.header(), block, self.now_ns)
         self.wait(STEP_S)
 
     def wait(self, seconds: float) -> None:
         """Let time pass without input."""
         self.now_ns += round(seconds * NS)
-        self.events += self.judge.tick(self.now_ns)
+        self.events += self.monitor.tick(self.now_ns)
 
     @property
     def condition(self) -> AxisCondition:
         """Present condition."""
-        return self.judge.health(self.now_ns).condition
+        return self.monitor.health(self.now_ns).condition
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons of the present condition."""
-        return self.judge.health(self.now_ns).reasons
+        return self.monitor.health(self.now_ns).reasons
 
     def changes(self, kind: str = "condition_changed") -> list[str]:
         """What the events of one kind changed to."""
@@ -88,11 +88,11 @@ class Scene:
 
 @pytest.fixture
 def scene() -> Scene:
-    """A judge that has heard nothing yet."""
+    """A monitor that has heard nothing yet."""
     return Scene()
 
 
 @pytest.fixture
 def make_scene() -> type[Scene]:
-    """To make judges with other settings."""
+    """To make monitors with other settings."""
     return Scene

@@ -127,7 +127,7 @@ def test_axis_that_lost_preload_while_silent_is_not_called_normal(scene):
 
 def test_silence_is_unavailable_without_any_call_in_between(scene):
     scene.estimate(9.5, steps=10)
-    health = scene.judge.health(scene.now_ns + 3_000_000_000)
+    health = scene.monitor.health(scene.now_ns + 3_000_000_000)
     assert health.condition is UNAVAILABLE
     assert health.reasons[0].startswith("stale_input:")
 
@@ -146,7 +146,7 @@ def test_late_arrival_of_old_data_is_stale(scene):
     estimate = PreloadEstimate(
         time_s=0.0, status=EstimateStatus.ESTIMATED, preload_percent=9.5, low=9.4, high=9.6
     )
-    scene.judge.on_preload(old, estimate, scene.now_ns)
+    scene.monitor.on_preload(old, estimate, scene.now_ns)
     assert scene.condition is UNAVAILABLE
 
 
@@ -207,7 +207,7 @@ def test_data_faults_are_counted_and_told_on_change_only(scene):
         ("gap", "over"),
         ("no_table", "over"),
     ]
-    assert scene.judge.health(scene.now_ns).data_faults == {"gap": 10, "no_table": 10}
+    assert scene.monitor.health(scene.now_ns).data_faults == {"gap": 10, "no_table": 10}
     severities = {event.data["fault"]: event.severity for event in scene.events[:2]}
     assert severities == {"gap": Severity.WARNING, "no_table": Severity.INFO}
 
@@ -216,7 +216,7 @@ def test_interval_heard_twice_is_counted_once(scene):
     scene.fault(Fault.GAP)
     scene.sequence = 0
     scene.fault(Fault.GAP)
-    assert scene.judge.health(scene.now_ns).data_faults == {"gap": 1}
+    assert scene.monitor.health(scene.now_ns).data_faults == {"gap": 1}
 
 
 def test_silence_says_whether_data_still_come(scene):
@@ -229,26 +229,26 @@ def test_silence_says_whether_data_still_come(scene):
 
 def test_component_that_falls_silent_is_in_error(scene):
     report = ComponentHealth(component="acquire", axis="X", status=ComponentStatus.OK)
-    scene.events += scene.judge.on_component(report, scene.now_ns)
+    scene.events += scene.monitor.on_component(report, scene.now_ns)
     scene.wait(4.0)
     scene.wait(4.0)
     assert scene.changes("component_changed") == ["ok", "recoverable_error"]
-    (shown,) = scene.judge.health(scene.now_ns).components
+    (shown,) = scene.monitor.health(scene.now_ns).components
     assert shown.status is ComponentStatus.RECOVERABLE_ERROR
     assert shown.reason.startswith("silent:")
 
 
 def test_component_that_stopped_may_be_silent(scene):
     report = ComponentHealth(component="acquire", axis="X", status=ComponentStatus.STOPPED)
-    scene.judge.on_component(report, scene.now_ns)
+    scene.monitor.on_component(report, scene.now_ns)
     scene.wait(60.0)
-    assert scene.judge.health(scene.now_ns).components == (report,)
+    assert scene.monitor.health(scene.now_ns).components == (report,)
 
 
 def test_components_of_other_axes_are_ignored(scene):
     report = ComponentHealth(component="acquire", axis="Y", status=ComponentStatus.OK)
-    assert scene.judge.on_component(report, scene.now_ns) == ()
-    assert scene.judge.health(scene.now_ns).components == ()
+    assert scene.monitor.on_component(report, scene.now_ns) == ()
+    assert scene.monitor.health(scene.now_ns).components == ()
 
 
 @pytest.mark.parametrize(

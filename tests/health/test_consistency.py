@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.health.model_watch.channel_model import JUDGED, LEARNED
+from edge_service.health.model_watch.channel_model import COMPARED, LEARNED
 from edge_service.health.model_watch.consistency import STRETCH_S, ConsistencyWatch, Disagreement
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
 from edge_service.messages.health import ConsistencyState
@@ -23,7 +23,7 @@ HEALTHY = {
     "growth": 0.0,
     "play": 0.0,
 }
-READY_S = (LEARNED + JUDGED + 1) * STRETCH_S
+READY_S = (LEARNED + COMPARED + 1) * STRETCH_S
 """By then the limits are known."""
 
 

@@ -139,7 +139,7 @@ def test_payloads_of_other_axes_are_ignored_and_counted():
     assert state.events.after(0) == ()
 
 
-def test_components_are_the_judge_s_with_the_newer_own_reports():
+def test_components_are_the_monitor_s_with_the_newer_own_reports():
     state = _state()
     told = ComponentHealth(component="estimate", axis="X", status=ComponentStatus.STARTING)
     health = _normal().model_copy(update={"components": (told,)})

@@ -63,8 +63,8 @@ async def test_axis_never_heard_is_there_and_unavailable(client):
 
 async def test_nothing_is_told_twice_as_of_two_moments(scene, client):
     scene.hear_preload(reasons=("no_motion: no steady motion for 55 s", "channel: b is stuck"))
-    judged = ("no_number: recent motion cannot tell", "no_motion: no steady motion for 53 s")
-    scene.hear_health(condition=AxisCondition.UNAVAILABLE, reasons=judged)
+    earlier = ("no_number: recent motion cannot tell", "no_motion: no steady motion for 53 s")
+    scene.hear_health(condition=AxisCondition.UNAVAILABLE, reasons=earlier)
     answer = (await client.get("/api/v1/axes/X/preload")).json()
     assert answer["reasons"] == [
         "no_number: recent motion cannot tell",

@@ -84,7 +84,7 @@ async def test_our_own_page_may_ask(client, sent):
     assert (await client.post(f"{BASE}/commands", json=body, headers=headers)).status_code == 202
 
 
-async def test_without_a_judge_nothing_is_taken(client):
+async def test_without_a_monitor_nothing_is_taken(client):
     body = {"action": "note", "user": "Kim"}
     assert (await client.post(f"{BASE}/commands", json=body)).status_code == 503
     assert (await client.post("/api/v1/axes/Q/commands", json=body)).status_code == 404

@@ -1,4 +1,4 @@
-"""The metrics of an axis: what a message of the bus says, value by value."""
+"""Metrics of an axis: the values of a message of the bus."""
 
 import json
 from typing import Any
@@ -62,20 +62,20 @@ def _metric(name: str, value: Value, time_ms: int) -> Metric:
 
 def _preload(members: dict[str, Any]) -> dict[str, Value]:
     drag = members["drag_torque_nm"] or {}
-    told = {name: members[name] for name in _NUMBERS}
-    told |= {f"drag_torque_nm/{name}": drag.get(name) for name in ("value", "low", "high")}
-    told |= {"status": members["status"], "reasons": "; ".join(members["reasons"])}
-    return {f"{PRELOAD.name}/{name}": value for name, value in told.items()}
+    values = {name: members[name] for name in _NUMBERS}
+    values |= {f"drag_torque_nm/{name}": drag.get(name) for name in ("value", "low", "high")}
+    values |= {"status": members["status"], "reasons": "; ".join(members["reasons"])}
+    return {f"{PRELOAD.name}/{name}": value for name, value in values.items()}
 
 
 def _health(members: dict[str, Any]) -> dict[str, Value]:
     active = {alarm["kind"] for alarm in members["alarms"] if alarm["active"]}
-    told: dict[str, Value] = {
+    values: dict[str, Value] = {
         f"{HEALTH.name}/condition": members["condition"],
         f"{HEALTH.name}/reasons": "; ".join(members["reasons"]),
         f"{HEALTH.name}/since": members["since_time_ns"] // 1_000_000,
     }
-    return told | {_ALARM + kind: kind in active for kind in AlarmKind}
+    return values | {_ALARM + kind: kind in active for kind in AlarmKind}
 
 
 def _event(members: dict[str, Any]) -> dict[str, Value]:

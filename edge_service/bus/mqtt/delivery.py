@@ -53,7 +53,7 @@ class MqttDelivery:
     may come twice: its `sequence` and `boot_epoch` tell.
 
     Args:
-        form: what the broker is told of a message, and of our coming and going.
+        form: packets for a message, and for our coming and going.
         on_change: called with "" when the broker is there, else with what is wrong.
 
     Raises:
@@ -127,7 +127,7 @@ class MqttDelivery:
         return client
 
     async def _greet(self, client: aiomqtt.Client) -> None:
-        """Say who we are. What waits now is old: the greeting told the newest of it."""
+        """Say who we are. What waits now is old: the greeting holds the newest of it."""
         newest = self._spool.newest
         self._late_until = max((each.number for each in newest.values()), default=0)
         for packet in self._form.greeting(newest):
@@ -165,8 +165,8 @@ class MqttDelivery:
             # packet after the other: once it answers, it has what was sent before.
             await client.subscribe(self._form.commands, qos=1)
         failed = [result for result in results if isinstance(result, BaseException)]
-        told = zip(packets, results, strict=True)
-        lost = {message.number for (message, _), result in told if result is not None}
+        outcomes = zip(packets, results, strict=True)
+        lost = {message.number for (message, _), result in outcomes if result is not None}
         taken = [message for message in batch if message.number not in lost]
         self._spool.remove(taken)
         self.delivered += len(taken)

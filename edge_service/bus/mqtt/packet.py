@@ -21,7 +21,7 @@ class Packet:
 
 
 class PayloadForm(Protocol):
-    """Form in which the messages of a spool, with topics `{axis}/{topic}`, are told to a broker.
+    """Form in which the messages of a spool, with topics `{axis}/{topic}`, are sent to a broker.
 
     Attributes:
         commands: topic on which the broker's clients may ask for something; None without.

@@ -32,7 +32,7 @@ class PlainJson:
         return [Packet(f"{self._root}/{message.topic}", message.payload, qos=1)]
 
     def asks_for_greeting(self, command: bytes) -> bool:
-        """Nobody can ask."""
+        """False: nobody can ask."""
         return False
 
     def _online(self, payload: bytes) -> Packet:

@@ -21,7 +21,7 @@ class Sparkplug:
 
     A death certificate carries the number of the birth that it belongs to (`bdSeq`), every other
     message a number that counts from 0 to 255 and begins with a birth. Data say what has changed
-    since the device was last told of; what is late goes whole, marked as historical.
+    since the device was last sent; what is late goes whole, marked as historical.
 
     Args:
         group, node: the names under which hosts find us.
@@ -31,7 +31,7 @@ class Sparkplug:
     def __init__(self, group: str, node: str, unix_ms: Callable[[], int] = _unix_ms) -> None:
         self._group, self._node, self._unix_ms = group, node, unix_ms
         self._birth = self._next = 0
-        self._told: dict[str, dict[str, Value]] = {}
+        self._sent: dict[str, dict[str, Value]] = {}
         self.commands: str | None = self._topic("NCMD")
 
     def will(self, session: int) -> Packet:
@@ -52,7 +52,7 @@ class Sparkplug:
         rebirth = Metric(REBIRTH, DataType.BOOLEAN, False, now_ms)
         node = self._packet("NBIRTH", [self._birth_number(now_ms), rebirth])
         axes = dict.fromkeys(axis_of(topic) for topic in newest)
-        self._told.clear()
+        self._sent.clear()
         return [node, *(self._device_birth(a, newest) for a in axes if not is_gone(a, newest))]
 
     def packets(self, message: Message, newest: Mapping[str, Message], late: bool) -> list[Packet]:
@@ -61,8 +61,8 @@ class Sparkplug:
         if topic == GONE:
             return self._death(axis) if is_gone(axis, newest) else []
         if is_gone(axis, newest) and message.number > newest[f"{axis}/{GONE}"].number:
-            return []  # of a device that is dead; its next birth tells it
-        packets = [] if axis in self._told else [self._device_birth(axis, newest)]
+            return []  # of a device that is dead; its next birth says it
+        packets = [] if axis in self._sent else [self._device_birth(axis, newest)]
         metrics = metrics_of(topic, message.payload)
         if not late:
             metrics = self._news(axis, metrics)
@@ -78,18 +78,18 @@ class Sparkplug:
             return False
 
     def _news(self, axis: str, metrics: list[Metric]) -> list[Metric]:
-        """Metrics unlike those told last; an event is new even if it is the same again."""
-        told = self._told[axis]
+        """Metrics unlike those sent last; an event is new even if it is the same again."""
+        sent = self._sent[axis]
         metrics = [
             each
             for each in metrics
-            if each.name.startswith(f"{EVENT.name}/") or told[each.name] != each.value
+            if each.name.startswith(f"{EVENT.name}/") or sent[each.name] != each.value
         ]
-        told |= {each.name: each.value for each in metrics}
+        sent |= {each.name: each.value for each in metrics}
         return metrics
 
     def _death(self, axis: str) -> list[Packet]:
-        known = self._told.pop(axis, None) is not None
+        known = self._sent.pop(axis, None) is not None
         return [self._packet("DDEATH", [], axis)] if known else []
 
     def _device_birth(self, axis: str, newest: Mapping[str, Message]) -> Packet:
@@ -98,7 +98,7 @@ class Sparkplug:
             if axis_of(message.topic) == axis and not message.topic.endswith(f"/{GONE}"):
                 topic = message.topic.partition("/")[2]
                 metrics |= {each.name: each for each in metrics_of(topic, message.payload)}
-        self._told[axis] = {name: each.value for name, each in metrics.items()}
+        self._sent[axis] = {name: each.value for name, each in metrics.items()}
         in_order = sorted(metrics.values(), key=lambda each: each.time_ms)
         return self._packet("DBIRTH", in_order, axis)
 

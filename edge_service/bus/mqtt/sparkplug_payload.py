@@ -61,7 +61,7 @@ class Metric:
     Attributes:
         value: None is "there is none", which travels as such.
         time_ms: UNIX time at which it was acquired, ms.
-        unit: told with a birth; empty for none.
+        unit: sent with a birth; empty for none.
     """
 
     name: str

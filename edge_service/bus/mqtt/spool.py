@@ -96,11 +96,11 @@ class Spool:
         return int(number)
 
     def count_session(self) -> None:
-        """A connection has been made."""
+        """Count a connection that was made."""
         self._ask(f"PRAGMA user_version = {(self.sessions + 1) % _SESSIONS}")
 
     async def wait(self) -> None:
-        """Until there is a message."""
+        """Wait until there is a message."""
         while self._waiting == 0:
             self._arrived.clear()
             await self._arrived.wait()

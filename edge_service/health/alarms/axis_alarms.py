@@ -1,4 +1,4 @@
-"""All alarms of one axis: what their causes are."""
+"""Alarms of one axis and their causes."""
 
 from collections import deque
 from collections.abc import Mapping

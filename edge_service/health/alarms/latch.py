@@ -73,7 +73,7 @@ class AlarmLatch:
             self._alarm = self._alarm.model_copy(update={"message": message})
 
     def acknowledge(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
-        """A person has taken note; no event if there was nothing to acknowledge."""
+        """Note that a person has seen it; no event if there was nothing to acknowledge."""
         alarm = self._alarm
         if alarm is None or alarm.acknowledged_by is not None:
             return ()

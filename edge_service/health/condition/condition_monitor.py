@@ -1,4 +1,4 @@
-"""The judgement of one axis: condition, data faults, components, and what changed."""
+"""Condition of one axis, its data faults and components, and events of their changes."""
 
 from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.event import Event, Severity
@@ -26,7 +26,7 @@ _Verdict = tuple[AxisCondition, tuple[str, ...]]
 
 
 class ConditionMonitor:
-    """Judges one axis from what is heard about it; every call returns the events that it caused.
+    """Monitor of one axis from its inputs; every call returns the events that it caused.
 
     The condition is UNAVAILABLE without input, with stale input, while no number came for
     `grace_s`, where no limit is known, and until the first numbers have lasted for `delay_s`.

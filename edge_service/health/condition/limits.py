@@ -1,4 +1,4 @@
-"""From preload and its interval to a condition: two limits with hysteresis and delays."""
+"""Condition from preload and its interval: two limits with hysteresis and delays."""
 
 from dataclasses import dataclass
 

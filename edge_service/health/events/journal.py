@@ -32,7 +32,7 @@ class EventJournal:
         self._rewrite(self.events)
 
     def append(self, logged: LoggedEvent) -> None:
-        """Keep one event; a full disk is told once, and must not end what happens now."""
+        """Keep one event; a full disk is logged once, and must not end what happens now."""
         try:
             self._append(logged)
         except OSError as error:

@@ -48,11 +48,6 @@ class Rows:
         """Rows whose span begins in [start_s, end_s)."""
         return self.take((self.time_s >= start_s) & (self.time_s < end_s))
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the columns."""
-        return sum(int(getattr(self, name).nbytes) for name in Rows.__slots__)
-
 
 def single_rows(
     time_s: Floats, status: Integers, low: Floats, high: Floats, values: Floats
@@ -72,7 +67,7 @@ def single_rows(
 
 
 def no_rows() -> Rows:
-    """Nothing."""
+    """Rows of no span."""
     none = np.empty(0)
     return single_rows(none, np.empty(0, np.int64), none, none, np.empty((len(QUANTITIES), 0)))
 

@@ -1,4 +1,4 @@
-"""One watched channel: what was learned of it, and the innovations of a stretch of motion."""
+"""Linear model of one channel, learned from stretches of motion, and its innovations."""
 
 import math
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from ...messages.samples import Floats
 
 CHANNELS = ("torque_nm", "transmission_m")
 LEARNED = 8
-"""Stretches that the model is learned from before the first is judged."""
-JUDGED = 8
+"""Stretches that the model is learned from before the first is compared."""
+COMPARED = 8
 """Stretches, not learned from, that the limits rest on."""
 MOST_LEARNED = 5000
 """Then the model stands still."""
@@ -60,11 +60,11 @@ ROWS = {"torque_nm": torque_row, "transmission_m": transmission_row}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedChannel:
-    """What was learned of a channel.
+    """Learned state of a channel.
 
     Attributes:
         gram, cross: normal equations, (p, p) and (p,); empty before the first stretch.
-        numbers: stretches learned from and judged, their mean and worst mean square, and the mean
+        numbers: stretches learned from and compared, their mean and worst mean square, and the mean
             square of the channel itself.
     """
 
@@ -83,7 +83,7 @@ class ChannelModel:
         self.gram: Floats = np.zeros((0, 0))
         self.cross: Floats = np.zeros(0)
         self.learned = 0
-        self.judged = 0
+        self.compared = 0
         self.mean = 0.0
         self.worst = 0.0
         self._rows: list[Floats] = []
@@ -131,7 +131,7 @@ class ChannelModel:
     @property
     def limit(self) -> float:
         """Mean square from which on a stretch counts; infinite while that is not known."""
-        if self.judged < JUDGED:
+        if self.compared < COMPARED:
             return math.inf
         material = (
             LEAST_TORQUE_SHARE**2 * self.square if self._is_torque else LEAST_TRANSMISSION_M**2
@@ -141,8 +141,8 @@ class ChannelModel:
     def accept(self, mean_square: float | None) -> None:
         """The stretch is as it should be: learn from it."""
         if mean_square is not None and self.learned >= LEARNED:
-            self.judged += 1
-            self.mean += (mean_square - self.mean) / self.judged
+            self.compared += 1
+            self.mean += (mean_square - self.mean) / self.compared
             self.worst = max(self.worst, mean_square)
         if self.learned < MOST_LEARNED and len(self._rows) >= 4 * self._followed:
             rows, values = self._unfollowed()
@@ -154,8 +154,8 @@ class ChannelModel:
             self.square += (float(np.mean(np.square(self._values))) - self.square) / self.learned
 
     def snapshot(self) -> LearnedChannel:
-        """What was learned."""
-        numbers = (self.learned, self.judged, self.mean, self.worst, self.square)
+        """Learned state."""
+        numbers = (self.learned, self.compared, self.mean, self.worst, self.square)
         return LearnedChannel(self.gram, self.cross, numbers)
 
     def restore(self, snapshot: LearnedChannel) -> None:
@@ -165,4 +165,4 @@ class ChannelModel:
             if gram.shape != (cross.size, cross.size):
                 raise ValueError("a consistency watch of another version")
             self.gram, self.cross = gram, cross
-        self.learned, self.judged, self.mean, self.worst, self.square = snapshot.numbers
+        self.learned, self.compared, self.mean, self.worst, self.square = snapshot.numbers

@@ -59,7 +59,7 @@ class ConsistencyWatch:
         self.restart()
 
     def restart(self) -> None:
-        """The axis is another one from now on: learn anew."""
+        """Learn anew: the axis is another one from now on."""
         names = CHANNELS if self._ratio is not None else CHANNELS[:1]
         self._channels = {name: ChannelModel(name) for name in names}
         self._steady_s = 0.0
@@ -83,10 +83,10 @@ class ConsistencyWatch:
                     row, value = ROWS[name](phase, block.steady_direction, self._ratio or 1.0)
                     channel.add(row, value, block.time_s)
         self._steady_s += sum(phase.steady_s for phase in block.phases)
-        return self._judge() if self._steady_s >= STRETCH_S else None
+        return self._end_stretch() if self._steady_s >= STRETCH_S else None
 
     def shown(self) -> Consistency:
-        """The verdict for people; when it began is told by what `add` returned."""
+        """The verdict for people; `add` has returned when it began."""
         if self._last is not None and self._last.disagrees:
             state = ConsistencyState.DISAGREES
             return Consistency(state=state, ratio=self._ratios, channel=self._last.channel)
@@ -95,8 +95,8 @@ class ConsistencyWatch:
         state = ConsistencyState.AGREES if known else ConsistencyState.LEARNING
         return Consistency(state=state, ratio=self._ratios)
 
-    def _judge(self) -> Disagreement | None:
-        """At the end of a stretch."""
+    def _end_stretch(self) -> Disagreement | None:
+        """Compare a stretch with those before, and learn from it; the change, if any."""
         squares = {name: each.innovations() for name, each in self._channels.items()}
         means = {n: None if s is None else float(np.mean(s)) for n, s in squares.items()}
         over = self._over(means)
@@ -154,7 +154,7 @@ class ConsistencyWatch:
         return None
 
     def snapshot(self) -> dict[str, LearnedChannel]:
-        """What was learned of each channel."""
+        """Learned state of each channel."""
         return {name: channel.snapshot() for name, channel in self._channels.items()}
 
     def restore(self, snapshot: Mapping[str, LearnedChannel]) -> None:

@@ -36,7 +36,7 @@ class FrictionWatch:
         self.restart()
 
     def restart(self) -> None:
-        """A new part came into use."""
+        """Begin anew: a new part came into use."""
         classes = EDGES_RAD_S.size - 1
         self._count: Floats = np.zeros(classes)
         self._recent: Floats = np.zeros(classes)

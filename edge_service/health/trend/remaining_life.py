@@ -1,4 +1,4 @@
-"""From the wear series of an axis to its trend, in words and dates."""
+"""Trend and remaining life of an axis, from the history of its preload."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ _WIDE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class TrendSettings:
-    """Conditions under which a trend is told.
+    """Conditions under which a trend is reported.
 
     Attributes:
         level: of every interval and band.
@@ -71,19 +71,6 @@ def project_wear(
             speed_m_s = _future_speed(time_s, distance_m, by_distance.slope.size, rng)
             return WearProjection(by_distance, "distance", speed_m_s)
     return WearProjection(by_time, "time", np.ones(by_time.slope.size))
-
-
-def crossing_draws(
-    time_s: Floats, distance_m: Floats, percent: Floats, sigma_level: float, limit_percent: float
-) -> Floats | None:
-    """Time from now until the limit is reached, s, in equally likely futures.
-
-    None if it is too early, or if it cannot be told whether the preload falls.
-    """
-    future = project_wear(time_s, distance_m, percent, sigma_level)
-    if future is None or future.draws.falling_probability() < TrendSettings().certain:
-        return None
-    return future.draws.way_to(limit_percent) / future.s_per_s
 
 
 def _future_speed(

@@ -1,7 +1,7 @@
-"""Trend of the preload and its remaining life: a bent line with dependent errors, and its future.
+"""Segmented regression of the preload with autocorrelated errors, and its extrapolation.
 
-Preload falls "in a somewhat linear fashion", steeper while the screw runs in (seed, 4.3). So the
-model is a line that may bend once,
+Preload falls "in a somewhat linear fashion", steeper while the screw runs in (the thesis, 4.3).
+So the model is a line that may bend once,
 
     p(s) = a + b min(s, k) + c max(s - k, 0) + e,
 

@@ -34,7 +34,7 @@ class UsageCounter:
         self.restart(now_ns)
 
     def restart(self, now_ns: int) -> None:
-        """A new part came into use."""
+        """Begin anew: a new part came into use."""
         self._since_ns = now_ns
         self._moving_s = self._observed_s = self.distance_m = 0.0
         self._reversals = 0

@@ -1,4 +1,4 @@
-"""Routes of one axis' work, and what a person may ask of its judgement."""
+"""Routes of one axis' work, and commands of a person about it."""
 
 from collections.abc import Callable
 from typing import Annotated

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ... import exit_status
 from ...http_api.jobs import JobAnswer, JobBody, JobKind, JobState, RecordingAnswer, RefusedError
-from ...http_api.times import parse_moment, rfc3339_s
+from ...http_api.times import rfc3339_s
 from .job_records import forget_job, known_jobs, save_job
 
 MOST_BYTES = 1_000_000_000
@@ -54,30 +54,29 @@ JOB_COMMANDS: dict[JobKind, JobCommand] = {
 
 @dataclass(slots=True)
 class _Job:
-    number: int
-    body: JobBody
+    """A job as it began or ended, with what is added while it runs."""
+
+    record: JobAnswer
     out: Path
-    started_s: float
-    state: JobState = JobState.RUNNING
-    ended_s: float | None = None
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_LINES))
     process: asyncio.subprocess.Process | None = None
 
+    @property
+    def running(self) -> bool:
+        return self.record.state is JobState.RUNNING
+
     def answer(self) -> JobAnswer:
-        done = self.state is JobState.DONE
+        done = self.record.state is JobState.DONE
         files = sorted(path.name for path in self.out.glob("*") if path.is_file()) if done else []
-        return JobAnswer(
-            id=self.number,
-            kind=self.body.kind,
-            axis=self.body.axis,
-            recordings=self.body.recordings,
-            baseline=self.body.baseline,
-            state=self.state,
-            started=rfc3339_s(self.started_s),
-            ended=None if self.ended_s is None else rfc3339_s(self.ended_s),
-            lines=list(self.lines),
-            files=files,
-        )
+        return self.record.model_copy(update={"lines": list(self.lines), "files": files})
+
+    def enter(self, state: JobState) -> None:
+        """Enter a state that ends it."""
+        self.record = self.record.model_copy(update={"state": state})
+
+    def end(self) -> None:
+        """Note the time of its end."""
+        self.record = self.record.model_copy(update={"ended": rfc3339_s(time.time())})
 
 
 class ProcessJobDesk:
@@ -100,7 +99,8 @@ class ProcessJobDesk:
         self._machines = machines
         self._commands = commands
         self._jobs = {
-            answer.id: _remembered(out, answer) for out, answer in known_jobs(self._answers)
+            answer.id: _Job(answer, out, deque(answer.lines, _LINES))
+            for out, answer in known_jobs(self._answers)
         }
         self._followers: set[asyncio.Task[None]] = set()
 
@@ -144,7 +144,7 @@ class ProcessJobDesk:
 
     def check_free(self) -> None:
         """Refuse while a job runs."""
-        if any(job.state is JobState.RUNNING for job in self._jobs.values()):
+        if any(job.running for job in self._jobs.values()):
             raise RefusedError(409, "a job is running: wait for it, or cancel it")
 
     def newest(self, kind: JobKind, axis: str) -> JobAnswer | None:
@@ -162,7 +162,16 @@ class ProcessJobDesk:
         baseline = None if body.baseline is None else self._fingerprint(body.baseline)
         number = max(self._jobs, default=0) + 1
         out = self._answers / f"{time.time_ns()}"
-        job = self._jobs[number] = _Job(number, body, out, time.time())
+        record = JobAnswer(
+            id=number,
+            **body.model_dump(),
+            state=JobState.RUNNING,
+            started=rfc3339_s(time.time()),
+            ended=None,
+            lines=[],
+            files=[],
+        )
+        job = self._jobs[number] = _Job(record, out)
         self._forget_old()
         save_job(out, job.answer())
         machine = self._machines[body.axis]
@@ -185,9 +194,10 @@ class ProcessJobDesk:
     async def cancel(self, number: int) -> JobAnswer:
         """End a job that runs."""
         job = self._job(number)
-        if job.state is not JobState.RUNNING or job.process is None:
-            raise RefusedError(409, f"job {number} is {job.state.value}, it cannot be cancelled")
-        job.state = JobState.CANCELLED
+        if not job.running or job.process is None:
+            state = job.record.state.value
+            raise RefusedError(409, f"job {number} is {state}, it cannot be cancelled")
+        job.enter(JobState.CANCELLED)
         _kill(job.process)
         await job.process.wait()
         return job.answer()
@@ -202,7 +212,7 @@ class ProcessJobDesk:
     async def close(self) -> None:
         """End what runs; without a folder, leave nothing behind."""
         for job in self._jobs.values():
-            if job.state is JobState.RUNNING and job.process is not None:
+            if job.running and job.process is not None:
                 _kill(job.process)
         await asyncio.gather(*self._followers, return_exceptions=True)
         if self._temporary is not None:
@@ -213,9 +223,9 @@ class ProcessJobDesk:
         async for line in process.stdout:
             job.lines.append(line.decode(errors="replace").rstrip())
         status = await process.wait()
-        job.ended_s = time.time()
-        if job.state is JobState.RUNNING:
-            job.state = JobState.DONE if status in _ANSWERED else JobState.FAILED
+        job.end()
+        if job.running:
+            job.enter(JobState.DONE if status in _ANSWERED else JobState.FAILED)
         save_job(job.out, job.answer())
 
     def _forget_old(self) -> None:
@@ -248,15 +258,6 @@ class ProcessJobDesk:
         if not path.exists():
             raise RefusedError(404, f"there is no recording {name!r}")
         return path
-
-
-def _remembered(out: Path, answer: JobAnswer) -> _Job:
-    """A job of an earlier run."""
-    body = JobBody.model_validate(answer.model_dump(include=set(JobBody.model_fields)))
-    job = _Job(answer.id, body, out, parse_moment(answer.started), answer.state)
-    job.ended_s = None if answer.ended is None else parse_moment(answer.ended)
-    job.lines.extend(answer.lines)
-    return job
 
 
 def _recording(path: Path) -> RecordingAnswer:

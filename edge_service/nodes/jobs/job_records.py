@@ -15,7 +15,7 @@ _INTERRUPTED = "the service ended before it was done"
 
 
 def save_job(out: Path, answer: JobAnswer) -> None:
-    """Remember a job whose files are in the folder `out`; a full disk is told."""
+    """Remember a job whose files are in the folder `out`; a full disk is logged."""
     try:
         with replaced_file(_record(out)) as file:
             file.write(answer.model_dump_json())

@@ -26,7 +26,7 @@ TIMESTAMP = "X-Edge-Timestamp"
 
 
 class WebhookError(Exception):
-    """An event was not taken; `again` says whether another try may help."""
+    """Refusal of an event; `again` says whether another try may help."""
 
     def __init__(self, message: str, *, again: bool) -> None:
         super().__init__(message)
@@ -87,14 +87,14 @@ class Webhook:
                 await self._deliver(self._waiting.popleft())
 
     async def _deliver(self, event: Event) -> None:
-        pause_s, told = FIRST_PAUSE_S, False
+        pause_s, logged = FIRST_PAUSE_S, False
         while True:
             try:
                 await asyncio.to_thread(self._post, event)
             except WebhookError as error:
-                if not told:
+                if not logged:
                     log.warning("webhook %s: %s", self._url, error)
-                told = True
+                logged = True
                 if not error.again:
                     self.refused += 1
                     return

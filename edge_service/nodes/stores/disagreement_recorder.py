@@ -35,7 +35,7 @@ class DisagreementRecorder:
 
     Args:
         folder: where recordings are kept.
-        on_kept: told of axis and name of each recording that is ready.
+        on_kept: called with axis and name of each recording that is ready.
     """
 
     def __init__(self, folder: Path, on_kept: Callable[[str, str], None]) -> None:
@@ -72,7 +72,7 @@ class DisagreementRecorder:
                 self._on_kept(axis, cut.name)
 
     def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
-        """Write a recording; a disk that is full is told and stops nothing."""
+        """Write a recording; a full disk is logged and stops nothing."""
         path = self._folder / name
         try:
             self._folder.mkdir(parents=True, exist_ok=True)

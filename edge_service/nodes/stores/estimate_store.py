@@ -79,8 +79,8 @@ def read_kept(path: Path, axis: str, identity: str) -> Kept | None:
         return None
     except UnicodeDecodeError as error:
         raise StateError(f"no text ({error.reason})", damaged=True) from None
-    kept, told = _parsed(text, axis)
-    if told != identity:
+    kept, kept_for = _parsed(text, axis)
+    if kept_for != identity:
         raise StateError("it was kept for another machine file or estimator")
     return kept
 

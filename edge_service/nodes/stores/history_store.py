@@ -54,7 +54,7 @@ class HistoryStore:
 
     def _read_once(self) -> None:
         """The first reading loads the Parquet library, a second that no person should wait."""
-        with contextlib.suppress(OSError):  # who asks for the history is told
+        with contextlib.suppress(OSError):  # a request for the history reports it
             for archive in self._archives.values():
                 archive.rows(0.0, time.time(), _READ_STEP_S)
 

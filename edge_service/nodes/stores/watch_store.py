@@ -21,13 +21,13 @@ def snapshot_path(folder: Path, axis: str) -> Path:
     return axis_folder(folder, axis) / "watch.json"
 
 
-def load_snapshot(folder: Path, watch: AxisMonitor) -> None:
-    """Let a watch go on where it was; a damaged file is set aside, and said."""
-    path = snapshot_path(folder, watch.axis)
+def load_snapshot(folder: Path, monitor: AxisMonitor) -> None:
+    """Let a monitor go on where it was; a damaged file is set aside, and logged."""
+    path = snapshot_path(folder, monitor.axis)
     if not path.exists():
         return
     try:
-        watch.restore(json.loads(path.read_text(encoding="utf-8")))
+        monitor.restore(json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, RecursionError) as error:
         aside = path.with_suffix(".damaged")
         path.replace(aside)

@@ -1,1 +1,1 @@
-"""What the processes share: context, the configured stages, and an axis that is estimated."""
+"""Parts that the processes share: context, configured stages, and an axis that is estimated."""

@@ -12,6 +12,7 @@ from ...bus.subscriber import Subscriber
 from ...config import EdgeConfig
 from ...health.condition.component import ComponentStatusMachine
 from ...messages.codec.interface import T
+from ...messages.header import Header
 from ...messages.health import ComponentStatus
 from ...messages.topics import STATUS, Topic
 
@@ -39,6 +40,12 @@ class NodeContext:
     def subscribe(self, topic: Topic[T], *, depth: int = 256) -> Subscriber[T]:
         """Subscribe to one topic of every axis."""
         return self.bus.subscribe(self.config.keys.all_axes(topic), topic, depth=depth)
+
+
+async def each(subscriber: Subscriber[T], take: Callable[[str, Header, T], None]) -> None:
+    """Hand axis, header and payload of everything that is heard to `take`."""
+    async for axis, header, payload in subscriber:
+        take(axis, header, payload)
 
 
 class Reporter:

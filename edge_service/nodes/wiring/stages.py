@@ -80,7 +80,7 @@ def warm_up(
     """Compile the kernels before the first sample: it takes seconds on a new installation.
 
     The motion lasts until the estimators answer: answers are compiled as well. A commissioned axis
-    gets the friction that it expects: what another torque teaches is that a process pushes.
+    gets the friction that it expects: another torque would mean a process force.
 
     Args:
         machines: whose estimators run; the default one's unless given.
@@ -88,10 +88,11 @@ def warm_up(
     downsample, estimator = downsample or DownsampleConfig(), estimator or EstimatorConfig()
     time_s = np.arange(2000, dtype=np.float64) / 1e3
     for machine in tuple(machines) or (load_machine(DEFAULT_MACHINE),):
-        warm, taught = make_estimator(estimator, machine), machine.commissioned
+        warm, commissioned = make_estimator(estimator, machine), machine.commissioned
+        viscous_nm_s_per_rad = machine.model.viscous_nm_s_per_rad.value
         friction_nm = 0.1
-        if taught is not None:
-            friction_nm = taught.coulomb_nm + _WARM_RAD_S * machine.model.viscous_nm_s_per_rad.value
+        if commissioned is not None:
+            friction_nm = commissioned.coulomb_nm + _WARM_RAD_S * viscous_nm_s_per_rad
         torque_nm = friction_nm * (1.0 + 0.01 * np.sin(time_s))
         steady = SampleFrame(time_s, {TORQUE: torque_nm, ANGLE: _WARM_RAD_S * time_s})
         for block in make_downsampler(downsample, machine).push(steady):

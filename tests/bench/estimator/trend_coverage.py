@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.health.trend.remaining_life import TrendSettings, crossing_draws
+from edge_service.health.trend.remaining_life import TrendSettings, project_wear
 from edge_service.messages.samples import Floats
 from edge_service.models.screw.wear import Wear
 
@@ -96,6 +96,19 @@ def _errors(rng: np.random.Generator, count: int) -> Floats:
     for day in range(1, count):
         drift[day] = memory * drift[day - 1] + steps[day]
     return rng.uniform(0.02, 0.12) * rng.standard_normal(count) + rng.uniform(0.0, 0.15) * drift
+
+
+def crossing_draws(
+    time_s: Floats, distance_m: Floats, percent: Floats, sigma_level: float, limit_percent: float
+) -> Floats | None:
+    """Time from now until the limit is reached, s, in equally likely projections.
+
+    None if it is too early, or if it cannot be told whether the preload falls.
+    """
+    future = project_wear(time_s, distance_m, percent, sigma_level)
+    if future is None or future.draws.falling_probability() < TrendSettings().certain:
+        return None
+    return future.draws.way_to(limit_percent) / future.s_per_s
 
 
 def coverage(lives: int, seed: int = 1) -> Coverage:
