@@ -2,14 +2,16 @@
 
 import asyncio
 import logging
-from time import time_ns as now
+from time import time_ns
 
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
 from ..http_api.serve import serve
 from ..messages.alarm import Command
-from ..messages.health import ComponentStatus
+from ..messages.estimate import PreloadEstimate
+from ..messages.header import Header
+from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
 from ..models.screw.stroke_profile import stroke_profile
 from .health_node import health_settings
@@ -36,11 +38,11 @@ async def run(context: NodeContext) -> None:
     config = context.config
     machines = load_machines(config)
     store = open_history(
-        config, {axis: each.transmission_ratio_m_per_rad for axis, each in machines.items()}
+        config, {axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()}
     )
     state = ServiceState(
         _limits(context),
-        now(),
+        time_ns(),
         keeping=store.keeping,
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
@@ -54,9 +56,18 @@ async def run(context: NodeContext) -> None:
     reporter = Reporter(context, "http")
     reporter.counters = preloads.counters.as_dict
 
+    def take_preload(axis: str, header: Header, estimate: PreloadEstimate) -> None:
+        state.on_preload(axis, header, estimate, time_ns())
+
+    def take_health(_axis: str, header: Header, health: AxisHealth) -> None:
+        state.on_health(header, health, time_ns())
+
+    def take_report(_axis: str, _header: Header, report: ComponentHealth) -> None:
+        state.on_component(report, time_ns())
+
     async def follow_events() -> None:
         async for _, _, event in events:
-            state.on_event(event, now())
+            state.on_event(event, time_ns())
             for output in outputs:
                 output.put(event)
             recorder.note(event)
@@ -68,7 +79,7 @@ async def run(context: NodeContext) -> None:
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def send_command(axis: str, command: Command) -> None:
-        publishers[axis].publish(command, now())
+        publishers[axis].publish(command, time_ns())
 
     def on_kept(axis: str, name: str) -> None:
         send_command(axis, Command(action="recorded", user="edge-service", note=name))
@@ -84,12 +95,10 @@ async def run(context: NodeContext) -> None:
         followers = [
             asyncio.create_task(follower)
             for follower in (
-                each(
-                    preloads, lambda axis, header, one: state.on_preload(axis, header, one, now())
-                ),
-                each(healths, lambda _axis, header, health: state.on_health(header, health, now())),
+                each(preloads, take_preload),
+                each(healths, take_health),
                 each(features, state.on_feature),
-                each(reports, lambda _axis, _header, one: state.on_component(one, now())),
+                each(reports, take_report),
                 follow_events(),
                 follow_samples(),
                 store.run(),
@@ -98,7 +107,7 @@ async def run(context: NodeContext) -> None:
         ]
         try:
             await serve(
-                create_app(state, now, send_command=send_command, desk=desk),
+                create_app(state, time_ns, send_command=send_command, desk=desk),
                 config.http.host,
                 config.http.port,
                 stop=asyncio.Event(),

@@ -20,7 +20,7 @@ STEP_S = 0.1
 
 @dataclass
 class Scene:
-    """One monitored axis: with a fresh preload of 10 %, WARNING is below 6 % and FAULT below 3 %."""
+    """One axis: with a fresh preload of 10 %, WARNING is below 6 % and FAULT below 3 %."""
 
     settings: HealthSettings = field(default_factory=HealthSettings)
     fresh_percent: float | None = FRESH_PERCENT
