@@ -1,7 +1,7 @@
 """Dependencies of the routes: the service state, the time, and parameters that make sense."""
 
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Query, Request
 from fastapi.exceptions import RequestValidationError
@@ -59,6 +59,11 @@ async def known_axis_filter(
 
 AxisDep = Annotated[str, Depends(known_axis)]
 AxisFilterDep = Annotated[str | None, Depends(known_axis_filter)]
+
+
+def moment_query(alias: str, default: str) -> Any:
+    """Query parameter that is a time."""
+    return Query(alias=alias, description=f"RFC 3339 or UNIX s; default: {default}.")
 
 
 def parameter_error(parameter: str, message: str) -> RequestValidationError:

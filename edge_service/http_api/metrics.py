@@ -7,17 +7,15 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
-from prometheus_client.registry import Collector
 
-from ..health.service_state import ServiceState
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisCondition, ComponentHealth, ComponentStatus
 from .context import NowDep, StateDep
+from .metric_families import PREFIX, StateCollector, counters, gauges
 from .metrics_trend import TrendCollector
 
 metrics_router = APIRouter(tags=["service"])
 
-_PREFIX = "edge_service"
 _DRAG, _STIFFNESS = "drag_torque_nm", "stiffness_n_per_m"
 
 _Number = Callable[[PreloadEstimate], float | None]
@@ -50,17 +48,13 @@ _NUMBERS: tuple[tuple[str, str, _Number], ...] = (
 async def metrics(state: StateDep, now_ns: NowDep) -> Response:
     """Metrics in the text format of Prometheus; a number that does not exist has no sample."""
     registry = CollectorRegistry()
-    registry.register(StateCollector(state, now_ns))
+    registry.register(ServiceCollector(state, now_ns))
     registry.register(TrendCollector(state, now_ns))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
-class StateCollector(Collector):
+class ServiceCollector(StateCollector):
     """Metrics of the service state as of one moment."""
-
-    def __init__(self, state: ServiceState, now_ns: int) -> None:
-        self._state = state
-        self._now_ns = now_ns
 
     def collect(self) -> Iterable[Metric]:
         """All families."""
@@ -70,9 +64,9 @@ class StateCollector(Collector):
         yield from self._counters()
 
     def _estimates(self) -> Iterable[Metric]:
-        families = [_gauge(name, text) for name, text, _number in _NUMBERS]
-        age = _gauge("estimate_age_seconds", "Age of the newest sample behind the estimate")
-        status = _gauge("estimate_status", "1 for the present status", "axis", "status")
+        families = [gauges(name, text) for name, text, _number in _NUMBERS]
+        age = gauges("estimate_age_seconds", "Age of the newest sample behind the estimate")
+        status = gauges("estimate_status", "1 for the present status", "axis", "status")
         for axis in self._state.axes:
             reading = self._state.preload(axis, self._now_ns)
             for family, (_name, _text, number) in zip(families, _NUMBERS, strict=True):
@@ -83,8 +77,8 @@ class StateCollector(Collector):
         return (*families, age, status)
 
     def _conditions(self) -> Iterable[Metric]:
-        family = _gauge("axis_condition", "1 for the present condition", "axis", "condition")
-        faults = _counter("data_faults", "Faulty intervals", "axis", "kind")
+        family = gauges("axis_condition", "1 for the present condition", "axis", "condition")
+        faults = counters("data_faults", "Faulty intervals", "axis", "kind")
         for axis in self._state.axes:
             health = self._state.health(axis, self._now_ns)
             for condition in AxisCondition:
@@ -95,11 +89,11 @@ class StateCollector(Collector):
         return family, faults
 
     def _components(self) -> Iterable[Metric]:
-        family = _gauge(
+        family = gauges(
             "component_status", "1 for the present status", "component", "axis", "status"
         )
-        counts = _counter("component_counts", "What it counted", "component", "axis", "counter")
-        readings = _gauge(
+        counts = counters("component_counts", "What it counted", "component", "axis", "counter")
+        readings = gauges(
             "component_reading", "Value it wants seen", "component", "axis", "reading"
         )
         for report in self._reports():
@@ -118,35 +112,27 @@ class StateCollector(Collector):
             yield from self._state.health(axis, self._now_ns).components
 
     def _counters(self) -> Iterable[Metric]:
-        lost = _counter("lost_payloads", "Holes in the sequence", "axis", "topic")
+        lost = counters("lost_payloads", "Holes in the sequence", "axis", "topic")
         for axis in self._state.axes:
             for topic, count in self._state.lost_payloads(axis).items():
                 _add(lost, (axis, topic), count)
         ready = GaugeMetricFamily(
-            f"{_PREFIX}_ready",
+            f"{PREFIX}_ready",
             "1 if every axis has fresh input",
             not self._state.unready(self._now_ns),
         )
         readers = GaugeMetricFamily(
-            f"{_PREFIX}_live_readers", "Readers of the live stream", len(self._state.readers)
+            f"{PREFIX}_live_readers", "Readers of the live stream", len(self._state.readers)
         )
         ignored = CounterMetricFamily(
-            f"{_PREFIX}_ignored_payloads",
+            f"{PREFIX}_ignored_payloads",
             "Payloads of axes that are not configured",
             self._state.ignored_payloads,
         )
         place = self._state.place
-        info = _gauge("info", "1, with what the axes belong to", "site", "machine")
+        info = gauges("info", "1, with what the axes belong to", "site", "machine")
         _add(info, (place.site, place.machine), 1.0)
         return info, lost, ready, readers, ignored
-
-
-def _gauge(name: str, text: str, *labels: str) -> GaugeMetricFamily:
-    return GaugeMetricFamily(f"{_PREFIX}_{name}", text, labels=labels or ("axis",))
-
-
-def _counter(name: str, text: str, *labels: str) -> CounterMetricFamily:
-    return CounterMetricFamily(f"{_PREFIX}_{name}", text, labels=labels)
 
 
 def _add(

@@ -3,34 +3,33 @@
 from collections.abc import Iterable
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
-from prometheus_client.registry import Collector
 
-from ..health.service_state import ServiceState
 from ..messages.alarm import AlarmKind
 from ..messages.trend import Trend, Use
+from .metric_families import StateCollector, counters, gauges
 
-_PREFIX = "edge_service"
 
-
-class TrendCollector(Collector):
+class TrendCollector(StateCollector):
     """Alarms, trend and use of every axis, as of one moment."""
-
-    def __init__(self, state: ServiceState, now_ns: int) -> None:
-        self._state = state
-        self._now_ns = now_ns
 
     def collect(self) -> Iterable[Metric]:
         """All families."""
-        active = _gauge("alarm_active", "1 while its cause holds", "alarm")
-        waiting = _gauge("alarm_unacknowledged", "1 until somebody acknowledged it", "alarm")
-        rate = _gauge("preload_rate_percent_per_hour", "Change of the preload", "bound")
-        reached = _gauge(
-            "limit_reached_timestamp_seconds", "When a limit will be reached", "limit", "bound"
+        active = gauges("alarm_active", "1 while its cause holds", "axis", "alarm")
+        waiting = gauges(
+            "alarm_unacknowledged", "1 until somebody acknowledged it", "axis", "alarm"
+        )
+        rate = gauges("preload_rate_percent_per_hour", "Change of the preload", "axis", "bound")
+        reached = gauges(
+            "limit_reached_timestamp_seconds",
+            "When a limit will be reached",
+            "axis",
+            "limit",
+            "bound",
         )
         use = [
-            _counter("distance_metres", "Way of the table since the part is in use"),
-            _counter("moving_seconds", "Time in motion since the part is in use"),
-            _counter("reversals", "Changes of direction since the part is in use"),
+            counters("distance_metres", "Way of the table since the part is in use"),
+            counters("moving_seconds", "Time in motion since the part is in use"),
+            counters("reversals", "Changes of direction since the part is in use"),
         ]
         for axis in self._state.axes:
             health = self._state.health(axis, self._now_ns)
@@ -65,11 +64,3 @@ def _add_use(families: list[CounterMetricFamily], axis: str, use: Use) -> None:
     values = (use.distance_m, use.moving_s, float(use.reversals))
     for family, value in zip(families, values, strict=True):
         family.add_metric([axis], value)
-
-
-def _gauge(name: str, text: str, *labels: str) -> GaugeMetricFamily:
-    return GaugeMetricFamily(f"{_PREFIX}_{name}", text, labels=("axis", *labels))
-
-
-def _counter(name: str, text: str) -> CounterMetricFamily:
-    return CounterMetricFamily(f"{_PREFIX}_{name}", text, labels=("axis",))

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from edge_service.health.service_state import ServiceState
-from edge_service.http_api.metrics import StateCollector
+from edge_service.http_api.metrics import ServiceCollector
 from edge_service.http_api.metrics_trend import TrendCollector
 
 ROOT = Path(__file__).parents[2]
@@ -29,7 +29,7 @@ def asked_by_grafana() -> list[str]:
 
 def test_the_dashboard_asks_only_for_what_is_there() -> None:
     state = ServiceState({"X": None}, 0)
-    collectors = (StateCollector(state, 0), TrendCollector(state, 0))
+    collectors = (ServiceCollector(state, 0), TrendCollector(state, 0))
     families = [family for each in collectors for family in each.collect()]
     names = {f"{f.name}_total" if f.type == "counter" else f.name for f in families}
     assert set(re.findall(r"edge_service_[a-z_]+", " ".join(asked_by_grafana()))) <= names

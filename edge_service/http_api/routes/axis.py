@@ -24,7 +24,7 @@ from ..compose import (
     traces_answer,
     use_answer,
 )
-from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
+from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
 from ..problems import documented
 
 _LOG_SPAN_S = 30 * 86400.0
@@ -74,13 +74,8 @@ async def log(
     axis: AxisDep,
     state: StateDep,
     now_ns: NowDep,
-    start_s: Annotated[
-        Moment | None,
-        Query(alias="from", description="RFC 3339 or UNIX s; default: 30 days before `to`."),
-    ] = None,
-    end_s: Annotated[
-        Moment | None, Query(alias="to", description="RFC 3339 or UNIX s; default: now.")
-    ] = None,
+    start_s: Annotated[Moment | None, moment_query("from", "30 days before `to`")] = None,
+    end_s: Annotated[Moment | None, moment_query("to", "now")] = None,
     limit: Annotated[int, Query(ge=1, le=20_000, description="The newest so many.")] = 1000,
 ) -> LogAnswer:
     """Events and notes of the axis and of the service."""

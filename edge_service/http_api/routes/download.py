@@ -4,12 +4,12 @@ import asyncio
 from enum import StrEnum
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from fastapi.responses import Response
 
 from ...health.history.parquet import as_bytes
 from ...health.service_state import ServiceState
-from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
+from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
 from ..problems import documented
 
 _MOST_ROWS = 300_000
@@ -41,13 +41,8 @@ async def history_file(
     form: Form,
     state: StateDep,
     now_ns: NowDep,
-    start_s: Annotated[
-        Moment | None,
-        Query(alias="from", description="RFC 3339 or UNIX s; default: 24 h before `to`."),
-    ] = None,
-    end_s: Annotated[
-        Moment | None, Query(alias="to", description="RFC 3339 or UNIX s; default: now.")
-    ] = None,
+    start_s: Annotated[Moment | None, moment_query("from", "24 h before `to`")] = None,
+    end_s: Annotated[Moment | None, moment_query("to", "now")] = None,
 ) -> Response:
     """History as a file: every estimate of up to 8 h, minutes of up to 200 days, hours beyond."""
     end_s = now_ns / 1e9 if end_s is None else end_s

@@ -18,7 +18,7 @@ from ..answers import (
     ServiceAnswer,
 )
 from ..compose import axes_answer, health_answer, history_answer, preload_answer, service_answer
-from ..context import AxisDep, Moment, NowDep, StateDep, parameter_error
+from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
 from ..problems import documented, problem_response
 
 DEFAULT_SPAN_S = 3600.0
@@ -77,13 +77,8 @@ async def history(
     axis: AxisDep,
     state: StateDep,
     now_ns: NowDep,
-    start_s: Annotated[
-        Moment | None,
-        Query(alias="from", description="RFC 3339 or UNIX s; default: one hour before `to`."),
-    ] = None,
-    end_s: Annotated[
-        Moment | None, Query(alias="to", description="RFC 3339 or UNIX s; default: now.")
-    ] = None,
+    start_s: Annotated[Moment | None, moment_query("from", "one hour before `to`")] = None,
+    end_s: Annotated[Moment | None, moment_query("to", "now")] = None,
     step_s: Annotated[
         float | None,
         Query(alias="step", gt=0.0, allow_inf_nan=False, description="Length of a bucket, s."),
