@@ -1,4 +1,4 @@
-"""A small bench for tests of the whole service."""
+"""Parts of the tests of the whole service."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable

@@ -66,9 +66,9 @@ def machine() -> Machine:
 @cache
 def blocks() -> tuple[FeatureBlock, ...]:
     """Twelve seconds of production of the axis that the machine file was commissioned on."""
-    bench = load_machine(DEFAULT_MACHINE)
+    nominal = load_machine(DEFAULT_MACHINE)
     friction = {"guide_force_n": Quantity(value=60.0), "bearing_drag_nm": Quantity(value=0.05)}
-    true = bench.model_copy(update={"model": bench.model.model_copy(update=friction)})
+    true = nominal.model_copy(update={"model": nominal.model.model_copy(update=friction)})
     limits, count = motion_limits(true), 12_000
     segments = MOTIONS["production"](limits, np.random.default_rng(1))
     targets = Setpoints(segments, limits.low_m, 1000.0).take(count)

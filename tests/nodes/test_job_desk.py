@@ -9,86 +9,86 @@ import pytest
 from edge_service.http_api.jobs import JobKind
 from edge_service.nodes.jobs.job_desk import JOB_COMMANDS
 
-from .job_bench import Bench, bench_in
+from .job_scene import JobScene, scene_in
 
 
 @pytest.fixture
-async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
-    async with bench_in(tmp_path) as bench:
-        yield bench
+async def jobs(tmp_path: Path) -> AsyncIterator[JobScene]:
+    async with scene_in(tmp_path) as jobs:
+        yield jobs
 
 
-async def test_a_job_runs_and_its_files_can_be_read(bench):
-    assert (await bench.start()).status_code == 202
-    job = await bench.ended()
+async def test_a_job_runs_and_its_files_can_be_read(jobs):
+    assert (await jobs.start()).status_code == 202
+    job = await jobs.ended()
     assert (job["state"], job["lines"]) == ("done", ["working"])
     assert job["files"] == ["diagnosis.json", "fingerprint.json", "report.html"]
-    report = await bench.client.get("jobs/1/files/report.html")
+    report = await jobs.client.get("jobs/1/files/report.html")
     assert report.text == "<p>fine</p>"
     assert report.headers["content-security-policy"].startswith("sandbox;")
-    assert (await bench.start(baseline=1)).status_code == 202
-    assert (await bench.ended())["baseline"] == 1
+    assert (await jobs.start(baseline=1)).status_code == 202
+    assert (await jobs.ended())["baseline"] == 1
 
 
-async def test_bad_input_is_told_in_the_words_of_the_command(bench):
-    bench.let("bad")
-    await bench.start()
-    job = await bench.ended()
+async def test_bad_input_is_told_in_the_words_of_the_command(jobs):
+    jobs.let("bad")
+    await jobs.start()
+    job = await jobs.ended()
     assert (job["state"], job["lines"][-1], job["files"]) == ("failed", "trace.csv: no time_s", [])
-    assert (await bench.client.get("jobs/1/files/report.html")).status_code == 404
+    assert (await jobs.client.get("jobs/1/files/report.html")).status_code == 404
 
 
-async def test_one_job_at_a_time_and_a_cancelled_one_is_gone(bench):
-    bench.let("long")
-    await bench.start()
-    assert (await bench.start()).status_code == 409
-    cancelled = (await bench.client.delete("jobs/1")).json()
+async def test_one_job_at_a_time_and_a_cancelled_one_is_gone(jobs):
+    jobs.let("long")
+    await jobs.start()
+    assert (await jobs.start()).status_code == 409
+    cancelled = (await jobs.client.delete("jobs/1")).json()
     assert cancelled["state"] == "cancelled"
-    process = bench.desk._jobs[1].process
+    process = jobs.desk._jobs[1].process
     assert process.returncode == -9
-    assert (await bench.client.delete("jobs/1")).status_code == 409
-    bench.let("short")
-    assert (await bench.start()).status_code == 202
-    assert (await bench.ended())["state"] == "done"
+    assert (await jobs.client.delete("jobs/1")).status_code == 409
+    jobs.let("short")
+    assert (await jobs.start()).status_code == 202
+    assert (await jobs.ended())["state"] == "done"
 
 
-async def test_closing_ends_what_runs(bench):
-    bench.let("long")
-    await bench.start()
-    await asyncio.wait_for(bench.desk.close(), 10.0)
-    assert bench.desk._jobs[1].process.returncode == -9
+async def test_closing_ends_what_runs(jobs):
+    jobs.let("long")
+    await jobs.start()
+    await asyncio.wait_for(jobs.desk.close(), 10.0)
+    assert jobs.desk._jobs[1].process.returncode == -9
 
 
 @pytest.mark.parametrize(
     "name", ["..%2Fedge.toml", ".hidden.csv", "trace.txt", "a%0Ab.csv", "x" * 120 + ".csv"]
 )
-async def test_only_plain_names_of_traces_are_taken(bench, name):
-    answer = await bench.client.put(f"recordings/{name}", content=b"1")
+async def test_only_plain_names_of_traces_are_taken(jobs, name):
+    answer = await jobs.client.put(f"recordings/{name}", content=b"1")
     assert answer.status_code in (404, 422)
-    assert [each.name for each in bench.desk.recordings()] == ["trace.csv"]
+    assert [each.name for each in jobs.desk.recordings()] == ["trace.csv"]
 
 
-async def test_an_upload_is_whole_or_not_at_all(bench, monkeypatch):
+async def test_an_upload_is_whole_or_not_at_all(jobs, monkeypatch):
     monkeypatch.setattr("edge_service.nodes.jobs.job_desk.MOST_BYTES", 10)
-    assert (await bench.client.put("recordings/big.csv", content=b"x" * 11)).status_code == 413
+    assert (await jobs.client.put("recordings/big.csv", content=b"x" * 11)).status_code == 413
     with monkeypatch.context() as full:
         full.setattr("edge_service.nodes.jobs.job_desk.MOST_KEPT_BYTES", 5)
-        assert (await bench.client.put("recordings/more.csv", content=b"1")).status_code == 507
-    assert (await bench.client.put("recordings/empty.csv", content=b"")).status_code == 422
-    folder = bench.desk._recordings
+        assert (await jobs.client.put("recordings/more.csv", content=b"1")).status_code == 507
+    assert (await jobs.client.put("recordings/empty.csv", content=b"")).status_code == 422
+    folder = jobs.desk._recordings
     assert [path.name for path in folder.iterdir()] == ["trace.csv"]
 
 
-async def test_what_is_not_there_is_told(bench):
+async def test_what_is_not_there_is_told(jobs):
     for request in (
-        bench.start(recordings=["other.csv"]),
-        bench.start(axis="Q"),
-        bench.client.delete("recordings/other.csv"),
-        bench.client.delete("jobs/7"),
+        jobs.start(recordings=["other.csv"]),
+        jobs.start(axis="Q"),
+        jobs.client.delete("recordings/other.csv"),
+        jobs.client.delete("jobs/7"),
     ):
         assert (await request).status_code == 404
-    assert (await bench.start(baseline=7)).status_code == 404
-    assert (await bench.start(recordings=[])).status_code == 422
+    assert (await jobs.start(baseline=7)).status_code == 404
+    assert (await jobs.start(recordings=[])).status_code == 422
 
 
 def test_commands_are_those_of_the_command_line(tmp_path):
@@ -102,42 +102,42 @@ def test_commands_are_those_of_the_command_line(tmp_path):
     ]
 
 
-async def test_a_diagnosis_is_asked_for_by_the_name_of_a_recording(bench):
-    answer = await bench.client.post("axes/X/diagnose", json={"recordings": ["trace.csv"]})
+async def test_a_diagnosis_is_asked_for_by_the_name_of_a_recording(jobs):
+    answer = await jobs.client.post("axes/X/diagnose", json={"recordings": ["trace.csv"]})
     assert answer.status_code == 202
     assert answer.headers["location"] == "/api/v1/jobs/1"
-    job = await bench.ended()
+    job = await jobs.ended()
     assert (job["kind"], job["recordings"], job["state"]) == ("diagnose", ["trace.csv"], "done")
-    assert (await bench.client.get("jobs/1")).json() == job
-    newest = await bench.client.get("axes/X/diagnosis")
+    assert (await jobs.client.get("jobs/1")).json() == job
+    newest = await jobs.client.get("axes/X/diagnosis")
     assert newest.json() == {"schema": "diagnosis/1"}
 
 
-async def test_a_diagnosis_is_asked_for_with_the_trace_itself(bench):
+async def test_a_diagnosis_is_asked_for_with_the_trace_itself(jobs):
     kinds = {"text/csv": ".csv", "application/vnd.apache.parquet": ".parquet"}
     for kind, suffix in kinds.items():
         headers = {"content-type": kind}
-        answer = await bench.client.post("axes/X/diagnose", content=b"0\n", headers=headers)
+        answer = await jobs.client.post("axes/X/diagnose", content=b"0\n", headers=headers)
         assert answer.status_code == 202
-        (name,) = (await bench.ended())["recordings"]
+        (name,) = (await jobs.ended())["recordings"]
         assert name.startswith("upload_X_")
         assert name.endswith(suffix)
-        listed = (await bench.client.get("recordings")).json()["recordings"]
+        listed = (await jobs.client.get("recordings")).json()["recordings"]
         assert name in [each["name"] for each in listed]
 
 
-async def test_a_second_diagnosis_waits_for_the_first_or_its_end(bench):
-    bench.let("long")
+async def test_a_second_diagnosis_waits_for_the_first_or_its_end(jobs):
+    jobs.let("long")
     body = {"recordings": ["trace.csv"]}
-    assert (await bench.client.post("axes/X/diagnose", json=body)).status_code == 202
-    refused = await bench.client.post("axes/X/diagnose", json=body)
+    assert (await jobs.client.post("axes/X/diagnose", json=body)).status_code == 202
+    refused = await jobs.client.post("axes/X/diagnose", json=body)
     assert refused.status_code == 409
     assert refused.headers["content-type"] == "application/problem+json"
-    assert (await bench.client.get("axes/X/diagnosis")).status_code == 409
-    assert (await bench.client.delete("jobs/1")).json()["state"] == "cancelled"
-    bench.let("short")
-    assert (await bench.client.post("axes/X/diagnose", json=body)).status_code == 202
-    await bench.ended()
+    assert (await jobs.client.get("axes/X/diagnosis")).status_code == 409
+    assert (await jobs.client.delete("jobs/1")).json()["state"] == "cancelled"
+    jobs.let("short")
+    assert (await jobs.client.post("axes/X/diagnose", json=body)).status_code == 202
+    await jobs.ended()
 
 
 @pytest.mark.parametrize(
@@ -155,18 +155,18 @@ async def test_a_second_diagnosis_waits_for_the_first_or_its_end(bench):
     ],
 )
 async def test_what_is_no_request_for_a_diagnosis_is_refused(
-    bench, monkeypatch, content, kind, status
+    jobs, monkeypatch, content, kind, status
 ):
     monkeypatch.setattr("edge_service.http_api.routes.diagnose.MOST_UPLOADED_BYTES", 50)
     headers = {"content-type": kind}
-    answer = await bench.client.post("axes/X/diagnose", content=content, headers=headers)
+    answer = await jobs.client.post("axes/X/diagnose", content=content, headers=headers)
     assert answer.status_code == status
     assert answer.headers["content-type"] == "application/problem+json"
-    assert [each.name for each in bench.desk.recordings()] == ["trace.csv"]
-    assert bench.desk.jobs() == []
+    assert [each.name for each in jobs.desk.recordings()] == ["trace.csv"]
+    assert jobs.desk.jobs() == []
 
 
-async def test_axes_without_a_diagnosis_say_so(bench):
-    assert (await bench.client.get("axes/X/diagnosis")).status_code == 404
-    assert (await bench.client.get("axes/Q/diagnosis")).status_code == 404
-    assert (await bench.client.get("jobs/3")).status_code == 404
+async def test_axes_without_a_diagnosis_say_so(jobs):
+    assert (await jobs.client.get("axes/X/diagnosis")).status_code == 404
+    assert (await jobs.client.get("axes/Q/diagnosis")).status_code == 404
+    assert (await jobs.client.get("jobs/3")).status_code == 404

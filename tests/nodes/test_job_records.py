@@ -8,26 +8,26 @@ import pytest
 
 from edge_service.nodes.jobs.job_records import known_jobs
 
-from .job_bench import Bench, bench_in
+from .job_scene import JobScene, scene_in
 
 
 @pytest.fixture
-async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
-    async with bench_in(tmp_path) as bench:
-        yield bench
+async def jobs(tmp_path: Path) -> AsyncIterator[JobScene]:
+    async with scene_in(tmp_path) as jobs:
+        yield jobs
 
 
-async def restarted(bench: Bench, folder: Path) -> Bench:
-    await bench.desk.close()
-    again = Bench(folder)
+async def restarted(jobs: JobScene, folder: Path) -> JobScene:
+    await jobs.desk.close()
+    again = JobScene(folder)
     again.let("short")
     return again
 
 
-async def test_jobs_and_their_files_are_there_after_a_restart(bench, tmp_path):
-    await bench.start()
-    before = await bench.ended()
-    again = await restarted(bench, tmp_path)
+async def test_jobs_and_their_files_are_there_after_a_restart(jobs, tmp_path):
+    await jobs.start()
+    before = await jobs.ended()
+    again = await restarted(jobs, tmp_path)
     assert (await again.client.get("jobs")).json()["jobs"] == [before]
     assert (await again.client.get("jobs/1/files/report.html")).text == "<p>fine</p>"
     assert (await again.start(baseline=1)).json()["id"] == 2
@@ -35,12 +35,12 @@ async def test_jobs_and_their_files_are_there_after_a_restart(bench, tmp_path):
     await again.client.aclose()
 
 
-async def test_a_job_that_ran_when_the_service_died_has_failed(bench, tmp_path):
-    await bench.start()
-    await bench.ended()
+async def test_a_job_that_ran_when_the_service_died_has_failed(jobs, tmp_path):
+    await jobs.start()
+    await jobs.ended()
     (path,) = (tmp_path / "@jobs").glob("*.json")
     path.write_text(path.read_text().replace('"done"', '"running"'))
-    again = Bench(tmp_path)  # nobody closed the first: it was killed
+    again = JobScene(tmp_path)  # nobody closed the first: it was killed
     (job,) = (await again.client.get("jobs")).json()["jobs"]
     assert job["state"] == "failed"
     assert job["lines"][-1] == "the service ended before it was done"
@@ -48,9 +48,9 @@ async def test_a_job_that_ran_when_the_service_died_has_failed(bench, tmp_path):
     await again.client.aclose()
 
 
-async def test_a_damaged_record_is_left_out(bench, tmp_path, caplog):
-    await bench.start()
-    await bench.ended()
+async def test_a_damaged_record_is_left_out(jobs, tmp_path, caplog):
+    await jobs.start()
+    await jobs.ended()
     (path,) = (tmp_path / "@jobs").glob("*.json")
     (path.parent / "1.json").write_text("{")
     (path.parent / "2.json").write_text("[]")
@@ -58,23 +58,23 @@ async def test_a_damaged_record_is_left_out(bench, tmp_path, caplog):
     assert caplog.text.count("no record of a job") == 2
 
 
-async def test_files_that_were_removed_by_hand_are_not_offered(bench, tmp_path):
-    await bench.start()
-    await bench.ended()
+async def test_files_that_were_removed_by_hand_are_not_offered(jobs, tmp_path):
+    await jobs.start()
+    await jobs.ended()
     (out,) = (path for path in (tmp_path / "@jobs").iterdir() if path.is_dir())
     shutil.rmtree(out)
-    again = await restarted(bench, tmp_path)
+    again = await restarted(jobs, tmp_path)
     (job,) = (await again.client.get("jobs")).json()["jobs"]
     assert job["files"] == []
     assert (await again.client.get("jobs/1/files/report.html")).status_code == 404
     await again.client.aclose()
 
 
-async def test_what_is_forgotten_stays_forgotten(bench, tmp_path, monkeypatch):
+async def test_what_is_forgotten_stays_forgotten(jobs, tmp_path, monkeypatch):
     monkeypatch.setattr("edge_service.nodes.jobs.job_desk.MOST_JOBS", 1)
     for _ in range(2):
-        await bench.start()
-        await bench.ended()
-    again = await restarted(bench, tmp_path)
+        await jobs.start()
+        await jobs.ended()
+    again = await restarted(jobs, tmp_path)
     assert [job["id"] for job in (await again.client.get("jobs")).json()["jobs"]] == [2]
     await again.client.aclose()

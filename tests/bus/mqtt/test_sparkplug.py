@@ -117,7 +117,7 @@ def event(second: float, text: str) -> bytes:
     return EVENT.encode(None, header(second), told)
 
 
-class Bench:
+class EdgeNode:
     """An edge node with the messages that it was given, without a broker."""
 
     def __init__(self) -> None:
@@ -146,14 +146,14 @@ class Bench:
 
 
 def test_death_and_birth_carry_the_same_number_and_the_next_connection_the_next() -> None:
-    bench = Bench()
+    edge = EdgeNode()
     for session, number in ((0, 0), (1, 1), (255, 255), (256, 0)):
-        will = bench.node.will(session)
+        will = edge.node.will(session)
         assert (will.topic, will.qos, will.retain) == ("spBv1.0/site/NDEATH/mill", 1, False)
         death = payload(will.payload)
         assert list(death["metrics"]) == ["bdSeq"]
         assert death["seq"] is None
-        ((topic, birth),) = bench.greet()
+        ((topic, birth),) = edge.greet()
         assert topic == "spBv1.0/site/NBIRTH/mill"
         assert birth["seq"] == 0
         assert birth["time_ms"] == NOW_MS
@@ -163,9 +163,9 @@ def test_death_and_birth_carry_the_same_number_and_the_next_connection_the_next(
 
 
 def test_a_device_is_born_with_every_metric_it_will_ever_have() -> None:
-    bench = Bench()
-    bench.greet()
-    first = bench.say("X/preload", estimate(1.5, 6.5))
+    edge = EdgeNode()
+    edge.greet()
+    first = edge.say("X/preload", estimate(1.5, 6.5))
     assert [topic for topic, _ in first] == ["spBv1.0/site/DBIRTH/mill/X"]
     metrics = first[0][1]["metrics"]
     known = {"value": 6.5, "type": 10, "unit": "%", "time_ms": 1500, "null": False}
@@ -175,9 +175,9 @@ def test_a_device_is_born_with_every_metric_it_will_ever_have() -> None:
     assert metrics["health/condition"]["null"]
     assert {f"health/alarm/{kind}" for kind in AlarmKind} < set(metrics)
     later = [
-        bench.say("X/preload", estimate(2.5, None)),
-        bench.say("X/health", health(2.6, AxisCondition.NORMAL)),
-        bench.say("X/event", event(2.7, "a")),
+        edge.say("X/preload", estimate(2.5, None)),
+        edge.say("X/health", health(2.6, AxisCondition.NORMAL)),
+        edge.say("X/event", event(2.7, "a")),
     ]
     for ((topic, data),) in later:
         assert topic == "spBv1.0/site/DDATA/mill/X"
@@ -190,76 +190,76 @@ def test_a_device_is_born_with_every_metric_it_will_ever_have() -> None:
 
 
 def test_only_what_has_changed_is_told_but_every_event_is() -> None:
-    bench = Bench()
-    bench.greet()
-    bench.say("X/preload", estimate(1.0, 6.5))
-    ((_, changed),) = bench.say("X/preload", estimate(2.0, 6.25))
+    edge = EdgeNode()
+    edge.greet()
+    edge.say("X/preload", estimate(1.0, 6.5))
+    ((_, changed),) = edge.say("X/preload", estimate(2.0, 6.25))
     assert list(changed["metrics"]) == ["preload/preload_percent"]
-    assert bench.say("X/preload", estimate(3.0, 6.25)) == []
+    assert edge.say("X/preload", estimate(3.0, 6.25)) == []
     for second in (4.0, 5.0):
-        ((_, told),) = bench.say("X/event", event(second, "the same"))
+        ((_, told),) = edge.say("X/event", event(second, "the same"))
         assert told["metrics"]["event/message"]["time_ms"] == round(1000 * second)
 
 
 def test_numbers_run_to_255_and_begin_again() -> None:
-    bench = Bench()
-    bench.greet()
-    bench.say("X/preload", estimate(1.0, 6.0))
-    numbers = [bench.say("X/event", event(n, str(n)))[0][1]["seq"] for n in range(600)]
+    edge = EdgeNode()
+    edge.greet()
+    edge.say("X/preload", estimate(1.0, 6.0))
+    numbers = [edge.say("X/event", event(n, str(n)))[0][1]["seq"] for n in range(600)]
     assert numbers == [(n + 2) % 256 for n in range(600)]
-    births = bench.greet()
+    births = edge.greet()
     assert [each["seq"] for _, each in births] == [0, 1]
 
 
 def test_what_is_late_goes_whole_and_historical_after_births_with_the_newest() -> None:
-    bench = Bench()
-    waiting = [bench.put("X/preload", estimate(float(n), 6.0)) for n in range(1, 4)]
-    births = bench.greet()
+    edge = EdgeNode()
+    waiting = [edge.put("X/preload", estimate(float(n), 6.0)) for n in range(1, 4)]
+    births = edge.greet()
     assert [topic for topic, _ in births] == [
         "spBv1.0/site/NBIRTH/mill",
         "spBv1.0/site/DBIRTH/mill/X",
     ]
     assert births[1][1]["metrics"]["preload/preload_percent"]["time_ms"] == 3000
     for message, second in zip(waiting, (1000, 2000, 3000), strict=True):
-        ((_, data),) = bench.send(message, late=True)
+        ((_, data),) = edge.send(message, late=True)
         assert len(data["metrics"]) > 5
         assert all(each["historical"] for each in data["metrics"].values())
         assert {each["time_ms"] for each in data["metrics"].values()} == {second}
-    assert bench.say("X/preload", estimate(4.0, 6.0)) == []
+    assert edge.say("X/preload", estimate(4.0, 6.0)) == []
 
 
 def test_an_axis_that_falls_silent_dies_and_is_born_again_by_its_next_estimate() -> None:
-    bench = Bench()
-    bench.greet()
-    bench.say("X/preload", estimate(1.0, 6.0))
-    ((topic, death),) = bench.say("X/gone", b"")
+    edge = EdgeNode()
+    edge.greet()
+    edge.say("X/preload", estimate(1.0, 6.0))
+    ((topic, death),) = edge.say("X/gone", b"")
     assert topic == "spBv1.0/site/DDEATH/mill/X"
     assert death["seq"] == 2
-    assert bench.say("X/health", health(2.0, AxisCondition.UNAVAILABLE)) == []
-    assert [topic for topic, _ in bench.greet()] == ["spBv1.0/site/NBIRTH/mill"]
-    ((topic, birth),) = bench.say("X/preload", estimate(3.0, 5.0))
+    assert edge.say("X/health", health(2.0, AxisCondition.UNAVAILABLE)) == []
+    assert [topic for topic, _ in edge.greet()] == ["spBv1.0/site/NBIRTH/mill"]
+    ((topic, birth),) = edge.say("X/preload", estimate(3.0, 5.0))
     assert topic == "spBv1.0/site/DBIRTH/mill/X"
     assert birth["metrics"]["health/condition"]["value"] == "UNAVAILABLE"
 
 
 def test_a_silence_that_was_over_before_the_connection_kills_nothing() -> None:
-    bench = Bench()
+    edge = EdgeNode()
     waiting = [
-        bench.put("X/preload", estimate(1.0, 6.0)),
-        bench.put("X/gone", b""),
-        bench.put("X/preload", estimate(9.0, 5.0)),
+        edge.put("X/preload", estimate(1.0, 6.0)),
+        edge.put("X/gone", b""),
+        edge.put("X/preload", estimate(9.0, 5.0)),
     ]
-    bench.greet()
-    topics = [topic for each in waiting for topic, _ in bench.send(each, late=True)]
+    edge.greet()
+    topics = [topic for each in waiting for topic, _ in edge.send(each, late=True)]
     assert topics == ["spBv1.0/site/DDATA/mill/X"] * 2
 
 
 def test_a_silence_that_lasts_is_told_after_what_waited() -> None:
-    bench = Bench()
-    waiting = [bench.put("X/preload", estimate(1.0, 6.0)), bench.put("X/gone", b"")]
-    waiting.append(bench.put("X/health", health(2.0, AxisCondition.UNAVAILABLE)))
-    bench.greet()
-    kinds = [topic.split("/")[2] for each in waiting for topic, _ in bench.send(each, late=True)]
+    edge = EdgeNode()
+    waiting = [edge.put("X/preload", estimate(1.0, 6.0)), edge.put("X/gone", b"")]
+    waiting.append(edge.put("X/health", health(2.0, AxisCondition.UNAVAILABLE)))
+    edge.greet()
+    kinds = [topic.split("/")[2] for each in waiting for topic, _ in edge.send(each, late=True)]
     assert kinds == ["DBIRTH", "DDATA", "DDEATH"]
 
 
@@ -272,11 +272,11 @@ def test_garbage_is_no_command(garbage: bytes) -> None:
     "content", [b"", b"[]", b"{}", b'{"source_time_ns": 1}', b'{"source_time_ns": "x"}']
 )
 def test_a_message_of_another_version_in_the_buffer_is_left_out(content: bytes) -> None:
-    bench = Bench()
-    bench.greet()
-    kinds = [topic.split("/")[2] for topic, _ in bench.say("X/preload", content)]
+    edge = EdgeNode()
+    edge.greet()
+    kinds = [topic.split("/")[2] for topic, _ in edge.say("X/preload", content)]
     assert kinds == ["DBIRTH"]
-    assert bench.say("X/nosuch", b"{}") == []
+    assert edge.say("X/nosuch", b"{}") == []
 
 
 @pytest.fixture(name="foreign")

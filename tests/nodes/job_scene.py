@@ -37,7 +37,7 @@ def _child(word: str):
     return command
 
 
-class Bench:
+class JobScene:
     """The routes over a desk whose jobs are small programs."""
 
     def __init__(self, folder: Path) -> None:
@@ -66,11 +66,11 @@ class Bench:
 
 
 @asynccontextmanager
-async def bench_in(folder: Path) -> AsyncIterator[Bench]:
-    """A bench with one recording, trace.csv, whose jobs are short."""
-    bench = Bench(folder)
-    bench.let("short")
-    await bench.client.put("recordings/trace.csv", content=b"time_s\n0\n")
-    yield bench
-    await bench.client.aclose()
-    await bench.desk.close()
+async def scene_in(folder: Path) -> AsyncIterator[JobScene]:
+    """A scene with one recording, trace.csv, whose jobs are short."""
+    jobs = JobScene(folder)
+    jobs.let("short")
+    await jobs.client.put("recordings/trace.csv", content=b"time_s\n0\n")
+    yield jobs
+    await jobs.client.aclose()
+    await jobs.desk.close()
