@@ -45,6 +45,7 @@ from edge_service.nodes.stores.estimate_store import (
     Kept,
     identity_of,
     read_kept,
+    write_kept,
 )
 from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
 from edge_service.nodes.wiring.stages import make_downsampler
@@ -392,10 +393,14 @@ def test_the_default_configuration_keeps_nothing() -> None:
 
 def test_a_state_of_version_0_1_0_can_be_read(tmp_path: Path) -> None:
     path = tmp_path / "estimate.json"
-    path.write_text(
+    recorded = (
         '{"schema": "estimate-state/1", "axis": "X", "machine": "abc", "time_s": 1.5, '
         '"source_time_ns": 9, '
         '"sha256": "e569038494a75bd161110408b3abdabca299c67bd3d4d0aad4f42af94423f88f", '
         '"state": "{\\"schema\\": \\"x/1\\", \\"a\\": [1.0]}"}'
     )
-    assert read_kept(path, "X", "abc") == Kept(1.5, 9, {"schema": "x/1", "a": [1.0]})
+    path.write_text(recorded)
+    kept = read_kept(path, "X", "abc")
+    assert kept == Kept(1.5, 9, {"schema": "x/1", "a": [1.0]})
+    write_kept(path, "X", "abc", kept)
+    assert path.read_text() == recorded

@@ -1,5 +1,6 @@
 """Events on disk: one checked line each, bounded, read back at the start."""
 
+import json
 import logging
 import zlib
 from pathlib import Path
@@ -57,8 +58,8 @@ class EventJournal:
 
 
 def _line(logged: LoggedEvent) -> str:
-    text = _EVENTS.dump_json(logged)
-    return f"{zlib.crc32(text):08x} {text.decode()}\n"
+    text = json.dumps(_EVENTS.dump_python(logged, mode="json"), allow_nan=False)
+    return f"{zlib.crc32(text.encode()):08x} {text}\n"
 
 
 def _read(path: Path) -> list[LoggedEvent]:

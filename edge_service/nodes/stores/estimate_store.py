@@ -4,7 +4,7 @@ import hashlib
 import json
 import logging
 import threading
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -90,7 +90,7 @@ def write_kept(path: Path, axis: str, identity: str, kept: Kept) -> None:
     state = json.dumps(kept.snapshot, allow_nan=False)
     content = _File(SCHEMA, axis, identity, kept.time_s, kept.source_time_ns, _digest(state), state)
     with replaced_file(path) as file:
-        file.write(_FILES.dump_json(content).decode())
+        json.dump(asdict(content), file, allow_nan=False)
 
 
 class EstimateStore:
