@@ -16,9 +16,9 @@ from prometheus_client.core import CounterMetricFamily
 from edge_service import exit_status
 from edge_service.cli.entry import cli
 from edge_service.estimate.channel_reasons import channel_reasons
-from edge_service.health.service_state import Board
-from edge_service.http_api.metrics import BoardCollector
-from edge_service.http_api.metrics_outlook import OutlookCollector
+from edge_service.health.service_state import ServiceState
+from edge_service.http_api.metrics import ServiceCollector
+from edge_service.http_api.metrics_trend import TrendCollector
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.features import Fault
 from edge_service.messages.quality import Quality
@@ -30,7 +30,7 @@ from edge_service.models.machine import (
     ModelConfig,
     ToleranceConfig,
 )
-from edge_service.nodes.webhook import sign
+from edge_service.nodes.outputs.webhook import sign
 
 from .bench.commands import bench
 from .documents import ROOT, block, blocks, document, documents
@@ -188,8 +188,8 @@ def test_every_key_of_a_machine_file_stands_in_the_operators_guide() -> None:
 
 def test_every_metric_stands_in_the_operators_guide() -> None:
     guide = document("deploy/README.md")
-    state = Board({"X": None}, 0)
-    for collector in (BoardCollector(state, 0), OutlookCollector(state, 0)):
+    state = ServiceState({"X": None}, 0)
+    for collector in (ServiceCollector(state, 0), TrendCollector(state, 0)):
         for family in collector.collect():
             name = family.name.removeprefix("edge_service_")
             if isinstance(family, CounterMetricFamily):
