@@ -8,23 +8,23 @@ import numpy as np
 from ..models.effects.effect import Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
-from .candidates.design_matrix import Dictionary
-from .candidates.force_pulses import Push, lone_forms
-from .candidates.null_shapes import nameless_forms
-from .candidates.regressor import Atom
-from .estimation.contributions import Weighed
+from .candidates.design_matrix import DesignMatrix
+from .candidates.force_pulses import ForcePulse, pulses_of_session
+from .candidates.null_shapes import null_shapes
+from .candidates.regressor import CandidateRegressor
+from .estimation.contributions import SelectedModel
 from .result import ChannelGap, Diagnosis, NamedEffect, Verdict
 from .selection.beside_force import beside_force
-from .selection.causes import find_causes
 from .selection.evidence import Fit, Noise, fit
 from .selection.observability import is_too_slow
-from .session.healthy_prior import Tolerated, limits_of, stated_tolerance, tolerated
+from .selection.posterior import select_effects
+from .session.healthy_prior import HealthyPrior, healthy_priors, parameter_priors, stated_tolerance
 from .session.noise_floor import Floor, noise_floor
 from .session.session import TORQUE_GAP, Session
 from .validation.caveats import torque_rms_nm
 from .validation.misattribution import FORCE
-from .validation.unexplained import left_shares
-from .validation.verdict import concluded
+from .validation.unexplained import unexplained_shares
+from .validation.verdict import conclude
 
 __all__ = ["ChannelGap", "Diagnosis", "NamedEffect", "Verdict", "diagnose_session"]
 
@@ -47,29 +47,29 @@ def diagnose_session(
     """
     entries = tuple(effects().values()) if library is None else tuple(library)
     progress("signatures of the library")
-    dictionary, noise = _prepared(session, machine, entries)
+    design, noise = _prepared(session, machine, entries)
     progress("sets of effects")
-    limits = limits_of(_prior(session, machine))
-    causes = find_causes(dictionary, noise, limits)
-    first = causes.best.fit
-    noise = _renoised(session, machine, dictionary, first, noise)
-    causes = find_causes(dictionary, noise, limits, first.atoms[dictionary.tolerated :])
-    left: Mapping[str, float] = causes.best.fit.rms
-    if FORCE in causes.best.material:
-        causes, left = beside_force(session, dictionary, noise, limits, causes)
-    unexplained = left_shares(session, left, noise)
+    priors = parameter_priors(_prior(session, machine))
+    posterior = select_effects(design, noise, priors)
+    first = posterior.best.fit
+    noise = _renoised(session, machine, design, first, noise)
+    posterior = select_effects(design, noise, priors, first.regressors[design.tolerated :])
+    left: Mapping[str, float] = posterior.best.fit.rms
+    if FORCE in posterior.best.material:
+        posterior, left = beside_force(session, design, noise, priors, posterior)
+    unexplained = unexplained_shares(session, left, noise)
     progress("values and held-out motion")
-    return concluded(Weighed(session, machine, dictionary, noise, limits, causes, unexplained))
+    return conclude(SelectedModel(session, machine, design, noise, priors, posterior, unexplained))
 
 
-def _prior(session: Session, machine: Machine) -> Sequence[Tolerated]:
+def _prior(session: Session, machine: Machine) -> Sequence[HealthyPrior]:
     period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
-    return tolerated(machine, period_s, session.baseline.coulomb_nm)
+    return healthy_priors(machine, period_s, session.baseline.coulomb_nm)
 
 
 def _prepared(
     session: Session, machine: Machine, entries: Sequence[Effect]
-) -> tuple[Dictionary, Noise]:
+) -> tuple[DesignMatrix, Noise]:
     searched = [
         each for each in entries if each.name != FORCE and not is_too_slow(each.name, session)
     ]
@@ -82,18 +82,20 @@ def _prepared(
         effective=dict.fromkeys(session.channels, MOST_EFFECTIVE),
         discrepancy={name: DISCREPANCY * rows.rms for name, rows in session.channels.items()},
     )
-    more: list[Atom] = list(nameless_forms(session))
+    more: list[CandidateRegressor] = list(null_shapes(session))
     if TORQUE_GAP in session.channels and FORCE in {each.name for each in entries}:
-        more += _pushes(session, prior, noise)
-    return Dictionary.of_session(session, prior, searched, more), noise
+        more += _force_pulses(session, prior, noise)
+    return DesignMatrix.of_session(session, prior, searched, more), noise
 
 
-def _pushes(session: Session, prior: Sequence[Tolerated], noise: Noise) -> Sequence[Push]:
+def _force_pulses(
+    session: Session, prior: Sequence[HealthyPrior], noise: Noise
+) -> Sequence[ForcePulse]:
     """Forces where the torque has a mean of its own for a while."""
-    healthy = Dictionary.of_session(session, prior, ())
+    healthy = DesignMatrix.of_session(session, prior, ())
     bare = fit(healthy, (), noise)
-    modelled = healthy.modelled(TORQUE_GAP, bare.atoms, bare.coefficients)
-    return lone_forms(session, session.channels[TORQUE_GAP].gap - modelled)
+    modelled = healthy.modelled(TORQUE_GAP, bare.regressors, bare.coefficients)
+    return pulses_of_session(session, session.channels[TORQUE_GAP].gap - modelled)
 
 
 def _above_healthy(session: Session, floor: Mapping[str, Floor]) -> dict[str, float]:
@@ -103,11 +105,11 @@ def _above_healthy(session: Session, floor: Mapping[str, Floor]) -> dict[str, fl
 
 
 def _renoised(
-    session: Session, machine: Machine, dictionary: Dictionary, best: Fit, noise: Noise
+    session: Session, machine: Machine, design: DesignMatrix, best: Fit, noise: Noise
 ) -> Noise:
     """The noise as the residual of the best fit has it: independent observations, and floor."""
     left = {
-        name: rows.gap - dictionary.modelled(name, best.atoms, best.coefficients)
+        name: rows.gap - design.modelled(name, best.regressors, best.coefficients)
         for name, rows in session.channels.items()
     }
     again = noise_floor(session, left)

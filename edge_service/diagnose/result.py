@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from ..messages.samples import Floats
-from .estimation.values import Interval
+from .estimation.estimates import Interval
 from .localisation.places import Place
-from .selection.causes import Causes
+from .selection.posterior import Posterior
 from .validation.replay import Replay
 from .validation.shrink import Shrink
 
@@ -91,8 +91,8 @@ class Diagnosis:
     next_motion: str | None
     left: Mapping[str, Floats]
     waterfall: Mapping[str, Sequence[tuple[str, float]]]
-    impostor: str | None
-    causes: Causes
+    nearest: str | None
+    posterior: Posterior
     replay: Replay
     caveats: tuple[str, ...]
     is_blind: bool

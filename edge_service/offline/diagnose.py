@@ -10,7 +10,7 @@ from ..atomic import replaced_file
 from ..config import ConfigError, load_machine
 from ..diagnose.experiment.proposal import propose
 from ..diagnose.pipeline import Diagnosis, Verdict, diagnose_session
-from ..diagnose.selection.observability import not_judged
+from ..diagnose.selection.observability import unobservable
 from ..diagnose.session.data_check import check_data
 from ..diagnose.session.reference import Reference, healthy_machine, healthy_model
 from ..diagnose.session.session import Session
@@ -88,7 +88,7 @@ def _diagnosed(
     check = replace(check, remarks=remarks)
     found = beside_doubts(diagnose_session(session, machine, progress=progress), doubted)
     found = _with_motion(found, machine)
-    silent = not_judged(session)
+    silent = unobservable(session)
     try:
         augmented = augmented_toml(text, found.effects if _accepted(found) else ())
     except ValueError as error:

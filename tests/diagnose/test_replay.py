@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edge_service.diagnose.pipeline import diagnose_session
-from edge_service.diagnose.session.prescribed_motion import LedAxis
+from edge_service.diagnose.session.prescribed_motion import PrescribedMotionAxis
 from edge_service.diagnose.session.recordings import Run, runs_of
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from edge_service.diagnose.session.twin import rigid_baseline, rigid_plant
@@ -77,10 +77,11 @@ def controlled(machine: Machine, effects_there: list[ActiveEffect]) -> Session:
 
 def left(machine: Machine, session: Session, effects_there: list[ActiveEffect], name: str) -> float:
     """Root mean square of controlled less led, after the first second."""
-    axis = LedAxis.of_machine(machine, session.baseline)
+    axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
     variant = [axis.with_effects([BRISTLES, HELD, *effects_there])]
     led = [
-        axis.led(run, variant, np.zeros(len(run.motion), dtype=np.int64)) for run in session.runs
+        axis.simulated(run, variant, np.zeros(len(run.motion), dtype=np.int64))
+        for run in session.runs
     ]
     simulated = Session.of_runs(led, session.baseline).channels[name]
     late = simulated.variables["time_s"] > 1.0
@@ -90,9 +91,9 @@ def left(machine: Machine, session: Session, effects_there: list[ActiveEffect], 
 def test_without_effects_the_torque_is_that_of_the_model(machine: Machine) -> None:
     session = controlled(machine, [])
     assert left(machine, session, [], TORQUE_GAP) < 1e-3
-    axis = LedAxis.of_machine(machine, session.baseline)
+    axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
     run = session.runs[0]
-    led = axis.led(run, [axis.with_effects([])], np.zeros(len(run.motion), dtype=np.int64))
+    led = axis.simulated(run, [axis.with_effects([])], np.zeros(len(run.motion), dtype=np.int64))
     moving = np.abs(run.motion.speed_rad_s) > 2.0
     off = (led.motion.torque_nm - run.motion.model_torque_nm)[moving][5:-5]
     assert float(np.abs(off).max()) < 1e-3  # J a + D v + F sign(v), by the library's own formula
@@ -114,7 +115,7 @@ def test_every_effect_is_replayed() -> None:
 
 def test_friction_that_one_side_lacks_is_the_other_sides(machine: Machine) -> None:
     """All of this machine's friction counts as the guides'; the wavering one is the motor's."""
-    axis = LedAxis.of_machine(machine, rigid_baseline(machine))
+    axis = PrescribedMotionAxis.of_machine(machine, rigid_baseline(machine))
     plant = axis.with_effects([active_effect("once_per_rev_friction", {"amplitude_nm": 0.1})]).plant
     ratio, before = plant.ratio_m_per_rad, axis.plant
     assert plant.bearing_drag_nm + axis.screw_nm >= 0.1 - 1e-6
@@ -144,10 +145,10 @@ def test_one_encoder_is_enough(machine: Machine) -> None:
 def test_a_plant_that_leaves_the_finite_numbers_is_a_reason(
     machine: Machine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(_self: LedAxis, run: Run, *_rest: object) -> Run:
+    def broken(_self: PrescribedMotionAxis, run: Run, *_rest: object) -> Run:
         raise ValueError("cannot follow")
 
-    monkeypatch.setattr(replay_module.LedAxis, "led", broken)
+    monkeypatch.setattr(replay_module.PrescribedMotionAxis, "simulated", broken)
     frame = frame_of(recorded(("drag_error",), 3))
     library = [get_effect("drag_error")]
     found = diagnose_session(session_of(machine, frame), machine, library)
@@ -157,7 +158,7 @@ def test_a_plant_that_leaves_the_finite_numbers_is_a_reason(
 
 
 def test_no_mass_on_the_table_is_refused(machine: Machine) -> None:
-    axis = LedAxis.of_machine(machine, rigid_baseline(machine))
+    axis = PrescribedMotionAxis.of_machine(machine, rigid_baseline(machine))
     with pytest.raises(ValueError, match="expected more than 0"):
         axis.with_effects([active_effect("inertia_error", {"change_kg_m2": -0.04})])
 

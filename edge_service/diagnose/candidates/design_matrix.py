@@ -12,16 +12,16 @@ import numpy.typing as npt
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Effect
-from ..session.healthy_prior import Tolerated
+from ..session.healthy_prior import HealthyPrior
 from ..session.session import Integers, Session
-from .empirical_shapes import free_forms
-from .regressor import Atom, atoms_of
+from .empirical_shapes import empirical_shapes
+from .regressor import CandidateRegressor, regressors_of
 
 _MOST_OF_GAP = 10.0
 """Coefficients are held where their column makes up to so many times the gap of its channel: two
 columns that are nearly one must not stand against each other."""
 _LEAST_OF_FAMILY = 1e-8
-"""Energy of an atom over that of the strongest of its family, below which it is not there."""
+"""Energy of a regressor over that of the strongest of its family, below which it is not there."""
 _STRICT = ("saturation",)
 """Effects whose column holds the measured torque: at any strength but 1 it would explain itself."""
 _STRICT_SIGMA = 0.05
@@ -36,7 +36,7 @@ _CHUNK = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sums:
+class NormalEquations:
     """Sums over the rows of one channel: gram (p, p), cross (p,), square of the gap, rows."""
 
     gram: Floats
@@ -59,113 +59,124 @@ class Sums:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Dictionary:
-    """Candidate atoms and their columns.
+class DesignMatrix:
+    """Candidate regressors and their columns.
 
     Attributes:
-        atoms: the first `tolerated` of them are what a healthy axis may have.
+        regressors: the first `tolerated` of them are what a healthy axis may have.
         mean, precision: prior of the coefficient of each column, (p,); 0 knows nothing.
-        first: first column of each atom, (n_atoms + 1,).
-        columns, sums: by channel, (n, p).
-        alternatives: how many atoms share name and form with each atom.
+        first: first column of each regressor, (n_regressors + 1,).
+        columns, equations: by channel, (n, p).
+        alternatives: how many regressors share name and form with each regressor.
     """
 
-    atoms: tuple[Atom, ...]
+    regressors: tuple[CandidateRegressor, ...]
     tolerated: int
     mean: Floats
     precision: Floats
     first: Integers
     columns: Mapping[str, Columns]
-    sums: Mapping[str, Sums]
+    equations: Mapping[str, NormalEquations]
     alternatives: tuple[int, ...]
 
     @classmethod
     def of_session(
         cls,
         session: Session,
-        tolerated: Sequence[Tolerated],
+        tolerated: Sequence[HealthyPrior],
         library: Sequence[Effect],
-        more: Sequence[Atom] = (),
+        more: Sequence[CandidateRegressor] = (),
     ) -> Self:
-        """The dictionary of a session and of the entries that may explain its gap.
+        """The design matrix of a session and of the entries that may explain its gap.
 
         Args:
             more: candidates behind those of the library.
         """
         names = {effect.name for effect in library}
-        entries: list[Atom] = [a for effect in library for a in atoms_of(effect, session)]
+        entries: list[CandidateRegressor] = [
+            a for effect in library for a in regressors_of(effect, session)
+        ]
         if names:
-            entries += [form for form in free_forms(session) if form.name in names]
-        atoms = [*(each.atom for each in tolerated), *entries, *more]
-        columns = {name: _columns(atoms, session, name) for name in session.channels}
-        sums = {name: Sums.of(each, session.channels[name].gap) for name, each in columns.items()}
-        first = np.concatenate(([0], np.cumsum([atom.size for atom in atoms]))).astype(np.int64)
-        mean, precision = np.zeros(int(first[-1])), _bounding(session, sums)
+            entries += [form for form in empirical_shapes(session) if form.name in names]
+        regressors = [*(each.regressor for each in tolerated), *entries, *more]
+        columns = {name: _columns(regressors, session, name) for name in session.channels}
+        equations = {
+            name: NormalEquations.of(each, session.channels[name].gap)
+            for name, each in columns.items()
+        }
+        first = np.concatenate(
+            ([0], np.cumsum([regressor.size for regressor in regressors]))
+        ).astype(np.int64)
+        mean, precision = np.zeros(int(first[-1])), _bounding(session, equations)
         mean[: len(tolerated)] = [each.mean for each in tolerated]
         precision[: len(tolerated)] = [each.sigma**-2 for each in tolerated]
-        for k, atom in enumerate(atoms[len(tolerated) :], start=len(tolerated)):
-            if atom.name in _STRICT:
+        for k, regressor in enumerate(regressors[len(tolerated) :], start=len(tolerated)):
+            if regressor.name in _STRICT:
                 mean[first[k]], precision[first[k]] = 1.0, _STRICT_SIGMA**-2
-        shapes = Counter((atom.name, atom.form) for atom in entries)
-        forms = Counter(atom.name for atom in more)
+        shapes = Counter((regressor.name, regressor.form) for regressor in entries)
+        forms = Counter(regressor.name for regressor in more)
         alternatives = (
             *(1 for _ in tolerated),
-            *(shapes[atom.name, atom.form] for atom in entries),
-            *(forms[atom.name] for atom in more),
+            *(shapes[regressor.name, regressor.form] for regressor in entries),
+            *(forms[regressor.name] for regressor in more),
         )
         count = len(tolerated)
-        return cls(tuple(atoms), count, mean, precision, first, columns, sums, alternatives)
+        return cls(
+            tuple(regressors), count, mean, precision, first, columns, equations, alternatives
+        )
 
     def restricted(
         self, count: int, session: Session, kept: Mapping[str, Booleans]
-    ) -> "Dictionary":
-        """Its first `count` atoms to be weighed by some rows of each channel, without columns."""
+    ) -> "DesignMatrix":
+        """Its first `count` regressors over some rows of each channel, without columns."""
         end = int(self.first[count])
         return replace(
             self,
-            atoms=self.atoms[:count],
+            regressors=self.regressors[:count],
             mean=self.mean[:end],
             precision=self.precision[:end],
             first=self.first[: count + 1],
             columns={},
-            sums={
-                name: Sums.of(self.columns[name][:, :end], rows.gap, np.flatnonzero(kept[name]))
+            equations={
+                name: NormalEquations.of(
+                    self.columns[name][:, :end], rows.gap, np.flatnonzero(kept[name])
+                )
                 for name, rows in session.channels.items()
             },
             alternatives=self.alternatives[:count],
         )
 
-    def indices(self, atoms: Sequence[int]) -> Integers:
-        """Columns of some atoms, in their order."""
-        parts = [np.arange(self.first[a], self.first[a + 1]) for a in atoms]
+    def indices(self, regressors: Sequence[int]) -> Integers:
+        """Columns of some regressors, in their order."""
+        parts = [np.arange(self.first[a], self.first[a + 1]) for a in regressors]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
     @property
     def candidates(self) -> list[int]:
-        """Atoms that are not merely tolerated, and that show."""
-        energy = sum(np.diag(each.gram) / (each.square or 1.0) for each in self.sums.values())
-        of_atom = np.add.reduceat(energy, self.first[:-1])
+        """Regressors that are not merely tolerated, and that show."""
+        energy = sum(np.diag(each.gram) / (each.square or 1.0) for each in self.equations.values())
+        energy_of = np.add.reduceat(energy, self.first[:-1])
         strongest: dict[tuple[str, str], float] = {}
-        for atom, each in zip(self.atoms, of_atom.tolist(), strict=True):
-            family = atom.name, atom.form
+        for regressor, each in zip(self.regressors, energy_of.tolist(), strict=True):
+            family = regressor.name, regressor.form
             strongest[family] = max(strongest.get(family, 0.0), each)
         return [
             k
-            for k in range(self.tolerated, len(self.atoms))
-            for atom in (self.atoms[k],)
-            if of_atom[k] > _LEAST_OF_FAMILY * strongest[atom.name, atom.form]
+            for k in range(self.tolerated, len(self.regressors))
+            for regressor in (self.regressors[k],)
+            if energy_of[k] > _LEAST_OF_FAMILY * strongest[regressor.name, regressor.form]
         ]
 
-    def modelled(self, channel: str, atoms: Sequence[int], coefficients: Floats) -> Floats:
-        """Gap in a channel as atoms model it, (n,)."""
-        return self.columns[channel][:, self.indices(atoms)].astype(np.float64) @ coefficients
+    def modelled(self, channel: str, regressors: Sequence[int], coefficients: Floats) -> Floats:
+        """Gap in a channel as regressors model it, (n,)."""
+        return self.columns[channel][:, self.indices(regressors)].astype(np.float64) @ coefficients
 
 
-def _bounding(session: Session, sums: Mapping[str, Sums]) -> Floats:
+def _bounding(session: Session, equations: Mapping[str, NormalEquations]) -> Floats:
     """Precision of the coefficient of each column that bounds it by the gap, (p,)."""
     held = [
         np.diag(each.gram) / max(_MOST_OF_GAP**2 * float(np.sum(rows.gap**2)), 1e-300)
-        for name, each in sums.items()
+        for name, each in equations.items()
         for rows in (session.channels[name],)
     ]
     found: Floats = np.max(held, axis=0)
@@ -185,24 +196,25 @@ def _products(
     return gram, cross
 
 
-def _columns(atoms: Sequence[Atom], session: Session, channel: str) -> Columns:
-    """Columns of all atoms, (n, p).
+def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel: str) -> Columns:
+    """Columns of all regressors, (n, p).
 
     Families that cannot show in the channel are not evaluated, and take no memory.
     """
-    families: dict[tuple[str, str], Atom] = {}
-    for atom in atoms:
-        families.setdefault((atom.name, atom.form), atom)
+    families: dict[tuple[str, str], CandidateRegressor] = {}
+    for regressor in regressors:
+        families.setdefault((regressor.name, regressor.form), regressor)
     shows = {
-        family: bool(np.any(atom.columns(session, channel))) for family, atom in families.items()
+        family: bool(np.any(regressor.columns(session, channel)))
+        for family, regressor in families.items()
     }
-    first = np.cumsum([0, *(atom.size for atom in atoms)])
+    first = np.cumsum([0, *(regressor.size for regressor in regressors)])
     found = np.zeros((int(first[-1]), len(session.channels[channel].gap)), np.float32).T
 
     def fill(k: int) -> None:
-        if shows[atoms[k].name, atoms[k].form]:
-            found[:, first[k] : first[k + 1]] = atoms[k].columns(session, channel)
+        if shows[regressors[k].name, regressors[k].form]:
+            found[:, first[k] : first[k + 1]] = regressors[k].columns(session, channel)
 
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(fill, range(len(atoms))))
+        list(pool.map(fill, range(len(regressors))))
     return found

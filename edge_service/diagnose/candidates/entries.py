@@ -8,11 +8,11 @@ import numpy as np
 from ...models.effects.registry import get_effect
 from ..estimation.refine import Problem, refine
 from ..selection.evidence import Fit, Noise
-from ..selection.stepwise import pursue
+from ..selection.stepwise import select_stepwise
 from ..session.session import Session
-from .design_matrix import Dictionary
-from .force_pulses import Push
-from .regressor import EntryAtom, entry_atom
+from .design_matrix import DesignMatrix
+from .force_pulses import ForcePulse
+from .regressor import EntryRegressor, entry_regressor
 
 MOST_ENTRIES = {
     **{"stribeck": 1, "backlash": 1, "presliding": 1},
@@ -21,8 +21,8 @@ MOST_ENTRIES = {
 """Entries of one effect that still say something: sums of many are no better known for it."""
 
 
-def problem_of(session: Session, dictionary: Dictionary, best: Fit, noise: Noise) -> Problem:
-    index = dictionary.indices(range(dictionary.tolerated))
+def problem_of(session: Session, design: DesignMatrix, best: Fit, noise: Noise) -> Problem:
+    index = design.indices(range(design.tolerated))
     weights = {}
     for name, rows in session.channels.items():
         variance = best.rms[name] ** 2 + noise.discrepancy[name] ** 2
@@ -30,16 +30,16 @@ def problem_of(session: Session, dictionary: Dictionary, best: Fit, noise: Noise
     return Problem(
         session,
         weights,
-        {name: dictionary.columns[name][:, index].astype(np.float64) for name in session.channels},
+        {name: design.columns[name][:, index].astype(np.float64) for name in session.channels},
         best.coefficients[: len(index)],
-        1e9 * dictionary.precision[index],
+        1e9 * design.precision[index],
         sum(noise.effective.values()),
     )
 
 
 def entries_of(
-    dictionary: Dictionary, noise: Noise, named: frozenset[str], problem: Problem, best: Fit
-) -> list[EntryAtom]:
+    design: DesignMatrix, noise: Noise, named: frozenset[str], problem: Problem, best: Fit
+) -> list[EntryRegressor]:
     """Entries of the library for the named effects, alone fitted, with refined shapes.
 
     Args:
@@ -47,58 +47,61 @@ def entries_of(
     """
     allowed = [
         k
-        for k in dictionary.candidates
-        if dictionary.atoms[k].name in named and _as_entry(dictionary.atoms[k]) is not None
+        for k in design.candidates
+        if design.regressors[k].name in named and _as_entry(design.regressors[k]) is not None
     ]
-    known = sorted(set(best.atoms) & set(allowed))
-    whole = pursue(dictionary, noise, allowed, problem.mean, MOST_ENTRIES, known)
-    chosen: list[EntryAtom] = []
-    for k in whole.atoms[dictionary.tolerated :]:
-        entry = _as_entry(dictionary.atoms[k])
+    known = sorted(set(best.regressors) & set(allowed))
+    whole = select_stepwise(design, noise, allowed, problem.mean, MOST_ENTRIES, known)
+    chosen: list[EntryRegressor] = []
+    for k in whole.regressors[design.tolerated :]:
+        entry = _as_entry(design.regressors[k])
         if entry is not None and entry not in chosen:
             chosen.append(entry)
-    for name in sorted(named - {atom.name for atom in chosen}):
+    for name in sorted(named - {regressor.name for regressor in chosen}):
         first = next(
-            (e for k in allowed if (e := _as_entry(dictionary.atoms[k])) and e.name == name), None
+            (e for k in allowed if (e := _as_entry(design.regressors[k])) and e.name == name), None
         )
         if first is not None:
             chosen.append(first)
     return _within_bounds(problem, _ordered(refine(problem, _ordered(chosen))))
 
 
-def _within_bounds(problem: Problem, atoms: list[EntryAtom]) -> list[EntryAtom]:
+def _within_bounds(problem: Problem, regressors: list[EntryRegressor]) -> list[EntryRegressor]:
     """Without entries that only a sibling of the opposite sign keeps from leaving their bounds."""
     while True:
-        columns = [problem.columns(atom) for atom in atoms]
-        beta = problem.solve(atoms, columns)[0][len(problem.mean) :]
-        first = np.cumsum([0, *(atom.size for atom in atoms)])
-        names = [atom.name for atom in atoms]
+        columns = [problem.columns(regressor) for regressor in regressors]
+        beta = problem.solve(regressors, columns)[0][len(problem.mean) :]
+        first = np.cumsum([0, *(regressor.size for regressor in regressors)])
+        names = [regressor.name for regressor in regressors]
         beyond = {
-            k: _beyond(atom, float(np.hypot.reduce(beta[first[k] : first[k + 1]])))
-            for k, atom in enumerate(atoms)
-            if names.count(atom.name) > 1
+            k: _beyond(regressor, float(np.hypot.reduce(beta[first[k] : first[k + 1]])))
+            for k, regressor in enumerate(regressors)
+            if names.count(regressor.name) > 1
         }
         worst = max(beyond, key=lambda k: beyond[k], default=None)
         if worst is None or beyond[worst] <= 1.0:
-            return atoms
-        atoms = [*atoms[:worst], *atoms[worst + 1 :]]
+            return regressors
+        regressors = [*regressors[:worst], *regressors[worst + 1 :]]
 
 
-def _beyond(atom: EntryAtom, amount: float) -> float:
+def _beyond(regressor: EntryRegressor, amount: float) -> float:
     """Amount over the bound on its size."""
-    bound = next((p for p in atom.effect.parameters if p.name == atom.amount), None)
+    bound = next((p for p in regressor.effect.parameters if p.name == regressor.amount), None)
     return 0.0 if bound is None else abs(amount) / max(abs(bound.low), abs(bound.high), 1e-300)
 
 
-def _as_entry(atom: object) -> EntryAtom | None:
-    """The entry that stands for an atom in a machine file; None for a free form."""
-    if isinstance(atom, EntryAtom):
-        return atom
-    if isinstance(atom, Push) and not atom.against_motion:
-        shape = {"start_s": max(atom.start_s, 0.0), "duration_s": atom.end_s - atom.start_s}
-        return entry_atom(get_effect("external_force"), "force_n", shape)
+def _as_entry(regressor: object) -> EntryRegressor | None:
+    """The entry that stands for a regressor in a machine file; None for an empirical shape."""
+    if isinstance(regressor, EntryRegressor):
+        return regressor
+    if isinstance(regressor, ForcePulse) and not regressor.against_motion:
+        shape = {
+            "start_s": max(regressor.start_s, 0.0),
+            "duration_s": regressor.end_s - regressor.start_s,
+        }
+        return entry_regressor(get_effect("external_force"), "force_n", shape)
     return None
 
 
-def _ordered(atoms: Sequence[EntryAtom]) -> list[EntryAtom]:
-    return sorted(atoms, key=lambda atom: atom.name)
+def _ordered(regressors: Sequence[EntryRegressor]) -> list[EntryRegressor]:
+    return sorted(regressors, key=lambda regressor: regressor.name)

@@ -13,7 +13,7 @@ _DISTURBED_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Push:
+class ForcePulse:
     """A force on the table within a span of time."""
 
     start_s: float
@@ -47,7 +47,9 @@ class Push:
         return np.where(inside, -baseline.ratio_m_per_rad * way, 0.0)
 
 
-def pushes(time_s: Floats, direction: Floats, left: Floats, most: int = 10) -> Iterator[Push]:
+def force_pulses(
+    time_s: Floats, direction: Floats, left: Floats, most: int = 10
+) -> Iterator[ForcePulse]:
     """Spans of time in which what is left of the torque has a mean of its own, strongest first.
 
     Args:
@@ -65,7 +67,7 @@ def pushes(time_s: Floats, direction: Floats, left: Floats, most: int = 10) -> I
         inside = (cells >= first) & (cells < last)
         if not inside.any():
             return
-        yield Push(time_s[0] + 0.1 * first, time_s[0] + 0.1 * last, against)
+        yield ForcePulse(time_s[0] + 0.1 * first, time_s[0] + 0.1 * last, against)
         mean = float(remaining[against][inside].mean())
         taken = mean * (direction[inside] if against else 1.0)
         remaining[False][inside] -= taken
@@ -88,12 +90,12 @@ def _strongest_span(sums: Floats, count: Floats) -> tuple[int, int, float]:
     return best
 
 
-def lone_forms(session: Session, left: Floats) -> Sequence[Push]:
-    """Pushes of a session, for what is left of its torque."""
+def pulses_of_session(session: Session, left: Floats) -> Sequence[ForcePulse]:
+    """Force pulses of a session, for what is left of its torque."""
     rows = session.channels[TORQUE_GAP]
     order = np.argsort(rows.variables["time_s"], kind="stable")
     return list(
-        pushes(
+        force_pulses(
             rows.variables["time_s"][order],
             np.sign(rows.variables["direction"][order]),
             left[order],

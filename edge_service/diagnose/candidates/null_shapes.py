@@ -11,7 +11,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.effects.baseline import Motion
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from .empirical_shapes import Curve, FreeForm
+from .empirical_shapes import Curve, EmpiricalShape
 
 UNKNOWN = "unknown"
 _WAVES = range(1, 5)
@@ -25,16 +25,16 @@ _TORQUES: tuple[Callable[[Motion], Floats], ...] = (
 )
 
 
-def nameless_forms(session: Session) -> Iterator[FreeForm]:
+def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
     """Those that the recorded channels could show."""
     if TORQUE_GAP in session.channels:
         for torque in _TORQUES:
-            yield FreeForm(UNKNOWN, "level", TORQUE_GAP, (_plain(torque),))
+            yield EmpiricalShape(UNKNOWN, "level", TORQUE_GAP, (_plain(torque),))
     if TRANSMISSION_GAP in session.channels:
-        yield FreeForm(UNKNOWN, "slope", TRANSMISSION_GAP, (_plain(lambda m: m.position_m),))
+        yield EmpiricalShape(UNKNOWN, "slope", TRANSMISSION_GAP, (_plain(lambda m: m.position_m),))
         for order in _WAVES:
             waves = _wave(order, 0.0), _wave(order, 0.5 * np.pi)
-            yield FreeForm(UNKNOWN, "wave", TRANSMISSION_GAP, waves)
+            yield EmpiricalShape(UNKNOWN, "wave", TRANSMISSION_GAP, waves)
 
 
 def _plain(curve: Callable[[Motion], Floats]) -> Curve:

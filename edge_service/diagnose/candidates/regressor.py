@@ -35,7 +35,7 @@ _STEPS = {
 }
 
 
-class Atom(Protocol):
+class CandidateRegressor(Protocol):
     """A candidate: an effect at one shape, whose strength is linear."""
 
     @property
@@ -44,7 +44,7 @@ class Atom(Protocol):
 
     @property
     def form(self) -> str:
-        """Label that tells it from atoms of the same name that are no mere other shapes of it."""
+        """Label of a family: regressors of one name and form differ by their shapes alone."""
 
     @property
     def size(self) -> int:
@@ -55,7 +55,7 @@ class Atom(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class EntryAtom:
+class EntryRegressor:
     """An entry of the library at one shape.
 
     Attributes:
@@ -110,8 +110,8 @@ class EntryAtom:
         return values
 
 
-def entry_atom(effect: Effect, amount: str, shape: Mapping[str, float]) -> EntryAtom:
-    """The atom of an amount at a shape."""
+def entry_regressor(effect: Effect, amount: str, shape: Mapping[str, float]) -> EntryRegressor:
+    """The regressor of an amount at a shape."""
     values: dict[str, float] = {}
     for parameter in effect.parameters:
         if parameter.role is Role.SHAPE:
@@ -120,7 +120,7 @@ def entry_atom(effect: Effect, amount: str, shape: Mapping[str, float]) -> Entry
             values[parameter.name] = 1.0 if parameter.name == amount else 0.0
     phase = _phase_of(effect, amount)
     at = (values, values | {phase: 0.5 * np.pi}) if phase else (values,)
-    return EntryAtom(effect, amount, tuple(sorted(shape.items())), at)
+    return EntryRegressor(effect, amount, tuple(sorted(shape.items())), at)
 
 
 def _phase_of(effect: Effect, amount: str) -> str:
@@ -140,15 +140,15 @@ def _belonging(effect: Effect, amount: str) -> list[Parameter]:
     ]
 
 
-def atoms_of(effect: Effect, session: Session) -> Iterator[EntryAtom]:
-    """All atoms of one entry that a recording could show."""
+def regressors_of(effect: Effect, session: Session) -> Iterator[EntryRegressor]:
+    """All regressors of one entry that a recording could show."""
     amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT] or [""]
     ranges = Ranges.of_session(session)
     for amount in amounts:
         mine = [p for p in _belonging(effect, amount) if p.role is Role.SHAPE]
         grids = [[(p.name, value) for value in grid(effect, p, ranges)] for p in mine]
         for shape in itertools.product(*grids):
-            yield entry_atom(effect, amount, dict(shape))
+            yield entry_regressor(effect, amount, dict(shape))
 
 
 @dataclass(frozen=True, slots=True)

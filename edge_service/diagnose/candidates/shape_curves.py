@@ -13,11 +13,11 @@ Curve = Callable[[Motion, Baseline], Floats]
 _HEAT_CELLS = 40
 
 
-def churned(power: float) -> Curve:
+def power_law_friction(power: float) -> Curve:
     return lambda motion, _: motion.direction * np.power(np.abs(motion.speed_rad_s) / 100.0, power)
 
 
-def late_excess(speed_rad_s: float) -> Curve:
+def presliding_stribeck(speed_rad_s: float) -> Curve:
     """Breakaway that builds up over the first micrometre, as bristles let it."""
 
     def curve(motion: Motion, baseline: Baseline) -> Floats:
@@ -28,7 +28,7 @@ def late_excess(speed_rad_s: float) -> Curve:
     return curve
 
 
-def late_friction(reach_m: float, share: float) -> Curve:
+def delayed_friction(reach_m: float, share: float) -> Curve:
     """The table's friction comes late where the motor has to turn before the table moves."""
 
     def curve(motion: Motion, baseline: Baseline) -> Floats:
@@ -38,7 +38,7 @@ def late_friction(reach_m: float, share: float) -> Curve:
     return curve
 
 
-def yielding(compliance_m_per_n: float, share: float) -> Curve:
+def load_windup(compliance_m_per_n: float, share: float) -> Curve:
     def curve(motion: Motion, baseline: Baseline) -> Floats:
         load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
         rubbed = baseline.coulomb_nm * motion.approach
@@ -58,24 +58,24 @@ def heat(motion: Motion, time_constant_s: float) -> Floats:
     return np.asarray(signal.lfilter([(1.0 - keep) / mean], [1.0, -keep], speed))
 
 
-def eased_dry(tau_s: float) -> Curve:
+def warmup_coulomb(tau_s: float) -> Curve:
     return lambda motion, _: motion.direction * np.exp(-2.0 * heat(motion, tau_s))
 
 
-def eased_viscous(tau_s: float) -> Curve:
+def warmup_viscous(tau_s: float) -> Curve:
     return lambda motion, _: motion.speed_rad_s * np.exp(-2.0 * heat(motion, tau_s))
 
 
-def grown(tau_s: float) -> Curve:
+def thermal_growth(tau_s: float) -> Curve:
     return lambda motion, _: motion.position_m * heat(motion, tau_s)
 
 
-def pushed(tau_s: float) -> Curve:
+def bearing_growth(tau_s: float) -> Curve:
     """Growth of what lies between the fixed bearing and the nearest place of the nut."""
     return lambda motion, _: heat(motion, tau_s)
 
 
-def wound(dry: float, viscous: float) -> tuple[Curve, Curve]:
+def windup_by_loads(dry: float, viscous: float) -> tuple[Curve, Curve]:
     """Wind-up by a compliance that is even, and by one that grows with the position.
 
     The spring carries a share of the inertia and so many times as great a share of the frictions:
@@ -90,7 +90,7 @@ def wound(dry: float, viscous: float) -> tuple[Curve, Curve]:
     return load, lambda motion, baseline: motion.position_m * load(motion, baseline)
 
 
-def grown_locally(tau_s: float) -> Curve:
+def local_growth(tau_s: float) -> Curve:
     """Growth of a screw that is heated where the nut runs, without conduction."""
 
     def curve(motion: Motion, _baseline: Baseline) -> Floats:
@@ -113,11 +113,11 @@ def grown_locally(tau_s: float) -> Curve:
     return curve
 
 
-def wave_along(low_m: float, span_m: float, order: int) -> Curve:
+def travel_wave(low_m: float, span_m: float, order: int) -> Curve:
     return lambda motion, _: np.cos(order * np.pi * (motion.position_m - low_m) / span_m)
 
 
-def flank(width_m: float) -> Curve:
+def load_side_play(width_m: float) -> Curve:
     """Play whose flank is that of the load: a table that brakes leans on the other flank."""
 
     def curve(motion: Motion, baseline: Baseline) -> Floats:

@@ -26,8 +26,8 @@ _SLOW_RAD_S, _SOFT_RAD_S2 = 0.5, 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothForms:
-    """Free forms as some rows need them, to be read at any others.
+class SmoothFunctions:
+    """Empirical shapes as some rows need them, to be read at any others.
 
     Attributes:
         spans: coordinate -> range in the rows that they were made for; beyond it they stay level.

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.effects.effect import Parameter
-from ..candidates.regressor import EntryAtom, entry_atom
+from ..candidates.regressor import EntryRegressor, entry_regressor
 from .refine import Problem
 
 RISE_90 = 2.706
@@ -24,16 +24,17 @@ Slopes = Mapping[str, Mapping[str, Floats]]
 """Shape -> channel -> (n, 1)."""
 
 
-def slopes_of(problem: Problem, atom: EntryAtom, coefficients: Floats) -> Slopes:
+def slopes_of(problem: Problem, regressor: EntryRegressor, coefficients: Floats) -> Slopes:
     """Sensitivity of what an entry says to each of its shapes, per relative change of the shape."""
     found = {}
-    for parameter in atom.effect.parameters:
-        value = dict(atom.shape).get(parameter.name, 0.0)
+    for parameter in regressor.effect.parameters:
+        value = dict(regressor.shape).get(parameter.name, 0.0)
         step = _SLOPE_STEP * value
         if parameter.whole or value == 0.0 or not parameter.low < value < parameter.high:
             continue
         more, less = (
-            problem.columns(_with(atom, parameter.name, value + way * step)) for way in (1.0, -1.0)
+            problem.columns(_with(regressor, parameter.name, value + way * step))
+            for way in (1.0, -1.0)
         )
         found[parameter.name] = {
             name: ((more[name] - less[name]) @ coefficients / (2.0 * _SLOPE_STEP))[:, None]
@@ -51,29 +52,33 @@ def joined(problem: Problem, slopes: Slopes, but: str = "") -> Mapping[str, Floa
     }
 
 
-def _with(atom: EntryAtom, name: str, value: float) -> EntryAtom:
-    return entry_atom(atom.effect, atom.amount, dict(atom.shape) | {name: value})
+def _with(regressor: EntryRegressor, name: str, value: float) -> EntryRegressor:
+    return entry_regressor(
+        regressor.effect, regressor.amount, dict(regressor.shape) | {name: value}
+    )
 
 
 def profile_interval(
     problem: Problem,
-    atoms: Sequence[EntryAtom],
+    regressors: Sequence[EntryRegressor],
     columns: Sequence[Mapping[str, Floats]],
     k: int,
     parameter: Parameter,
     slopes: Slopes,
 ) -> tuple[float, float]:
-    """90 % interval of one shape of atom `k`, within the bounds of the library.
+    """90 % interval of one shape of regressor `k`, within the bounds of the library.
 
     Its other shapes follow, as far as their slopes at the fit tell.
     """
-    value = dict(atoms[k].shape)[parameter.name]
+    value = dict(regressors[k].shape)[parameter.name]
     beside = joined(problem, slopes, parameter.name)
 
     def square(wanted: float) -> float:
-        atom = _with(atoms[k], parameter.name, wanted)
-        changed = [*columns[:k], problem.columns(atom), *columns[k + 1 :]]
-        return problem.solve_beside([*atoms[:k], atom, *atoms[k + 1 :]], changed, beside)[2]
+        regressor = _with(regressors[k], parameter.name, wanted)
+        changed = [*columns[:k], problem.columns(regressor), *columns[k + 1 :]]
+        return problem.solve_beside(
+            [*regressors[:k], regressor, *regressors[k + 1 :]], changed, beside
+        )[2]
 
     least = square(value)
     scale = misfit(problem, least)

@@ -8,7 +8,7 @@ from scipy import optimize
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Parameter, Role
-from ..candidates.regressor import EntryAtom, entry_atom
+from ..candidates.regressor import EntryRegressor, entry_regressor
 from ..selection.evidence import inverted
 from ..session.session import Session
 
@@ -39,24 +39,24 @@ class Problem:
     precision: Floats
     observations: float
 
-    def columns(self, atom: EntryAtom) -> dict[str, Floats]:
-        """Of one atom, by channel."""
-        return {name: atom.columns(self.session, name) for name in self.session.channels}
+    def columns(self, regressor: EntryRegressor) -> dict[str, Floats]:
+        """Of one regressor, by channel."""
+        return {name: regressor.columns(self.session, name) for name in self.session.channels}
 
     def solve(
-        self, atoms: Sequence[EntryAtom], columns: Sequence[Mapping[str, Floats]]
+        self, regressors: Sequence[EntryRegressor], columns: Sequence[Mapping[str, Floats]]
     ) -> tuple[Floats, Floats, float]:
         """Coefficients of fixed and free columns, covariance, and the weighted square left."""
-        return self._solved(columns, strict_columns(atoms), None)
+        return self._solved(columns, strict_columns(regressors), None)
 
     def solve_beside(
         self,
-        atoms: Sequence[EntryAtom],
+        regressors: Sequence[EntryRegressor],
         columns: Sequence[Mapping[str, Floats]],
         slopes: Mapping[str, Floats],
     ) -> tuple[Floats, Floats, float]:
         """The same while shapes may change, whose relative changes have the columns `slopes`."""
-        ones = strict_columns(atoms)
+        ones = strict_columns(regressors)
         moved = next(iter(slopes.values())).shape[1]
         known = np.concatenate((np.zeros(len(ones)), np.full(moved, CHANGE_SIGMA**-2)))
         ones = np.concatenate((ones, np.zeros(moved, dtype=np.bool_)))
@@ -96,69 +96,78 @@ class Problem:
         return beta, inverse, left
 
 
-def strict_columns(atoms: Sequence[EntryAtom]) -> Booleans:
+def strict_columns(regressors: Sequence[EntryRegressor]) -> Booleans:
     """Columns whose coefficient is 1: those of effects without an amount, (p,)."""
-    return np.array([not atom.amount for atom in atoms for _ in range(atom.size)], dtype=np.bool_)
+    return np.array(
+        [not regressor.amount for regressor in regressors for _ in range(regressor.size)],
+        dtype=np.bool_,
+    )
 
 
-def refine(problem: Problem, atoms: Sequence[EntryAtom]) -> list[EntryAtom]:
+def refine(problem: Problem, regressors: Sequence[EntryRegressor]) -> list[EntryRegressor]:
     """Move the shapes of entries to where they fit best, one after another."""
-    atoms = [_started(problem, atom, atoms) for atom in atoms]
-    columns: list[Mapping[str, Floats]] = [problem.columns(atom) for atom in atoms]
-    left = problem.solve(atoms, columns)[2]
+    regressors = [_started(problem, regressor, regressors) for regressor in regressors]
+    columns: list[Mapping[str, Floats]] = [problem.columns(regressor) for regressor in regressors]
+    left = problem.solve(regressors, columns)[2]
     for _ in range(_MOST_SWEEPS):
         before = left
-        for k, atom in enumerate(atoms):
-            for parameter in _shapes(atom):
-                atoms[k], columns[k], left = _moved(problem, atoms, columns, k, parameter)
+        for k, regressor in enumerate(regressors):
+            for parameter in _shapes(regressor):
+                regressors[k], columns[k], left = _moved(problem, regressors, columns, k, parameter)
         if left > (1.0 - _SETTLED) * before:
             break
-    return list(atoms)
+    return list(regressors)
 
 
-def _shapes(atom: EntryAtom) -> list[Parameter]:
-    if atom.name == "external_force":
+def _shapes(regressor: EntryRegressor) -> list[Parameter]:
+    if regressor.name == "external_force":
         return []  # the search for it has its own, finer resolution
-    moved = {name for name, _ in atom.shape}
+    moved = {name for name, _ in regressor.shape}
     return [
         p
-        for p in atom.effect.parameters
+        for p in regressor.effect.parameters
         if p.role is Role.SHAPE and not p.whole and p.name in moved
     ]
 
 
-def _started(problem: Problem, atom: EntryAtom, atoms: Sequence[EntryAtom]) -> EntryAtom:
+def _started(
+    problem: Problem, regressor: EntryRegressor, regressors: Sequence[EntryRegressor]
+) -> EntryRegressor:
     """An effect without an amount begins where its strength would be 1."""
-    if atom.amount or atom.name == "saturation":
-        return atom
-    strength = atom.effect.parameters[0].name
-    free = replace(atom, amount=strength)
-    others = [each for each in atoms if each is not atom]
+    if regressor.amount or regressor.name == "saturation":
+        return regressor
+    strength = regressor.effect.parameters[0].name
+    free = replace(regressor, amount=strength)
+    others = [each for each in regressors if each is not regressor]
     beta, _, _ = problem.solve([*others, free], [problem.columns(each) for each in (*others, free)])
-    value = dict(atom.shape)[strength]
-    return _at(atom, strength, value * float(np.clip(beta[-1], 0.2, 3.0)))
+    value = dict(regressor.shape)[strength]
+    return _at(regressor, strength, value * float(np.clip(beta[-1], 0.2, 3.0)))
 
 
 def _moved(
     problem: Problem,
-    atoms: Sequence[EntryAtom],
+    regressors: Sequence[EntryRegressor],
     columns: Sequence[Mapping[str, Floats]],
     k: int,
     parameter: Parameter,
-) -> tuple[EntryAtom, Mapping[str, Floats], float]:
-    """The atom with one shape moved, its columns, and the weighted square left."""
-    value = dict(atoms[k].shape)[parameter.name]
+) -> tuple[EntryRegressor, Mapping[str, Floats], float]:
+    """The regressor with one shape moved, its columns, and the weighted square left."""
+    value = dict(regressors[k].shape)[parameter.name]
     is_scale = parameter.low >= 0.0 and value > 0.0
 
-    def trial(x: float) -> tuple[EntryAtom, dict[str, Floats], float]:
-        wanted = value * float(np.exp(x)) if is_scale else value + x * _span(atoms[k], parameter)
-        atom = _at(atoms[k], parameter.name, float(np.clip(wanted, parameter.low, parameter.high)))
-        mine = problem.columns(atom)
-        changed = [*atoms[:k], atom, *atoms[k + 1 :]]
+    def trial(x: float) -> tuple[EntryRegressor, dict[str, Floats], float]:
+        wanted = (
+            value * float(np.exp(x)) if is_scale else value + x * _span(regressors[k], parameter)
+        )
+        regressor = _at(
+            regressors[k], parameter.name, float(np.clip(wanted, parameter.low, parameter.high))
+        )
+        mine = problem.columns(regressor)
+        changed = [*regressors[:k], regressor, *regressors[k + 1 :]]
         left = problem.solve(changed, [*columns[:k], mine, *columns[k + 1 :]])[2]
-        return atom, mine, left
+        return regressor, mine, left
 
-    factor = _FINE_REACH if atoms[k].name == "saturation" else _REACH
+    factor = _FINE_REACH if regressors[k].name == "saturation" else _REACH
     reach = float(np.log(factor)) if is_scale else 1.0
     found = optimize.minimize_scalar(
         lambda x: trial(x)[2],
@@ -170,12 +179,12 @@ def _moved(
     return there if there[2] < here[2] else here
 
 
-def _span(atom: EntryAtom, parameter: Parameter) -> float:
+def _span(regressor: EntryRegressor, parameter: Parameter) -> float:
     """Span by which a place or a time is moved: the width or the length of what is there."""
-    shape = dict(atom.shape)
+    shape = dict(regressor.shape)
     return shape.get("width_m", shape.get("duration_s", 0.1 * abs(parameter.faulty)))
 
 
-def _at(atom: EntryAtom, name: str, value: float) -> EntryAtom:
-    shape = dict(atom.shape) | {name: value}
-    return entry_atom(atom.effect, atom.amount, shape)
+def _at(regressor: EntryRegressor, name: str, value: float) -> EntryRegressor:
+    shape = dict(regressor.shape) | {name: value}
+    return entry_regressor(regressor.effect, regressor.amount, shape)

@@ -5,18 +5,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...messages.samples import Floats
-from ..candidates.regressor import EntryAtom
+from ..candidates.regressor import EntryRegressor
 from ..session.session import Session
-from .values import Values
+from .estimates import Estimates
 
 
 def grouped(
-    atoms: Sequence[EntryAtom], columns: Sequence[Mapping[str, Floats]]
+    regressors: Sequence[EntryRegressor], columns: Sequence[Mapping[str, Floats]]
 ) -> dict[str, dict[str, Floats]]:
-    """Columns of each effect by channel, in the order of the atoms."""
+    """Columns of each effect by channel, in the order of the regressors."""
     found: dict[str, dict[str, Floats]] = {}
-    for atom, each in zip(atoms, columns, strict=True):
-        mine = found.setdefault(atom.name, {})
+    for regressor, each in zip(regressors, columns, strict=True):
+        mine = found.setdefault(regressor.name, {})
         for channel, column in each.items():
             mine[channel] = np.column_stack((mine[channel], column)) if channel in mine else column
     return found
@@ -26,11 +26,13 @@ def channel_of(
     session: Session,
     name: str,
     columns: Mapping[str, Floats],
-    atoms: Sequence[EntryAtom],
-    values: Values,
+    regressors: Sequence[EntryRegressor],
+    values: Estimates,
 ) -> str:
     """The channel of which an effect makes the greater part."""
-    beta = np.concatenate([values.coefficients(k) for k, a in enumerate(atoms) if a.name == name])
+    beta = np.concatenate(
+        [values.coefficients(k) for k, a in enumerate(regressors) if a.name == name]
+    )
     return max(
         session.channels,
         key=lambda channel: (

@@ -14,10 +14,10 @@ from ...models.effects.signature import torque_signature, transmission_signature
 from ...models.machine import Machine
 from ...models.motion import MOTIONS, Setpoints, motion_limits
 from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
-from ..candidates.design_matrix import Dictionary
+from ..candidates.design_matrix import DesignMatrix
 from ..selection.evidence import Fit, Noise, fit
-from ..selection.stepwise import pursue
-from ..session.healthy_prior import tolerated
+from ..selection.stepwise import select_stepwise
+from ..session.healthy_prior import healthy_priors
 from ..session.recordings import runs_of
 from ..session.session import TORQUE_GAP, Rows, Session
 from ..session.twin import rigid_baseline, rigid_plant
@@ -91,9 +91,9 @@ def separations(
             no gap.
     """
     period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
-    prior = tolerated(machine, period_s, session.baseline.coulomb_nm)
+    prior = healthy_priors(machine, period_s, session.baseline.coulomb_nm)
     library = [get_effect(name) for name in names]
-    dictionary = Dictionary.of_session(session, prior, library)
+    design = DesignMatrix.of_session(session, prior, library)
     floor = {name: _FLOOR_OF_NOISE * rows.rms for name, rows in session.channels.items()}
     noise = Noise(floor, floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
     found = []
@@ -101,10 +101,12 @@ def separations(
         added = _faulty(session, name, (values or {}).get(name, {}))
         if not any(np.any(rows.gap) for rows in added.values()):
             added = _faulty(session, name, {})
-        target = _aimed(dictionary, added, floor)
+        target = _aimed(design, added, floor)
         alone = fit(target, (), noise)
         fits = {None: alone} | {
-            rival: pursue(target, noise, allowed) if (allowed := _atoms(target, rival)) else alone
+            rival: select_stepwise(target, noise, allowed)
+            if (allowed := _atoms(target, rival))
+            else alone
             for rival in names
             if rival != name
         }
@@ -112,16 +114,16 @@ def separations(
     return found
 
 
-def _atoms(dictionary: Dictionary, name: str) -> list[int]:
-    return [a for a in dictionary.candidates if dictionary.atoms[a].name == name]
+def _atoms(design: DesignMatrix, name: str) -> list[int]:
+    return [a for a in design.candidates if design.regressors[a].name == name]
 
 
 def _separation(
-    name: str, rival: str | None, found: Fit, dictionary: Dictionary, floor: Mapping[str, float]
+    name: str, rival: str | None, found: Fit, design: DesignMatrix, floor: Mapping[str, float]
 ) -> Separation:
     ratios = tuple(found.rms[channel] / floor[channel] for channel in floor)
-    count = int(dictionary.first[dictionary.tolerated])
-    strained = found.coefficients[:count] ** 2 @ dictionary.precision[:count]
+    count = int(design.first[design.tolerated])
+    strained = found.coefficients[:count] ** 2 @ design.precision[:count]
     return Separation(name, rival, _evidence(ratios, float(strained)), ratios, float(strained))
 
 
@@ -153,21 +155,21 @@ def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str
 
 
 def _aimed(
-    dictionary: Dictionary, channels: Mapping[str, Rows], floor: Mapping[str, float]
-) -> Dictionary:
-    """The dictionary with other gaps; where an effect shows nothing its gap is hardly one."""
-    sums = {
+    design: DesignMatrix, channels: Mapping[str, Rows], floor: Mapping[str, float]
+) -> DesignMatrix:
+    """The design matrix with other gaps; where an effect shows nothing its gap is hardly one."""
+    equations = {
         name: replace(
             each,
-            cross=dictionary.columns[name].T @ channels[name].gap,
+            cross=design.columns[name].T @ channels[name].gap,
             square=max(
                 float(channels[name].gap @ channels[name].gap),
                 each.rows * (_NOTHING * floor[name]) ** 2,
             ),
         )
-        for name, each in dictionary.sums.items()
+        for name, each in design.equations.items()
     }
-    return replace(dictionary, sums=sums, mean=np.zeros_like(dictionary.mean))
+    return replace(design, equations=equations, mean=np.zeros_like(design.mean))
 
 
 def _evidence(ratios: Sequence[float], strain: float) -> float:

@@ -12,7 +12,7 @@ ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class CandidateMotion:
     """A motion that the axis allows.
 
     Attributes:
@@ -32,7 +32,7 @@ class Proposal:
         evidence: of the pair that it separates least.
     """
 
-    candidate: Candidate
+    candidate: CandidateMotion
     evidence: float
     separations: tuple[Separation, ...]
 
@@ -42,7 +42,7 @@ class Proposal:
         return self.evidence >= DECISIVE
 
 
-def candidates(machine: Machine, longest_s: float = LONGEST_S) -> list[Candidate]:
+def candidates(machine: Machine, longest_s: float = LONGEST_S) -> list[CandidateMotion]:
     """All motions within the axis' limits, the shortest first."""
     limits = motion_limits(machine)
     found = []
@@ -52,9 +52,9 @@ def candidates(machine: Machine, longest_s: float = LONGEST_S) -> list[Candidate
         except MotionError:
             continue
         if own_s is None:
-            found += [Candidate(name, each, each) for each in ENDLESS_S if each <= longest_s]
+            found += [CandidateMotion(name, each, each) for each in ENDLESS_S if each <= longest_s]
         elif own_s <= longest_s:
-            found.append(Candidate(name, own_s, None))
+            found.append(CandidateMotion(name, own_s, None))
     return sorted(found, key=lambda each: each.duration_s)
 
 

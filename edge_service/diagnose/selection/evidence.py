@@ -1,4 +1,4 @@
-"""Score of a set of atoms as an explanation of the gap, on equal terms for all."""
+"""Score of a set of regressors as an explanation of the gap, on equal terms for all."""
 
 import functools
 import math
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
-from ..candidates.design_matrix import Dictionary, Sums
+from ..candidates.design_matrix import DesignMatrix, NormalEquations
 from ..candidates.null_shapes import UNKNOWN
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""
-NAMELESS_COST = 10.0
+UNNAMED_COST = 10.0
 """A cause that no entry describes is some hundred times rarer still."""
 _ROUNDS = 6
 _RIDGE = 1e-12
@@ -50,46 +50,48 @@ class Noise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A set of atoms fitted to all channels.
+    """A set of regressors fitted to all channels.
 
     Attributes:
-        atoms: tolerated parameters first.
+        regressors: tolerated parameters first.
         coefficients: of their columns, (p,).
         rms: what is left, by channel.
         score: logarithm of the evidence, up to a constant.
     """
 
-    atoms: tuple[int, ...]
+    regressors: tuple[int, ...]
     coefficients: Floats
     rms: Mapping[str, float]
     score: float
 
-    def of_atoms(self, dictionary: Dictionary, atoms: Sequence[int]) -> Floats:
-        """Coefficients of some of its atoms."""
-        place = {c: k for k, c in enumerate(dictionary.indices(self.atoms).tolist())}
-        wanted = [place[c] for c in dictionary.indices(atoms).tolist()]
+    def of_regressors(self, design: DesignMatrix, regressors: Sequence[int]) -> Floats:
+        """Coefficients of some of its regressors."""
+        place = {c: k for k, c in enumerate(design.indices(self.regressors).tolist())}
+        wanted = [place[c] for c in design.indices(regressors).tolist()]
         found: Floats = self.coefficients[wanted]
         return found
 
-    def names(self, dictionary: Dictionary) -> frozenset[str]:
+    def names(self, design: DesignMatrix) -> frozenset[str]:
         """Effects in the set."""
-        return frozenset(dictionary.atoms[a].name for a in self.atoms if a >= dictionary.tolerated)
+        return frozenset(
+            design.regressors[a].name for a in self.regressors if a >= design.tolerated
+        )
 
 
 def fit(
-    dictionary: Dictionary, chosen: Sequence[int], noise: Noise, pinned: Floats | None = None
+    design: DesignMatrix, chosen: Sequence[int], noise: Noise, pinned: Floats | None = None
 ) -> Fit:
-    """Fit tolerated parameters, unless they are pinned to given values, and the chosen atoms."""
-    return fits(dictionary, [chosen], noise, pinned)[0]
+    """Fit tolerated parameters, unless pinned to given values, and the chosen regressors."""
+    return fits(design, [chosen], noise, pinned)[0]
 
 
 def fits(
-    dictionary: Dictionary,
+    design: DesignMatrix,
     sets: Sequence[Sequence[int]],
     noise: Noise,
     pinned: Floats | None = None,
 ) -> list[Fit]:
-    """Fit many sets of atoms; those with as many columns are solved at once.
+    """Fit many sets of regressors; those with as many columns are solved at once.
 
     Each channel has its own noise scale, found together with the coefficients. The score is
     -1/2 sum_c n_c log(s_c^2) with n_c effective observations, less what the prior of the tolerated
@@ -97,62 +99,67 @@ def fits(
     """
     sizes: dict[int, list[int]] = {}
     for k, chosen in enumerate(sets):
-        sizes.setdefault(sum(dictionary.atoms[a].size for a in chosen), []).append(k)
+        sizes.setdefault(sum(design.regressors[a].size for a in chosen), []).append(k)
     found: dict[int, Fit] = {}
     for alike in sizes.values():
         for start in range(0, len(alike), _AT_ONCE):
             some = alike[start : start + _AT_ONCE]
-            solved = _solved(dictionary, [sets[k] for k in some], noise, pinned)
+            solved = _solved(design, [sets[k] for k in some], noise, pinned)
             found.update(zip(some, solved, strict=True))
     return [found[k] for k in range(len(sets))]
 
 
 def _solved(
-    dictionary: Dictionary, sets: Sequence[Sequence[int]], noise: Noise, pinned: Floats | None
+    design: DesignMatrix, sets: Sequence[Sequence[int]], noise: Noise, pinned: Floats | None
 ) -> list[Fit]:
     """Fits of sets that all have p columns."""
-    atoms = [(*range(dictionary.tolerated), *chosen) for chosen in sets]
-    index = np.array([dictionary.indices(each) for each in atoms])
-    sums = {
-        name: Sums(
+    regressors = [(*range(design.tolerated), *chosen) for chosen in sets]
+    index = np.array([design.indices(each) for each in regressors])
+    equations = {
+        name: NormalEquations(
             each.gram[index[:, :, None], index[:, None, :]],
             each.cross[index],
             each.square,
             each.rows,
         )
-        for name, each in dictionary.sums.items()
+        for name, each in design.equations.items()
     }
-    prior, mean = dictionary.precision[index], dictionary.mean[index]
+    prior, mean = design.precision[index], design.mean[index]
     if pinned is not None:
         mean[:, : len(pinned)] = pinned
         prior[:, : len(pinned)] *= _PINNED
     one = np.ones(len(sets))
-    variance = {name: max(each.square / each.rows, 1e-300) * one for name, each in sums.items()}
+    variance = {
+        name: max(each.square / each.rows, 1e-300) * one for name, each in equations.items()
+    }
     diagonal = np.eye(index.shape[1]) * prior[:, None, :]
     for _ in range(_ROUNDS):
-        weights = {name: noise.effective[name] / sums[name].rows / variance[name] for name in sums}
-        normal = diagonal + _total(weights[n][:, None, None] * sums[n].gram for n in sums)
-        target = prior * mean + _total(weights[n][:, None] * sums[n].cross for n in sums)
+        weights = {
+            name: noise.effective[name] / equations[name].rows / variance[name]
+            for name in equations
+        }
+        normal = diagonal + _total(weights[n][:, None, None] * equations[n].gram for n in equations)
+        target = prior * mean + _total(weights[n][:, None] * equations[n].cross for n in equations)
         beta = _solution(normal, target)
-        left = {name: _left(each, beta) for name, each in sums.items()}
-        variance = {name: left[name] + noise.discrepancy[name] ** 2 for name in sums}
-    score = -0.5 * _total(noise.effective[name] * np.log(variance[name]) for name in sums)
+        left = {name: _left(each, beta) for name, each in equations.items()}
+        variance = {name: left[name] + noise.discrepancy[name] ** 2 for name in equations}
+    score = -0.5 * _total(noise.effective[name] * np.log(variance[name]) for name in equations)
     score -= 0.5 * np.sum((beta - mean) ** 2 * prior, axis=1)
     return [
         Fit(
-            atoms[k],
+            regressors[k],
             beta[k],
             {name: math.sqrt(each[k]) for name, each in left.items()},
-            float(score[k]) - _penalty(dictionary, chosen, noise),
+            float(score[k]) - _penalty(design, chosen, noise),
         )
         for k, chosen in enumerate(sets)
     ]
 
 
-def _penalty(dictionary: Dictionary, chosen: Sequence[int], noise: Noise) -> float:
-    names = {dictionary.atoms[a].name for a in chosen}
-    penalty = sum(_cost(dictionary, a, noise) for a in chosen)
-    return penalty + NAME_COST * len(names) + (NAMELESS_COST - NAME_COST) * (UNKNOWN in names)
+def _penalty(design: DesignMatrix, chosen: Sequence[int], noise: Noise) -> float:
+    names = {design.regressors[a].name for a in chosen}
+    penalty = sum(_cost(design, a, noise) for a in chosen)
+    return penalty + NAME_COST * len(names) + (UNNAMED_COST - NAME_COST) * (UNKNOWN in names)
 
 
 def _solution(normal: Floats, target: Floats) -> Floats:
@@ -173,48 +180,46 @@ def inverted(normal: Floats) -> Floats:
     return inverse
 
 
-def _left(sums: Sums, beta: Floats) -> Floats:
+def _left(equations: NormalEquations, beta: Floats) -> Floats:
     """Mean square that each set leaves, (s,)."""
-    modelled = (beta[:, None, :] @ sums.gram)[:, 0]
-    square = sums.square + np.sum(beta * (modelled - 2.0 * sums.cross), axis=1)
-    left: Floats = np.maximum(square, 1e-12 * sums.square) / sums.rows
+    modelled = (beta[:, None, :] @ equations.gram)[:, 0]
+    square = equations.square + np.sum(beta * (modelled - 2.0 * equations.cross), axis=1)
+    left: Floats = np.maximum(square, 1e-12 * equations.square) / equations.rows
     return left
 
 
-def _cost(dictionary: Dictionary, atom: int, noise: Noise) -> float:
-    size = dictionary.atoms[atom].size
+def _cost(design: DesignMatrix, regressor: int, noise: Noise) -> float:
+    size = design.regressors[regressor].size
     count = sum(noise.effective.values())
-    return 0.5 * size * math.log(count) + math.log(dictionary.alternatives[atom])
+    return 0.5 * size * math.log(count) + math.log(design.alternatives[regressor])
 
 
 def _total(parts: Iterable[Floats]) -> Floats:
     return functools.reduce(operator.add, parts)
 
 
-def reductions(
-    dictionary: Dictionary, base: Fit, noise: Noise, candidates: Sequence[int]
-) -> Floats:
+def reductions(design: DesignMatrix, base: Fit, noise: Noise, candidates: Sequence[int]) -> Floats:
     """Fall of the weighted square by each candidate added to a fit, to first order, (n,)."""
-    index = dictionary.indices(base.atoms)
+    index = design.indices(base.regressors)
     weights = {
         name: noise.effective[name]
         / each.rows
         / (base.rms[name] ** 2 + noise.discrepancy[name] ** 2)
-        for name, each in dictionary.sums.items()
+        for name, each in design.equations.items()
     }
-    across = _total(weights[n] * s.gram[:, index] for n, s in dictionary.sums.items())
-    cross = _total(weights[n] * s.cross for n, s in dictionary.sums.items())
-    prior, mean = dictionary.precision[index], dictionary.mean[index]
+    across = _total(weights[n] * s.gram[:, index] for n, s in design.equations.items())
+    cross = _total(weights[n] * s.cross for n, s in design.equations.items())
+    prior, mean = design.precision[index], design.mean[index]
     covariance = inverted(np.diag(prior) + across[index])
     rest = cross - across @ (covariance @ (prior * mean + cross[index]))
     carried = across @ covariance
     found = np.zeros(len(candidates))
-    sizes = np.array([dictionary.atoms[a].size for a in candidates])
+    sizes = np.array([design.regressors[a].size for a in candidates])
     for size in np.unique(sizes).tolist():
         which = np.flatnonzero(sizes == size)
-        mine = dictionary.first[np.array(candidates)[which]][:, None] + np.arange(size)
+        mine = design.first[np.array(candidates)[which]][:, None] + np.arange(size)
         square = mine[:, :, None], mine[:, None, :]
-        own = _total(weights[n] * s.gram[square] for n, s in dictionary.sums.items())
+        own = _total(weights[n] * s.gram[square] for n, s in design.equations.items())
         schur = own - carried[mine] @ across[mine].swapaxes(1, 2)
         found[which] = _falls(own, schur, rest[mine])
     return found

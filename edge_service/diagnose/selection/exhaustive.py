@@ -3,9 +3,9 @@
 import itertools
 from collections.abc import Iterator, Sequence
 
-from ..candidates.design_matrix import Dictionary
+from ..candidates.design_matrix import DesignMatrix
 from .evidence import Fit, Noise, fits, reductions
-from .stepwise import pursue
+from .stepwise import select_stepwise
 
 MOST_EFFECTS = 3
 _LEADING = 12
@@ -13,7 +13,7 @@ _LEADING = 12
 Shapes = tuple[int, ...]
 
 
-def leading_sets(dictionary: Dictionary, noise: Noise, known: Sequence[Fit]) -> list[Fit]:
+def leading_sets(design: DesignMatrix, noise: Noise, known: Sequence[Fit]) -> list[Fit]:
     """The best sets of up to three effects, each with the shapes that suit it.
 
     Every effect comes with its shapes where it is alone, and with those that it has beside others.
@@ -22,32 +22,31 @@ def leading_sets(dictionary: Dictionary, noise: Noise, known: Sequence[Fit]) -> 
         known: fits found so far, the best of all first.
     """
     shapes = {
-        name: _shapes(dictionary, noise, allowed, known)
-        for name, allowed in _by_name(dictionary).items()
+        name: _shapes(design, noise, allowed, known) for name, allowed in _by_name(design).items()
     }
     found: dict[frozenset[str], Fit] = {}
-    for each in fits(dictionary, list(_sets(shapes)), noise):
-        names = each.names(dictionary)
+    for each in fits(design, list(_sets(shapes)), noise):
+        names = each.names(design)
         if names not in found or each.score > found[names].score:
             found[names] = each
     leading = sorted(found.values(), key=lambda each: -each.score)[:_LEADING]
-    return [_settled(dictionary, noise, each) for each in leading]
+    return [_settled(design, noise, each) for each in leading]
 
 
-def _by_name(dictionary: Dictionary) -> dict[str, list[int]]:
+def _by_name(design: DesignMatrix) -> dict[str, list[int]]:
     found: dict[str, list[int]] = {}
-    for atom in dictionary.candidates:
-        found.setdefault(dictionary.atoms[atom].name, []).append(atom)
+    for regressor in design.candidates:
+        found.setdefault(design.regressors[regressor].name, []).append(regressor)
     return found
 
 
 def _shapes(
-    dictionary: Dictionary, noise: Noise, allowed: Sequence[int], known: Sequence[Fit]
+    design: DesignMatrix, noise: Noise, allowed: Sequence[int], known: Sequence[Fit]
 ) -> set[Shapes]:
-    """Atoms of one effect: alone, in the best set that has it, and the best one beside all."""
-    alone = pursue(dictionary, noise, allowed).atoms[dictionary.tolerated :]
-    mine = (tuple(sorted(set(each.atoms) & set(allowed))) for each in known)
-    falls = reductions(dictionary, known[0], noise, allowed)
+    """Regressors of one effect: alone, in the best set that has it, and the best one beside all."""
+    alone = select_stepwise(design, noise, allowed).regressors[design.tolerated :]
+    mine = (tuple(sorted(set(each.regressors) & set(allowed))) for each in known)
+    falls = reductions(design, known[0], noise, allowed)
     beside = (allowed[int(falls.argmax())],)
     return {tuple(sorted(alone)), next((each for each in mine if each), beside)} - {()}
 
@@ -59,8 +58,8 @@ def _sets(shapes: dict[str, set[Shapes]]) -> Iterator[Shapes]:
                 yield tuple(itertools.chain(*parts))
 
 
-def _settled(dictionary: Dictionary, noise: Noise, found: Fit) -> Fit:
+def _settled(design: DesignMatrix, noise: Noise, found: Fit) -> Fit:
     """The best shapes of the same effects."""
-    names = found.names(dictionary)
-    allowed = [a for a in dictionary.candidates if dictionary.atoms[a].name in names]
-    return pursue(dictionary, noise, allowed, known=found.atoms[dictionary.tolerated :])
+    names = found.names(design)
+    allowed = [a for a in design.candidates if design.regressors[a].name in names]
+    return select_stepwise(design, noise, allowed, known=found.regressors[design.tolerated :])

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...models.effects.registry import effects
-from ..candidates.empirical_shapes import free_forms
-from ..candidates.regressor import Atom, atoms_of
+from ..candidates.empirical_shapes import empirical_shapes
+from ..candidates.regressor import CandidateRegressor, regressors_of
 from ..session.run import SLOW_HZ
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
@@ -22,9 +22,9 @@ def is_too_slow(name: str, session: Session) -> bool:
     return name in TOO_FAST and any(run.is_slow for run in session.runs)
 
 
-def not_judged(session: Session) -> dict[str, str]:
+def unobservable(session: Session) -> dict[str, str]:
     """Effects that the recording could not show, by name, and why."""
-    free = {form.name for form in free_forms(session)}
+    free = {form.name for form in empirical_shapes(session)}
     rate_hz = 1.0 / max(run.low_pass.period_s for run in session.runs)
     found = {}
     for name in effects():
@@ -45,13 +45,13 @@ def _lacking(session: Session) -> str:
 
 
 def _shows(name: str, session: Session) -> bool:
-    """Tell whether the first atom of each form, or its last, has a signature."""
-    forms: dict[str, Atom] = {}
-    for atom in atoms_of(effects()[name], session):
-        forms.setdefault(atom.form, atom)
-        forms[atom.form + " last"] = atom
+    """Tell whether the first regressor of each form, or its last, has a signature."""
+    forms: dict[str, CandidateRegressor] = {}
+    for regressor in regressors_of(effects()[name], session):
+        forms.setdefault(regressor.form, regressor)
+        forms[regressor.form + " last"] = regressor
     return any(
-        bool(np.any(np.abs(atom.columns(session, channel)) > 0.0))
-        for atom in forms.values()
+        bool(np.any(np.abs(regressor.columns(session, channel)) > 0.0))
+        for regressor in forms.values()
         for channel in session.channels
     )

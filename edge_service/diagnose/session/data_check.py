@@ -9,7 +9,7 @@ import numpy as np
 from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
 from ...messages.samples import Booleans, Floats
 from .recordings import Run
-from .same_axis import FileFit, fits_of, strangers
+from .same_axis import FileFit, fits_of, inconsistency
 
 LEAST_MOTION_S = 2.0
 SHORT_MOTION_S = 10.0
@@ -48,7 +48,7 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
         fits = fits_of(runs, ratio_m_per_rad)
         lead_m = 2.0 * np.pi * ratio_m_per_rad
         called = dict(enumerate(names))
-        mixed = strangers(fits, lead_m, lambda k: called.get(k, f"recording {k + 1}"))
+        mixed = inconsistency(fits, lead_m, lambda k: called.get(k, f"recording {k + 1}"))
         faults += [mixed] if mixed else [*_units(fits), *_stuck(runs), *_torque(runs)]
     return DataCheck(tuple(faults), tuple(_remarks(runs)))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ...models.effects.registry import get_effect
 from ...models.machine import DEFAULT_TOLERANCE, Machine
-from ..candidates.regressor import EntryAtom, entry_atom
+from ..candidates.regressor import EntryRegressor, entry_regressor
 from .session import TORQUE_GAP, TRANSMISSION_GAP
 
 _CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
@@ -24,10 +24,10 @@ MATERIAL_TOLERANCES = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Tolerated:
+class HealthyPrior:
     """An effect of a healthy axis: its coefficient is normal with `mean` and `sigma`."""
 
-    atom: EntryAtom
+    regressor: EntryRegressor
     mean: float
     sigma: float
 
@@ -44,7 +44,7 @@ def parameter_tolerances(machine: Machine) -> dict[str, float]:
     }
 
 
-def tolerated(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[Tolerated]:
+def healthy_priors(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[HealthyPrior]:
     """Parameters within their tolerance, and traces of what no axis is free of.
 
     A torque may be recorded as it acts, or as a command that is held for a period and acts half a
@@ -53,24 +53,26 @@ def tolerated(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[
     nothing of the torque's own scale.
     """
     found = [
-        Tolerated(_one(name), 0.0, sigma)
+        HealthyPrior(_one(name), 0.0, sigma)
         for name, sigma in parameter_tolerances(machine).items()
         if sigma > 0.0
     ]
     latest_s = 0.5 * period_s + _CURRENT_LOOP_S
     spread_s = (0.5 * latest_s + _STAMPED_S) / MATERIAL_TOLERANCES
-    found.append(Tolerated(_one("delay"), 0.5 * latest_s, spread_s))
-    found.append(Tolerated(_one("presliding", reach_m=1e-6), 0.5, 0.5))
+    found.append(HealthyPrior(_one("delay"), 0.5 * latest_s, spread_s))
+    found.append(HealthyPrior(_one("presliding", reach_m=1e-6), 0.5, 0.5))
     slow = _one("stribeck", speed_rad_s=1.5, exponent=1.0)
-    found.append(Tolerated(slow, 0.0, max(0.05 * coulomb_nm, 1e-9)))
-    found.append(Tolerated(_one("compliance", friction_share=1.0, viscous_share=0.0), 0.0, 2e-10))
+    found.append(HealthyPrior(slow, 0.0, max(0.05 * coulomb_nm, 1e-9)))
+    found.append(
+        HealthyPrior(_one("compliance", friction_share=1.0, viscous_share=0.0), 0.0, 2e-10)
+    )
     return found
 
 
-def _one(name: str, **shape: float) -> EntryAtom:
+def _one(name: str, **shape: float) -> EntryRegressor:
     effect = get_effect(name)
     amounts = [p.name for p in effect.parameters if p.role.value == "amount"]
-    return entry_atom(effect, amounts[0] if amounts else "", shape)
+    return entry_regressor(effect, amounts[0] if amounts else "", shape)
 
 
 def stated_tolerance(
@@ -101,10 +103,10 @@ def stated_tolerance(
     }
 
 
-def limits_of(prior: Sequence[Tolerated]) -> dict[str, tuple[float, float]]:
+def parameter_priors(prior: Sequence[HealthyPrior]) -> dict[str, tuple[float, float]]:
     """Effect -> healthy mean and tolerance, where its amount is all that it has."""
     return {
-        each.atom.name: (each.mean, each.sigma)
+        each.regressor.name: (each.mean, each.sigma)
         for each in prior
-        if not each.atom.shape and len(each.atom.effect.parameters) == 1
+        if not each.regressor.shape and len(each.regressor.effect.parameters) == 1
     }

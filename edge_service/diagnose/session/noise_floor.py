@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from ...fingerprint.regression.linear import effective_size
 from ...messages.samples import Floats
 from ..validation.cross_validation import block_s, fold_of
-from ..validation.residual_structure import foretold
+from ..validation.residual_structure import predicted_structure
 from .session import Rows, Session
 
 _PIECE_ROWS = 24
@@ -52,7 +52,7 @@ class Floor:
 
 def noise_floor(session: Session, left: Mapping[str, Floats]) -> dict[str, Floor]:
     """Noise in what is left (n,), by channel: what is not foretold of it."""
-    told, length_s = foretold(session, left), block_s(session)
+    told, length_s = predicted_structure(session, left), block_s(session)
     found = {}
     for name, each in left.items():
         rest, rows = each - told[name], session.channels[name]

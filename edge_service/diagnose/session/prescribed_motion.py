@@ -44,7 +44,7 @@ _INVERSIONS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LedAxis:
+class PrescribedMotionAxis:
     """The axis of a machine file, as stiff as its model takes it for.
 
     Attributes:
@@ -58,7 +58,7 @@ class LedAxis:
     known: tuple[ActiveEffect, ...]
 
     @classmethod
-    def of_machine(cls, machine: Machine, baseline: Baseline) -> "LedAxis":
+    def of_machine(cls, machine: Machine, baseline: Baseline) -> "PrescribedMotionAxis":
         """The axis behind a baseline."""
         plant = rigid_plant(plant_of(machine))
         others_nm = plant.bearing_drag_nm + plant.guide_force_n * plant.ratio_m_per_rad
@@ -77,7 +77,7 @@ class LedAxis:
         damping = 2.0 * _DAMPING_RATIO * math.sqrt(plant.table_mass_kg / compliance)
         return replace(forward, plant=plant._replace(damping_n_s_per_m=damping))
 
-    def led(self, run: Run, variants: Sequence[Forward], number: Integers) -> Run:
+    def simulated(self, run: Run, variants: Sequence[Forward], number: Integers) -> Run:
         """The run with torque and transmission of the simulated plant.
 
         Args:

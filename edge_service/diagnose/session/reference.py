@@ -1,8 +1,8 @@
 """The healthy machine, as recordings of it show it: what the model lacks there is no fault.
 
 Its inertia and friction are those of the recordings, whatever the machine file takes them for, and
-a smooth form of the motion takes up what they have beyond that. How far they part from what the
-others of them foretell, noise and all, is the floor for any further recording.
+a smooth function of the motion takes up what they have beyond that. How far they part from what
+the others of them foretell, noise and all, is the floor for any further recording.
 """
 
 import math
@@ -17,9 +17,9 @@ from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.registry import machine_effects
 from ...models.machine import Machine, Quantity
-from ..candidates.smooth_functions import SmoothForms
+from ..candidates.smooth_functions import SmoothFunctions
 from ..validation.cross_validation import block_s, fold_of
-from ..validation.residual_structure import stiffened
+from ..validation.residual_structure import with_ridge
 from .run import Run
 from .session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
 
@@ -42,7 +42,7 @@ _LEVEL = 0.95
 class _Followed:
     """One channel: forms, and their coefficients (p,)."""
 
-    forms: SmoothForms
+    forms: SmoothFunctions
     beta: Floats
 
     def at(self, variables: Mapping[str, Floats]) -> Floats:
@@ -89,7 +89,7 @@ def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> 
     session = Session.of_runs(runs, baseline, machine_effects(machine))
     columns = np.column_stack([session.torque_column(curve) for curve in _PARAMETERS.values()])
     scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
-    gram = stiffened((columns / scale).T @ (columns / scale), _LOOSE * len(columns))
+    gram = with_ridge((columns / scale).T @ (columns / scale), _LOOSE * len(columns))
     found = np.linalg.solve(gram, (columns / scale).T @ session.channels[TORQUE_GAP].gap) / scale
     change = dict(zip(_PARAMETERS, found.tolist(), strict=True))
     model = machine.model
@@ -149,9 +149,11 @@ def _learned(
 
 
 def _followed(rows: Rows, channel: str, ridge: float, runs: Sequence[Run]) -> _Followed:
-    forms = SmoothForms.of_rows(rows.variables, rows.gap, channel, runs[0].low_pass, timed=False)
+    forms = SmoothFunctions.of_rows(
+        rows.variables, rows.gap, channel, runs[0].low_pass, timed=False
+    )
     columns = forms.columns(rows.variables)
-    gram = stiffened(columns.T @ columns, ridge * len(columns))
+    gram = with_ridge(columns.T @ columns, ridge * len(columns))
     return _Followed(forms, np.linalg.solve(gram, columns.T @ rows.gap).astype(np.float64))
 
 

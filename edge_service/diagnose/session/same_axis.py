@@ -88,7 +88,7 @@ def fits_of(runs: Sequence[Run], ratio_m_per_rad: float) -> list[FileFit]:
     ]
 
 
-def strangers(fits: Sequence[FileFit], lead_m: float, name: Callable[[int], str]) -> str | None:
+def inconsistency(fits: Sequence[FileFit], lead_m: float, name: Callable[[int], str]) -> str | None:
     """Reason why two of the files cannot be of one axis, in a line; None if all can be.
 
     Args:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
-from ..selection.causes import HEATED
+from ..selection.posterior import HEATED
 from ..session.session import Session
-from .residual_structure import foretold
+from .residual_structure import predicted_structure
 
 _EVEN = 0.08
-"""With this much structure left, over what it explains, an effect is as likely an impostor.
+"""With this much structure left, over what it explains, an effect is as likely a misattribution.
 
 Of 168 true causes 1 left more: of 90 on recordings of real machines with errors added (`bench
 diagnose --real-machines`) one, of 78 on the benchmark beside the checkout (seed 7108) none. So a
@@ -35,13 +35,13 @@ MOST_STRAIN = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class Attribution:
     """Claim of an effect in the channel that it affects most, as shares of the gap's energy.
 
     Attributes:
         gain: what leaving it out would bring back.
         explained: what all effects in the channel take away.
-        missed: what is left although a free form foretells it on other motion.
+        missed: what is left although a empirical shape foretells it on other motion.
         left: what the best fit leaves, with all forms that bear the effect's name.
         strain: energy of all effects in the channel.
     """
@@ -68,35 +68,35 @@ class Claim:
 
     @property
     def trust(self) -> float:
-        """Probability that it is no impostor."""
+        """Probability that it is no misattribution."""
         return 1.0 / (1.0 + math.pow(self.structure / _EVEN, _STEEP))
 
 
-def claims(
+def attributions(
     session: Session,
     parts: Mapping[str, Mapping[str, Floats]],
     left: Mapping[str, Floats],
-    left_by_forms: Mapping[str, Floats],
+    left_by_shapes: Mapping[str, Floats],
     shares_left: Mapping[str, float],
     channel_of: Mapping[str, str],
     tolerance: Mapping[str, float],
-) -> dict[str, Claim]:
+) -> dict[str, Attribution]:
     """The claims of named effects.
 
     Args:
         parts: effect -> channel -> what it makes of the gap, (n,).
         left: what all of them and what is tolerated leave, by channel, (n,).
-        left_by_forms: what the best fit leaves, with all forms that bear a name, (n,).
+        left_by_shapes: what the best fit leaves, with all forms that bear a name, (n,).
         shares_left: share of each channel's energy above the floor that the best fit leaves.
         channel_of: effect -> the channel that it affects most.
         tolerance: root mean square by channel; structure up to it does not count.
     """
     heated = {channel for effect, channel in channel_of.items() if effect in HEATED}
-    judged = {
-        name: left_by_forms[name] if name in heated else left[name]
+    residuals = {
+        name: left_by_shapes[name] if name in heated else left[name]
         for name in set(channel_of.values())
     }
-    missed = _missed(judged, foretold(session, judged), tolerance)
+    missed = _missed(residuals, predicted_structure(session, residuals), tolerance)
     found = {}
     for effect, channel in channel_of.items():
         rest, mine = left[channel], parts[effect][channel]
@@ -107,10 +107,10 @@ def claims(
         if effect == FORCE:
             unforeseen = FORCE_WEIGHT * max(unforeseen, float(np.sum(rest**2)) / whole)
             own = {channel: rest + mine}
-            by_motion = foretold(session, own, timed=False)
+            by_motion = predicted_structure(session, own, timed=False)
             told = _missed(own, by_motion, tolerance)[channel]
             untold = max(untold, told - BY_CHANCE * float(np.sum(own[channel] ** 2)))
-        found[effect] = Claim(
+        found[effect] = Attribution(
             gain / whole,
             1.0 - float(np.sum(rest**2)) / whole,
             untold / whole,
@@ -123,7 +123,7 @@ def claims(
 def _missed(
     left: Mapping[str, Floats], structure: Mapping[str, Floats], tolerance: Mapping[str, float]
 ) -> dict[str, float]:
-    """Energy of what is left that a free form foretells, beyond the tolerance, by channel."""
+    """Energy of what is left that a empirical shape foretells, beyond the tolerance, by channel."""
     found = {}
     for name, rest in left.items():
         told = float(np.sum(rest**2) - np.sum((rest - structure[name]) ** 2))
@@ -131,11 +131,11 @@ def _missed(
     return found
 
 
-def has_impostor(found: Mapping[str, Claim], channel_of: Mapping[str, str]) -> bool:
-    """Tell whether what explains most of a channel is more likely an impostor than not."""
-    leaders: dict[str, Claim] = {}
-    for effect, claim in found.items():
+def is_misattributed(found: Mapping[str, Attribution], channel_of: Mapping[str, str]) -> bool:
+    """Tell whether what explains most of a channel is more likely a misattribution than not."""
+    leaders: dict[str, Attribution] = {}
+    for effect, attribution in found.items():
         channel = channel_of[effect]
-        if channel not in leaders or claim.gain > leaders[channel].gain:
-            leaders[channel] = claim
-    return any(claim.trust < 0.5 for claim in leaders.values())
+        if channel not in leaders or attribution.gain > leaders[channel].gain:
+            leaders[channel] = attribution
+    return any(attribution.trust < 0.5 for attribution in leaders.values())

@@ -14,10 +14,10 @@ from ...messages.samples import Floats
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.registry import active_effect
 from ...models.machine import Machine
-from ..estimation.values import Values
-from ..session.prescribed_motion import LedAxis
+from ..estimation.estimates import Estimates
+from ..session.prescribed_motion import PrescribedMotionAxis
 from ..session.session import Session
-from .cross_validation import Part, block_s, fold_of
+from .cross_validation import Fold, block_s, fold_of
 from .shrink import Shrink, resampled
 
 _LONGEST_S = 300.0
@@ -74,40 +74,41 @@ class Replay:
 
 def replay(
     machine: Machine,
-    blocks: Sequence[Part],
+    folds: Sequence[Fold],
     channels: Mapping[str, str],
     floors: Mapping[str, float],
 ) -> Replay:
     """Replay a session without effects, with all, and with all but each.
 
     Args:
-        blocks: from `by_blocks`.
+        folds: from `folds_of`.
         channels: effect -> the channel that it is judged in.
         floors: channel -> gap that no model could explain.
     """
     if not channels:
         return Replay({}, {}, "no effect is named")
     try:
-        return _replay(machine, blocks, channels, floors)
+        return _replay(machine, folds, channels, floors)
     except ValueError as error:
         return Replay({}, {}, str(error))
 
 
 def _replay(
     machine: Machine,
-    blocks: Sequence[Part],
+    folds: Sequence[Fold],
     channels: Mapping[str, str],
     floors: Mapping[str, float],
 ) -> Replay:
-    whole = blocks[0].values.problem.session
+    whole = folds[0].values.problem.session
     session = _beginning(whole)
-    axis = LedAxis.of_machine(machine, session.baseline)
+    axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
     length_s = block_s(whole)
 
     def left(names: Sequence[str]) -> dict[str, Floats]:
-        variants = [axis.with_effects(_effects(part.values, names)) for part in blocks]
+        variants = [axis.with_effects(_effects(fold.values, names)) for fold in folds]
         runs = [
-            axis.led(run, variants, fold_of(run.motion.time_s, length_s)) for run in session.runs
+            axis.simulated(run, variants, fold_of(run.motion.time_s, length_s))
+            for run in session.runs
         ]
         simulated = Session.of_runs(runs, session.baseline)
         return {n: rows.gap - simulated.channels[n].gap for n, rows in session.channels.items()}
@@ -128,7 +129,7 @@ def _replay(
     return Replay(gap, effects)
 
 
-def _effects(values: Values, names: Sequence[str]) -> list[ActiveEffect]:
+def _effects(values: Estimates, names: Sequence[str]) -> list[ActiveEffect]:
     return [active_effect(name, each) for name in names for each in values.entries(name)]
 
 

@@ -1,6 +1,6 @@
-"""Part of the residual that a free form predicts on motion that it was not fitted to.
+"""Part of the residual that a empirical shape predicts on motion that it was not fitted to.
 
-What a library leaves may be noise, or structure that no entry has: what smooth forms predict of
+What a library leaves may be noise, or structure that no entry has: what smooth functions predict of
 held-out blocks is structure, whatever its name.
 """
 
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...messages.samples import Floats
-from ..candidates.smooth_functions import SmoothForms
+from ..candidates.smooth_functions import SmoothFunctions
 from ..session.session import Integers, Rows, Session
 from .cross_validation import FOLDS, block_s, fold_of
 
@@ -17,10 +17,10 @@ _RIDGES = (3e-4, 1e-2, 0.3)
 """Of the number of rows: columns have a mean square of 1, the plainest ones a greater one."""
 
 
-def foretold(
+def predicted_structure(
     session: Session, left: Mapping[str, Floats], *, timed: bool = True
 ) -> dict[str, Floats]:
-    """Prediction of `left` by smooth forms on the blocks that they were not fitted to, by channel.
+    """Prediction of `left` by smooth functions on blocks that they were not fitted to, by channel.
 
     Args:
         left: what something leaves of the gap, by channel, (n,).
@@ -28,13 +28,17 @@ def foretold(
     """
     length_s = block_s(session)
     return {
-        name: crossed(session, name, each, fold_of(rows.variables["time_s"], length_s), timed)
+        name: cross_predicted(
+            session, name, each, fold_of(rows.variables["time_s"], length_s), timed
+        )
         for name, each in left.items()
         for rows in (session.channels[name],)
     }
 
 
-def crossed(session: Session, channel: str, values: Floats, fold: Integers, timed: bool) -> Floats:
+def cross_predicted(
+    session: Session, channel: str, values: Floats, fold: Integers, timed: bool
+) -> Floats:
     """Values (n,) as each fold (n,) follows from the others; 0 where nothing follows better."""
     rows, low_pass = session.channels[channel], session.runs[0].low_pass
     found = {ridge: np.zeros(len(values)) for ridge in _RIDGES}
@@ -43,18 +47,18 @@ def crossed(session: Session, channel: str, values: Floats, fold: Integers, time
         if not mine.any() or mine.all():
             continue
         here, there = _chosen(rows, mine), _chosen(rows, ~mine)
-        forms = SmoothForms.of_rows(there, values[~mine], channel, low_pass, timed=timed)
+        forms = SmoothFunctions.of_rows(there, values[~mine], channel, low_pass, timed=timed)
         known, asked = forms.columns(there), forms.columns(here)
         gram, cross = known.T @ known, known.T @ values[~mine]
         for ridge in _RIDGES:
-            beta = np.linalg.solve(stiffened(gram, ridge * len(known)), cross)
+            beta = np.linalg.solve(with_ridge(gram, ridge * len(known)), cross)
             found[ridge][mine] = asked @ beta
     best = min(found.values(), key=lambda each: float(np.sum((values - each) ** 2)))
     helps = np.sum((values - best) ** 2) < np.sum(values**2)
     return best if helps else np.zeros(len(values))
 
 
-def stiffened(gram: Floats, ridge: float) -> Floats:
+def with_ridge(gram: Floats, ridge: float) -> Floats:
     """Sums of products (p, p) with a ridge, the same for all columns."""
     held: Floats = gram + ridge * np.eye(len(gram))
     return held

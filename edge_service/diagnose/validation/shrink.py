@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Floats
-from ..estimation.values import Values
+from ..estimation.estimates import Estimates
 from ..session.session import Integers, Rows
-from .cross_validation import Part, at_pace, predicted, taken
+from .cross_validation import Fold, contribution, contribution_at_pace, held_out_contribution
 from .misattribution import FORCE
 
 LEVEL = 0.9
@@ -49,7 +49,9 @@ def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
     return Shrink.of_draws(float(estimate), _shrink(weights @ first[used], weights @ last[used]))
 
 
-def shrink_of(rows: Rows, name: str, channel: str, values: Values, parts: Sequence[Part]) -> Shrink:
+def shrink_of(
+    rows: Rows, name: str, channel: str, values: Estimates, folds: Sequence[Fold]
+) -> Shrink:
     """Shrink of a channel by one effect beside all others, expected on other motion.
 
     The estimate is that of held-out blocks: from what the others leave to what all leave. A force
@@ -58,16 +60,16 @@ def shrink_of(rows: Rows, name: str, channel: str, values: Values, parts: Sequen
 
     Args:
         values: fitted on all blocks.
-        parts: from `by_blocks`.
+        folds: from `folds_of`.
     """
-    others = {atom.name for atom in values.atoms} - {name}
+    others = {regressor.name for regressor in values.regressors} - {name}
     without = rows.gap.copy()
     for other in sorted(others - {FORCE}):
-        without -= predicted(parts, other, channel)
+        without -= held_out_contribution(folds, other, channel)
     if name != FORCE:
-        without -= taken(values, FORCE, channel)
-    left = [without - predicted(parts, name, channel)]
-    for made in (at_pace(values, name, channel, pace) for pace in PACES):
+        without -= contribution(values, FORCE, channel)
+    left = [without - held_out_contribution(folds, name, channel)]
+    for made in (contribution_at_pace(values, name, channel, pace) for pace in PACES):
         if made is not None:
             left.append(without - made)
     return on_other_motion(replace(rows, gap=without), left)

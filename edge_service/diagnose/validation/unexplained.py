@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..candidates.design_matrix import Dictionary
+from ..candidates.design_matrix import DesignMatrix
 from ..selection.evidence import Fit, Noise
 from ..session.session import Session
 
@@ -27,7 +27,9 @@ class Doubt:
     confidence: float
 
 
-def left_shares(session: Session, left_rms: Mapping[str, float], noise: Noise) -> dict[str, float]:
+def unexplained_shares(
+    session: Session, left_rms: Mapping[str, float], noise: Noise
+) -> dict[str, float]:
     """Share of each channel's energy above the floor that is left, `left_rms` by channel.
 
     A remainder within the tolerance counts as none.
@@ -46,7 +48,7 @@ def doubts_of(
     """The doubt in each channel.
 
     Args:
-        left: share that the best fit with free forms leaves.
+        left: share that the best fit with empirical shapes leaves.
         left_by_entries: share that the entries of the library leave alone, where they claim any.
         causes: how many are named.
     """
@@ -60,14 +62,14 @@ def doubts_of(
 
 
 def is_stretched(
-    dictionary: Dictionary, best: Fit, parameters: Collection[str], named: Collection[str]
+    design: DesignMatrix, best: Fit, parameters: Collection[str], named: Collection[str]
 ) -> bool:
     """Tell whether a parameter that is not named has to leave its tolerance for the fit."""
-    for k in range(dictionary.tolerated):
-        name = dictionary.atoms[k].name
+    for k in range(design.tolerated):
+        name = design.regressors[k].name
         if name in parameters and name not in named:
-            place = int(dictionary.first[k])
-            off = best.coefficients[place] - dictionary.mean[place]
-            if abs(float(off)) * float(np.sqrt(dictionary.precision[place])) > MOST_STRETCH:
+            place = int(design.first[k])
+            off = best.coefficients[place] - design.mean[place]
+            if abs(float(off)) * float(np.sqrt(design.precision[place])) > MOST_STRETCH:
                 return True
     return False

@@ -1,4 +1,4 @@
-"""From weighed sets of effects to an answer: which are impostors, how sure, how far it shrinks."""
+"""Verdict from selected effects: misattributions, probabilities and shrinkage of each."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,20 +9,20 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.machine import Machine
 from ..candidates.null_shapes import UNKNOWN
-from ..estimation.contributions import Explained, Weighed, explained
+from ..estimation.contributions import Contributions, SelectedModel, contributions_of
 from ..estimation.waterfall import waterfall
 from ..localisation.places import where
 from ..result import ChannelGap, Diagnosis, NamedEffect, Verdict, verdict_of
-from ..selection.causes import without
+from ..selection.posterior import without
 from ..session.healthy_prior import parameter_tolerances
 from ..session.session import CHANNEL_UNITS, TORQUE_GAP
 from .caveats import caveats_of, is_blind, torque_rms_nm
-from .misattribution import FORCE, Claim, claims, has_impostor
+from .misattribution import FORCE, Attribution, attributions, is_misattributed
 from .replay import replay
 from .shrink import shrink_of
-from .unexplained import Doubt, doubts_of, is_stretched, left_shares
+from .unexplained import Doubt, doubts_of, is_stretched, unexplained_shares
 
-BESIDE_NAMELESS = 0.8
+BESIDE_UNNAMED = 0.8
 """Of the probability of an effect, where something that has no name is needed beside it."""
 AT_BOUND = 0.5
 """The same of one whose shape would have to leave what the library allows."""
@@ -43,127 +43,139 @@ ALL_MOTIONS = "full"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class Assessment:
     """Named effects, held against what they leave.
 
     Attributes:
-        claims: effect -> what it has in its channel.
+        attributions: effect -> what it has in its channel.
         doubts: by channel.
     """
 
-    entries: Explained
-    claims: Mapping[str, Claim]
+    entries: Contributions
+    attributions: Mapping[str, Attribution]
     doubts: Mapping[str, Doubt]
     effects: tuple[NamedEffect, ...]
 
 
-def concluded(weighed: Weighed) -> Diagnosis:
-    """The answer that names the material effects, or those of them that are no impostors."""
-    named = weighed.causes.best.material - {UNKNOWN}
+def conclude(selected: SelectedModel) -> Diagnosis:
+    """The answer that names the material effects, or those of them that are no misattributions."""
+    named = selected.posterior.best.material - {UNKNOWN}
     suspects: dict[str, float] = {}
     while True:
-        judged = _judged(weighed, named)
-        for name, claim in judged.claims.items():
-            suspects.setdefault(name, claim.structure)
-        idle = _idlest(judged, named)
+        assessment = _assessed(selected, named)
+        for name, attribution in assessment.attributions.items():
+            suspects.setdefault(name, attribution.structure)
+        idle = _idlest(assessment, named)
         if not idle:
-            return _answer(weighed, judged, named, suspects)
-        calmer = without(weighed.causes, FORCE) if idle == FORCE else None
+            return _result(selected, assessment, named, suspects)
+        calmer = without(selected.posterior, FORCE) if idle == FORCE else None
         if calmer is None:
             named = named - {idle}
         else:
-            left = left_shares(weighed.session, calmer.best.fit.rms, weighed.noise)
-            weighed = replace(weighed, causes=calmer, unexplained=left)
+            left = unexplained_shares(selected.session, calmer.best.fit.rms, selected.noise)
+            selected = replace(selected, posterior=calmer, unexplained=left)
             named = calmer.best.material - {UNKNOWN}
 
 
-def _idlest(judged: Judged, named: frozenset[str]) -> str:
+def _idlest(assessment: Assessment, named: frozenset[str]) -> str:
     """The one named effect that is least of a cause; empty where all are causes.
 
     One at a time: what two effects share is lost only with both. A force that is none hides what
     else there is: without it all sets are weighed anew.
     """
-    if FORCE in named and all(each.name != FORCE for each in judged.effects):
+    if FORCE in named and all(each.name != FORCE for each in assessment.effects):
         return FORCE  # no entry can say how it acts
-    idle = [each for each in judged.effects if not _is_cause(each)]
+    idle = [each for each in assessment.effects if not _is_cause(each)]
     worst = min(idle, key=lambda each: (each.shrink.estimate, each.probability), default=None)
     return worst.name if worst else ""
 
 
-def _judged(weighed: Weighed, named: frozenset[str]) -> Judged:
-    entries = explained(weighed, named)
-    claim_of = claims(
-        weighed.session,
+def _assessed(selected: SelectedModel, named: frozenset[str]) -> Assessment:
+    entries = contributions_of(selected, named)
+    by_effect = attributions(
+        selected.session,
         entries.parts,
         entries.left_of_tolerated(),
-        weighed.left_by_forms(),
-        weighed.unexplained,
+        selected.left_by_shapes(),
+        selected.unexplained,
         entries.channel_of,
-        weighed.noise.tolerance,
+        selected.noise.tolerance,
     )
-    doubts = _doubts(weighed, entries, named)
+    doubts = _doubts(selected, entries, named)
     found = tuple(
-        _named(weighed, entries, name, doubts, claim_of[name]) for name in entries.columns
+        _named(selected, entries, name, doubts, by_effect[name]) for name in entries.columns
     )
-    return Judged(entries, claim_of, doubts, found)
+    return Assessment(entries, by_effect, doubts, found)
 
 
-def _doubts(weighed: Weighed, entries: Explained, named: frozenset[str]) -> dict[str, Doubt]:
+def _doubts(
+    selected: SelectedModel, entries: Contributions, named: frozenset[str]
+) -> dict[str, Doubt]:
     """The doubt in each channel."""
-    session = weighed.session
-    by_entries = left_shares(session, _rms(_left_beside_force(weighed, entries)), weighed.noise)
+    session = selected.session
+    by_entries = unexplained_shares(
+        session, _rms(_left_beside_force(selected, entries)), selected.noise
+    )
     places = set(entries.channel_of.values())
     claimed = {name: share for name, share in by_entries.items() if name in places}
-    doubts = doubts_of(session, weighed.unexplained, claimed, len(named))
-    is_open = TORQUE_GAP in doubts and _exceeds_floor(weighed, (TORQUE_GAP,))
-    best, parameters = weighed.causes.best.fit, _parameters(weighed.machine)
-    if is_open and is_stretched(weighed.dictionary, best, parameters, named):
+    doubts = doubts_of(session, selected.unexplained, claimed, len(named))
+    is_open = TORQUE_GAP in doubts and _exceeds_floor(selected, (TORQUE_GAP,))
+    best, parameters = selected.posterior.best.fit, _parameters(selected.machine)
+    if is_open and is_stretched(selected.design, best, parameters, named):
         doubts[TORQUE_GAP] = Doubt(is_unknown=True, confidence=0.5)
     return doubts
 
 
-def _left_beside_force(weighed: Weighed, entries: Explained) -> dict[str, Floats]:
+def _left_beside_force(selected: SelectedModel, entries: Contributions) -> dict[str, Floats]:
     """Residual of the entries and of what is tolerated, by channel, (n,); a force as it was."""
     left = entries.left_of_tolerated()
     if FORCE in entries.parts and TORQUE_GAP in left:
-        left[TORQUE_GAP] = left[TORQUE_GAP] + entries.parts[FORCE][TORQUE_GAP] - _pushes(weighed)
+        left[TORQUE_GAP] = (
+            left[TORQUE_GAP] + entries.parts[FORCE][TORQUE_GAP] - _force_pulses(selected)
+        )
     return left
 
 
 def _named(
-    weighed: Weighed, entries: Explained, name: str, doubts: Mapping[str, Doubt], claim: Claim
+    selected: SelectedModel,
+    entries: Contributions,
+    name: str,
+    doubts: Mapping[str, Doubt],
+    attribution: Attribution,
 ) -> NamedEffect:
     """An effect with the probability that it has in the light of its claim."""
-    causes, values, channel = weighed.causes, entries.values, entries.channel_of[name]
-    trust = BESIDE_NAMELESS if UNKNOWN in causes.best.material else 1.0
-    trust = trust * claim.trust * (AT_BOUND if values.is_at_bound(name) else 1.0)
-    rows = weighed.session.channels[channel]
-    shrink = shrink_of(rows, name, channel, values, entries.blocks)
+    posterior, values, channel = selected.posterior, entries.values, entries.channel_of[name]
+    trust = BESIDE_UNNAMED if UNKNOWN in posterior.best.material else 1.0
+    trust = trust * attribution.trust * (AT_BOUND if values.is_at_bound(name) else 1.0)
+    rows = selected.session.channels[channel]
+    shrink = shrink_of(rows, name, channel, values, entries.folds)
     if name == FORCE:
-        shrink = replace(shrink, high=max(shrink.high, _pushed(weighed)))
+        shrink = replace(shrink, high=max(shrink.high, _shrink_by_pulses(selected)))
     return NamedEffect(
         name,
         channel,
-        min(causes.probability[name], SUREST) * trust * _confidence(doubts, entries.columns[name]),
-        causes.classes[name],
+        min(posterior.probability[name], SUREST)
+        * trust
+        * _confidence(doubts, entries.columns[name]),
+        posterior.classes[name],
         shrink,
         values.parameters(name),
         values.entries(name),
     )
 
 
-def _pushed(weighed: Weighed) -> float:
+def _shrink_by_pulses(selected: SelectedModel) -> float:
     """Shrink of the torque's gap by the forces as they were; 0 where they are the lesser part."""
-    gap = weighed.session.channels[TORQUE_GAP].gap
-    left = float(np.sum((gap - _pushes(weighed)) ** 2)) / float(np.sum(gap**2))
+    gap = selected.session.channels[TORQUE_GAP].gap
+    left = float(np.sum((gap - _force_pulses(selected)) ** 2)) / float(np.sum(gap**2))
     return 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0
 
 
-def _pushes(weighed: Weighed) -> Floats:
+def _force_pulses(selected: SelectedModel) -> Floats:
     """Forces of the best set in the torque, N m, (n,)."""
-    best, dictionary = weighed.causes.best.fit, weighed.dictionary
-    mine = [a for a in best.atoms if dictionary.atoms[a].name == FORCE]
-    return dictionary.modelled(TORQUE_GAP, mine, best.of_atoms(dictionary, mine))
+    best, design = selected.posterior.best.fit, selected.design
+    mine = [a for a in best.regressors if design.regressors[a].name == FORCE]
+    return design.modelled(TORQUE_GAP, mine, best.of_regressors(design, mine))
 
 
 def _confidence(doubts: Mapping[str, Doubt], columns: Mapping[str, Floats]) -> float:
@@ -178,21 +190,24 @@ def _is_cause(each: NamedEffect) -> bool:
     return each.probability >= LEAST_PROBABILITY and helps >= LEAST_SHRINK
 
 
-def _answer(
-    weighed: Weighed, judged: Judged, named: frozenset[str], suspects: Mapping[str, float]
+def _result(
+    selected: SelectedModel,
+    assessment: Assessment,
+    named: frozenset[str],
+    suspects: Mapping[str, float],
 ) -> Diagnosis:
-    channels, entries = weighed.session.channels, judged.entries
-    gap, torque_nm = _gap(weighed, entries), torque_rms_nm(weighed.session)
+    channels, entries = selected.session.channels, assessment.entries
+    gap, torque_nm = _gap(selected, entries), torque_rms_nm(selected.session)
     blind = TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].noise_floor, torque_nm)
     effects = [
         replace(each, probability=BLIND_TRUST * each.probability)
         if blind and each.channel == TORQUE_GAP
         else each
-        for each in judged.effects
+        for each in assessment.effects
     ]
     blind = blind and all(each.channel == TORQUE_GAP for each in effects)
     found = sorted(effects, key=lambda each: (-each.probability, -each.shrink.estimate))
-    is_unknown = blind or _is_unknown(weighed, judged, named)
+    is_unknown = blind or _is_unknown(selected, assessment, named)
     verdict = verdict_of(found, is_unknown=is_unknown)
     floors = {name: each.noise_floor for name, each in gap.items()}
     after = {name: replace(rows, gap=entries.left[name]) for name, rows in channels.items()}
@@ -202,31 +217,31 @@ def _answer(
         tuple(where(channels, floors)),
         tuple(where(after, floors)),
         tuple(found),
-        max(weighed.unexplained.values(), default=0.0),
+        max(selected.unexplained.values(), default=0.0),
         ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
         entries.left,
-        waterfall(weighed.session, entries.parts),
-        _nearest(found, _suspects(weighed)) if is_unknown else None,
-        weighed.causes,
-        replay(weighed.machine, entries.blocks, entries.channel_of, floors),
+        waterfall(selected.session, entries.parts),
+        _nearest(found, _suspects(selected)) if is_unknown else None,
+        selected.posterior,
+        replay(selected.machine, entries.folds, entries.channel_of, floors),
         caveats_of(gap, _rms(entries.left_of_tolerated()), torque_nm, verdict),
         blind,
         suspects,
     )
 
 
-def _is_unknown(weighed: Weighed, judged: Judged, named: frozenset[str]) -> bool:
+def _is_unknown(selected: SelectedModel, assessment: Assessment, named: frozenset[str]) -> bool:
     """Tell whether something that the library lacks is the better part of the cause."""
     return (
-        UNKNOWN in weighed.causes.best.material
-        or has_impostor(judged.claims, judged.entries.channel_of)
-        or any(doubt.is_unknown for doubt in judged.doubts.values())
-        or (bool(_suspects(weighed)) and not named and _exceeds_floor(weighed))
+        UNKNOWN in selected.posterior.best.material
+        or is_misattributed(assessment.attributions, assessment.entries.channel_of)
+        or any(doubt.is_unknown for doubt in assessment.doubts.values())
+        or (bool(_suspects(selected)) and not named and _exceeds_floor(selected))
     )
 
 
-def _suspects(weighed: Weighed) -> list[str]:
-    return sorted(weighed.causes.best.material - {UNKNOWN})
+def _suspects(selected: SelectedModel) -> list[str]:
+    return sorted(selected.posterior.best.material - {UNKNOWN})
 
 
 def _nearest(found: Sequence[NamedEffect], suspects: Sequence[str]) -> str | None:
@@ -234,18 +249,18 @@ def _nearest(found: Sequence[NamedEffect], suspects: Sequence[str]) -> str | Non
     return next(iter([*(each.name for each in found), *suspects]), None)
 
 
-def _gap(weighed: Weighed, entries: Explained) -> dict[str, ChannelGap]:
-    after, noise = entries.left_rms(), weighed.noise
+def _gap(selected: SelectedModel, entries: Contributions) -> dict[str, ChannelGap]:
+    after, noise = entries.left_rms(), selected.noise
     return {
         name: ChannelGap(
             rows.rms,
             after[name],
             noise.floor[name],
             noise.tolerance[name],
-            weighed.floor_source(name),
+            selected.floor_source(name),
             CHANNEL_UNITS[name],
         )
-        for name, rows in weighed.session.channels.items()
+        for name, rows in selected.session.channels.items()
     }
 
 
@@ -253,10 +268,10 @@ def _rms(left: Mapping[str, Floats]) -> dict[str, float]:
     return {name: float(np.sqrt(np.mean(each**2))) for name, each in left.items()}
 
 
-def _exceeds_floor(weighed: Weighed, channels: Sequence[str] = tuple(CHANNEL_UNITS)) -> bool:
-    recorded = weighed.session.channels
+def _exceeds_floor(selected: SelectedModel, channels: Sequence[str] = tuple(CHANNEL_UNITS)) -> bool:
+    recorded = selected.session.channels
     return any(
-        weighed.noise.matters(name, recorded[name].rms) for name in channels if name in recorded
+        selected.noise.matters(name, recorded[name].rms) for name in channels if name in recorded
     )
 
 

@@ -14,7 +14,7 @@ SCHEMA = "diagnosis/1"
 
 
 def to_document(
-    found: Diagnosis, remarks: Sequence[str], not_judged: Mapping[str, str]
+    found: Diagnosis, remarks: Sequence[str], unobservable: Mapping[str, str]
 ) -> dict[str, Any]:
     """The document of a diagnosis."""
     return {
@@ -34,15 +34,15 @@ def to_document(
         },
         "where": [_place(place) for place in found.where],
         "effects": [_effect(each, found.replay) for each in found.effects],
-        "unexplained": {"share": found.unexplained, "nearest": found.impostor},
+        "unexplained": {"share": found.unexplained, "nearest": found.nearest},
         "next_motion": found.next_motion,
         "where_after": [_place(place) for place in found.where_after],
         "waterfall": {
             name: [{"effect": effect, "rms": rms} for effect, rms in steps]
             for name, steps in found.waterfall.items()
         },
-        "not_judged": list(not_judged),
-        "not_judged_reasons": dict(not_judged),
+        "not_judged": list(unobservable),
+        "not_judged_reasons": dict(unobservable),
         "reasons": [],
         "remarks": list(remarks),
         "caveats": list(found.caveats),

@@ -33,7 +33,7 @@ def render(
     session: Session,
     found: Diagnosis,
     check: DataCheck,
-    not_judged: Mapping[str, str],
+    unobservable: Mapping[str, str],
     reference: Sequence[str] = (),
 ) -> str:
     """The page as HTML; nothing in it is loaded from elsewhere.
@@ -52,7 +52,7 @@ def render(
         lead=BLIND if found.is_blind else VERDICTS[found.verdict.value],
         faults=(),
         remarks=check.remarks,
-        not_judged=_by_reason(not_judged),
+        unobservable=_by_reason(unobservable),
         quiet=[CHANNELS[name] for name in found.gap if name not in telling],
         tolerated=[CHANNELS[name] for name, each in found.gap.items() if each.matters],
         named=_by_weight(found.effects) if accepted else found.effects[:1],
@@ -64,10 +64,10 @@ def render(
     )
 
 
-def _by_reason(not_judged: Mapping[str, str]) -> dict[str, list[str]]:
+def _by_reason(unobservable: Mapping[str, str]) -> dict[str, list[str]]:
     """Names of the effects that could not be judged for each reason."""
     found: dict[str, list[str]] = {}
-    for name, reason in not_judged.items():
+    for name, reason in unobservable.items():
         found.setdefault(reason, []).append(name)
     return found
 
@@ -93,7 +93,7 @@ def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) ->
         lead="The recording cannot be diagnosed.",
         faults=check.faults,
         remarks=check.remarks,
-        not_judged={},
+        unobservable={},
         quiet=(),
         tolerated=(),
         named=(),

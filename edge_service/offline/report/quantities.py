@@ -2,7 +2,7 @@
 
 import math
 
-from ...diagnose.estimation.values import Interval
+from ...diagnose.estimation.estimates import Interval
 from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...models.machine import Quantity
 

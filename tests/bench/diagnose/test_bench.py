@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from edge_service.diagnose.experiment.proposal import Candidate
+from edge_service.diagnose.experiment.proposal import CandidateMotion
 from edge_service.diagnose.localisation.places import Place
 from edge_service.models.motion import motion_limits
 
@@ -189,7 +189,7 @@ def test_a_tie_case_is_a_single_cause_on_a_motion_that_the_plant_knows() -> None
 
 def test_a_proposed_motion_reaches_the_plant_within_its_stroke() -> None:
     machine = baseline_machine()
-    positions = positions_m(machine, Candidate("standstill", 18.0, None))
+    positions = positions_m(machine, CandidateMotion("standstill", 18.0, None))
     limits = motion_limits(machine)
     assert len(positions) == 18_000
     assert limits.low_m <= positions.min() < positions.max() <= limits.high_m

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_service.diagnose.experiment.proposal import Candidate, propose
+from edge_service.diagnose.experiment.proposal import CandidateMotion, propose
 from edge_service.diagnose.pipeline import Diagnosis
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
@@ -71,7 +71,7 @@ def is_resolved(case: BenchCase, tied: Iterable[str], both: Diagnosis) -> bool:
     return alone and not (set(tied) - set(case.causes)) & classes.keys()
 
 
-def positions_m(machine: Machine, candidate: Candidate) -> Floats:
+def positions_m(machine: Machine, candidate: CandidateMotion) -> Floats:
     """Setpoints of a proposed motion, every millisecond, (n,)."""
     limits = motion_limits(machine)
     segments = iter(MOTIONS[candidate.motion](limits, np.random.default_rng(1)))

@@ -1,20 +1,24 @@
-"""An effect that leaves structure which other motion repeats is taken for an impostor."""
+"""An effect that leaves structure which other motion repeats is taken for a misattribution."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from edge_service.diagnose.candidates.null_shapes import UNKNOWN, nameless_forms
+from edge_service.diagnose.candidates.null_shapes import UNKNOWN, null_shapes
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
-from edge_service.diagnose.validation.misattribution import Claim, claims, has_impostor
-from edge_service.diagnose.validation.residual_structure import foretold
+from edge_service.diagnose.validation.misattribution import (
+    Attribution,
+    attributions,
+    is_misattributed,
+)
+from edge_service.diagnose.validation.residual_structure import predicted_structure
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
 from .conftest import frame_of, recorded, session_of
 
-EXACT = Claim(gain=0.98, explained=0.98, missed=0.0, left=0.0, strain=0.98)
+EXACT = Attribution(gain=0.98, explained=0.98, missed=0.0, left=0.0, strain=0.98)
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +52,13 @@ def test_structure_is_foretold_on_other_motion(
 ) -> None:
     gap = curve(session)
     left = gap + noise(session.channels[TORQUE_GAP], 0.1 * float(np.std(gap)))
-    found = foretold(session, {TORQUE_GAP: left})[TORQUE_GAP]
+    found = predicted_structure(session, {TORQUE_GAP: left})[TORQUE_GAP]
     assert energy(gap - found) < 0.15 * energy(gap)
 
 
 def test_noise_is_not_foretold(session: Session) -> None:
     left = noise(session.channels[TORQUE_GAP])
-    found = foretold(session, {TORQUE_GAP: left})[TORQUE_GAP]
+    found = predicted_structure(session, {TORQUE_GAP: left})[TORQUE_GAP]
     assert energy(left - found) > 0.98 * energy(left)
 
 
@@ -65,36 +69,36 @@ def test_an_effect_that_explains_all_is_trusted() -> None:
 @pytest.mark.parametrize(
     "doubtful",
     [
-        Claim(gain=0.98, explained=0.98, missed=0.3, left=0.0, strain=0.98),
-        Claim(gain=0.3, explained=0.3, missed=0.1, left=0.0, strain=0.98),
-        Claim(gain=0.98, explained=0.98, missed=0.0, left=0.5, strain=0.98),
-        Claim(gain=-0.1, explained=-0.1, missed=0.0, left=0.0, strain=0.98),
+        Attribution(gain=0.98, explained=0.98, missed=0.3, left=0.0, strain=0.98),
+        Attribution(gain=0.3, explained=0.3, missed=0.1, left=0.0, strain=0.98),
+        Attribution(gain=0.98, explained=0.98, missed=0.0, left=0.5, strain=0.98),
+        Attribution(gain=-0.1, explained=-0.1, missed=0.0, left=0.0, strain=0.98),
     ],
 )
-def test_what_leaves_structure_is_more_likely_an_impostor(doubtful: Claim) -> None:
+def test_what_leaves_structure_is_more_likely_an_impostor(doubtful: Attribution) -> None:
     assert doubtful.trust < 0.5
-    assert has_impostor({"drag_error": doubtful}, {"drag_error": TORQUE_GAP})
+    assert is_misattributed({"drag_error": doubtful}, {"drag_error": TORQUE_GAP})
 
 
 def test_effects_that_fit_each_other_are_doubted() -> None:
-    plain = Claim(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=1.0)
-    strained = Claim(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=40.0)
+    plain = Attribution(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=1.0)
+    strained = Attribution(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=40.0)
     assert plain.trust > 0.9
     assert strained.trust < 0.2
 
 
 def test_the_leader_of_a_channel_decides() -> None:
-    small = Claim(gain=0.01, explained=0.01, missed=0.05, left=0.0, strain=0.98)
+    small = Attribution(gain=0.01, explained=0.01, missed=0.05, left=0.0, strain=0.98)
     channels = {"drag_error": TORQUE_GAP, "stribeck": TORQUE_GAP}
     assert small.trust < 0.5
-    assert not has_impostor({"drag_error": EXACT, "stribeck": small}, channels)
+    assert not is_misattributed({"drag_error": EXACT, "stribeck": small}, channels)
 
 
 def test_claims_are_shares_of_the_gap(session: Session) -> None:
     rows = session.channels[TORQUE_GAP]
     mine = 0.8 * rows.gap
     parts = {"drag_error": {TORQUE_GAP: mine, TRANSMISSION_GAP: np.zeros(0)}}
-    found = claims(
+    found = attributions(
         session,
         parts,
         {TORQUE_GAP: rows.gap - mine},
@@ -110,7 +114,7 @@ def test_claims_are_shares_of_the_gap(session: Session) -> None:
 
 
 def test_nameless_forms_claim_one_channel_each(session: Session) -> None:
-    forms = list(nameless_forms(session))
+    forms = list(null_shapes(session))
     assert {form.name for form in forms} == {UNKNOWN}
     for form in forms:
         shown = [name for name in session.channels if np.any(form.columns(session, name))]

@@ -9,7 +9,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.effects.effect import Role
 from ...models.effects.registry import get_effect
-from ..candidates.regressor import EntryAtom
+from ..candidates.regressor import EntryRegressor
 from ..session.session import TORQUE_GAP
 from .profile_likelihood import Slopes, joined, misfit, profile_interval, slopes_of
 from .refine import Problem
@@ -29,7 +29,7 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Values:
+class Estimates:
     """Coefficients of entries; a parameter's tolerated part belongs to its effect.
 
     Attributes:
@@ -40,24 +40,24 @@ class Values:
 
     healthy: Mapping[str, tuple[float, float]]
     problem: Problem
-    atoms: tuple[EntryAtom, ...]
+    regressors: tuple[EntryRegressor, ...]
     columns: tuple[Mapping[str, Floats], ...]
     beta: Floats
     covariance: Floats
     square: float
 
     def _place(self, k: int) -> slice:
-        start = len(self.problem.mean) + sum(atom.size for atom in self.atoms[:k])
-        return slice(start, start + self.atoms[k].size)
+        start = len(self.problem.mean) + sum(regressor.size for regressor in self.regressors[:k])
+        return slice(start, start + self.regressors[k].size)
 
     def coefficients(self, k: int) -> Floats:
-        """Of one atom, bounded as the library bounds its amount."""
+        """Of one regressor, bounded as the library bounds its amount."""
         found = self.beta[self._place(k)].copy()
-        atom = self.atoms[k]
-        if atom.name in self.healthy:
-            found[0] += self.beta[tuple(self.healthy).index(atom.name)]
-        bound = next((p for p in atom.effect.parameters if p.name == atom.amount), None)
-        if bound is not None and atom.size == 1:
+        regressor = self.regressors[k]
+        if regressor.name in self.healthy:
+            found[0] += self.beta[tuple(self.healthy).index(regressor.name)]
+        bound = next((p for p in regressor.effect.parameters if p.name == regressor.amount), None)
+        if bound is not None and regressor.size == 1:
             found = np.clip(found, bound.low, bound.high)
         return found
 
@@ -66,44 +66,44 @@ class Values:
         highest = {p.name: p.high for p in get_effect(name).parameters if not p.whole}
         return any(
             value >= 0.99 * highest.get(shape, math.inf)
-            for atom in self.atoms
-            if atom.name == name
-            for shape, value in atom.shape
+            for regressor in self.regressors
+            if regressor.name == name
+            for shape, value in regressor.shape
         )
 
     def entries(self, name: str) -> tuple[dict[str, float], ...]:
         """Complete values of an effect, once for each time it is there."""
         return tuple(
-            atom.values(self.coefficients(k))
-            for k, atom in enumerate(self.atoms)
-            if atom.name == name
+            regressor.values(self.coefficients(k))
+            for k, regressor in enumerate(self.regressors)
+            if regressor.name == name
         )
 
     def parameters(self, name: str) -> dict[str, Interval]:
         """Values of the strongest entry with 90 % intervals: amounts as the fit has them, phases
         by their amplitude, shapes by the profile likelihood."""
-        mine = [k for k, atom in enumerate(self.atoms) if atom.name == name]
+        mine = [k for k, regressor in enumerate(self.regressors) if regressor.name == name]
         if not mine:
             return {}
         k = max(mine, key=self._weight)
-        atom = self.atoms[k]
-        values = atom.values(self.coefficients(k))
-        slopes = slopes_of(self.problem, atom, self.coefficients(k))
+        regressor = self.regressors[k]
+        values = regressor.values(self.coefficients(k))
+        slopes = slopes_of(self.problem, regressor, self.coefficients(k))
         sigma = self._sigma(k, slopes)
-        moved = {shape for shape, _ in atom.shape}
+        moved = {shape for shape, _ in regressor.shape}
         shown = {}
-        for parameter in atom.effect.parameters:
-            if parameter.amounts and atom.amount not in parameter.amounts:
+        for parameter in regressor.effect.parameters:
+            if parameter.amounts and regressor.amount not in parameter.amounts:
                 continue
             value = values[parameter.name]
-            if parameter.name == atom.amount:
+            if parameter.name == regressor.amount:
                 low, high = self._amount_interval(k, value, sigma)
             elif parameter.name in moved:
                 low, high = profile_interval(
-                    self.problem, self.atoms, self.columns, k, parameter, slopes
+                    self.problem, self.regressors, self.columns, k, parameter, slopes
                 )
-            elif parameter.role is Role.PHASE and atom.size == 2:
-                reach = min(Z_90 * sigma / max(abs(values[atom.amount]), 1e-300), math.pi)
+            elif parameter.role is Role.PHASE and regressor.size == 2:
+                reach = min(Z_90 * sigma / max(abs(values[regressor.amount]), 1e-300), math.pi)
                 low, high = value - reach, value + reach
             elif value != 0.0:
                 low, high = parameter.low, parameter.high
@@ -125,18 +125,18 @@ class Values:
         A torque is read through a gain that is known to its tolerance alone, and with the amount
         what the model has of it already, whose own tolerance stands for that of the product.
         """
-        mean, spread = self.healthy.get(self.atoms[k].name, (0.0, 0.0))
+        mean, spread = self.healthy.get(self.regressors[k].name, (0.0, 0.0))
         gain = self.healthy.get(_GAIN, (0.0, 0.0))[1] if TORQUE_GAP in self._shown(k) else 0.0
         reach = Z_90 * math.hypot(sigma, spread, gain * value, spread if gain else 0.0)
         return value - max(mean, 0.0) - reach, value - min(mean, 0.0) + reach
 
     def _shown(self, k: int) -> set[str]:
-        """Channels that an atom shows in."""
+        """Channels that a regressor shows in."""
         return {name for name, column in self.columns[k].items() if np.any(column)}
 
     def _sigma(self, k: int, slopes: Slopes) -> float:
-        """Standard deviation of the amount of one atom whose shapes are not known either."""
+        """Standard deviation of the amount of one regressor whose shapes are not known either."""
         beside = joined(self.problem, slopes)
-        covariance = self.problem.solve_beside(self.atoms, self.columns, beside)[1]
+        covariance = self.problem.solve_beside(self.regressors, self.columns, beside)[1]
         variance = max(float(np.diag(covariance)[self._place(k)].max()), 0.0)
         return math.sqrt(misfit(self.problem, self.square) * variance)

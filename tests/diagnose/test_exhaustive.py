@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from edge_service.diagnose.candidates.design_matrix import Dictionary, Sums
+from edge_service.diagnose.candidates.design_matrix import DesignMatrix, NormalEquations
 from edge_service.diagnose.selection.evidence import Noise, fit, fits
 from edge_service.diagnose.selection.exhaustive import MOST_EFFECTS, leading_sets
 from edge_service.diagnose.session.session import Session
@@ -17,7 +17,7 @@ NOISE = Noise({"torque_nm": 0.1}, {"torque_nm": 0.1}, {"torque_nm": 200.0}, {"to
 
 @dataclass(frozen=True)
 class Wave:
-    """An atom whose columns are given to the dictionary directly."""
+    """A regressor whose columns are given to the design matrix directly."""
 
     name: str
     size: int = 1
@@ -27,33 +27,33 @@ class Wave:
         raise AssertionError("the sums are known")
 
 
-def dictionary(seed: int) -> Dictionary:
+def design(seed: int) -> DesignMatrix:
     """Correlated columns of which three make the gap; the first one is tolerated."""
     random = np.random.default_rng(seed)
     common = random.normal(size=(ROWS, 3))
-    atoms = (Wave("level"), *(Wave(f"effect{k}", 1 + k % 2) for k in range(EFFECTS)))
-    sizes = [atom.size for atom in atoms]
+    regressors = (Wave("level"), *(Wave(f"effect{k}", 1 + k % 2) for k in range(EFFECTS)))
+    sizes = [regressor.size for regressor in regressors]
     columns = common @ random.normal(size=(3, sum(sizes))) + random.normal(size=(ROWS, sum(sizes)))
     first = np.concatenate(([0], np.cumsum(sizes)))
     gap = columns[:, [first[2], first[5], first[8]]] @ [0.5, -0.4, 0.3]
     gap += 0.1 * random.normal(size=ROWS)
     precision = np.full(sum(sizes), 1e-6)
     precision[0] = 100.0
-    return Dictionary(
-        atoms=atoms,
+    return DesignMatrix(
+        regressors=regressors,
         tolerated=1,
         mean=np.zeros(sum(sizes)),
         precision=precision,
         first=first,
         columns={"torque_nm": columns.astype(np.float32)},
-        sums={"torque_nm": Sums.of(columns.astype(np.float32), gap)},
-        alternatives=(1,) * len(atoms),
+        equations={"torque_nm": NormalEquations.of(columns.astype(np.float32), gap)},
+        alternatives=(1,) * len(regressors),
     )
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_no_set_of_three_is_better_than_the_first(seed: int) -> None:
-    known = dictionary(seed)
+    known = design(seed)
     chosen = range(1, EFFECTS + 1)
     every = [
         fit(known, each, NOISE)
@@ -67,22 +67,22 @@ def test_no_set_of_three_is_better_than_the_first(seed: int) -> None:
 
 
 def test_sets_fitted_at_once_are_those_fitted_alone() -> None:
-    known = dictionary(7)
+    known = design(7)
     sets = [(), (3,), (1, 4), (2,), (5, 8), (1, 2, 3)]
     for each, alone in zip(
         fits(known, sets, NOISE), (fit(known, s, NOISE) for s in sets), strict=True
     ):
-        assert each.atoms == alone.atoms
+        assert each.regressors == alone.regressors
         assert each.score == pytest.approx(alone.score)
         assert each.rms == pytest.approx(alone.rms)
 
 
 def test_a_fit_is_the_weighted_least_squares_of_its_columns() -> None:
-    known = dictionary(2)
+    known = design(2)
     chosen = fit(known, (2, 5, 8), NOISE)
-    index = known.indices(chosen.atoms)
+    index = known.indices(chosen.regressors)
     columns = known.columns["torque_nm"][:, index].astype(float)
-    gap_on_columns = known.sums["torque_nm"].cross[index]
+    gap_on_columns = known.equations["torque_nm"].cross[index]
     variance = chosen.rms["torque_nm"] ** 2 + NOISE.discrepancy["torque_nm"] ** 2
     weight = NOISE.effective["torque_nm"] / ROWS / variance
     normal = weight * columns.T @ columns + np.diag(known.precision[index])

@@ -4,13 +4,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ..candidates.design_matrix import Dictionary
+from ..candidates.design_matrix import DesignMatrix
 from ..candidates.null_shapes import UNKNOWN
 from ..session.healthy_prior import MATERIAL_TOLERANCES
 from ..session.session import TRANSMISSION_GAP
 from .evidence import Fit, Noise, fit
 from .exhaustive import leading_sets
-from .stepwise import pursue
+from .stepwise import select_stepwise
 
 LEAST_RISE_OF_GAP = 0.05
 """An effect that is less than this part of the whole gap is immaterial: others are no better known.
@@ -52,7 +52,7 @@ _LEADERS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class EffectSet:
     """A set of effects, and those of it that matter."""
 
     fit: Fit
@@ -60,7 +60,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Causes:
+class Posterior:
     """The posterior.
 
     Attributes:
@@ -70,39 +70,39 @@ class Causes:
         candidates: all sets considered, best first, with their probabilities.
     """
 
-    best: Candidate
+    best: EffectSet
     probability: Mapping[str, float]
     classes: Mapping[str, tuple[str, ...]]
-    candidates: Sequence[tuple[Candidate, float]]
+    candidates: Sequence[tuple[EffectSet, float]]
 
 
-def find_causes(
-    dictionary: Dictionary,
+def select_effects(
+    design: DesignMatrix,
     noise: Noise,
-    limits: Mapping[str, tuple[float, float]],
+    priors: Mapping[str, tuple[float, float]],
     known: Sequence[int] = (),
-) -> Causes:
+) -> Posterior:
     """Weigh sets of effects.
 
     Args:
-        limits: effect -> healthy mean and tolerance of its amount, for parameters.
-        known: atoms of a set that was best under another noise.
+        priors: effect -> healthy mean and tolerance of its amount, for parameters.
+        known: regressors of a set that was best under another noise.
     """
-    best = pursue(dictionary, noise, dictionary.candidates, known=known)
-    fits = [best, fit(dictionary, (), noise)]
-    for name in list(_by_weight(dictionary, best, noise))[:_LEADERS]:
-        fits.append(_pursue_names(dictionary, noise, {name}, banned=True))
-    fits += leading_sets(dictionary, noise, fits)
-    fits += [_pursue_names(dictionary, noise, {name}) for name in sorted(limits)]
-    fits.append(_pursue_names(dictionary, noise, limits))
-    fits = [_named_beyond(dictionary, each, noise, limits) for each in fits]
-    judged = [
-        Candidate(each, material_names(dictionary, each, noise, limits)) for each in _unique(fits)
+    best = select_stepwise(design, noise, design.candidates, known=known)
+    fits = [best, fit(design, (), noise)]
+    for name in list(_by_weight(design, best, noise))[:_LEADERS]:
+        fits.append(_selected_among(design, noise, {name}, banned=True))
+    fits += leading_sets(design, noise, fits)
+    fits += [_selected_among(design, noise, {name}) for name in sorted(priors)]
+    fits.append(_selected_among(design, noise, priors))
+    fits = [_named_beyond(design, each, noise, priors) for each in fits]
+    assessed = [
+        EffectSet(each, material_names(design, each, noise, priors)) for each in _unique(fits)
     ]
-    return _posterior(_simplest_first(judged, noise))
+    return _posterior(_simplest_first(assessed, noise))
 
 
-def without(causes: Causes, name: str) -> Causes | None:
+def without(causes: Posterior, name: str) -> Posterior | None:
     """The posterior over the sets that lack an effect; None where there is none with a cause."""
     others = [c for c, _ in causes.candidates if name not in c.material]
     others.sort(key=lambda each: -each.fit.score)
@@ -111,54 +111,54 @@ def without(causes: Causes, name: str) -> Causes | None:
     return _posterior([(each, each.fit.score) for each in others])
 
 
-def _pursue_names(
-    dictionary: Dictionary, noise: Noise, names: Iterable[str], *, banned: bool = False
+def _selected_among(
+    design: DesignMatrix, noise: Noise, names: Iterable[str], *, banned: bool = False
 ) -> Fit:
     wanted = set(names)
-    allowed = [a for a in dictionary.candidates if (dictionary.atoms[a].name in wanted) != banned]
-    return pursue(dictionary, noise, allowed)
+    allowed = [a for a in design.candidates if (design.regressors[a].name in wanted) != banned]
+    return select_stepwise(design, noise, allowed)
 
 
 def _named_beyond(
-    dictionary: Dictionary, whole: Fit, noise: Noise, limits: Mapping[str, tuple[float, float]]
+    design: DesignMatrix, whole: Fit, noise: Noise, priors: Mapping[str, tuple[float, float]]
 ) -> Fit:
     """The set with a lag that it needs beyond what a healthy drive may have: that is a cause.
 
     Its bounds are no calibration, which could be a little off.
     """
-    tolerated = {dictionary.atoms[k].name: k for k in range(dictionary.tolerated)}
+    tolerated = {design.regressors[k].name: k for k in range(design.tolerated)}
     lacking = []
-    for name in sorted((RANGES & limits.keys() & tolerated.keys()) - whole.names(dictionary)):
-        value = float(whole.coefficients[dictionary.first[tolerated[name]]])
-        free = [a for a in dictionary.candidates if dictionary.atoms[a].name == name]
-        if free and abs(value - limits[name][0]) > MATERIAL_TOLERANCES * limits[name][1]:
+    for name in sorted((RANGES & priors.keys() & tolerated.keys()) - whole.names(design)):
+        value = float(whole.coefficients[design.first[tolerated[name]]])
+        free = [a for a in design.candidates if design.regressors[a].name == name]
+        if free and abs(value - priors[name][0]) > MATERIAL_TOLERANCES * priors[name][1]:
             lacking.append(free[0])
-    return fit(dictionary, (*whole.atoms[dictionary.tolerated :], *lacking), noise)
+    return fit(design, (*whole.regressors[design.tolerated :], *lacking), noise)
 
 
 def _unique(fits: Sequence[Fit]) -> list[Fit]:
     best: dict[tuple[int, ...], Fit] = {}
     for each in fits:
-        best[tuple(sorted(each.atoms))] = each
+        best[tuple(sorted(each.regressors))] = each
     return list(best.values())
 
 
-def _by_weight(dictionary: Dictionary, whole: Fit, noise: Noise) -> list[str]:
+def _by_weight(design: DesignMatrix, whole: Fit, noise: Noise) -> list[str]:
     """Names of a fit, the one that it can spare least first."""
     loss = {
-        name: whole.score - _without(dictionary, whole, name, noise).score
-        for name in whole.names(dictionary)
+        name: whole.score - _without(design, whole, name, noise).score
+        for name in whole.names(design)
     }
     return sorted(loss, key=lambda name: -loss[name])
 
 
-def _without(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> Fit:
-    kept = [a for a in whole.atoms[dictionary.tolerated :] if dictionary.atoms[a].name != name]
-    return fit(dictionary, kept, noise)
+def _without(design: DesignMatrix, whole: Fit, name: str, noise: Noise) -> Fit:
+    kept = [a for a in whole.regressors[design.tolerated :] if design.regressors[a].name != name]
+    return fit(design, kept, noise)
 
 
 def material_names(
-    dictionary: Dictionary, whole: Fit, noise: Noise, limits: Mapping[str, tuple[float, float]]
+    design: DesignMatrix, whole: Fit, noise: Noise, priors: Mapping[str, tuple[float, float]]
 ) -> frozenset[str]:
     """Effects of a fit that matter: significant alone is not enough.
 
@@ -166,51 +166,51 @@ def material_names(
     they explain: the one that can be spared is taken out, and the others are looked at again.
     """
     while True:
-        names = whole.names(dictionary)
+        names = whole.names(design)
         material = frozenset(
-            name for name in names if _is_material(dictionary, whole, name, noise, limits)
+            name for name in names if _is_material(design, whole, name, noise, priors)
         )
-        if material == names or not _is_missed(dictionary, whole, material, noise):
+        if material == names or not _is_missed(design, whole, material, noise):
             return material
-        idle = [name for name in _by_weight(dictionary, whole, noise) if name not in material]
-        whole = _without(dictionary, whole, idle[-1], noise)
+        idle = [name for name in _by_weight(design, whole, noise) if name not in material]
+        whole = _without(design, whole, idle[-1], noise)
 
 
-def _is_missed(dictionary: Dictionary, whole: Fit, material: frozenset[str], noise: Noise) -> bool:
+def _is_missed(design: DesignMatrix, whole: Fit, material: frozenset[str], noise: Noise) -> bool:
     """Tell whether the material effects leave most of what all effects explain of a channel."""
-    chosen = whole.atoms[dictionary.tolerated :]
-    kept = [a for a in chosen if dictionary.atoms[a].name in material]
-    count = int(dictionary.first[dictionary.tolerated])
-    alone = fit(dictionary, kept, noise, whole.coefficients[:count])
+    chosen = whole.regressors[design.tolerated :]
+    kept = [a for a in chosen if design.regressors[a].name in material]
+    count = int(design.first[design.tolerated])
+    alone = fit(design, kept, noise, whole.coefficients[:count])
     return any(
         noise.matters(channel, alone.rms[channel])
         and alone.rms[channel] ** 2 - whole.rms[channel] ** 2
-        > MISSED * (sums.square / sums.rows - whole.rms[channel] ** 2)
-        for channel, sums in dictionary.sums.items()
+        > MISSED * (equations.square / equations.rows - whole.rms[channel] ** 2)
+        for channel, equations in design.equations.items()
     )
 
 
 def _is_material(
-    dictionary: Dictionary,
+    design: DesignMatrix,
     whole: Fit,
     name: str,
     noise: Noise,
-    limits: Mapping[str, tuple[float, float]],
+    priors: Mapping[str, tuple[float, float]],
 ) -> bool:
     """Tell whether an effect adds to a gap what nothing else that is named can replace."""
-    if name in limits and _excess(dictionary, whole, name, *limits[name]) <= MATERIAL_TOLERANCES:
+    if name in priors and _excess(design, whole, name, *priors[name]) <= MATERIAL_TOLERANCES:
         return False
-    rises = _rises(dictionary, whole, name, noise)
+    rises = _rises(design, whole, name, noise)
     alike = [
-        _rises(dictionary, whole, other, noise)
-        for other in STOPGAP_FOR.get(name, set()) & whole.names(dictionary)
+        _rises(design, whole, other, noise)
+        for other in STOPGAP_FOR.get(name, set()) & whole.names(design)
     ]
-    count = sum(dictionary.atoms[a].name == name for a in whole.atoms[dictionary.tolerated :])
-    for channel, sums in dictionary.sums.items():
-        elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in dictionary.sums
+    count = sum(design.regressors[a].name == name for a in whole.regressors[design.tolerated :])
+    for channel, equations in design.equations.items():
+        elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in design.equations
         if name in BETWEEN_ENCODERS and elsewhere:
             continue
-        before = math.sqrt(sums.square / sums.rows)
+        before = math.sqrt(equations.square / equations.rows)
         if not noise.matters(channel, before):
             continue
         overshadowed = any(other[channel] > rises[channel] for other in alike)
@@ -223,34 +223,34 @@ def _is_material(
     return False
 
 
-def _rises(dictionary: Dictionary, whole: Fit, name: str, noise: Noise) -> dict[str, float]:
+def _rises(design: DesignMatrix, whole: Fit, name: str, noise: Noise) -> dict[str, float]:
     """Contribution of an effect to each channel's gap, as a root mean square.
 
     What is tolerated stays as it is meanwhile: it must not stretch to hide a cause.
     """
-    kept = [a for a in whole.atoms[dictionary.tolerated :] if dictionary.atoms[a].name != name]
-    count = int(dictionary.first[dictionary.tolerated])
-    lesser = fit(dictionary, kept, noise, whole.coefficients[:count])
+    kept = [a for a in whole.regressors[design.tolerated :] if design.regressors[a].name != name]
+    count = int(design.first[design.tolerated])
+    lesser = fit(design, kept, noise, whole.coefficients[:count])
     return {
         channel: math.sqrt(max(lesser.rms[channel] ** 2 - whole.rms[channel] ** 2, 0.0))
-        for channel in dictionary.sums
+        for channel in design.equations
     }
 
 
-def _excess(dictionary: Dictionary, whole: Fit, name: str, healthy: float, sigma: float) -> float:
+def _excess(design: DesignMatrix, whole: Fit, name: str, healthy: float, sigma: float) -> float:
     """By how many tolerances a parameter is off, the tolerated part included."""
-    mine = [a for a in whole.atoms if dictionary.atoms[a].name == name]
-    return abs(float(whole.of_atoms(dictionary, mine).sum()) - healthy) / sigma
+    mine = [a for a in whole.regressors if design.regressors[a].name == name]
+    return abs(float(whole.of_regressors(design, mine).sum()) - healthy) / sigma
 
 
-def _simplest_first(judged: Sequence[Candidate], noise: Noise) -> list[tuple[Candidate, float]]:
+def _simplest_first(assessed: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
     """Candidates with their scores, the best first; a parameter that is off comes before an effect.
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
     that one, however well many observations tell them apart. So is, before the data, a part of the
     best set that leaves as little.
     """
-    scored = _parts_doubled(sorted(judged, key=lambda each: -each.fit.score), noise)
+    scored = _parts_doubled(sorted(assessed, key=lambda each: -each.fit.score), noise)
     ranked = [each for each, _ in scored]
     best = ranked[0]
     if best.material <= set(PARAMETERS):
@@ -271,7 +271,7 @@ def _simplest_first(judged: Sequence[Candidate], noise: Noise) -> list[tuple[Can
     return first + rest
 
 
-def _parts_doubled(ranked: Sequence[Candidate], noise: Noise) -> list[tuple[Candidate, float]]:
+def _parts_doubled(ranked: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
     """Candidates with their scores, the best first; a part of the best that leaves as little gains.
 
     What is tolerated can hold what the part lacks: nothing but its prior tells the two apart.
@@ -287,8 +287,8 @@ def _parts_doubled(ranked: Sequence[Candidate], noise: Noise) -> list[tuple[Cand
 
 
 def _with_wandering(
-    scored: Sequence[tuple[Candidate, float]], noise: Noise
-) -> list[tuple[Candidate, float]]:
+    scored: Sequence[tuple[EffectSet, float]], noise: Noise
+) -> list[tuple[EffectSet, float]]:
     """Candidates with their scores, parameters that leave nothing that matters raised.
 
     Friction of a healthy axis wanders: a level that is off, and drifts by less than anybody acts
@@ -306,14 +306,14 @@ def _with_wandering(
     return sorted(raised, key=lambda pair: -pair[1])
 
 
-def _leaves_as_little(one: Candidate, best: Candidate, noise: Noise) -> bool:
+def _leaves_as_little(one: EffectSet, best: EffectSet, noise: Noise) -> bool:
     return all(
         one.fit.rms[channel] ** 2 - rms**2 <= (_AS_LITTLE * noise.tolerance[channel]) ** 2
         for channel, rms in best.fit.rms.items()
     )
 
 
-def _posterior(scored: Sequence[tuple[Candidate, float]]) -> Causes:
+def _posterior(scored: Sequence[tuple[EffectSet, float]]) -> Posterior:
     ranked = [each for each, _ in scored]
     top = scored[0][1]
     weights = [math.exp(max(score - top, -700.0)) for _, score in scored]
@@ -325,10 +325,10 @@ def _posterior(scored: Sequence[tuple[Candidate, float]]) -> Causes:
     }
     best = ranked[0]
     classes = {name: (name, *sorted(_rivals(name, best, scored))) for name in sorted(best.material)}
-    return Causes(best, probability, classes, candidates)
+    return Posterior(best, probability, classes, candidates)
 
 
-def _rivals(name: str, best: Candidate, scored: Sequence[tuple[Candidate, float]]) -> set[str]:
+def _rivals(name: str, best: EffectSet, scored: Sequence[tuple[EffectSet, float]]) -> set[str]:
     """Effects that stand in for one in a set that is as good."""
     found: set[str] = set()
     for each, score in scored:

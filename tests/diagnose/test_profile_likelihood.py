@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edge_service.diagnose.candidates.regressor import entry_atom
+from edge_service.diagnose.candidates.regressor import entry_regressor
 from edge_service.diagnose.estimation.profile_likelihood import joined, slopes_of
 from edge_service.diagnose.estimation.refine import Problem
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
@@ -13,7 +13,7 @@ from edge_service.models.machine import Machine
 from .conftest import frame_of, recorded, session_of
 
 AMOUNT_NM, SPEED_RAD_S, EXPONENT = 0.2, 8.0, 1.5
-ATOM = entry_atom(
+REGRESSOR = entry_regressor(
     get_effect("stribeck"), "excess_nm", {"speed_rad_s": SPEED_RAD_S, "exponent": EXPONENT}
 )
 
@@ -27,7 +27,7 @@ def problem(machine: Machine) -> Problem:
 
 
 def test_slopes_are_the_derivatives_of_the_curve(problem: Problem) -> None:
-    found = slopes_of(problem, ATOM, np.array([AMOUNT_NM]))
+    found = slopes_of(problem, REGRESSOR, np.array([AMOUNT_NM]))
 
     def expected(factor):
         def curve(motion):
@@ -47,10 +47,10 @@ def test_slopes_are_the_derivatives_of_the_curve(problem: Problem) -> None:
 
 
 def test_an_amount_is_less_sure_where_its_shapes_are_not_known(problem: Problem) -> None:
-    columns = [problem.columns(ATOM)]
-    slopes = slopes_of(problem, ATOM, np.array([AMOUNT_NM]))
-    alone = problem.solve([ATOM], columns)[1][0, 0]
-    beside = problem.solve_beside([ATOM], columns, joined(problem, slopes))[1][0, 0]
+    columns = [problem.columns(REGRESSOR)]
+    slopes = slopes_of(problem, REGRESSOR, np.array([AMOUNT_NM]))
+    alone = problem.solve([REGRESSOR], columns)[1][0, 0]
+    beside = problem.solve_beside([REGRESSOR], columns, joined(problem, slopes))[1][0, 0]
     assert beside > 1.1 * alone
-    none = problem.solve_beside([ATOM], columns, joined(problem, {}))[1][0, 0]
+    none = problem.solve_beside([REGRESSOR], columns, joined(problem, {}))[1][0, 0]
     assert none == pytest.approx(alone)

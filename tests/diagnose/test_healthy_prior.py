@@ -12,9 +12,9 @@ from edge_service.diagnose.session.healthy_prior import (
     INTERPOLATION_M,
     MATERIAL_TOLERANCES,
     TOLERANCE_OF_FLOOR,
+    healthy_priors,
     parameter_tolerances,
     stated_tolerance,
-    tolerated,
 )
 
 from .conftest import recorded
@@ -87,7 +87,8 @@ def test_an_inertia_hardly_known_says_nothing_of_the_torque(machine_file: Path) 
 def test_a_torque_may_be_recorded_as_it_acts_or_as_it_is_commanded(machine_file: Path) -> None:
     for period_s in (1e-3, 2e-3, 8e-3):
         prior = {
-            each.atom.name: each for each in tolerated(load_machine(machine_file), period_s, 0.2)
+            each.regressor.name: each
+            for each in healthy_priors(load_machine(machine_file), period_s, 0.2)
         }["delay"]
         reach_s = MATERIAL_TOLERANCES * prior.sigma
         assert prior.mean - reach_s < 0.0
