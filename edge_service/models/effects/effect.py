@@ -2,14 +2,44 @@
 
 import difflib
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
+from .baseline import Baseline
 from .contribution import Contribution
+from .empirical import Covered, EmpiricalShape
 
 Values = Mapping[str, float]
 """Parameter name -> value, for every parameter of an effect."""
+ACCELERATION_HZ = 200.0
+"""Below this sampling rate accelerations come and go between two samples."""
+MATERIAL_TOLERANCES = 3.0
+"""A parameter that is off by more tolerances than this is a cause."""
+MOST_ORDER = 96
+"""Highest order of a harmonic: its periods per turn of the screw."""
+
+
+class Kind(StrEnum):
+    """Part of the axis, or of its surroundings, that an effect belongs to."""
+
+    FRICTION = "friction"
+    LOAD = "load"  # that the motor moves or holds
+    DRIVE = "drive"  # between the torque command and the torque
+    LOST_MOTION = "lost motion"  # ISO 230-1: play or spring, that give between motor and table
+    TRAVEL = "travel"  # ISO 3408-3: the screw carries the table too far, or not far enough
+    MEASUREMENT = "measurement"  # of an encoder
+    DISTURBANCE = "disturbance"  # a force on the table for a while, that nothing foretells
+
+
+class Term(StrEnum):
+    """Constant of the baseline model, in the order of its torque balance; gain and lag are last."""
+
+    INERTIA = "inertia"
+    VISCOUS = "viscous"
+    COULOMB = "coulomb"
+    GAIN = "gain"
+    LAG = "lag"
 
 
 class Role(StrEnum):
@@ -33,6 +63,8 @@ class Parameter:
         healthy, faulty: typical values; for a shape that a healthy axis shares, equal.
         whole: only whole numbers are allowed.
         amounts: those that a phase or a shape belongs to; empty where it is for all.
+        tried: values of a shape from which a search begins; empty: those that its unit suggests.
+        tried_of_travel: the same as shares of the travel that a recording covers.
     """
 
     name: str
@@ -45,6 +77,8 @@ class Parameter:
     role: Role = Role.AMOUNT
     whole: bool = False
     amounts: tuple[str, ...] = ()
+    tried: tuple[float, ...] = ()
+    tried_of_travel: tuple[float, ...] = ()
 
     def problem(self, value: float) -> str | None:
         """Problem with a value, or None."""
@@ -64,11 +98,21 @@ def phase(
     return Parameter(name, "rad", text, -7.0, 7.0, 0.0, 0.0, Role.PHASE, amounts=amounts)
 
 
-def order(faulty: float, amount: str = "") -> Parameter:
-    """The order of a harmonic: its periods per turn of the screw."""
-    text = "Periods per turn of the screw."
-    amounts = (amount,) if amount else ()
-    return Parameter("order", "1", text, 1, 96, faulty, faulty, Role.SHAPE, True, amounts)
+def order(faulty: float, amount: str = "", most: int = MOST_ORDER) -> Parameter:
+    """The order of a harmonic: its periods per turn of the screw; up to `most` are tried."""
+    return Parameter(
+        "order",
+        "1",
+        "Periods per turn of the screw.",
+        1,
+        MOST_ORDER,
+        faulty,
+        faulty,
+        Role.SHAPE,
+        whole=True,
+        amounts=(amount,) if amount else (),
+        tried=tuple(float(each) for each in range(1, most + 1)),
+    )
 
 
 def reference_temperature(*amounts: str) -> Parameter:
@@ -79,16 +123,52 @@ def reference_temperature(*amounts: str) -> Parameter:
     )
 
 
-def friction_share() -> Parameter:
+def friction_share(*tried: float) -> Parameter:
     """Parameter to locate dry friction, for what follows the load between motor and table."""
     text = "Dry friction of the table, over what the model puts there."
-    return Parameter("friction_share", "1", text, 0.0, 1.5, 1.0, 1.0, Role.SHAPE)
+    steps = tried or (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
+    return Parameter("friction_share", "1", text, 0.0, 1.5, 1.0, 1.0, Role.SHAPE, tried=steps)
 
 
-def viscous_share() -> Parameter:
+def viscous_share(*tried: float) -> Parameter:
     """Parameter to locate viscous friction, for what follows the load between motor and table."""
     text = "Viscous friction that acts on the table, over the whole in the model."
-    return Parameter("viscous_share", "1", text, 0.0, 1.5, 0.0, 0.0, Role.SHAPE)
+    steps = tried or (0.0, 0.4, 0.8, 1.2)
+    return Parameter("viscous_share", "1", text, 0.0, 1.5, 0.0, 0.0, Role.SHAPE, tried=steps)
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Part of an effect that even a healthy axis has.
+
+    Attributes:
+        prior: sampling period, s, and Coulomb level, N m -> mean and standard deviation of the
+            amount at `shape`; of the share of the whole effect where it has no amount.
+        shape: values of its shapes for the prior.
+        ranges: parameter -> lowest value, and spread above it, among healthy axes that are
+            simulated; a torque is over the Coulomb level.
+    """
+
+    prior: Callable[[float, float], tuple[float, float]] | None = None
+    shape: Values = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmation:
+    """A check of the plausibility of recordings that sees an effect by itself.
+
+    Attributes:
+        check: name of its finding.
+        resembled_by: kinds of the effects that a diagnosis may name in its place.
+    """
+
+    check: str
+    resembled_by: tuple[Kind, ...]
+
+
+def _no_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+    return iter(())
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +180,39 @@ class Effect:
         description: one sentence for a maintenance engineer.
         source: where the equation stands.
         contributions: complete values -> what the effect does.
+        term: constant of the baseline model that it is an error of.
+        is_thermal: it follows heat, where motion heats an axis in places of its own.
+        follows_own_torque: its signature holds the measured torque, and would explain that at any
+            strength but its own.
+        has_one_load: its shapes say what loads it: the difference of two loads could be any.
+        least_rate_hz: sampling rate below which it comes and goes between the samples.
+        imitates: effects that it resembles in what their few numbers leave of them. Beside a
+            greater one of these it is a cause only where it adds much, or leaves nothing.
+        most_shapes: times that it may be there, in shapes of its own: sums of many shapes of one
+            could be anything.
+        most_entries: the same in a machine file, where sums of many are no better known.
+        trace: part of it that a healthy axis has.
+        confirmation: check that sees it without any diagnosis.
+        empirical_shapes: forms that it takes on a real axis beyond those of its parameters.
     """
 
     name: str
     description: str
     source: str
+    kind: Kind
     parameters: tuple[Parameter, ...]
     contributions: Callable[[Values], tuple[Contribution, ...]]
+    term: Term | None = None
+    is_thermal: bool = False
+    follows_own_torque: bool = False
+    has_one_load: bool = False
+    least_rate_hz: float = 0.0
+    imitates: frozenset[str] = frozenset()
+    most_shapes: int = 4
+    most_entries: int = 4
+    trace: Trace | None = None
+    confirmation: Confirmation | None = None
+    empirical_shapes: Callable[[Covered, Baseline], Iterator[EmpiricalShape]] = _no_shapes
 
     def complete(self, given: Values) -> dict[str, float]:
         """Values of all parameters, checked: those given, typical ones for the rest.

@@ -1,23 +1,52 @@
-"""Finding effects by name: every module of `library` is an entry."""
+"""Finding effects by name: every module of `library` is an entry; other packages may add some."""
 
 import difflib
 import importlib
 import pkgutil
 from collections.abc import Mapping
 from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 
 from ..machine import Machine
 from . import library
-from .effect import ActiveEffect, Effect
+from .effect import ActiveEffect, Effect, Kind, Term
+
+ENTRY_POINT_GROUP = "edge_service.effects"
+"""Entry points of other packages, each of which names an `Effect`."""
 
 
 @cache
 def effects() -> Mapping[str, Effect]:
-    """All entries by name, in alphabetical order."""
+    """All entries by name, in alphabetical order: the library's, and those of other packages.
+
+    Raises:
+        ValueError: an entry of another package cannot be loaded, or bears the name of another.
+    """
+    found = {effect.name: effect for effect in _library()}
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        effect = _loaded(entry)
+        if effect.name in found:
+            raise ValueError(f"effect {effect.name}: {entry.value} bears the name of another one")
+        found[effect.name] = effect
+    return dict(sorted(found.items()))
+
+
+@cache
+def _library() -> tuple[Effect, ...]:
     names = [module.name for module in pkgutil.iter_modules(library.__path__)]
     modules = [importlib.import_module(f"{library.__name__}.{name}") for name in names]
     found: list[Effect] = [module.EFFECT for module in modules]
-    return {effect.name: effect for effect in sorted(found, key=lambda effect: effect.name)}
+    return tuple(sorted(found, key=lambda effect: effect.name))
+
+
+def _loaded(entry: EntryPoint) -> Effect:
+    try:
+        effect = entry.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"effect {entry.name}: {entry.value} cannot be loaded: {error}") from error
+    if not isinstance(effect, Effect):
+        raise ValueError(f"effect {entry.name}: {entry.value} is no Effect")
+    return effect
 
 
 def effect_names() -> tuple[str, ...]:
@@ -37,6 +66,16 @@ def get_effect(name: str) -> Effect:
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise ValueError(f"no effect {name!r}{hint}; there are {', '.join(effect_names())}")
     return effect
+
+
+def error_of(term: Term) -> str:
+    """Name of the effect that is an error of a constant of the baseline model."""
+    return next(effect.name for effect in _library() if effect.term is term)
+
+
+def disturbance() -> str:
+    """Name of the effect that is a force on the table which nothing foretells."""
+    return next(effect.name for effect in _library() if effect.kind is Kind.DISTURBANCE)
 
 
 def active_effect(name: str, given: Mapping[str, float]) -> ActiveEffect:

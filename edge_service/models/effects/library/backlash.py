@@ -5,22 +5,55 @@ simulated axis has none there, and its position loop hunts across the clearance 
 one would; two newtons end it.
 """
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from ....messages.samples import Floats
+from ..baseline import Baseline, Motion
 from ..contribution import Contribution, Play
-from ..effect import Effect, Parameter, Role, Values, friction_share, viscous_share
+from ..effect import Effect, Kind, Parameter, Role, Values, friction_share, viscous_share
+from ..empirical import TABLE_SHARES, Covered, EmpiricalShape, MotionCurve, late_friction
+from ..hysteresis import play
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     return (Play(values["width_m"], values["friction_share"], values["viscous_share"]),)
 
 
+def _empirical_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+    """Play that closes late, while the table's friction builds up."""
+    for share in TABLE_SHARES:
+        for width in np.geomspace(2e-6, 6e-5, 9).tolist():
+            yield EmpiricalShape("late", (late_friction(width, share),), (_flank(width),))
+
+
+def _flank(width_m: float) -> MotionCurve:
+    """Play whose flank is that of the load: a table that brakes leans on the other flank."""
+
+    def curve(motion: Motion, baseline: Baseline) -> Floats:
+        travel = baseline.ratio_m_per_rad * motion.angle_rad
+        load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        load = load + 0.5 * baseline.coulomb_nm * motion.approach
+        ahead = np.where(load * motion.approach < 0.0, motion.approach, 0.0).astype(np.int8)
+        return play(travel, width_m, ahead) - travel
+
+    return curve
+
+
 EFFECT = Effect(
     name="backlash",
     description="At a reversal the motor turns before the table moves: there is clearance.",
     source="play operator; flanks touch after positive motion, so x - R theta is 0 or the width",
+    kind=Kind.LOST_MOTION,
     parameters=(
         Parameter("width_m", "m", "Clearance.", 0.0, 2e-3, 0.0, 1e-5, Role.SHAPE),
-        friction_share(),
-        viscous_share(),
+        friction_share(0.1, 0.4, 0.8, 1.2),
+        viscous_share(0.0, 0.4, 1.0),
     ),
     contributions=_contributions,
+    imitates=frozenset({"compliance", "presliding"}),
+    most_shapes=3,
+    most_entries=1,
+    empirical_shapes=_empirical_shapes,
 )

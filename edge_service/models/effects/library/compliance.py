@@ -1,7 +1,19 @@
 """More give between motor and table than the model knows."""
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from ....messages.samples import Floats
+from ..baseline import Baseline, Motion
 from ..contribution import Change, Contribution, LateGrip, Quantity
-from ..effect import Effect, Parameter, Role, Values, friction_share, viscous_share
+from ..effect import Effect, Kind, Parameter, Role, Trace, Values, friction_share, viscous_share
+from ..empirical import TABLE_SHARES, Covered, EmpiricalShape, MotionCurve, late_friction
+
+_DRY_SHARES = (0.0, 1.0, 2.0, 2.8, 3.6, 4.8, 6.5)
+"""Share of the dry friction behind a spring over the share of the inertia behind it."""
+_VISCOUS_SHARES = (0.5, 1.0)
+"""Share of the viscous friction behind a spring over that of the dry friction."""
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -22,10 +34,54 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
     return found
 
 
+def _empirical_shapes(_covered: Covered, baseline: Baseline) -> Iterator[EmpiricalShape]:
+    """A spring that carries other shares of the load, and one that dry friction winds up late."""
+    for dry in _DRY_SHARES:
+        for viscous in _VISCOUS_SHARES if dry else _VISCOUS_SHARES[:1]:
+            yield EmpiricalShape("loads", transmission=_wound(dry, viscous * dry))
+    for share in TABLE_SHARES:
+        for compliance in np.geomspace(3e-9, 3e-7, 9).tolist():
+            reach = 2.0 * compliance * share * baseline.coulomb_nm
+            late = late_friction(reach / baseline.ratio_m_per_rad, share)
+            yield EmpiricalShape("late", (late,), (_yielding(compliance, share),))
+
+
+def _wound(dry: float, viscous: float) -> tuple[MotionCurve, MotionCurve]:
+    """Wind-up by a compliance that is even, and by one that grows with the position.
+
+    The spring carries a share of the inertia and so many times as great a share of the frictions:
+    no load is friction alone.
+    """
+
+    def load(motion: Motion, baseline: Baseline) -> Floats:
+        rubbed = dry * baseline.coulomb_nm * motion.approach
+        rubbed = rubbed + viscous * baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+        return -baseline.inertia_kg_m2 * motion.acceleration_rad_s2 - rubbed
+
+    return load, lambda motion, baseline: motion.position_m * load(motion, baseline)
+
+
+def _yielding(compliance_m_per_n: float, share: float) -> MotionCurve:
+    def curve(motion: Motion, baseline: Baseline) -> Floats:
+        load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        rubbed = baseline.coulomb_nm * motion.approach
+        rubbed = rubbed + baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+        load = load + share * rubbed
+        return -compliance_m_per_n * load / baseline.ratio_m_per_rad
+
+    return curve
+
+
+def _healthy_level(_period_s: float, _coulomb_nm: float) -> tuple[float, float]:
+    """Mean and standard deviation of what the spring gives more, m/N."""
+    return 0.0, 2e-10
+
+
 EFFECT = Effect(
     name="compliance",
     description="The drive train gives more under load: a loose coupling, bearing or nut.",
     source="seed (5.3.1), (5.3.9): x - R theta = -(c_0 + c_1 x) T_load / R",
+    kind=Kind.LOST_MOTION,
     parameters=(
         Parameter(
             "level_m_per_n",
@@ -51,7 +107,14 @@ EFFECT = Effect(
             0.0,
             0.0,
             Role.SHAPE,
+            tried=(5e-7, 3e-6),
         ),
     ),
     contributions=_contributions,
+    has_one_load=True,
+    imitates=frozenset({"presliding", "timestamp_skew"}),
+    most_shapes=2,
+    most_entries=2,
+    trace=Trace(_healthy_level, {"friction_share": 1.0, "viscous_share": 0.0}),
+    empirical_shapes=_empirical_shapes,
 )

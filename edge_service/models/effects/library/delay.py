@@ -1,17 +1,43 @@
 """A torque that comes late."""
 
 from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Values
+from ..effect import (
+    ACCELERATION_HZ,
+    MATERIAL_TOLERANCES,
+    Effect,
+    Kind,
+    Parameter,
+    Term,
+    Trace,
+    Values,
+)
+
+_CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
+"""Assumption: no current loop answers later, and no torque is stamped less exactly."""
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     return (Change(Quantity.TORQUE_LAG, values["lag_s"]),)
 
 
+def _healthy_lag(period_s: float, _coulomb_nm: float) -> tuple[float, float]:
+    """Mean and standard deviation of the lag, s.
+
+    A torque may be recorded as it acts, or as a command that is held for a period and acts half a
+    period late, behind a current loop of a few tenths of a millisecond.
+    """
+    latest_s = 0.5 * period_s + _CURRENT_LOOP_S
+    return 0.5 * latest_s, (0.5 * latest_s + _STAMPED_S) / MATERIAL_TOLERANCES
+
+
 EFFECT = Effect(
     name="delay",
     description="The torque follows its command late: a slow current loop, or a filter too strong.",
     source="first-order lag: command = torque + T d torque / dt",
+    kind=Kind.DRIVE,
     parameters=(Parameter("lag_s", "s", "Time constant.", 0.0, 0.02, 0.0, 2e-3),),
     contributions=_contributions,
+    term=Term.LAG,
+    least_rate_hz=ACCELERATION_HZ,
+    trace=Trace(_healthy_lag, ranges={"lag_s": (1e-4, 3e-4)}),
 )

@@ -1,7 +1,7 @@
 """Another Coulomb level than the model knows: what preload loss looks like."""
 
 from ..contribution import Contribution, DryFriction, Over, Side, constant
-from ..effect import Effect, Parameter, Values
+from ..effect import Effect, Kind, Parameter, Term, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -12,8 +12,10 @@ EFFECT = Effect(
     name="drag_error",
     description="The constant part of the friction has changed; preload loss lowers it.",
     source="seed (4.3.6), (5.3.14): torque s(v) dF_c, wind-up where the level acts on the table",
+    kind=Kind.FRICTION,
     parameters=(
         Parameter("change_nm", "N m", "Coulomb level at the motor, more.", -5.0, 5.0, 0.0, 0.06),
     ),
     contributions=_contributions,
+    term=Term.COULOMB,
 )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..contribution import Contribution, Curve, TableForce
-from ..effect import Effect, Parameter, Role, Values
+from ..effect import Effect, Kind, Parameter, Role, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -20,10 +20,12 @@ EFFECT = Effect(
     name="external_force",
     description="Something pushes the table for a while: a cut, a hose, a person.",
     source="seed, Figure 5.14 (disturbance force): torque -R F(t), x - R theta by F(t) / K",
+    kind=Kind.DISTURBANCE,
     parameters=(
         Parameter("force_n", "N", "Force, positive along the axis.", -1e5, 1e5, 0.0, 200.0),
         Parameter("start_s", "s", "When it begins.", 0.0, 1e7, 1.0, 1.0, Role.SHAPE),
         Parameter("duration_s", "s", "How long it lasts.", 1e-3, 1e7, 5.0, 5.0, Role.SHAPE),
     ),
     contributions=_contributions,
+    most_shapes=10,
 )

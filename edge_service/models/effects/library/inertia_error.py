@@ -1,7 +1,7 @@
 """Another mass on the table than the model knows."""
 
 from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Values
+from ..effect import Effect, Kind, Parameter, Term, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -12,6 +12,7 @@ EFFECT = Effect(
     name="inertia_error",
     description="The axis carries more or less mass than the model knows, such as a workpiece.",
     source="seed (4.3.2): dJ = dm (h_p / 2 pi)^2; torque dJ a, wind-up -R dJ a / K",
+    kind=Kind.LOAD,
     parameters=(
         Parameter(
             "change_kg_m2",
@@ -24,4 +25,5 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
+    term=Term.INERTIA,
 )

@@ -1,9 +1,16 @@
 """A screw whose lead is not what it should be."""
 
 import math
+from collections.abc import Iterator
 
+import numpy as np
+
+from ..baseline import Baseline
 from ..contribution import Contribution, Curve, Over, Place, Shift, harmonic
-from ..effect import Effect, Parameter, Role, Values, order, phase
+from ..effect import Effect, Kind, Parameter, Role, Values, order, phase
+from ..empirical import Covered, EmpiricalShape, MotionCurve
+
+_PROFILE_ORDERS = (2, 3, 4, 5, 6)
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -25,15 +32,26 @@ def _slow(values: Values) -> Curve:
     return harmonic(amplitude, 2.0 * math.pi / length, values["variation_phase_rad"])
 
 
+def _empirical_shapes(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+    """A profile along the travel."""
+    profile = tuple(_wave(covered.low_m, covered.span_m, order) for order in _PROFILE_ORDERS)
+    yield EmpiricalShape("profile", transmission=profile)
+
+
+def _wave(low_m: float, span_m: float, order: int) -> MotionCurve:
+    return lambda motion, _: np.cos(order * np.pi * (motion.position_m - low_m) / span_m)
+
+
 EFFECT = Effect(
     name="lead_error",
     description="The screw's lead is off: the table wobbles once per turn or drifts with travel.",
     source="ISO 3408-3 travel deviation: x = R theta + A sin(n theta + phi) + eps x, and its "
     "variation B sin(2 pi x / L + psi)",
+    kind=Kind.TRAVEL,
     parameters=(
         Parameter("amplitude_m", "m", "Wobble per turn.", -2e-4, 2e-4, 0.0, 4e-6),
         phase(amount="amplitude_m"),
-        order(1.0, amount="amplitude_m"),
+        order(1.0, amount="amplitude_m", most=6),
         Parameter("pitch_error", "m/m", "Travel too long, per travel.", -2e-3, 2e-3, 0.0, 3e-5),
         Parameter("variation_m", "m", "Variation over many turns.", -5e-4, 5e-4, 0.0, 0.0),
         phase("variation_phase_rad", "variation_m", "Where in the wavelength it begins."),
@@ -50,4 +68,7 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
+    imitates=frozenset({"thermal_growth"}),
+    most_shapes=6,
+    empirical_shapes=_empirical_shapes,
 )

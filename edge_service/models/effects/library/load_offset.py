@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..contribution import Contribution, Curve, DryFriction, Over, Side, SmoothTorque, constant
-from ..effect import Effect, Parameter, Values
+from ..effect import Effect, Kind, Parameter, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -21,6 +21,7 @@ EFFECT = Effect(
     name="load_offset",
     description="One direction needs more torque: the axis is tilted, or rubs harder one way.",
     source="tilt and gravity m g sin(angle) R, also at rest; (5.3.14) f_offset; EMPS' asymmetry",
+    kind=Kind.LOAD,
     parameters=(
         Parameter(
             "constant_nm",

@@ -1,17 +1,23 @@
 """Friction that gives way before it slides."""
 
 from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Role, Values
+from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Trace, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     return (Change(Quantity.PRESLIDING_REACH, values["reach_m"]),)
 
 
+def _healthy_share(_period_s: float, _coulomb_nm: float) -> tuple[float, float]:
+    """Mean and standard deviation of its share: sliding begins after a micrometre."""
+    return 0.5, 0.5
+
+
 EFFECT = Effect(
     name="presliding",
     description="At reversals friction builds up over some micrometres like a spring.",
     source="Dupont et al. (2002), elasto-plastic bristle: torque F_c (bristle - s(v))",
+    kind=Kind.FRICTION,
     parameters=(
         Parameter(
             "reach_m",
@@ -25,4 +31,9 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
+    least_rate_hz=ACCELERATION_HZ,
+    imitates=frozenset({"backlash", "compliance", "quadratic_friction", "stribeck"}),
+    most_shapes=1,
+    most_entries=1,
+    trace=Trace(_healthy_share, {"reach_m": 1e-6}, {"reach_m": (3e-7, 1.5e-6)}),
 )

@@ -1,9 +1,13 @@
 """Friction that grows with the square of the speed."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from ..baseline import Baseline
 from ..contribution import Contribution, Curve, Over, Side, SmoothTorque
-from ..effect import Effect, Parameter, Values
+from ..effect import Effect, Kind, Parameter, Values
+from ..empirical import Covered, EmpiricalShape, MotionCurve
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -15,10 +19,21 @@ def _quadratic(coefficient_nm_s2_per_rad2: float) -> Curve:
     return lambda speed_rad_s: coefficient_nm_s2_per_rad2 * speed_rad_s * np.abs(speed_rad_s)
 
 
+def _empirical_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+    """Other powers of the speed."""
+    for power in (1.4, 1.6, 1.8, 2.4, 3.0):
+        yield EmpiricalShape("power", (_churned(power),))
+
+
+def _churned(power: float) -> MotionCurve:
+    return lambda motion, _: motion.direction * np.power(np.abs(motion.speed_rad_s) / 100.0, power)
+
+
 EFFECT = Effect(
     name="quadratic_friction",
     description="Friction soars at high speed: too much lubricant is churned.",
     source="drag of a churned fluid at high Reynolds numbers: torque E v |v|",
+    kind=Kind.FRICTION,
     parameters=(
         Parameter(
             "coefficient_nm_s2_per_rad2",
@@ -31,4 +46,6 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
+    imitates=frozenset({"presliding", "stribeck"}),
+    empirical_shapes=_empirical_shapes,
 )

@@ -1,7 +1,7 @@
 """A drive that gives less than its greatest torque."""
 
 from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Role, Values
+from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -12,10 +12,13 @@ EFFECT = Effect(
     name="saturation",
     description="The drive cuts the torque off below its command: a current limit is too low.",
     source="command beyond the limit, (|tau| - L)+, does nothing",
+    kind=Kind.DRIVE,
     parameters=(
         Parameter(
             "limit_nm", "N m", "Greatest torque that arrives.", 1e-3, 1e4, 1e4, 2.0, Role.SHAPE
         ),
     ),
     contributions=_contributions,
+    follows_own_torque=True,
+    least_rate_hz=ACCELERATION_HZ,
 )

@@ -1,9 +1,16 @@
 """Dry friction that is higher at low speed."""
 
+from collections.abc import Iterator
+
+import numpy as np
+
 from ....messages.samples import Floats
 from ...screw.friction import stribeck_decay
+from ..baseline import Baseline, Motion
 from ..contribution import Contribution, DryFriction, Over, Side
-from ..effect import Effect, Parameter, Role, Values
+from ..effect import Effect, Kind, Parameter, Role, Trace, Values
+from ..empirical import Covered, EmpiricalShape, MotionCurve
+from ..hysteresis import bristle_share
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -15,10 +22,31 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
     return (DryFriction(Over.SPEED, excess, Side.MOTOR),)
 
 
+def _empirical_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+    """Breakaway that builds up over the first micrometre, as bristles let it."""
+    for speed_rad_s in np.geomspace(0.3, 30.0, 8).tolist():
+        yield EmpiricalShape("late", (_late_excess(speed_rad_s),))
+
+
+def _late_excess(speed_rad_s: float) -> MotionCurve:
+    def curve(motion: Motion, baseline: Baseline) -> Floats:
+        held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, 1e-6)
+        risen: Floats = held * np.exp(-np.abs(motion.speed_rad_s) / speed_rad_s)
+        return risen
+
+    return curve
+
+
+def _healthy_excess(_period_s: float, coulomb_nm: float) -> tuple[float, float]:
+    """Mean and standard deviation, N m: dry friction is a few percent higher at a creep."""
+    return 0.0, max(0.05 * coulomb_nm, 1e-9)
+
+
 EFFECT = Effect(
     name="stribeck",
     description="Friction rises at low speed and the axis breaks away hard: lubrication is thin.",
     source="Armstrong-Helouvry (1991), the exponential form of the seed's (5.3.13)",
+    kind=Kind.FRICTION,
     parameters=(
         Parameter("excess_nm", "N m", "Breakaway above Coulomb level.", -5.0, 5.0, 0.0, 0.2),
         Parameter(
@@ -34,4 +62,13 @@ EFFECT = Effect(
         Parameter("exponent", "1", "Steepness of the fall.", 0.5, 4.0, 2.0, 2.0, Role.SHAPE),
     ),
     contributions=_contributions,
+    imitates=frozenset({"presliding", "quadratic_friction"}),
+    most_shapes=2,
+    most_entries=1,
+    trace=Trace(
+        _healthy_excess,
+        {"speed_rad_s": 1.5, "exponent": 1.0},
+        {"excess_nm": (0.0, 0.06), "speed_rad_s": (1.0, 2.0)},
+    ),
+    empirical_shapes=_empirical_shapes,
 )

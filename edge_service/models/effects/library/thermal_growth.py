@@ -1,10 +1,16 @@
 """A screw that grows as it warms up; the sensor on the housing follows late."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from ....messages.samples import Floats
+from ..baseline import Baseline, Motion
 from ..contribution import Contribution, Curve, Over, Strain, lagged_warming
-from ..effect import Effect, Parameter, Role, Values, reference_temperature
+from ..effect import Effect, Kind, Parameter, Role, Values, reference_temperature
+from ..empirical import Covered, EmpiricalShape, MotionCurve, heat
 
+_HEAT_CELLS = 40
 EXPANSION_PER_K = 11.5e-6
 """Thermal expansion of screw steel."""
 
@@ -28,6 +34,48 @@ def _growth(rise_k: float, time_constant_s: float) -> Curve:
     return lambda time_s: -EXPANSION_PER_K * rise_k * np.expm1(-time_s / time_constant_s)
 
 
+def _empirical_shapes(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+    """Growth as motion heats the axis: as a whole, before the nut, or where the nut runs."""
+    for tau_s in covered.time_constants_s:
+        yield EmpiricalShape("heat", transmission=(_heated(tau_s),))
+        yield EmpiricalShape("end", transmission=(_pushed(tau_s),))
+        yield EmpiricalShape("local", transmission=(_heated_locally(tau_s),))
+
+
+def _heated(tau_s: float) -> MotionCurve:
+    return lambda motion, _: motion.position_m * heat(motion, tau_s)
+
+
+def _pushed(tau_s: float) -> MotionCurve:
+    """Growth of what lies between the fixed bearing and the nearest place of the nut."""
+    return lambda motion, _: heat(motion, tau_s)
+
+
+def _heated_locally(tau_s: float) -> MotionCurve:
+    """Growth of a screw that is heated where the nut runs, without conduction."""
+
+    def curve(motion: Motion, _baseline: Baseline) -> Floats:
+        from scipy.signal import lfilter  # 45 MB that a service without a diagnosis does without
+
+        low, high = float(motion.position_m.min()), float(motion.position_m.max())
+        width = max(high - low, 1e-6) / _HEAT_CELLS
+        step = max(round(0.05 / float(motion.time_s[1] - motion.time_s[0])), 1)
+        position, speed = motion.position_m[::step], np.abs(motion.speed_rad_s[::step])
+        cell = np.clip(((position - low) / width).astype(int), 0, _HEAT_CELLS - 1)
+        keep = float(np.exp(-step * float(motion.time_s[1] - motion.time_s[0]) / tau_s))
+        gained = np.zeros((len(cell), _HEAT_CELLS))
+        gained[np.arange(len(cell)), cell] = speed * (1.0 - keep)
+        warm = lfilter([1.0], [1.0, -keep], gained, axis=0)
+        below = np.cumsum(warm, axis=1) - 0.5 * warm
+        grown = below[np.arange(len(cell)), cell] * width
+        scale = max(float(np.abs(grown).max()), 1e-30)
+        reached: Floats = grown / scale * max(high, 1e-3)
+        spread: Floats = np.interp(motion.time_s, motion.time_s[::step], reached)
+        return spread
+
+    return curve
+
+
 EFFECT = Effect(
     name="thermal_growth",
     description="The screw grows while it warms up and carries the table away from its bearing.",
@@ -35,6 +83,7 @@ EFFECT = Effect(
         "x = R theta (1 + alpha dT (1 - exp(-t / tau))), alpha = 11.5e-6 per K; where a "
         "temperature is recorded, growth in proportion to it"
     ),
+    kind=Kind.TRAVEL,
     parameters=(
         Parameter("rise_k", "K", "Temperature rise of the screw at last.", -50.0, 100.0, 0.0, 10.0),
         Parameter(
@@ -60,4 +109,7 @@ EFFECT = Effect(
         reference_temperature("strain_per_k"),
     ),
     contributions=_contributions,
+    is_thermal=True,
+    most_entries=2,
+    empirical_shapes=_empirical_shapes,
 )

@@ -1,7 +1,7 @@
 """The motor gives another torque than it is told to."""
 
 from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Values
+from ..effect import Effect, Kind, Parameter, Term, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -12,6 +12,7 @@ EFFECT = Effect(
     name="torque_gain_error",
     description="The torque constant is off, as with warm or aged magnets: all torques are scaled.",
     source="command = (1 + eps) torque: eps times the whole torque model",
+    kind=Kind.DRIVE,
     parameters=(
         Parameter(
             "excess_share",
@@ -24,4 +25,5 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
+    term=Term.GAIN,
 )

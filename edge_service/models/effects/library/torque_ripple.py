@@ -1,7 +1,7 @@
 """A motor whose torque wavers with its angle."""
 
 from ..contribution import Contribution, Over, Side, SmoothTorque, harmonic
-from ..effect import Effect, Parameter, Values, order, phase
+from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Trace, Values, order, phase
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -13,10 +13,13 @@ EFFECT = Effect(
     name="torque_ripple",
     description="The motor's torque wavers within each turn: cogging, or a fault of its windings.",
     source="torque A sin(n theta + phi), whatever the direction",
+    kind=Kind.DRIVE,
     parameters=(
         Parameter("amplitude_nm", "N m", "Amplitude.", -5.0, 5.0, 0.0, 0.1),
         order(6.0),
         phase(),
     ),
     contributions=_contributions,
+    least_rate_hz=ACCELERATION_HZ,
+    trace=Trace(ranges={"amplitude_nm": (0.0, 0.01)}),
 )

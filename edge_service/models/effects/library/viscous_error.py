@@ -1,7 +1,7 @@
 """Another viscous friction than the model knows."""
 
 from ..contribution import Change, Contribution, Quantity
-from ..effect import Effect, Parameter, Values
+from ..effect import Effect, Kind, Parameter, Term, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -12,6 +12,7 @@ EFFECT = Effect(
     name="viscous_error",
     description="Friction grows faster with speed than the model knows, as with stiffer grease.",
     source="seed (5.3.15): torque dD v",
+    kind=Kind.FRICTION,
     parameters=(
         Parameter(
             "change_nm_s_per_rad",
@@ -24,4 +25,5 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
+    term=Term.VISCOUS,
 )

@@ -1,7 +1,10 @@
 """Friction that fades while the axis warms up; the sensor on the housing follows late."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from ..baseline import Baseline
 from ..contribution import (
     Contribution,
     Curve,
@@ -11,7 +14,8 @@ from ..contribution import (
     ViscousFriction,
     lagged_warming,
 )
-from ..effect import Effect, Parameter, Role, Values, reference_temperature
+from ..effect import Effect, Kind, Parameter, Role, Values, reference_temperature
+from ..empirical import Covered, EmpiricalShape, MotionCurve, heat
 
 WARM_RISE_K = 8.0
 """Assumption: what the housing warms up by while the friction falls; it is no measure of that."""
@@ -52,6 +56,21 @@ def _thinning(reference_c: float, span_k: float) -> Curve:
     return lambda temperature_c: np.expm1(-(temperature_c - reference_c) / span_k)
 
 
+def _empirical_shapes(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+    """Friction that fades as the axis' own motion heats it."""
+    for tau_s in covered.time_constants_s:
+        yield EmpiricalShape("heat", (_eased_dry(tau_s),))
+        yield EmpiricalShape("heat_viscous", (_eased_viscous(tau_s),))
+
+
+def _eased_dry(tau_s: float) -> MotionCurve:
+    return lambda motion, _: motion.direction * np.exp(-2.0 * heat(motion, tau_s))
+
+
+def _eased_viscous(tau_s: float) -> MotionCurve:
+    return lambda motion, _: motion.speed_rad_s * np.exp(-2.0 * heat(motion, tau_s))
+
+
 EFFECT = Effect(
     name="warmup",
     description="A cold axis rubs harder at first, and eases while its lubricant warms up.",
@@ -60,6 +79,7 @@ EFFECT = Effect(
         "viscous friction fades alike; a lubricant that is T warmer is thinner by exp(-T / T0) "
         "(Reynolds, 1886), and where a temperature is recorded it tells more than time does"
     ),
+    kind=Kind.FRICTION,
     parameters=(
         Parameter("excess_nm", "N m", "Coulomb level more when cold.", -5.0, 5.0, 0.0, 0.06),
         Parameter(
@@ -125,4 +145,7 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
+    is_thermal=True,
+    most_entries=2,
+    empirical_shapes=_empirical_shapes,
 )

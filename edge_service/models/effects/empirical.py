@@ -1,0 +1,68 @@
+"""Forms of an effect on a real axis beyond those of its few parameters, and curves they share.
+
+A real screw does not warm up by an exponential of time alone, and play closes late: without these
+forms what an entry cannot follow would be blamed on another effect.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from .baseline import Baseline, Motion
+from .hysteresis import bristle_share
+
+MotionCurve = Callable[[Motion, Baseline], Floats]
+"""A function of measured motion, (n,), at unit strength."""
+TABLE_SHARES = (0.4, 0.8)
+"""Shares of the dry friction that may act on the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class EmpiricalShape:
+    """Columns that an effect may add to a gap; one in each of both has one amount for the two.
+
+    Attributes:
+        form: name that tells it from what are no mere other shapes of it.
+        torque, transmission: curves in N m, and in m of x - R theta.
+    """
+
+    form: str
+    torque: tuple[MotionCurve, ...] = ()
+    transmission: tuple[MotionCurve, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Covered:
+    """Time and travel that a recording covers; the travel is never 0."""
+
+    duration_s: float
+    low_m: float
+    span_m: float
+
+    @property
+    def time_constants_s(self) -> tuple[float, ...]:
+        """Time constants of a warm-up that it may show."""
+        return tuple(share * self.duration_s for share in (0.1, 0.3, 1.0))
+
+
+def heat(motion: Motion, time_constant_s: float) -> Floats:
+    """First-order warmth of an axis that its own motion heats, 1 at the mean when warm, (n,)."""
+    from scipy.signal import lfilter  # 45 MB that a service without a diagnosis does without
+
+    speed = np.abs(motion.speed_rad_s)
+    period_s = float(motion.time_s[1] - motion.time_s[0])
+    keep = float(np.exp(-period_s / time_constant_s))
+    mean = max(float(speed.mean()), 1e-9)
+    return np.asarray(lfilter([(1.0 - keep) / mean], [1.0, -keep], speed))
+
+
+def late_friction(reach_m: float, share: float) -> MotionCurve:
+    """The table's friction comes late where the motor has to turn before the table moves."""
+
+    def curve(motion: Motion, baseline: Baseline) -> Floats:
+        held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, reach_m)
+        return share * baseline.coulomb_nm * (held - motion.direction)
+
+    return curve
