@@ -9,7 +9,7 @@ from ..models.effects.effect import Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
 from .candidates.design_matrix import DesignMatrix
-from .candidates.force_pulses import ForcePulse, pulses_of_session
+from .candidates.force_pulses import FORCE, ForcePulse, pulses_of_session
 from .candidates.null_shapes import null_shapes
 from .candidates.regressor import CandidateRegressor
 from .estimation.contributions import SelectedModel
@@ -22,7 +22,6 @@ from .session.healthy_prior import HealthyPrior, healthy_priors, parameter_prior
 from .session.noise_floor import Floor, noise_floor
 from .session.session import TORQUE_GAP, Session
 from .validation.caveats import torque_rms_nm
-from .validation.misattribution import FORCE
 from .validation.unexplained import unexplained_shares
 from .validation.verdict import conclude
 

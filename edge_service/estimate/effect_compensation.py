@@ -29,12 +29,11 @@ from ..models.effects.contribution import (
     ViscousFriction,
     Warming,
 )
-from ..models.effects.effect import ActiveEffect
+from ..models.effects.effect import ActiveEffect, Term
 from ..models.effects.registry import machine_effects
 from ..models.effects.signature import torque_signature, transmission_signature
 from ..models.machine import Machine
 
-DRAG = "drag_error"
 _POINTS = 17
 _APPROACH_M = 5e-3
 """Way of unbroken motion before a phase: longer than any play, and less than a gate lets pass."""
@@ -122,7 +121,7 @@ def _flank(one: ActiveEffect, motion: Motion, baseline: Baseline) -> float:
 
 def _steady(one: ActiveEffect) -> bool:
     """Tell whether means over a phase determine the effect's influence on them."""
-    return one.effect.name != DRAG and not any(map(_fleeting, one.contributions))
+    return one.effect.term is not Term.COULOMB and not any(map(_fleeting, one.contributions))
 
 
 def _fleeting(contribution: Contribution) -> bool:

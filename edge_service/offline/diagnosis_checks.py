@@ -10,13 +10,11 @@ from ..fingerprint.checks.check_result import Verdict as Check
 from ..fingerprint.checks.plausibility import check_plausibility
 from ..messages.channels import ANGLE, TABLE_POSITION
 from ..messages.samples import SampleFrame
+from ..models.effects.registry import effects, get_effect
 from ..models.machine import Machine
 
-_LAG, _SKEW = "encoder_lag", "timestamp_skew"
-_LIKE_A_LAG = frozenset({"compliance", "thermal_growth", "lead_error", "backlash"})
-"""Effects between the encoders that may be named for what a lag of one of them leaves."""
 _TRUST = 0.5
-"""Of the probability of such an effect, where a lag is found and not among the causes."""
+"""Of the probability of an effect, where one that it resembles is seen and not among the causes."""
 
 
 def doubts(machine: Machine, runs: Sequence[Run]) -> list[CheckResult]:
@@ -40,21 +38,29 @@ def doubts(machine: Machine, runs: Sequence[Run]) -> list[CheckResult]:
 
 
 def beside_doubts(found: Diagnosis, doubted: Sequence[CheckResult]) -> Diagnosis:
-    """The diagnosis that names a lag of an encoder with what it may pass for.
+    """The diagnosis that names what `doctor` sees by itself with what it may pass for.
 
-    Where `doctor` finds a lag and the causes lack it, effects between the encoders are no longer
-    sure, and are tied with it.
+    Where `doctor` sees an effect, such as a lag of an encoder, and the causes lack it, effects that
+    may be named in its place are no longer sure, and are tied with it.
     """
-    named = {each.name for each in found.effects}
-    if _SKEW in named or all(each.name != _LAG for each in doubted):
-        return found
-    effects = tuple(_tied(each) if each.name in _LIKE_A_LAG else each for each in found.effects)
-    if effects == found.effects:
+    named, seen = {each.name for each in found.effects}, {each.name for each in doubted}
+    lacking = [
+        (name, effect.confirmation.resembled_by)
+        for name, effect in effects().items()
+        if effect.confirmation and effect.confirmation.check in seen and name not in named
+    ]
+    named_effects = found.effects
+    for name, kinds in lacking:
+        named_effects = tuple(
+            _tied(each, name) if get_effect(each.name).kind in kinds else each
+            for each in named_effects
+        )
+    if named_effects == found.effects:
         return found
     verdict = Verdict.AMBIGUOUS if found.verdict is Verdict.EXPLAINED else found.verdict
-    ranked = sorted(effects, key=lambda each: (-each.probability, -each.shrink.estimate))
+    ranked = sorted(named_effects, key=lambda each: (-each.probability, -each.shrink.estimate))
     return replace(found, effects=tuple(ranked), verdict=verdict)
 
 
-def _tied(each: NamedEffect) -> NamedEffect:
-    return replace(each, probability=_TRUST * each.probability, tied=(*each.tied, _SKEW))
+def _tied(each: NamedEffect, name: str) -> NamedEffect:
+    return replace(each, probability=_TRUST * each.probability, tied=(*each.tied, name))

@@ -10,12 +10,12 @@ from edge_service.cli.entry import main
 from edge_service.config import load_machine
 from edge_service.diagnose.session.healthy_prior import (
     INTERPOLATION_M,
-    MATERIAL_TOLERANCES,
     TOLERANCE_OF_FLOOR,
     healthy_priors,
     parameter_tolerances,
     stated_tolerance,
 )
+from edge_service.models.effects.effect import MATERIAL_TOLERANCES
 
 from .conftest import recorded
 

@@ -22,9 +22,8 @@ _MOST_OF_GAP = 10.0
 columns that are nearly one must not stand against each other."""
 _LEAST_OF_FAMILY = 1e-8
 """Energy of a regressor over that of the strongest of its family, below which it is not there."""
-_STRICT = ("saturation",)
-"""Effects whose column holds the measured torque: at any strength but 1 it would explain itself."""
 _STRICT_SIGMA = 0.05
+"""Of the strength, about 1, of an effect whose column holds the measured torque."""
 
 
 Columns = npt.NDArray[np.float32]
@@ -93,6 +92,7 @@ class DesignMatrix:
             more: candidates behind those of the library.
         """
         names = {effect.name for effect in library}
+        strict = {effect.name for effect in library if effect.follows_own_torque}
         entries: list[CandidateRegressor] = [
             a for effect in library for a in regressors_of(effect, session)
         ]
@@ -111,7 +111,7 @@ class DesignMatrix:
         mean[: len(tolerated)] = [each.mean for each in tolerated]
         precision[: len(tolerated)] = [each.sigma**-2 for each in tolerated]
         for k, regressor in enumerate(regressors[len(tolerated) :], start=len(tolerated)):
-            if regressor.name in _STRICT:
+            if regressor.name in strict:
                 mean[first[k]], precision[first[k]] = 1.0, _STRICT_SIGMA**-2
         shapes = Counter((regressor.name, regressor.form) for regressor in entries)
         forms = Counter(regressor.name for regressor in more)

@@ -14,12 +14,6 @@ from .design_matrix import DesignMatrix
 from .force_pulses import ForcePulse
 from .regressor import EntryRegressor, entry_regressor
 
-MOST_ENTRIES = {
-    **{"stribeck": 1, "backlash": 1, "presliding": 1},
-    **{"compliance": 2, "thermal_growth": 2, "warmup": 2},
-}
-"""Entries of one effect that still say something: sums of many are no better known for it."""
-
 
 def problem_of(session: Session, design: DesignMatrix, best: Fit, noise: Noise) -> Problem:
     index = design.indices(range(design.tolerated))
@@ -51,7 +45,7 @@ def entries_of(
         if design.regressors[k].name in named and _as_entry(design.regressors[k]) is not None
     ]
     known = sorted(set(best.regressors) & set(allowed))
-    whole = select_stepwise(design, noise, allowed, problem.mean, MOST_ENTRIES, known)
+    whole = select_stepwise(design, noise, allowed, problem.mean, _most_entries, known)
     chosen: list[EntryRegressor] = []
     for k in whole.regressors[design.tolerated :]:
         entry = _as_entry(design.regressors[k])
@@ -99,8 +93,12 @@ def _as_entry(regressor: object) -> EntryRegressor | None:
             "start_s": max(regressor.start_s, 0.0),
             "duration_s": regressor.end_s - regressor.start_s,
         }
-        return entry_regressor(get_effect("external_force"), "force_n", shape)
+        return entry_regressor(get_effect(regressor.name), "force_n", shape)
     return None
+
+
+def _most_entries(name: str) -> int:
+    return get_effect(name).most_entries
 
 
 def _ordered(regressors: Sequence[EntryRegressor]) -> list[EntryRegressor]:

@@ -7,9 +7,12 @@ import numpy as np
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Baseline, Motion
+from ...models.effects.registry import disturbance
 from ..session.session import TORQUE_GAP, Session
 
 _DISTURBED_S = 0.2
+FORCE = disturbance()
+"""Nothing foretells it: what the motion foretells is no force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +23,7 @@ class ForcePulse:
     end_s: float
     against_motion: bool
 
-    name = "external_force"
+    name = FORCE
     size = 1
 
     @property

@@ -10,8 +10,9 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.effects.baseline import Motion
+from ...models.effects.empirical import MotionCurve
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from .empirical_shapes import Curve, EmpiricalShape
+from .empirical_shapes import EmpiricalShape
 
 UNKNOWN = "unknown"
 _WAVES = range(1, 5)
@@ -37,9 +38,9 @@ def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
             yield EmpiricalShape(UNKNOWN, "wave", TRANSMISSION_GAP, waves)
 
 
-def _plain(curve: Callable[[Motion], Floats]) -> Curve:
+def _plain(curve: Callable[[Motion], Floats]) -> MotionCurve:
     return lambda motion, _baseline: curve(motion)
 
 
-def _wave(order: int, phase_rad: float) -> Curve:
+def _wave(order: int, phase_rad: float) -> MotionCurve:
     return lambda motion, _baseline: np.sin(order * motion.angle_rad + phase_rad)

@@ -15,11 +15,8 @@ from ...models.effects.signature import torque_signature, transmission_signature
 from ..session.run import Run
 from ..session.session import TORQUE_GAP, Session
 
-_ORDERS = {"lead_error": 6, "encoder_eccentricity": 3, "once_per_rev_friction": 12}
-_MOST_ORDERS = 96
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
-_GRIPS_M = (5e-7, 3e-6)
 _LEAST_LEADS, _MOST_WAVES = 2.0, 40
 """Waves along the travel: half ones of it, a whole one, and so on; of a turn there are orders."""
 _SPANS_K = (8.0, 16.0, 40.0)
@@ -28,11 +25,6 @@ _LEAST_WARMING_K = 0.5
 """A housing that warms up by less says nothing of what follows its temperature."""
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
-_STEPS = {
-    "friction_share": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3),
-    "viscous_share": (0.0, 0.4, 0.8, 1.2),
-    "of_cold": (0.0, 0.25, 0.5, 0.75, 1.0),
-}
 
 
 class CandidateRegressor(Protocol):
@@ -146,7 +138,7 @@ def regressors_of(effect: Effect, session: Session) -> Iterator[EntryRegressor]:
     ranges = Ranges.of_session(session)
     for amount in amounts:
         mine = [p for p in _belonging(effect, amount) if p.role is Role.SHAPE]
-        grids = [[(p.name, value) for value in grid(effect, p, ranges)] for p in mine]
+        grids = [[(p.name, value) for value in grid(p, ranges)] for p in mine]
         for shape in itertools.product(*grids):
             yield entry_regressor(effect, amount, dict(shape))
 
@@ -206,9 +198,13 @@ def _strongest_nm(run: Run) -> float:
     return peak - _NOISE_SIGMAS * run.noise.get(TORQUE, 0.0)
 
 
-def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float]:
-    """Values of a shape worth trying, by its unit and by what the recording covers."""
+def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
+    """Values of a shape worth trying: stated, or by its unit and by what the recording covers."""
     match parameter.unit:
+        case _ if parameter.tried:
+            values = np.array(parameter.tried)
+        case _ if parameter.tried_of_travel:
+            values = ranges.span_m * np.array(parameter.tried_of_travel)
         case "rad/s":
             values = np.geomspace(0.3, max(0.25 * ranges.fastest_rad_s, 3.0), 8)
         case "s":
@@ -219,18 +215,10 @@ def grid(effect: Effect, parameter: Parameter, ranges: Ranges) -> Sequence[float
         case "K":
             values = np.array(_SPANS_K)
         case "m":
-            values = _lengths(effect, parameter, ranges)
+            values = _lengths(parameter, ranges)
         case "N m":
             low, high = ranges.often_nm, 0.99 * ranges.strongest_nm
             values = np.geomspace(low, high, 16) if 0.0 < low < high else np.empty(0)
-        case "1" if (effect.name, parameter.name) == ("backlash", "friction_share"):
-            values = np.array([0.1, 0.4, 0.8, 1.2])
-        case "1" if (effect.name, parameter.name) == ("backlash", "viscous_share"):
-            values = np.array([0.0, 0.4, 1.0])
-        case "1" if parameter.name in _STEPS:
-            values = np.array(_STEPS[parameter.name])
-        case "1" if parameter.whole:
-            values = np.arange(1.0, _ORDERS.get(effect.name, _MOST_ORDERS) + 1.0)
         case "1":
             values = np.array([1.0, 2.0])
         case _:
@@ -245,15 +233,11 @@ def _temperatures(ranges: Ranges) -> Floats:
     return np.linspace(ranges.coldest_c, ranges.warmest_c, 5)
 
 
-def _lengths(effect: Effect, parameter: Parameter, ranges: Ranges) -> Floats:
+def _lengths(parameter: Parameter, ranges: Ranges) -> Floats:
     """Lengths worth trying: along the travel, or of what gives and sticks."""
     if parameter.name == "wavelength_m":
         most = math.ceil(2.0 * ranges.span_m / (_LEAST_LEADS * ranges.lead_m))
         return 2.0 * ranges.span_m / np.arange(1.0, min(most, _MOST_WAVES) + 1.0)
     if parameter.name.startswith("centre"):
         return np.linspace(ranges.low_m, ranges.high_m, 25)
-    if effect.name == "compliance":
-        return np.array(_GRIPS_M)
-    if "position" in effect.name:
-        return ranges.span_m * np.array([0.06, 0.12, 0.25, 0.5])
     return np.geomspace(1e-6, 2e-4, 12)

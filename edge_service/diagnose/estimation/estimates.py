@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
-from ...models.effects.effect import Role
-from ...models.effects.registry import get_effect
+from ...models.effects.effect import Role, Term
+from ...models.effects.registry import error_of, get_effect
 from ..candidates.regressor import EntryRegressor
 from ..session.session import TORQUE_GAP
 from .profile_likelihood import Slopes, joined, misfit, profile_interval, slopes_of
 from .refine import Problem
 
 Z_90 = 1.645
-_GAIN = "torque_gain_error"
+_GAIN = error_of(Term.GAIN)
 
 
 @dataclass(frozen=True, slots=True)

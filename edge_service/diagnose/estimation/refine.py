@@ -7,7 +7,7 @@ import numpy as np
 from scipy import optimize
 
 from ...messages.samples import Booleans, Floats
-from ...models.effects.effect import Parameter, Role
+from ...models.effects.effect import Kind, Parameter, Role
 from ..candidates.regressor import EntryRegressor, entry_regressor
 from ..selection.evidence import inverted
 from ..session.session import Session
@@ -120,7 +120,7 @@ def refine(problem: Problem, regressors: Sequence[EntryRegressor]) -> list[Entry
 
 
 def _shapes(regressor: EntryRegressor) -> list[Parameter]:
-    if regressor.name == "external_force":
+    if regressor.effect.kind is Kind.DISTURBANCE:
         return []  # the search for it has its own, finer resolution
     moved = {name for name, _ in regressor.shape}
     return [
@@ -134,7 +134,7 @@ def _started(
     problem: Problem, regressor: EntryRegressor, regressors: Sequence[EntryRegressor]
 ) -> EntryRegressor:
     """An effect without an amount begins where its strength would be 1."""
-    if regressor.amount or regressor.name == "saturation":
+    if regressor.amount or regressor.effect.follows_own_torque:
         return regressor
     strength = regressor.effect.parameters[0].name
     free = replace(regressor, amount=strength)
@@ -167,7 +167,7 @@ def _moved(
         left = problem.solve(changed, [*columns[:k], mine, *columns[k + 1 :]])[2]
         return regressor, mine, left
 
-    factor = _FINE_REACH if regressors[k].name == "saturation" else _REACH
+    factor = _FINE_REACH if regressors[k].effect.follows_own_torque else _REACH
     reach = float(np.log(factor)) if is_scale else 1.0
     found = optimize.minimize_scalar(
         lambda x: trial(x)[2],

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..candidates.design_matrix import DesignMatrix
-from ..candidates.force_pulses import ForcePulse
+from ..candidates.force_pulses import FORCE, ForcePulse
 from ..session.session import Session
 from .evidence import Noise, fit
 from .posterior import EffectSet, Posterior, select_effects
@@ -42,13 +42,13 @@ def beside_force(
     nuisance_coefficients = beside.coefficients[: int(design.first[design.tolerated])]
     chosen = [*beside.regressors[design.tolerated :], *pulses]
     both = EffectSet(
-        fit(design, chosen, noise, nuisance_coefficients), calm.best.material | {"external_force"}
+        fit(design, chosen, noise, nuisance_coefficients), calm.best.material | {FORCE}
     )
     return (
         Posterior(
             both,
-            {**calm.probability, "external_force": causes.probability["external_force"]},
-            {**calm.classes, "external_force": causes.classes["external_force"]},
+            {**calm.probability, FORCE: causes.probability[FORCE]},
+            {**calm.classes, FORCE: causes.classes[FORCE]},
             calm.candidates,
         ),
         dict(beside.rms),

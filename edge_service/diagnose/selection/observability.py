@@ -2,24 +2,17 @@
 
 import numpy as np
 
-from ...models.effects.registry import effects
+from ...models.effects.registry import effects, get_effect
 from ..candidates.empirical_shapes import empirical_shapes
 from ..candidates.regressor import CandidateRegressor, regressors_of
-from ..session.run import SLOW_HZ
+from ..session.run import is_below
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-
-TOO_FAST = frozenset(
-    {
-        *("delay", "presliding", "saturation"),
-        *("torque_ripple", "once_per_rev_friction", "encoder_eccentricity"),
-    }
-)
-"""Effects that come and go between the samples of a slow recording."""
 
 
 def is_too_slow(name: str, session: Session) -> bool:
     """Tell whether the sampling is too slow to see an effect."""
-    return name in TOO_FAST and any(run.is_slow for run in session.runs)
+    least_hz = get_effect(name).least_rate_hz
+    return any(is_below(run.low_pass.period_s, least_hz) for run in session.runs)
 
 
 def unobservable(session: Session) -> dict[str, str]:
@@ -27,9 +20,11 @@ def unobservable(session: Session) -> dict[str, str]:
     free = {form.name for form in empirical_shapes(session)}
     rate_hz = 1.0 / max(run.low_pass.period_s for run in session.runs)
     found = {}
-    for name in effects():
+    for name, effect in effects().items():
         if is_too_slow(name, session):
-            found[name] = f"sampled too slowly: at {rate_hz:.3g} Hz, expected {SLOW_HZ:g} Hz"
+            found[name] = (
+                f"sampled too slowly: at {rate_hz:.3g} Hz, expected {effect.least_rate_hz:g} Hz"
+            )
         elif name not in free and not _shows(name, session):
             found[name] = _lacking(session)
     return found

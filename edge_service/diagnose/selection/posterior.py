@@ -4,9 +4,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from ...models.effects.effect import MATERIAL_TOLERANCES, Kind, Term
+from ...models.effects.registry import effects, effects_where, error_of
 from ..candidates.design_matrix import DesignMatrix
 from ..candidates.null_shapes import UNKNOWN
-from ..session.healthy_prior import MATERIAL_TOLERANCES
 from ..session.session import TRANSMISSION_GAP
 from .evidence import Fit, Noise, fit
 from .exhaustive import leading_sets
@@ -20,31 +21,14 @@ LEAST_RISE_BESIDE_ALIKE = 0.22
 COMPLETE = 0.3
 """Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
 entry of another one, which would be wrong in some way of its own."""
-BETWEEN_ENCODERS = frozenset({"backlash", "compliance"})
-"""Effects that give between motor and table show between their encoders, whatever else they do."""
-STOPGAP_FOR = {
-    "backlash": {"compliance", "presliding"},
-    "compliance": {"presliding", "timestamp_skew"},
-    "lead_error": {"thermal_growth"},
-    "presliding": {"backlash", "compliance", "stribeck", "quadratic_friction"},
-    "quadratic_friction": {"presliding", "stribeck"},
-    "stribeck": {"presliding", "quadratic_friction"},
-    "timestamp_skew": {"compliance"},
-}
-"""Effects that resemble what a few numbers leave of others. Widths of play add up to what a spring
-does; a spring stretches with the acceleration, as no play does. A screw that grows unevenly looks
-like one with another lead, which does not grow.
-"""
 MISSED = 0.5
 """Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
 TIED = 5.0
 """Scores closer than this leave a doubt worth naming."""
-PARAMETERS = ("drag_error", "viscous_error", "inertia_error", "delay", "torque_gain_error")
+PARAMETERS = tuple(map(error_of, (Term.COULOMB, Term.VISCOUS, Term.INERTIA, Term.LAG, Term.GAIN)))
 """Parameters of the model, those first that change most often on a machine."""
-RANGES = frozenset({"delay"})
+RANGES = frozenset({error_of(Term.LAG)})
 """Parameters of which a healthy axis may have anything within a range."""
-HEATED = frozenset({"thermal_growth", "warmup"})
-"""Effects that follow time or one sensor, where motion heats an axis in places of its own."""
 _SIMPLER = 2.0
 _AS_LITTLE = 1.0 / 3.0
 """Of the tolerance: by so much more a set may leave and still leave as little."""
@@ -201,14 +185,12 @@ def _is_material(
     if name in priors and _excess(design, whole, name, *priors[name]) <= MATERIAL_TOLERANCES:
         return False
     rises = _rises(design, whole, name, noise)
-    alike = [
-        _rises(design, whole, other, noise)
-        for other in STOPGAP_FOR.get(name, set()) & whole.names(design)
-    ]
+    between_encoders = effects_where(lambda effect: effect.kind is Kind.LOST_MOTION)
+    alike = [_rises(design, whole, other, noise) for other in _imitated(name) & whole.names(design)]
     count = sum(design.regressors[a].name == name for a in whole.regressors[design.tolerated :])
     for channel, equations in design.equations.items():
         elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in design.equations
-        if name in BETWEEN_ENCODERS and elsewhere:
+        if name in between_encoders and elsewhere:
             continue
         before = math.sqrt(equations.square / equations.rows)
         if not noise.matters(channel, before):
@@ -221,6 +203,11 @@ def _is_material(
         if rises[channel] >= max(noise.tolerance[channel], part * before):
             return True
     return False
+
+
+def _imitated(name: str) -> frozenset[str]:
+    effect = effects().get(name)
+    return frozenset() if effect is None else effect.imitates
 
 
 def _rises(design: DesignMatrix, whole: Fit, name: str, noise: Noise) -> dict[str, float]:
@@ -266,7 +253,7 @@ def _simplest_first(assessed: Sequence[EffectSet], noise: Noise) -> list[tuple[E
     level = scored[0][1] + math.log(_SIMPLER / max(len(simple), 1))
     first = [(each, level) for each in simple]
     rest = [(each, score) for each, score in scored if each not in simple]
-    if not simple and best.material & HEATED:
+    if not simple and best.material & effects_where(lambda effect: effect.is_thermal):
         rest = _with_wandering(rest, noise)
     return first + rest
 

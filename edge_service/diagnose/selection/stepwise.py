@@ -1,22 +1,24 @@
 """Sets of effects by forward selection and backward pruning."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 from ...messages.samples import Floats
+from ...models.effects.registry import effects
 from ..candidates.design_matrix import DesignMatrix
 from ..candidates.regressor import CandidateRegressor
 from .evidence import Fit, Noise, fit, fits, reductions
 
 REGRESSORS_PER_EFFECT = 4
 _MOST_LEADERS = 12
-MOST_OF = {
-    **{"external_force": 10, "lead_error": 6, "backlash": 3},
-    **{"compliance": 2, "stribeck": 2, "presliding": 1},
-}
-"""Of effects that are there more often, or less: sums of many shapes of one could be anything."""
 _LEAST_GAIN = 3.0
 _MOST_REGRESSORS = 14
+
+
+def most_shapes(name: str) -> int:
+    """Regressors of one effect that a set may hold; of what has no name, a few."""
+    effect = effects().get(name)
+    return REGRESSORS_PER_EFFECT if effect is None else effect.most_shapes
 
 
 def select_stepwise(
@@ -24,7 +26,7 @@ def select_stepwise(
     noise: Noise,
     candidates: Sequence[int],
     pinned: Floats | None = None,
-    most_of: Mapping[str, int] = MOST_OF,
+    most_of: Callable[[str], int] = most_shapes,
     known: Sequence[int] = (),
 ) -> Fit:
     """Set that grows by the best regressor and loses what has become idle, until none is worth it.
@@ -47,7 +49,7 @@ def _grown(
     noise: Noise,
     candidates: Sequence[int],
     pinned: Floats | None,
-    most_of: Mapping[str, int],
+    most_of: Callable[[str], int],
     best: Fit,
 ) -> Fit:
     while len(best.regressors) - design.tolerated < _MOST_REGRESSORS:
@@ -77,26 +79,26 @@ def _leaders(design: DesignMatrix, open_: Sequence[int], falls: Floats) -> list[
 
 
 def _open(
-    design: DesignMatrix, base: Fit, candidates: Sequence[int], most_of: Mapping[str, int]
+    design: DesignMatrix, base: Fit, candidates: Sequence[int], most_of: Callable[[str], int]
 ) -> list[int]:
     chosen = [design.regressors[a] for a in base.regressors[design.tolerated :]]
     used = Counter(regressor.name for regressor in chosen)
-    loaded = most_of is MOST_OF and any(_is_load(regressor) for regressor in chosen)
+    loaded = most_of is most_shapes and any(_is_load(regressor) for regressor in chosen)
     loads = {regressor.form for regressor in chosen if _is_load(regressor)}
     taken = set(base.regressors)
     return [
         a
         for a in candidates
         if a not in taken
-        and used[design.regressors[a].name]
-        < most_of.get(design.regressors[a].name, REGRESSORS_PER_EFFECT)
+        and used[design.regressors[a].name] < most_of(design.regressors[a].name)
         and not ((loaded or design.regressors[a].form in loads) and _is_load(design.regressors[a]))
     ]
 
 
 def _is_load(regressor: CandidateRegressor) -> bool:
     """Tell whether a regressor states what loads a spring: the difference of two could be any."""
-    return regressor.name == "compliance" and regressor.form != "late"
+    effect = effects().get(regressor.name)
+    return effect is not None and effect.has_one_load and regressor.form != "late"
 
 
 def _pruned(design: DesignMatrix, grown: Fit, noise: Noise, pinned: Floats | None) -> Fit:

@@ -9,10 +9,11 @@ import numpy.typing as npt
 from ...messages.samples import Booleans, Floats
 from ...models.compiled import compiled
 from ...models.effects.baseline import Motion
+from ...models.effects.effect import ACCELERATION_HZ
 from ...trace.conditioning import low_pass
 
 Integers = npt.NDArray[np.int64]
-SLOW_HZ = 200.0
+SLOW_HZ = ACCELERATION_HZ
 """Below this sampling rate accelerations come and go between two samples: what is compared is the
 motion that lasts, sample by sample, without a low-pass."""
 CUTOFF_HZ = 40.0
@@ -89,7 +90,12 @@ def _weighed(values: Floats, taps: Floats, middles: Integers) -> Floats:
 
 def is_slow(period_s: float) -> bool:
     """Tell whether a sampling period is too long to follow accelerations."""
-    return period_s * SLOW_HZ > 1.0 + 1e-6
+    return is_below(period_s, SLOW_HZ)
+
+
+def is_below(period_s: float, least_hz: float) -> bool:
+    """Tell whether a sampling period is too long for a rate."""
+    return period_s * least_hz > 1.0 + 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,14 +4,21 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 
 from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ...messages.samples import Floats, SampleFrame
 from ...models.effects.baseline import Baseline
-from ...models.effects.effect import ActiveEffect
-from ...models.effects.registry import active_effect, machine_effects
+from ...models.effects.effect import ActiveEffect, Role, Term
+from ...models.effects.registry import (
+    active_effect,
+    effects,
+    error_of,
+    get_effect,
+    machine_effects,
+)
 from ...models.machine import Machine
 from ...models.plant.encoders import Sensors
 from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
@@ -27,6 +34,8 @@ LONGEST_TWIN_S = 300.0
 _STIFFENING = 300.0
 _SETTLE_S = 0.5
 _PRELOAD_PERCENT = 7.0
+_PHASES = 2
+"""Drawn for the harmonics among the traces."""
 
 
 def rigid_baseline(machine: Machine) -> Baseline:
@@ -142,20 +151,23 @@ def _drawn(machine: Machine, random: np.random.Generator) -> Machine:
 
 
 def _traces(machine: Machine, random: np.random.Generator) -> list[ActiveEffect]:
-    """A little of what every real axis has."""
-    drag = parameter_tolerances(machine)["drag_error"] / 0.01
-    gain = parameter_tolerances(machine)["torque_gain_error"]
-    phase = random.uniform(-3.1, 3.1, 2)
-    share = random.uniform(0.0, 1.0, 5)
-    return [
-        active_effect("torque_gain_error", {"excess_share": 0.5 * gain * random.standard_normal()}),
-        active_effect("delay", {"lag_s": 1e-4 + 3e-4 * share[0]}),
-        active_effect("presliding", {"reach_m": 3e-7 + 1.5e-6 * share[1]}),
-        active_effect(
-            "stribeck", {"excess_nm": 0.06 * drag * share[2], "speed_rad_s": 1.0 + 2.0 * share[3]}
-        ),
-        active_effect(
-            "torque_ripple",
-            {"amplitude_nm": 0.01 * drag * share[4], "order": 6.0, "phase_rad": phase[0]},
-        ),
-    ]
+    """A little of what every real axis has; the scale of the torque within half its tolerance."""
+    tolerances, gain = parameter_tolerances(machine), error_of(Term.GAIN)
+    traced = [effect for effect in effects().values() if effect.trace.ranges]
+    phases = cycle(random.uniform(-3.1, 3.1, _PHASES))
+    shares = iter(random.uniform(0.0, 1.0, sum(len(each.trace.ranges) for each in traced)))
+    scales = {"N m": tolerances[error_of(Term.COULOMB)] / 0.01}
+    found = []
+    for effect in traced:
+        values = {}
+        for parameter in effect.parameters:
+            if parameter.name in effect.trace.ranges:
+                low, spread = effect.trace.ranges[parameter.name]
+                scale = scales.get(parameter.unit, 1.0)
+                values[parameter.name] = low * scale + spread * scale * next(shares)
+            elif parameter.role is Role.PHASE:
+                values[parameter.name] = next(phases)
+        found.append(active_effect(effect.name, values))
+    amount = get_effect(gain).parameters[0].name
+    excess = 0.5 * tolerances[gain] * random.standard_normal()
+    return [active_effect(gain, {amount: excess}), *found]

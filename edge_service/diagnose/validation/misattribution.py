@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
-from ..selection.posterior import HEATED
+from ...models.effects.registry import effects_where
+from ..candidates.force_pulses import FORCE
 from ..session.session import Session
 from .residual_structure import predicted_structure
 
@@ -20,8 +21,6 @@ further true cause is refused with a chance of 2 in 169 (split conformal predict
 2005). Of 38 effects that were not there, 32 left more.
 """
 _STEEP = 3.0
-FORCE = "external_force"
-"""Nothing foretells it: what the motion foretells is no force."""
 BY_CHANCE = 0.5
 """Of a force's energy: so much the motion may foretell, for a force also falls on some motion."""
 OWN = 1.0 / 3.0
@@ -91,7 +90,8 @@ def attributions(
         channel_of: effect -> the channel that it affects most.
         tolerance: root mean square by channel; structure up to it does not count.
     """
-    heated = {channel for effect, channel in channel_of.items() if effect in HEATED}
+    thermal = effects_where(lambda effect: effect.is_thermal)
+    heated = {channel for effect, channel in channel_of.items() if effect in thermal}
     residuals = {
         name: left_by_shapes[name] if name in heated else left[name]
         for name in set(channel_of.values())

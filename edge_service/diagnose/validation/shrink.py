@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Floats
+from ..candidates.force_pulses import FORCE
 from ..estimation.estimates import Estimates
 from ..session.session import Integers, Rows
 from .cross_validation import Fold, contribution, contribution_at_pace, held_out_contribution
-from .misattribution import FORCE
 
 LEVEL = 0.9
 PACES = (0.5, 2.0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.machine import Machine
+from ..candidates.force_pulses import FORCE
 from ..candidates.null_shapes import UNKNOWN
 from ..estimation.contributions import Contributions, SelectedModel, contributions_of
 from ..estimation.waterfall import waterfall
@@ -17,7 +18,7 @@ from ..selection.posterior import without
 from ..session.healthy_prior import parameter_tolerances
 from ..session.session import CHANNEL_UNITS, TORQUE_GAP
 from .caveats import caveats_of, is_blind, torque_rms_nm
-from .misattribution import FORCE, Attribution, attributions, is_misattributed
+from .misattribution import Attribution, attributions, is_misattributed
 from .replay import replay
 from .shrink import shrink_of
 from .unexplained import Doubt, doubts_of, is_stretched, unexplained_shares

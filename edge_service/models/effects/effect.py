@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from .baseline import Baseline
 from .contribution import Contribution
-from .empirical import Covered, EmpiricalShape
+from .empirical import Covered, EmpiricalForm
 
 Values = Mapping[str, float]
 """Parameter name -> value, for every parameter of an effect."""
@@ -154,6 +154,9 @@ class Trace:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
+NO_TRACE = Trace()
+
+
 @dataclass(frozen=True, slots=True)
 class Confirmation:
     """A check of the plausibility of recordings that sees an effect by itself.
@@ -167,7 +170,7 @@ class Confirmation:
     resembled_by: tuple[Kind, ...]
 
 
-def _no_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _no_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     return iter(())
 
 
@@ -193,7 +196,7 @@ class Effect:
         most_entries: the same in a machine file, where sums of many are no better known.
         trace: part of it that a healthy axis has.
         confirmation: check that sees it without any diagnosis.
-        empirical_shapes: forms that it takes on a real axis beyond those of its parameters.
+        empirical_forms: forms that it takes on a real axis beyond those of its parameters.
     """
 
     name: str
@@ -210,9 +213,9 @@ class Effect:
     imitates: frozenset[str] = frozenset()
     most_shapes: int = 4
     most_entries: int = 4
-    trace: Trace | None = None
+    trace: Trace = NO_TRACE
     confirmation: Confirmation | None = None
-    empirical_shapes: Callable[[Covered, Baseline], Iterator[EmpiricalShape]] = _no_shapes
+    empirical_forms: Callable[[Covered, Baseline], Iterator[EmpiricalForm]] = _no_forms
 
     def complete(self, given: Values) -> dict[str, float]:
         """Values of all parameters, checked: those given, typical ones for the rest.

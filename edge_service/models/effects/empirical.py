@@ -20,15 +20,15 @@ TABLE_SHARES = (0.4, 0.8)
 
 
 @dataclass(frozen=True, slots=True)
-class EmpiricalShape:
+class EmpiricalForm:
     """Columns that an effect may add to a gap; one in each of both has one amount for the two.
 
     Attributes:
-        form: name that tells it from what are no mere other shapes of it.
+        name: what tells it from what are no mere other shapes of it.
         torque, transmission: curves in N m, and in m of x - R theta.
     """
 
-    form: str
+    name: str
     torque: tuple[MotionCurve, ...] = ()
     transmission: tuple[MotionCurve, ...] = ()
 
@@ -58,7 +58,7 @@ def heat(motion: Motion, time_constant_s: float) -> Floats:
     return np.asarray(lfilter([(1.0 - keep) / mean], [1.0, -keep], speed))
 
 
-def late_friction(reach_m: float, share: float) -> MotionCurve:
+def delayed_friction(reach_m: float, share: float) -> MotionCurve:
     """The table's friction comes late where the motor has to turn before the table moves."""
 
     def curve(motion: Motion, baseline: Baseline) -> Floats:

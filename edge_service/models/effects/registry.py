@@ -3,7 +3,7 @@
 import difflib
 import importlib
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
@@ -66,6 +66,11 @@ def get_effect(name: str) -> Effect:
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise ValueError(f"no effect {name!r}{hint}; there are {', '.join(effect_names())}")
     return effect
+
+
+def effects_where(holds: Callable[[Effect], bool]) -> frozenset[str]:
+    """Names of the effects of which something holds."""
+    return frozenset(name for name, effect in effects().items() if holds(effect))
 
 
 def error_of(term: Term) -> str:

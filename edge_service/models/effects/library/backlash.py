@@ -13,7 +13,7 @@ from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
 from ..contribution import Contribution, Play
 from ..effect import Effect, Kind, Parameter, Role, Values, friction_share, viscous_share
-from ..empirical import TABLE_SHARES, Covered, EmpiricalShape, MotionCurve, late_friction
+from ..empirical import TABLE_SHARES, Covered, EmpiricalForm, MotionCurve, delayed_friction
 from ..hysteresis import play
 
 
@@ -21,14 +21,16 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
     return (Play(values["width_m"], values["friction_share"], values["viscous_share"]),)
 
 
-def _empirical_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     """Play that closes late, while the table's friction builds up."""
     for share in TABLE_SHARES:
         for width in np.geomspace(2e-6, 6e-5, 9).tolist():
-            yield EmpiricalShape("late", (late_friction(width, share),), (_flank(width),))
+            yield EmpiricalForm(
+                "late", (delayed_friction(width, share),), (_load_side_play(width),)
+            )
 
 
-def _flank(width_m: float) -> MotionCurve:
+def _load_side_play(width_m: float) -> MotionCurve:
     """Play whose flank is that of the load: a table that brakes leans on the other flank."""
 
     def curve(motion: Motion, baseline: Baseline) -> Floats:
@@ -52,8 +54,8 @@ EFFECT = Effect(
         viscous_share(0.0, 0.4, 1.0),
     ),
     contributions=_contributions,
-    imitates=frozenset({"compliance", "presliding"}),
+    imitates=frozenset({"compliance", "presliding"}),  # widths add up to what a spring does
     most_shapes=3,
     most_entries=1,
-    empirical_shapes=_empirical_shapes,
+    empirical_forms=_empirical_forms,
 )

@@ -8,12 +8,12 @@ from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
 from ..contribution import Change, Contribution, LateGrip, Quantity
 from ..effect import Effect, Kind, Parameter, Role, Trace, Values, friction_share, viscous_share
-from ..empirical import TABLE_SHARES, Covered, EmpiricalShape, MotionCurve, late_friction
+from ..empirical import TABLE_SHARES, Covered, EmpiricalForm, MotionCurve, delayed_friction
 
-_DRY_SHARES = (0.0, 1.0, 2.0, 2.8, 3.6, 4.8, 6.5)
-"""Share of the dry friction behind a spring over the share of the inertia behind it."""
+_COULOMB_SHARES = (0.0, 1.0, 2.0, 2.8, 3.6, 4.8, 6.5)
+"""Share of the Coulomb friction behind a spring over the share of the inertia behind it."""
 _VISCOUS_SHARES = (0.5, 1.0)
-"""Share of the viscous friction behind a spring over that of the dry friction."""
+"""Share of the viscous friction behind a spring over that of the Coulomb friction."""
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -34,19 +34,19 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
     return found
 
 
-def _empirical_shapes(_covered: Covered, baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _empirical_forms(_covered: Covered, baseline: Baseline) -> Iterator[EmpiricalForm]:
     """A spring that carries other shares of the load, and one that dry friction winds up late."""
-    for dry in _DRY_SHARES:
-        for viscous in _VISCOUS_SHARES if dry else _VISCOUS_SHARES[:1]:
-            yield EmpiricalShape("loads", transmission=_wound(dry, viscous * dry))
+    for coulomb in _COULOMB_SHARES:
+        for viscous in _VISCOUS_SHARES if coulomb else _VISCOUS_SHARES[:1]:
+            yield EmpiricalForm("loads", transmission=_windup_by_loads(coulomb, viscous * coulomb))
     for share in TABLE_SHARES:
         for compliance in np.geomspace(3e-9, 3e-7, 9).tolist():
             reach = 2.0 * compliance * share * baseline.coulomb_nm
-            late = late_friction(reach / baseline.ratio_m_per_rad, share)
-            yield EmpiricalShape("late", (late,), (_yielding(compliance, share),))
+            late = delayed_friction(reach / baseline.ratio_m_per_rad, share)
+            yield EmpiricalForm("late", (late,), (_load_windup(compliance, share),))
 
 
-def _wound(dry: float, viscous: float) -> tuple[MotionCurve, MotionCurve]:
+def _windup_by_loads(coulomb: float, viscous: float) -> tuple[MotionCurve, MotionCurve]:
     """Wind-up by a compliance that is even, and by one that grows with the position.
 
     The spring carries a share of the inertia and so many times as great a share of the frictions:
@@ -54,14 +54,14 @@ def _wound(dry: float, viscous: float) -> tuple[MotionCurve, MotionCurve]:
     """
 
     def load(motion: Motion, baseline: Baseline) -> Floats:
-        rubbed = dry * baseline.coulomb_nm * motion.approach
+        rubbed = coulomb * baseline.coulomb_nm * motion.approach
         rubbed = rubbed + viscous * baseline.viscous_nm_s_per_rad * motion.speed_rad_s
         return -baseline.inertia_kg_m2 * motion.acceleration_rad_s2 - rubbed
 
     return load, lambda motion, baseline: motion.position_m * load(motion, baseline)
 
 
-def _yielding(compliance_m_per_n: float, share: float) -> MotionCurve:
+def _load_windup(compliance_m_per_n: float, share: float) -> MotionCurve:
     def curve(motion: Motion, baseline: Baseline) -> Floats:
         load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
         rubbed = baseline.coulomb_nm * motion.approach
@@ -116,5 +116,5 @@ EFFECT = Effect(
     most_shapes=2,
     most_entries=2,
     trace=Trace(_healthy_level, {"friction_share": 1.0, "viscous_share": 0.0}),
-    empirical_shapes=_empirical_shapes,
+    empirical_forms=_empirical_forms,
 )

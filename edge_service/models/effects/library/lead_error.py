@@ -8,7 +8,7 @@ import numpy as np
 from ..baseline import Baseline
 from ..contribution import Contribution, Curve, Over, Place, Shift, harmonic
 from ..effect import Effect, Kind, Parameter, Role, Values, order, phase
-from ..empirical import Covered, EmpiricalShape, MotionCurve
+from ..empirical import Covered, EmpiricalForm, MotionCurve
 
 _PROFILE_ORDERS = (2, 3, 4, 5, 6)
 
@@ -32,13 +32,13 @@ def _slow(values: Values) -> Curve:
     return harmonic(amplitude, 2.0 * math.pi / length, values["variation_phase_rad"])
 
 
-def _empirical_shapes(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     """A profile along the travel."""
-    profile = tuple(_wave(covered.low_m, covered.span_m, order) for order in _PROFILE_ORDERS)
-    yield EmpiricalShape("profile", transmission=profile)
+    profile = tuple(_travel_wave(covered.low_m, covered.span_m, order) for order in _PROFILE_ORDERS)
+    yield EmpiricalForm("profile", transmission=profile)
 
 
-def _wave(low_m: float, span_m: float, order: int) -> MotionCurve:
+def _travel_wave(low_m: float, span_m: float, order: int) -> MotionCurve:
     return lambda motion, _: np.cos(order * np.pi * (motion.position_m - low_m) / span_m)
 
 
@@ -68,7 +68,7 @@ EFFECT = Effect(
         ),
     ),
     contributions=_contributions,
-    imitates=frozenset({"thermal_growth"}),
+    imitates=frozenset({"thermal_growth"}),  # a screw that grows unevenly has another lead
     most_shapes=6,
-    empirical_shapes=_empirical_shapes,
+    empirical_forms=_empirical_forms,
 )

@@ -7,7 +7,7 @@ import numpy as np
 from ..baseline import Baseline
 from ..contribution import Contribution, Curve, Over, Side, SmoothTorque
 from ..effect import Effect, Kind, Parameter, Values
-from ..empirical import Covered, EmpiricalShape, MotionCurve
+from ..empirical import Covered, EmpiricalForm, MotionCurve
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -19,13 +19,13 @@ def _quadratic(coefficient_nm_s2_per_rad2: float) -> Curve:
     return lambda speed_rad_s: coefficient_nm_s2_per_rad2 * speed_rad_s * np.abs(speed_rad_s)
 
 
-def _empirical_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     """Other powers of the speed."""
     for power in (1.4, 1.6, 1.8, 2.4, 3.0):
-        yield EmpiricalShape("power", (_churned(power),))
+        yield EmpiricalForm("power", (_power_law(power),))
 
 
-def _churned(power: float) -> MotionCurve:
+def _power_law(power: float) -> MotionCurve:
     return lambda motion, _: motion.direction * np.power(np.abs(motion.speed_rad_s) / 100.0, power)
 
 
@@ -47,5 +47,5 @@ EFFECT = Effect(
     ),
     contributions=_contributions,
     imitates=frozenset({"presliding", "stribeck"}),
-    empirical_shapes=_empirical_shapes,
+    empirical_forms=_empirical_forms,
 )

@@ -9,7 +9,7 @@ from ...screw.friction import stribeck_decay
 from ..baseline import Baseline, Motion
 from ..contribution import Contribution, DryFriction, Over, Side
 from ..effect import Effect, Kind, Parameter, Role, Trace, Values
-from ..empirical import Covered, EmpiricalShape, MotionCurve
+from ..empirical import Covered, EmpiricalForm, MotionCurve
 from ..hysteresis import bristle_share
 
 
@@ -22,13 +22,13 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
     return (DryFriction(Over.SPEED, excess, Side.MOTOR),)
 
 
-def _empirical_shapes(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     """Breakaway that builds up over the first micrometre, as bristles let it."""
     for speed_rad_s in np.geomspace(0.3, 30.0, 8).tolist():
-        yield EmpiricalShape("late", (_late_excess(speed_rad_s),))
+        yield EmpiricalForm("late", (_presliding_excess(speed_rad_s),))
 
 
-def _late_excess(speed_rad_s: float) -> MotionCurve:
+def _presliding_excess(speed_rad_s: float) -> MotionCurve:
     def curve(motion: Motion, baseline: Baseline) -> Floats:
         held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, 1e-6)
         risen: Floats = held * np.exp(-np.abs(motion.speed_rad_s) / speed_rad_s)
@@ -70,5 +70,5 @@ EFFECT = Effect(
         {"speed_rad_s": 1.5, "exponent": 1.0},
         {"excess_nm": (0.0, 0.06), "speed_rad_s": (1.0, 2.0)},
     ),
-    empirical_shapes=_empirical_shapes,
+    empirical_forms=_empirical_forms,
 )

@@ -8,7 +8,7 @@ from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
 from ..contribution import Contribution, Curve, Over, Strain, lagged_warming
 from ..effect import Effect, Kind, Parameter, Role, Values, reference_temperature
-from ..empirical import Covered, EmpiricalShape, MotionCurve, heat
+from ..empirical import Covered, EmpiricalForm, MotionCurve, heat
 
 _HEAT_CELLS = 40
 EXPANSION_PER_K = 11.5e-6
@@ -34,24 +34,24 @@ def _growth(rise_k: float, time_constant_s: float) -> Curve:
     return lambda time_s: -EXPANSION_PER_K * rise_k * np.expm1(-time_s / time_constant_s)
 
 
-def _empirical_shapes(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     """Growth as motion heats the axis: as a whole, before the nut, or where the nut runs."""
     for tau_s in covered.time_constants_s:
-        yield EmpiricalShape("heat", transmission=(_heated(tau_s),))
-        yield EmpiricalShape("end", transmission=(_pushed(tau_s),))
-        yield EmpiricalShape("local", transmission=(_heated_locally(tau_s),))
+        yield EmpiricalForm("heat", transmission=(_growth_by_motion(tau_s),))
+        yield EmpiricalForm("end", transmission=(_bearing_growth(tau_s),))
+        yield EmpiricalForm("local", transmission=(_local_growth(tau_s),))
 
 
-def _heated(tau_s: float) -> MotionCurve:
+def _growth_by_motion(tau_s: float) -> MotionCurve:
     return lambda motion, _: motion.position_m * heat(motion, tau_s)
 
 
-def _pushed(tau_s: float) -> MotionCurve:
+def _bearing_growth(tau_s: float) -> MotionCurve:
     """Growth of what lies between the fixed bearing and the nearest place of the nut."""
     return lambda motion, _: heat(motion, tau_s)
 
 
-def _heated_locally(tau_s: float) -> MotionCurve:
+def _local_growth(tau_s: float) -> MotionCurve:
     """Growth of a screw that is heated where the nut runs, without conduction."""
 
     def curve(motion: Motion, _baseline: Baseline) -> Floats:
@@ -111,5 +111,5 @@ EFFECT = Effect(
     contributions=_contributions,
     is_thermal=True,
     most_entries=2,
-    empirical_shapes=_empirical_shapes,
+    empirical_forms=_empirical_forms,
 )

@@ -15,7 +15,7 @@ from ..contribution import (
     lagged_warming,
 )
 from ..effect import Effect, Kind, Parameter, Role, Values, reference_temperature
-from ..empirical import Covered, EmpiricalShape, MotionCurve, heat
+from ..empirical import Covered, EmpiricalForm, MotionCurve, heat
 
 WARM_RISE_K = 8.0
 """Assumption: what the housing warms up by while the friction falls; it is no measure of that."""
@@ -56,18 +56,18 @@ def _thinning(reference_c: float, span_k: float) -> Curve:
     return lambda temperature_c: np.expm1(-(temperature_c - reference_c) / span_k)
 
 
-def _empirical_shapes(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalShape]:
+def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     """Friction that fades as the axis' own motion heats it."""
     for tau_s in covered.time_constants_s:
-        yield EmpiricalShape("heat", (_eased_dry(tau_s),))
-        yield EmpiricalShape("heat_viscous", (_eased_viscous(tau_s),))
+        yield EmpiricalForm("heat", (_fading_coulomb(tau_s),))
+        yield EmpiricalForm("heat_viscous", (_fading_viscous(tau_s),))
 
 
-def _eased_dry(tau_s: float) -> MotionCurve:
+def _fading_coulomb(tau_s: float) -> MotionCurve:
     return lambda motion, _: motion.direction * np.exp(-2.0 * heat(motion, tau_s))
 
 
-def _eased_viscous(tau_s: float) -> MotionCurve:
+def _fading_viscous(tau_s: float) -> MotionCurve:
     return lambda motion, _: motion.speed_rad_s * np.exp(-2.0 * heat(motion, tau_s))
 
 
@@ -130,6 +130,7 @@ EFFECT = Effect(
             0.0,
             Role.SHAPE,
             amounts=_BY_TIME,
+            tried=(0.0, 0.25, 0.5, 0.75, 1.0),
         ),
         reference_temperature(*_BY_TEMPERATURE),
         Parameter(
@@ -147,5 +148,5 @@ EFFECT = Effect(
     contributions=_contributions,
     is_thermal=True,
     most_entries=2,
-    empirical_shapes=_empirical_shapes,
+    empirical_forms=_empirical_forms,
 )
