@@ -248,3 +248,38 @@ def test_every_effect_stands_in_the_readme_with_its_parameters() -> None:
         row = next(line for line in lines if line.startswith(f"| `{name}` |"))
         for parameter in get_effect(name).parameters:
             assert f"`{parameter.name}`" in row
+
+
+OTHER_MEANINGS = {
+    "edge_service/fingerprint/fingerprint.py": {"backlash"},  # a section of the fingerprint
+    "edge_service/offline/report/fingerprint_wording.py": {"backlash"},
+    "edge_service/offline/report/fingerprint_figures.py": {"backlash"},
+    "edge_service/fingerprint/response/two_mass_fit.py": {"delay"},  # an unknown of the fit
+    "edge_service/models/motion.py": {"warmup"},  # a motion
+    "edge_service/offline/thesis/puzzle.py": {"stribeck", "warmup", "compliance"},  # as it states
+}
+"""Files that name an effect: mostly a thing of the same name."""
+
+
+def named_effects(text: str) -> set[str]:
+    """Effects that a module names in a text of its own, alone or as NAME:key=value."""
+    texts = {
+        node.value.split(":")[0]
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    return texts & set(effect_names())
+
+
+def test_an_effect_is_named_in_its_own_file_only() -> None:
+    """What others need to know of an effect is a property of it."""
+    library = ROOT / "edge_service" / "models" / "effects" / "library"
+    for path in [*ROOT.glob("edge_service/**/*.py"), *ROOT.glob("drivers/**/*.py")]:
+        known = OTHER_MEANINGS.get(str(path.relative_to(ROOT)), set())
+        if path.parent != library:
+            assert named_effects(path.read_text("utf-8")) <= known, path
+
+
+def test_an_effect_that_is_named_elsewhere_is_found() -> None:
+    text = 'KNOWN = {"delay": 1, f"warmup:{2}": 2}  # backlash'
+    assert named_effects(text) == {"delay", "warmup"}
