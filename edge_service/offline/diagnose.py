@@ -10,9 +10,9 @@ from ..atomic import replaced_file
 from ..config import ConfigError, load_machine
 from ..diagnose.experiment.proposal import propose
 from ..diagnose.pipeline import Diagnosis, Verdict, diagnose_session
+from ..diagnose.residual.reference import Reference, healthy_machine, healthy_model
 from ..diagnose.selection.observability import unobservable
 from ..diagnose.session.data_check import check_data
-from ..diagnose.session.reference import Reference, healthy_machine, healthy_model
 from ..diagnose.session.session import Session
 from ..diagnose.session.twin import rigid_baseline
 from ..models.effects.registry import machine_effects

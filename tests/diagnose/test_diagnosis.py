@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.diagnose.pipeline import Diagnosis, Verdict, diagnose_session
 from edge_service.diagnose.session.session import Session
-from edge_service.diagnose.validation.verdict import SUREST
+from edge_service.diagnose.validation.assessment import SUREST
 from edge_service.models.effects.registry import effects, get_effect
 from edge_service.models.machine import Machine
 

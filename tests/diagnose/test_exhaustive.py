@@ -6,9 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from edge_service.diagnose.candidates.design_matrix import DesignMatrix, NormalEquations
-from edge_service.diagnose.selection.evidence import Noise, fit, fits
+from edge_service.diagnose.candidates.design_matrix import DesignMatrix
+from edge_service.diagnose.candidates.normal_equations import NormalEquations
 from edge_service.diagnose.selection.exhaustive import MOST_EFFECTS, leading_sets
+from edge_service.diagnose.selection.noise import Noise
+from edge_service.diagnose.selection.problem import SelectionProblem
 from edge_service.diagnose.session.session import Session
 
 ROWS, EFFECTS = 400, 9
@@ -27,8 +29,8 @@ class Wave:
         raise AssertionError("the sums are known")
 
 
-def design(seed: int) -> DesignMatrix:
-    """Correlated columns of which three make the gap; the first one is tolerated."""
+def posed(seed: int) -> SelectionProblem:
+    """Correlated columns of which three make the gap; the first one is a nuisance."""
     random = np.random.default_rng(seed)
     common = random.normal(size=(ROWS, 3))
     regressors = (Wave("level"), *(Wave(f"effect{k}", 1 + k % 2) for k in range(EFFECTS)))
@@ -39,9 +41,9 @@ def design(seed: int) -> DesignMatrix:
     gap += 0.1 * random.normal(size=ROWS)
     precision = np.full(sum(sizes), 1e-6)
     precision[0] = 100.0
-    return DesignMatrix(
+    design = DesignMatrix(
         regressors=regressors,
-        tolerated=1,
+        nuisances=1,
         mean=np.zeros(sum(sizes)),
         precision=precision,
         first=first,
@@ -49,42 +51,41 @@ def design(seed: int) -> DesignMatrix:
         equations={"torque_nm": NormalEquations.of(columns.astype(np.float32), gap)},
         alternatives=(1,) * len(regressors),
     )
+    return SelectionProblem(design, NOISE, {})
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_no_set_of_three_is_better_than_the_first(seed: int) -> None:
-    known = design(seed)
+    problem = posed(seed)
     chosen = range(1, EFFECTS + 1)
     every = [
-        fit(known, each, NOISE)
+        problem.fit(each)
         for count in range(1, MOST_EFFECTS + 1)
         for each in itertools.combinations(chosen, count)
     ]
     best = max(every, key=lambda each: each.score)
-    found = leading_sets(known, NOISE, [fit(known, (1,), NOISE)])
+    found = leading_sets(problem, [problem.fit((1,))])
     assert max(each.score for each in found) == pytest.approx(best.score)
-    assert best.names(known) in [each.names(known) for each in found]
+    assert best.names in [each.names for each in found]
 
 
 def test_sets_fitted_at_once_are_those_fitted_alone() -> None:
-    known = design(7)
+    problem = posed(7)
     sets = [(), (3,), (1, 4), (2,), (5, 8), (1, 2, 3)]
-    for each, alone in zip(
-        fits(known, sets, NOISE), (fit(known, s, NOISE) for s in sets), strict=True
-    ):
+    for each, alone in zip(problem.fits(sets), (problem.fit(s) for s in sets), strict=True):
         assert each.regressors == alone.regressors
         assert each.score == pytest.approx(alone.score)
         assert each.rms == pytest.approx(alone.rms)
 
 
 def test_a_fit_is_the_weighted_least_squares_of_its_columns() -> None:
-    known = design(2)
-    chosen = fit(known, (2, 5, 8), NOISE)
-    index = known.indices(chosen.regressors)
-    columns = known.columns["torque_nm"][:, index].astype(float)
-    gap_on_columns = known.equations["torque_nm"].cross[index]
+    problem = posed(2)
+    chosen = problem.fit((2, 5, 8))
+    index = problem.design.indices(chosen.regressors)
+    columns = problem.design.columns["torque_nm"][:, index].astype(float)
+    gap_on_columns = problem.design.equations["torque_nm"].cross[index]
     variance = chosen.rms["torque_nm"] ** 2 + NOISE.discrepancy["torque_nm"] ** 2
     weight = NOISE.effective["torque_nm"] / ROWS / variance
-    normal = weight * columns.T @ columns + np.diag(known.precision[index])
+    normal = weight * columns.T @ columns + np.diag(problem.design.precision[index])
     expected = np.linalg.solve(normal, weight * gap_on_columns)
     assert chosen.coefficients == pytest.approx(expected, rel=1e-4)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from edge_service.diagnose.candidates.null_shapes import UNKNOWN, null_shapes
+from edge_service.diagnose.residual.structure import predicted_structure
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
 from edge_service.diagnose.validation.misattribution import (
     Attribution,
     attributions,
     is_misattributed,
 )
-from edge_service.diagnose.validation.residual_structure import predicted_structure
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from edge_service.diagnose.candidates.regressor import entry_regressor
+from edge_service.diagnose.estimation.least_squares import WeightedLeastSquares
 from edge_service.diagnose.estimation.profile_likelihood import joined, slopes_of
-from edge_service.diagnose.estimation.refine import Problem
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
 from edge_service.models.effects.registry import get_effect
 from edge_service.models.machine import Machine
@@ -19,15 +19,15 @@ REGRESSOR = entry_regressor(
 
 
 @pytest.fixture(scope="module")
-def problem(machine: Machine) -> Problem:
+def system(machine: Machine) -> WeightedLeastSquares:
     session = session_of(machine, frame_of(recorded((), 3)))
     nothing = {name: np.zeros((len(rows.gap), 0)) for name, rows in session.channels.items()}
     weights = dict.fromkeys(session.channels, 1.0)
-    return Problem(session, weights, nothing, np.zeros(0), np.zeros(0), 400.0)
+    return WeightedLeastSquares(session, weights, nothing, np.zeros(0), np.zeros(0), 400.0)
 
 
-def test_slopes_are_the_derivatives_of_the_curve(problem: Problem) -> None:
-    found = slopes_of(problem, REGRESSOR, np.array([AMOUNT_NM]))
+def test_slopes_are_the_derivatives_of_the_curve(system: WeightedLeastSquares) -> None:
+    found = slopes_of(system, REGRESSOR, np.array([AMOUNT_NM]))
 
     def expected(factor):
         def curve(motion):
@@ -35,7 +35,7 @@ def test_slopes_are_the_derivatives_of_the_curve(problem: Problem) -> None:
             power = x**EXPONENT
             return AMOUNT_NM * motion.direction * power * np.exp(-power) * factor(x)
 
-        return problem.session.torque_column(curve)
+        return system.session.torque_column(curve)
 
     for name, factor in {
         "speed_rad_s": lambda x: EXPONENT,
@@ -46,11 +46,13 @@ def test_slopes_are_the_derivatives_of_the_curve(problem: Problem) -> None:
         assert not np.any(found[name][TRANSMISSION_GAP])
 
 
-def test_an_amount_is_less_sure_where_its_shapes_are_not_known(problem: Problem) -> None:
-    columns = [problem.columns(REGRESSOR)]
-    slopes = slopes_of(problem, REGRESSOR, np.array([AMOUNT_NM]))
-    alone = problem.solve([REGRESSOR], columns)[1][0, 0]
-    beside = problem.solve_beside([REGRESSOR], columns, joined(problem, slopes))[1][0, 0]
+def test_an_amount_is_less_sure_where_its_shapes_are_not_known(
+    system: WeightedLeastSquares,
+) -> None:
+    columns = [system.columns(REGRESSOR)]
+    slopes = slopes_of(system, REGRESSOR, np.array([AMOUNT_NM]))
+    alone = system.solve([REGRESSOR], columns)[1][0, 0]
+    beside = system.solve_beside([REGRESSOR], columns, joined(system, slopes))[1][0, 0]
     assert beside > 1.1 * alone
-    none = problem.solve_beside([REGRESSOR], columns, joined(problem, {}))[1][0, 0]
+    none = system.solve_beside([REGRESSOR], columns, joined(system, {}))[1][0, 0]
     assert none == pytest.approx(alone)

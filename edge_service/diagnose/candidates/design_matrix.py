@@ -1,20 +1,20 @@
-"""All candidate columns of a session at once, and the sums of products that fits need."""
+"""Design matrix of a session: the columns of all candidates, and their normal equations."""
 
 import concurrent.futures
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Effect
 from ..session.healthy_prior import HealthyPrior
 from ..session.session import Integers, Session
 from .empirical_shapes import empirical_shapes
+from .normal_equations import Columns, NormalEquations
 from .regressor import CandidateRegressor, regressors_of
 
 _MOST_OF_GAP = 10.0
@@ -26,51 +26,22 @@ _STRICT_SIGMA = 0.05
 """Of the strength, about 1, of an effect whose column holds the measured torque."""
 
 
-Columns = npt.NDArray[np.float32]
-"""Half the memory; products of theirs are summed in double precision."""
-
-
-_CHUNK = 4096
-"""Rows whose products are summed at once, in double precision."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NormalEquations:
-    """Sums over the rows of one channel: gram (p, p), cross (p,), square of the gap, rows."""
-
-    gram: Floats
-    cross: Floats
-    square: float
-    rows: int
-
-    @classmethod
-    def of(cls, columns: Columns, gap: Floats, rows: Integers | None = None) -> Self:
-        """Of columns (n, p) and the gap (n,), or of some of their rows only.
-
-        Most columns show in one channel only.
-        """
-        chosen = np.arange(len(gap)) if rows is None else rows
-        shown = np.flatnonzero([np.any(column) for column in columns.T])
-        gram = np.zeros((columns.shape[1], columns.shape[1]))
-        cross = np.zeros(columns.shape[1])
-        gram[np.ix_(shown, shown)], cross[shown] = _products(columns, shown, gap, chosen)
-        return cls(gram, cross, float(gap[chosen] @ gap[chosen]), len(chosen))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignMatrix:
     """Candidate regressors and their columns.
 
     Attributes:
-        regressors: the first `tolerated` of them are what a healthy axis may have.
-        mean, precision: prior of the coefficient of each column, (p,); 0 knows nothing.
+        regressors: the nuisances first, then the candidates of the library and the others.
+        nuisances: number of leading regressors that stand for what a healthy axis may have.
+        mean, precision: prior of the coefficient of each column, (p,); precision 0 knows nothing.
         first: first column of each regressor, (n_regressors + 1,).
-        columns, equations: by channel, (n, p).
-        alternatives: how many regressors share name and form with each regressor.
+        columns: by channel, (n, p); none in a matrix that is restricted to some rows.
+        equations: normal equations of the columns and the gap, by channel.
+        alternatives: number of regressors that share name and form with each regressor.
     """
 
     regressors: tuple[CandidateRegressor, ...]
-    tolerated: int
+    nuisances: int
     mean: Floats
     precision: Floats
     first: Integers
@@ -82,45 +53,37 @@ class DesignMatrix:
     def of_session(
         cls,
         session: Session,
-        tolerated: Sequence[HealthyPrior],
+        prior: Sequence[HealthyPrior],
         library: Sequence[Effect],
         more: Sequence[CandidateRegressor] = (),
     ) -> Self:
-        """The design matrix of a session and of the entries that may explain its gap.
+        """Build the matrix of a session from the entries that may explain its gap.
 
         Args:
+            prior: nuisances and the distributions of their amounts.
             more: candidates behind those of the library.
         """
-        names = {effect.name for effect in library}
+        names, count = {effect.name for effect in library}, len(prior)
         strict = {effect.name for effect in library if effect.follows_own_torque}
         entries: list[CandidateRegressor] = [
-            a for effect in library for a in regressors_of(effect, session)
+            each for effect in library for each in regressors_of(effect, session)
         ]
         if names:
-            entries += [form for form in empirical_shapes(session) if form.name in names]
-        regressors = [*(each.regressor for each in tolerated), *entries, *more]
+            entries += [shape for shape in empirical_shapes(session) if shape.name in names]
+        regressors = [*(each.regressor for each in prior), *entries, *more]
         columns = {name: _columns(regressors, session, name) for name in session.channels}
         equations = {
             name: NormalEquations.of(each, session.channels[name].gap)
             for name, each in columns.items()
         }
-        first = np.concatenate(
-            ([0], np.cumsum([regressor.size for regressor in regressors]))
-        ).astype(np.int64)
+        first = np.cumsum([0, *(each.size for each in regressors)]).astype(np.int64)
         mean, precision = np.zeros(int(first[-1])), _bounding(session, equations)
-        mean[: len(tolerated)] = [each.mean for each in tolerated]
-        precision[: len(tolerated)] = [each.sigma**-2 for each in tolerated]
-        for k, regressor in enumerate(regressors[len(tolerated) :], start=len(tolerated)):
+        mean[:count] = [each.mean for each in prior]
+        precision[:count] = [each.sigma**-2 for each in prior]
+        for k, regressor in enumerate(regressors[count:], start=count):
             if regressor.name in strict:
                 mean[first[k]], precision[first[k]] = 1.0, _STRICT_SIGMA**-2
-        shapes = Counter((regressor.name, regressor.form) for regressor in entries)
-        forms = Counter(regressor.name for regressor in more)
-        alternatives = (
-            *(1 for _ in tolerated),
-            *(shapes[regressor.name, regressor.form] for regressor in entries),
-            *(forms[regressor.name] for regressor in more),
-        )
-        count = len(tolerated)
+        alternatives = (*(1 for _ in prior), *_alternatives(entries, more))
         return cls(
             tuple(regressors), count, mean, precision, first, columns, equations, alternatives
         )
@@ -128,7 +91,7 @@ class DesignMatrix:
     def restricted(
         self, count: int, session: Session, kept: Mapping[str, Booleans]
     ) -> "DesignMatrix":
-        """Its first `count` regressors over some rows of each channel, without columns."""
+        """Restrict to the first `count` regressors and to some rows of each channel, (n,)."""
         end = int(self.first[count])
         return replace(
             self,
@@ -152,8 +115,17 @@ class DesignMatrix:
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
     @property
+    def nuisance_columns(self) -> int:
+        """Number of leading columns that are those of the nuisances."""
+        return int(self.first[self.nuisances])
+
+    def of_effects(self, names: Collection[str]) -> list[int]:
+        """Candidates that bear one of some names."""
+        return [k for k in self.candidates if self.regressors[k].name in names]
+
+    @property
     def candidates(self) -> list[int]:
-        """Regressors that are not merely tolerated, and that show."""
+        """Regressors that are no nuisances, and that show."""
         energy = sum(np.diag(each.gram) / (each.square or 1.0) for each in self.equations.values())
         energy_of = np.add.reduceat(energy, self.first[:-1])
         strongest: dict[tuple[str, str], float] = {}
@@ -162,7 +134,7 @@ class DesignMatrix:
             strongest[family] = max(strongest.get(family, 0.0), each)
         return [
             k
-            for k in range(self.tolerated, len(self.regressors))
+            for k in range(self.nuisances, len(self.regressors))
             for regressor in (self.regressors[k],)
             if energy_of[k] > _LEAST_OF_FAMILY * strongest[regressor.name, regressor.form]
         ]
@@ -170,6 +142,16 @@ class DesignMatrix:
     def modelled(self, channel: str, regressors: Sequence[int], coefficients: Floats) -> Floats:
         """Gap in a channel as regressors model it, (n,)."""
         return self.columns[channel][:, self.indices(regressors)].astype(np.float64) @ coefficients
+
+
+def _alternatives(
+    entries: Sequence[CandidateRegressor], more: Sequence[CandidateRegressor]
+) -> Iterator[int]:
+    """Number of regressors that compete with each: of its name and form, or of its name."""
+    shapes = Counter((each.name, each.form) for each in entries)
+    forms = Counter(each.name for each in more)
+    yield from (shapes[each.name, each.form] for each in entries)
+    yield from (forms[each.name] for each in more)
 
 
 def _bounding(session: Session, equations: Mapping[str, NormalEquations]) -> Floats:
@@ -181,19 +163,6 @@ def _bounding(session: Session, equations: Mapping[str, NormalEquations]) -> Flo
     ]
     found: Floats = np.max(held, axis=0)
     return found
-
-
-def _products(
-    columns: Columns, shown: Integers, gap: Floats, rows: Integers
-) -> tuple[Floats, Floats]:
-    """Sums of products of the shown columns, (p, p), and of theirs with the gap, (p,)."""
-    gram, cross = np.zeros((len(shown), len(shown))), np.zeros(len(shown))
-    for start in range(0, len(rows), _CHUNK):
-        some = rows[start : start + _CHUNK]
-        part = columns[np.ix_(some, shown)].astype(np.float64)
-        gram += part.T @ part
-        cross += part.T @ gap[some]
-    return gram, cross
 
 
 def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel: str) -> Columns:

@@ -12,7 +12,7 @@ from ..session.session import TORQUE_GAP, Session
 
 _DISTURBED_S = 0.2
 FORCE = disturbance()
-"""Nothing foretells it: what the motion foretells is no force."""
+"""Effect that no motion predicts: what the motion predicts is no force."""
 
 
 @dataclass(frozen=True, slots=True)

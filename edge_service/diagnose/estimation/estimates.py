@@ -11,8 +11,8 @@ from ...models.effects.effect import Role, Term
 from ...models.effects.registry import error_of, get_effect
 from ..candidates.regressor import EntryRegressor
 from ..session.session import TORQUE_GAP
+from .least_squares import WeightedLeastSquares
 from .profile_likelihood import Slopes, joined, misfit, profile_interval, slopes_of
-from .refine import Problem
 
 Z_90 = 1.645
 _GAIN = error_of(Term.GAIN)
@@ -39,15 +39,35 @@ class Estimates:
     """
 
     healthy: Mapping[str, tuple[float, float]]
-    problem: Problem
+    system: WeightedLeastSquares
     regressors: tuple[EntryRegressor, ...]
     columns: tuple[Mapping[str, Floats], ...]
     beta: Floats
     covariance: Floats
     square: float
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effects in the order of their first entries."""
+        return tuple(dict.fromkeys(each.name for each in self.regressors))
+
+    def of_effect(self, name: str) -> list[int]:
+        """Entries of an effect."""
+        return [k for k, each in enumerate(self.regressors) if each.name == name]
+
+    def contribution(self, name: str, channel: str) -> Floats:
+        """Contribution of an effect to a channel's gap, (n,)."""
+        found = np.zeros(len(self.system.session.channels[channel].gap))
+        for k in self.of_effect(name):
+            found += self.columns[k][channel] @ self.coefficients(k)
+        return found
+
+    def shown(self, name: str) -> set[str]:
+        """Channels that an effect shows in."""
+        return set().union(*(self._shown(k) for k in self.of_effect(name)))
+
     def _place(self, k: int) -> slice:
-        start = len(self.problem.mean) + sum(regressor.size for regressor in self.regressors[:k])
+        start = len(self.system.mean) + sum(regressor.size for regressor in self.regressors[:k])
         return slice(start, start + self.regressors[k].size)
 
     def coefficients(self, k: int) -> Floats:
@@ -66,29 +86,24 @@ class Estimates:
         highest = {p.name: p.high for p in get_effect(name).parameters if not p.whole}
         return any(
             value >= 0.99 * highest.get(shape, math.inf)
-            for regressor in self.regressors
-            if regressor.name == name
-            for shape, value in regressor.shape
+            for k in self.of_effect(name)
+            for shape, value in self.regressors[k].shape
         )
 
     def entries(self, name: str) -> tuple[dict[str, float], ...]:
         """Complete values of an effect, once for each time it is there."""
-        return tuple(
-            regressor.values(self.coefficients(k))
-            for k, regressor in enumerate(self.regressors)
-            if regressor.name == name
-        )
+        return tuple(self.regressors[k].values(self.coefficients(k)) for k in self.of_effect(name))
 
     def parameters(self, name: str) -> dict[str, Interval]:
         """Values of the strongest entry with 90 % intervals: amounts as the fit has them, phases
         by their amplitude, shapes by the profile likelihood."""
-        mine = [k for k, regressor in enumerate(self.regressors) if regressor.name == name]
+        mine = self.of_effect(name)
         if not mine:
             return {}
         k = max(mine, key=self._weight)
         regressor = self.regressors[k]
         values = regressor.values(self.coefficients(k))
-        slopes = slopes_of(self.problem, regressor, self.coefficients(k))
+        slopes = slopes_of(self.system, regressor, self.coefficients(k))
         sigma = self._sigma(k, slopes)
         moved = {shape for shape, _ in regressor.shape}
         shown = {}
@@ -100,7 +115,7 @@ class Estimates:
                 low, high = self._amount_interval(k, value, sigma)
             elif parameter.name in moved:
                 low, high = profile_interval(
-                    self.problem, self.regressors, self.columns, k, parameter, slopes
+                    self.system, self.regressors, self.columns, k, parameter, slopes
                 )
             elif parameter.role is Role.PHASE and regressor.size == 2:
                 reach = min(Z_90 * sigma / max(abs(values[regressor.amount]), 1e-300), math.pi)
@@ -115,7 +130,7 @@ class Estimates:
     def _weight(self, k: int) -> float:
         """Contribution of an entry to the gap, in the channel where it is greatest."""
         return max(
-            float(np.mean((column @ self.coefficients(k)) ** 2)) * self.problem.weights[name] ** 2
+            float(np.mean((column @ self.coefficients(k)) ** 2)) * self.system.weights[name] ** 2
             for name, column in self.columns[k].items()
         )
 
@@ -136,7 +151,7 @@ class Estimates:
 
     def _sigma(self, k: int, slopes: Slopes) -> float:
         """Standard deviation of the amount of one regressor whose shapes are not known either."""
-        beside = joined(self.problem, slopes)
-        covariance = self.problem.solve_beside(self.regressors, self.columns, beside)[1]
+        beside = joined(self.system, slopes)
+        covariance = self.system.solve_beside(self.regressors, self.columns, beside)[1]
         variance = max(float(np.diag(covariance)[self._place(k)].max()), 0.0)
-        return math.sqrt(misfit(self.problem, self.square) * variance)
+        return math.sqrt(misfit(self.system, self.square) * variance)

@@ -8,7 +8,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.effects.effect import Parameter
 from ..candidates.regressor import EntryRegressor, entry_regressor
-from .refine import Problem
+from .least_squares import WeightedLeastSquares
 
 RISE_90 = 2.706
 """Rise of twice the negative log-likelihood at the ends of a 90 % interval (Wilks, 1938)."""
@@ -24,17 +24,16 @@ Slopes = Mapping[str, Mapping[str, Floats]]
 """Shape -> channel -> (n, 1)."""
 
 
-def slopes_of(problem: Problem, regressor: EntryRegressor, coefficients: Floats) -> Slopes:
+def slopes_of(system: WeightedLeastSquares, entry: EntryRegressor, coefficients: Floats) -> Slopes:
     """Sensitivity of what an entry says to each of its shapes, per relative change of the shape."""
     found = {}
-    for parameter in regressor.effect.parameters:
-        value = dict(regressor.shape).get(parameter.name, 0.0)
+    for parameter in entry.effect.parameters:
+        value = dict(entry.shape).get(parameter.name, 0.0)
         step = _SLOPE_STEP * value
         if parameter.whole or value == 0.0 or not parameter.low < value < parameter.high:
             continue
         more, less = (
-            problem.columns(_with(regressor, parameter.name, value + way * step))
-            for way in (1.0, -1.0)
+            system.columns(_with(entry, parameter.name, value + way * step)) for way in (1.0, -1.0)
         )
         found[parameter.name] = {
             name: ((more[name] - less[name]) @ coefficients / (2.0 * _SLOPE_STEP))[:, None]
@@ -43,45 +42,41 @@ def slopes_of(problem: Problem, regressor: EntryRegressor, coefficients: Floats)
     return found
 
 
-def joined(problem: Problem, slopes: Slopes, but: str = "") -> Mapping[str, Floats]:
+def joined(system: WeightedLeastSquares, slopes: Slopes, but: str = "") -> Mapping[str, Floats]:
     """Slopes of all shapes but one as columns, by channel, (n, m)."""
     kept = [each for name, each in slopes.items() if name != but]
     return {
         name: np.hstack([np.empty((len(rows.gap), 0)), *(each[name] for each in kept)])
-        for name, rows in problem.session.channels.items()
+        for name, rows in system.session.channels.items()
     }
 
 
-def _with(regressor: EntryRegressor, name: str, value: float) -> EntryRegressor:
-    return entry_regressor(
-        regressor.effect, regressor.amount, dict(regressor.shape) | {name: value}
-    )
+def _with(entry: EntryRegressor, name: str, value: float) -> EntryRegressor:
+    return entry_regressor(entry.effect, entry.amount, dict(entry.shape) | {name: value})
 
 
 def profile_interval(
-    problem: Problem,
-    regressors: Sequence[EntryRegressor],
+    system: WeightedLeastSquares,
+    entries: Sequence[EntryRegressor],
     columns: Sequence[Mapping[str, Floats]],
     k: int,
     parameter: Parameter,
     slopes: Slopes,
 ) -> tuple[float, float]:
-    """90 % interval of one shape of regressor `k`, within the bounds of the library.
+    """90 % interval of one shape of entry `k`, within the bounds of the library.
 
     Its other shapes follow, as far as their slopes at the fit tell.
     """
-    value = dict(regressors[k].shape)[parameter.name]
-    beside = joined(problem, slopes, parameter.name)
+    value = dict(entries[k].shape)[parameter.name]
+    beside = joined(system, slopes, parameter.name)
 
     def square(wanted: float) -> float:
-        regressor = _with(regressors[k], parameter.name, wanted)
-        changed = [*columns[:k], problem.columns(regressor), *columns[k + 1 :]]
-        return problem.solve_beside(
-            [*regressors[:k], regressor, *regressors[k + 1 :]], changed, beside
-        )[2]
+        entry = _with(entries[k], parameter.name, wanted)
+        changed = [*columns[:k], system.columns(entry), *columns[k + 1 :]]
+        return system.solve_beside([*entries[:k], entry, *entries[k + 1 :]], changed, beside)[2]
 
     least = square(value)
-    scale = misfit(problem, least)
+    scale = misfit(system, least)
     if parameter.whole:
         return _whole_interval(lambda wanted: (square(wanted) - least) / scale, value, parameter)
     unit = abs(value) if value != 0.0 else 0.1 * abs(parameter.faulty)
@@ -92,9 +87,9 @@ def profile_interval(
     return _end(rise, value, -unit, parameter), _end(rise, value, unit, parameter)
 
 
-def misfit(problem: Problem, square: float) -> float:
+def misfit(system: WeightedLeastSquares, square: float) -> float:
     """Variance of a fit over that of its weights, 1 or more, with what it leans by."""
-    return LEANING * max(square / problem.observations, 1.0)
+    return LEANING * max(square / system.observations, 1.0)
 
 
 def _whole_interval(

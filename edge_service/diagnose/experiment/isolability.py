@@ -15,7 +15,8 @@ from ...models.machine import Machine
 from ...models.motion import MOTIONS, Setpoints, motion_limits
 from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from ..candidates.design_matrix import DesignMatrix
-from ..selection.evidence import Fit, Noise, fit
+from ..selection.noise import Noise
+from ..selection.problem import Fit, SelectionProblem
 from ..selection.stepwise import select_stepwise
 from ..session.healthy_prior import healthy_priors
 from ..session.recordings import runs_of
@@ -101,30 +102,24 @@ def separations(
         added = _faulty(session, name, (values or {}).get(name, {}))
         if not any(np.any(rows.gap) for rows in added.values()):
             added = _faulty(session, name, {})
-        target = _aimed(design, added, floor)
-        alone = fit(target, (), noise)
+        problem = SelectionProblem(_aimed(design, added, floor), noise, {})
+        alone = problem.fit(())
         fits = {None: alone} | {
-            rival: select_stepwise(target, noise, allowed)
-            if (allowed := _atoms(target, rival))
+            rival: select_stepwise(problem, allowed)
+            if (allowed := problem.design.of_effects({rival}))
             else alone
             for rival in names
             if rival != name
         }
-        found += [_separation(name, rival, each, target, floor) for rival, each in fits.items()]
+        found += [_separation(name, rival, each, problem) for rival, each in fits.items()]
     return found
 
 
-def _atoms(design: DesignMatrix, name: str) -> list[int]:
-    return [a for a in design.candidates if design.regressors[a].name == name]
-
-
-def _separation(
-    name: str, rival: str | None, found: Fit, design: DesignMatrix, floor: Mapping[str, float]
-) -> Separation:
+def _separation(name: str, rival: str | None, found: Fit, problem: SelectionProblem) -> Separation:
+    floor, count = problem.noise.floor, problem.design.nuisance_columns
     ratios = tuple(found.rms[channel] / floor[channel] for channel in floor)
-    count = int(design.first[design.tolerated])
-    strained = found.coefficients[:count] ** 2 @ design.precision[:count]
-    return Separation(name, rival, _evidence(ratios, float(strained)), ratios, float(strained))
+    strain = float(found.coefficients[:count] ** 2 @ problem.design.precision[:count])
+    return Separation(name, rival, _evidence(ratios, strain), ratios, strain)
 
 
 def strength_told(separation: Separation) -> float:

@@ -1,10 +1,11 @@
-"""Every set of up to three effects, weighed at once: greed begins with one that may be in none."""
+"""Exhaustive selection: all sets of up to three effects, for greed begins with one that may be in
+none of the best."""
 
 import itertools
 from collections.abc import Iterator, Sequence
 
 from ..candidates.design_matrix import DesignMatrix
-from .evidence import Fit, Noise, fits, reductions
+from .problem import Fit, SelectionProblem
 from .stepwise import select_stepwise
 
 MOST_EFFECTS = 3
@@ -13,8 +14,8 @@ _LEADING = 12
 Shapes = tuple[int, ...]
 
 
-def leading_sets(design: DesignMatrix, noise: Noise, known: Sequence[Fit]) -> list[Fit]:
-    """The best sets of up to three effects, each with the shapes that suit it.
+def leading_sets(problem: SelectionProblem, known: Sequence[Fit]) -> list[Fit]:
+    """Best sets of up to three effects, each with the shapes that suit it.
 
     Every effect comes with its shapes where it is alone, and with those that it has beside others.
 
@@ -22,15 +23,14 @@ def leading_sets(design: DesignMatrix, noise: Noise, known: Sequence[Fit]) -> li
         known: fits found so far, the best of all first.
     """
     shapes = {
-        name: _shapes(design, noise, allowed, known) for name, allowed in _by_name(design).items()
+        name: _shapes(problem, allowed, known) for name, allowed in _by_name(problem.design).items()
     }
     found: dict[frozenset[str], Fit] = {}
-    for each in fits(design, list(_sets(shapes)), noise):
-        names = each.names(design)
-        if names not in found or each.score > found[names].score:
-            found[names] = each
+    for each in problem.fits(list(_sets(shapes))):
+        if each.names not in found or each.score > found[each.names].score:
+            found[each.names] = each
     leading = sorted(found.values(), key=lambda each: -each.score)[:_LEADING]
-    return [_settled(design, noise, each) for each in leading]
+    return [_settled(problem, each) for each in leading]
 
 
 def _by_name(design: DesignMatrix) -> dict[str, list[int]]:
@@ -40,13 +40,11 @@ def _by_name(design: DesignMatrix) -> dict[str, list[int]]:
     return found
 
 
-def _shapes(
-    design: DesignMatrix, noise: Noise, allowed: Sequence[int], known: Sequence[Fit]
-) -> set[Shapes]:
+def _shapes(problem: SelectionProblem, allowed: Sequence[int], known: Sequence[Fit]) -> set[Shapes]:
     """Regressors of one effect: alone, in the best set that has it, and the best one beside all."""
-    alone = select_stepwise(design, noise, allowed).regressors[design.tolerated :]
-    mine = (tuple(sorted(set(each.regressors) & set(allowed))) for each in known)
-    falls = reductions(design, known[0], noise, allowed)
+    alone = select_stepwise(problem, allowed).chosen
+    mine = (tuple(sorted(set(each.chosen) & set(allowed))) for each in known)
+    falls = problem.reductions(known[0], allowed)
     beside = (allowed[int(falls.argmax())],)
     return {tuple(sorted(alone)), next((each for each in mine if each), beside)} - {()}
 
@@ -58,8 +56,7 @@ def _sets(shapes: dict[str, set[Shapes]]) -> Iterator[Shapes]:
                 yield tuple(itertools.chain(*parts))
 
 
-def _settled(design: DesignMatrix, noise: Noise, found: Fit) -> Fit:
-    """The best shapes of the same effects."""
-    names = found.names(design)
-    allowed = [a for a in design.candidates if design.regressors[a].name in names]
-    return select_stepwise(design, noise, allowed, known=found.regressors[design.tolerated :])
+def _settled(problem: SelectionProblem, found: Fit) -> Fit:
+    """Fit the best shapes of the same effects."""
+    allowed = problem.design.of_effects(found.names)
+    return select_stepwise(problem, allowed, known=found.chosen)

@@ -1,28 +1,18 @@
-"""Choice of effects: material ones, a posterior over sets of them, and indistinguishable ones."""
+"""Posterior over sets of effects: how sure each is, and which this data cannot tell apart."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from ...models.effects.effect import MATERIAL_TOLERANCES, Kind, Term
-from ...models.effects.registry import effects, effects_where, error_of
-from ..candidates.design_matrix import DesignMatrix
+from ...models.effects.effect import MATERIAL_TOLERANCES, Term
+from ...models.effects.registry import effects_where, error_of
 from ..candidates.null_shapes import UNKNOWN
-from ..session.session import TRANSMISSION_GAP
-from .evidence import Fit, Noise, fit
 from .exhaustive import leading_sets
+from .materiality import material_names
+from .noise import Noise
+from .problem import Fit, SelectionProblem
 from .stepwise import select_stepwise
 
-LEAST_RISE_OF_GAP = 0.05
-"""An effect that is less than this part of the whole gap is immaterial: others are no better known.
-"""
-LEAST_RISE_BESIDE_ALIKE = 0.22
-"""Beside a greater effect whose entry may lack what this one adds."""
-COMPLETE = 0.3
-"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
-entry of another one, which would be wrong in some way of its own."""
-MISSED = 0.5
-"""Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
 TIED = 5.0
 """Scores closer than this leave a doubt worth naming."""
 PARAMETERS = tuple(map(error_of, (Term.COULOMB, Term.VISCOUS, Term.INERTIA, Term.LAG, Term.GAIN)))
@@ -37,7 +27,7 @@ _LEADERS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectSet:
-    """A set of effects, and those of it that matter."""
+    """Fit of a set of effects, and those of it that matter."""
 
     fit: Fit
     material: frozenset[str]
@@ -45,11 +35,11 @@ class EffectSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
-    """The posterior.
+    """Posterior over the sets of effects that were considered.
 
     Attributes:
         best: the most probable set.
-        probability: of each effect to be part of the cause.
+        probability: of each effect to be part of the cause, summed over the sets.
         classes: effect -> itself and what this data cannot tell from it.
         candidates: all sets considered, best first, with their probabilities.
     """
@@ -60,64 +50,53 @@ class Posterior:
     candidates: Sequence[tuple[EffectSet, float]]
 
 
-def select_effects(
-    design: DesignMatrix,
-    noise: Noise,
-    priors: Mapping[str, tuple[float, float]],
-    known: Sequence[int] = (),
-) -> Posterior:
-    """Weigh sets of effects.
+def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Posterior:
+    """Select sets of effects and weigh them against each other.
 
     Args:
-        priors: effect -> healthy mean and tolerance of its amount, for parameters.
         known: regressors of a set that was best under another noise.
     """
-    best = select_stepwise(design, noise, design.candidates, known=known)
-    fits = [best, fit(design, (), noise)]
-    for name in list(_by_weight(design, best, noise))[:_LEADERS]:
-        fits.append(_selected_among(design, noise, {name}, banned=True))
-    fits += leading_sets(design, noise, fits)
-    fits += [_selected_among(design, noise, {name}) for name in sorted(priors)]
-    fits.append(_selected_among(design, noise, priors))
-    fits = [_named_beyond(design, each, noise, priors) for each in fits]
-    assessed = [
-        EffectSet(each, material_names(design, each, noise, priors)) for each in _unique(fits)
-    ]
-    return _posterior(_simplest_first(assessed, noise))
+    design = problem.design
+    best = select_stepwise(problem, design.candidates, known=known)
+    fits = [best, problem.fit(())]
+    for name in problem.names_by_weight(best)[:_LEADERS]:
+        others = {each.name for each in design.regressors} - {name}
+        fits.append(_selected_among(problem, others))
+    fits += leading_sets(problem, fits)
+    fits += [_selected_among(problem, {name}) for name in sorted(problem.priors)]
+    fits.append(_selected_among(problem, problem.priors))
+    fits = [_named_beyond(problem, each) for each in fits]
+    sets = [EffectSet(each, material_names(problem, each)) for each in _unique(fits)]
+    return _posterior(_simplest_first(sets, problem.noise))
 
 
-def without(causes: Posterior, name: str) -> Posterior | None:
-    """The posterior over the sets that lack an effect; None where there is none with a cause."""
-    others = [c for c, _ in causes.candidates if name not in c.material]
+def without(posterior: Posterior, name: str) -> Posterior | None:
+    """Posterior over the sets that lack an effect; None where there is none with a cause."""
+    others = [each for each, _ in posterior.candidates if name not in each.material]
     others.sort(key=lambda each: -each.fit.score)
     if not others or not others[0].material:
         return None
     return _posterior([(each, each.fit.score) for each in others])
 
 
-def _selected_among(
-    design: DesignMatrix, noise: Noise, names: Iterable[str], *, banned: bool = False
-) -> Fit:
-    wanted = set(names)
-    allowed = [a for a in design.candidates if (design.regressors[a].name in wanted) != banned]
-    return select_stepwise(design, noise, allowed)
+def _selected_among(problem: SelectionProblem, names: Collection[str]) -> Fit:
+    return select_stepwise(problem, problem.design.of_effects(names))
 
 
-def _named_beyond(
-    design: DesignMatrix, whole: Fit, noise: Noise, priors: Mapping[str, tuple[float, float]]
-) -> Fit:
-    """The set with a lag that it needs beyond what a healthy drive may have: that is a cause.
+def _named_beyond(problem: SelectionProblem, whole: Fit) -> Fit:
+    """Fit the set with a lag that it needs beyond what a healthy drive may have: that is a cause.
 
     Its bounds are no calibration, which could be a little off.
     """
-    tolerated = {design.regressors[k].name: k for k in range(design.tolerated)}
+    design, priors = problem.design, problem.priors
+    nuisances = {design.regressors[k].name: k for k in range(design.nuisances)}
     lacking = []
-    for name in sorted((RANGES & priors.keys() & tolerated.keys()) - whole.names(design)):
-        value = float(whole.coefficients[design.first[tolerated[name]]])
-        free = [a for a in design.candidates if design.regressors[a].name == name]
+    for name in sorted((RANGES & priors.keys() & nuisances.keys()) - whole.names):
+        value = float(whole.coefficients[design.first[nuisances[name]]])
+        free = design.of_effects({name})
         if free and abs(value - priors[name][0]) > MATERIAL_TOLERANCES * priors[name][1]:
             lacking.append(free[0])
-    return fit(design, (*whole.regressors[design.tolerated :], *lacking), noise)
+    return problem.fit((*whole.chosen, *lacking))
 
 
 def _unique(fits: Sequence[Fit]) -> list[Fit]:
@@ -127,117 +106,14 @@ def _unique(fits: Sequence[Fit]) -> list[Fit]:
     return list(best.values())
 
 
-def _by_weight(design: DesignMatrix, whole: Fit, noise: Noise) -> list[str]:
-    """Names of a fit, the one that it can spare least first."""
-    loss = {
-        name: whole.score - _without(design, whole, name, noise).score
-        for name in whole.names(design)
-    }
-    return sorted(loss, key=lambda name: -loss[name])
-
-
-def _without(design: DesignMatrix, whole: Fit, name: str, noise: Noise) -> Fit:
-    kept = [a for a in whole.regressors[design.tolerated :] if design.regressors[a].name != name]
-    return fit(design, kept, noise)
-
-
-def material_names(
-    design: DesignMatrix, whole: Fit, noise: Noise, priors: Mapping[str, tuple[float, float]]
-) -> frozenset[str]:
-    """Effects of a fit that matter: significant alone is not enough.
-
-    Two that stand in for one another would both be idle, and nothing would be named of a gap that
-    they explain: the one that can be spared is taken out, and the others are looked at again.
-    """
-    while True:
-        names = whole.names(design)
-        material = frozenset(
-            name for name in names if _is_material(design, whole, name, noise, priors)
-        )
-        if material == names or not _is_missed(design, whole, material, noise):
-            return material
-        idle = [name for name in _by_weight(design, whole, noise) if name not in material]
-        whole = _without(design, whole, idle[-1], noise)
-
-
-def _is_missed(design: DesignMatrix, whole: Fit, material: frozenset[str], noise: Noise) -> bool:
-    """Tell whether the material effects leave most of what all effects explain of a channel."""
-    chosen = whole.regressors[design.tolerated :]
-    kept = [a for a in chosen if design.regressors[a].name in material]
-    count = int(design.first[design.tolerated])
-    alone = fit(design, kept, noise, whole.coefficients[:count])
-    return any(
-        noise.matters(channel, alone.rms[channel])
-        and alone.rms[channel] ** 2 - whole.rms[channel] ** 2
-        > MISSED * (equations.square / equations.rows - whole.rms[channel] ** 2)
-        for channel, equations in design.equations.items()
-    )
-
-
-def _is_material(
-    design: DesignMatrix,
-    whole: Fit,
-    name: str,
-    noise: Noise,
-    priors: Mapping[str, tuple[float, float]],
-) -> bool:
-    """Tell whether an effect adds to a gap what nothing else that is named can replace."""
-    if name in priors and _excess(design, whole, name, *priors[name]) <= MATERIAL_TOLERANCES:
-        return False
-    rises = _rises(design, whole, name, noise)
-    between_encoders = effects_where(lambda effect: effect.kind is Kind.LOST_MOTION)
-    alike = [_rises(design, whole, other, noise) for other in _imitated(name) & whole.names(design)]
-    count = sum(design.regressors[a].name == name for a in whole.regressors[design.tolerated :])
-    for channel, equations in design.equations.items():
-        elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in design.equations
-        if name in between_encoders and elsewhere:
-            continue
-        before = math.sqrt(equations.square / equations.rows)
-        if not noise.matters(channel, before):
-            continue
-        overshadowed = any(other[channel] > rises[channel] for other in alike)
-        left = noise.beyond(channel, whole.rms[channel])
-        completes = count == 1 and left < COMPLETE * rises[channel]
-        is_stopgap = overshadowed and not completes
-        part = LEAST_RISE_BESIDE_ALIKE if is_stopgap else LEAST_RISE_OF_GAP
-        if rises[channel] >= max(noise.tolerance[channel], part * before):
-            return True
-    return False
-
-
-def _imitated(name: str) -> frozenset[str]:
-    effect = effects().get(name)
-    return frozenset() if effect is None else effect.imitates
-
-
-def _rises(design: DesignMatrix, whole: Fit, name: str, noise: Noise) -> dict[str, float]:
-    """Contribution of an effect to each channel's gap, as a root mean square.
-
-    What is tolerated stays as it is meanwhile: it must not stretch to hide a cause.
-    """
-    kept = [a for a in whole.regressors[design.tolerated :] if design.regressors[a].name != name]
-    count = int(design.first[design.tolerated])
-    lesser = fit(design, kept, noise, whole.coefficients[:count])
-    return {
-        channel: math.sqrt(max(lesser.rms[channel] ** 2 - whole.rms[channel] ** 2, 0.0))
-        for channel in design.equations
-    }
-
-
-def _excess(design: DesignMatrix, whole: Fit, name: str, healthy: float, sigma: float) -> float:
-    """By how many tolerances a parameter is off, the tolerated part included."""
-    mine = [a for a in whole.regressors if design.regressors[a].name == name]
-    return abs(float(whole.of_regressors(design, mine).sum()) - healthy) / sigma
-
-
-def _simplest_first(assessed: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
+def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
     """Candidates with their scores, the best first; a parameter that is off comes before an effect.
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
     that one, however well many observations tell them apart. So is, before the data, a part of the
     best set that leaves as little.
     """
-    scored = _parts_doubled(sorted(assessed, key=lambda each: -each.fit.score), noise)
+    scored = _parts_doubled(sorted(sets, key=lambda each: -each.fit.score), noise)
     ranked = [each for each, _ in scored]
     best = ranked[0]
     if best.material <= set(PARAMETERS):

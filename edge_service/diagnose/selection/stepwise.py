@@ -1,4 +1,4 @@
-"""Sets of effects by forward selection and backward pruning."""
+"""Stepwise selection of a set of regressors: forward by the best one, backward by the idle ones."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -7,7 +7,7 @@ from ...messages.samples import Floats
 from ...models.effects.registry import effects
 from ..candidates.design_matrix import DesignMatrix
 from ..candidates.regressor import CandidateRegressor
-from .evidence import Fit, Noise, fit, fits, reductions
+from .problem import Fit, SelectionProblem
 
 REGRESSORS_PER_EFFECT = 4
 _MOST_LEADERS = 12
@@ -22,49 +22,41 @@ def most_shapes(name: str) -> int:
 
 
 def select_stepwise(
-    design: DesignMatrix,
-    noise: Noise,
+    problem: SelectionProblem,
     candidates: Sequence[int],
-    pinned: Floats | None = None,
     most_of: Callable[[str], int] = most_shapes,
     known: Sequence[int] = (),
 ) -> Fit:
     """Set that grows by the best regressor and loses what has become idle, until none is worth it.
 
-    An effect may be there several times: two ripples, two rough stretches. Where the coefficients
-    of what is tolerated are pinned they do not follow.
+    An effect may be there several times: two ripples, two rough stretches.
 
     Args:
+        most_of: effect -> number of its regressors that a set may hold.
         known: regressors to begin with as well: of two that help only together, none is the first.
     """
-    begun = [fit(design, (), noise, pinned)]
+    begun = [problem.fit(())]
     if known:
-        begun.append(_pruned(design, fit(design, known, noise, pinned), noise, pinned))
-    grown = [_grown(design, noise, candidates, pinned, most_of, each) for each in begun]
+        begun.append(_pruned(problem, problem.fit(known)))
+    grown = [_grown(problem, candidates, most_of, each) for each in begun]
     return max(grown, key=lambda each: each.score)
 
 
 def _grown(
-    design: DesignMatrix,
-    noise: Noise,
-    candidates: Sequence[int],
-    pinned: Floats | None,
-    most_of: Callable[[str], int],
-    best: Fit,
+    problem: SelectionProblem, candidates: Sequence[int], most_of: Callable[[str], int], best: Fit
 ) -> Fit:
-    while len(best.regressors) - design.tolerated < _MOST_REGRESSORS:
-        open_ = _open(design, best, candidates, most_of)
+    while len(best.chosen) < _MOST_REGRESSORS:
+        open_ = _open(problem.design, best, candidates, most_of)
         if not open_:
             return best
-        leaders = _leaders(design, open_, reductions(design, best, noise, open_))
+        leaders = _leaders(problem.design, open_, problem.reductions(best, open_))
         if not leaders:
             return best
-        chosen = best.regressors[design.tolerated :]
-        larger = fits(design, [(*chosen, regressor) for regressor in leaders], noise, pinned)
+        larger = problem.fits([(*best.chosen, regressor) for regressor in leaders])
         grown = max(larger, key=lambda each: each.score)
         if grown.score < best.score + _LEAST_GAIN:
             return best
-        best = _pruned(design, grown, noise, pinned)
+        best = _pruned(problem, grown)
     return best
 
 
@@ -81,7 +73,7 @@ def _leaders(design: DesignMatrix, open_: Sequence[int], falls: Floats) -> list[
 def _open(
     design: DesignMatrix, base: Fit, candidates: Sequence[int], most_of: Callable[[str], int]
 ) -> list[int]:
-    chosen = [design.regressors[a] for a in base.regressors[design.tolerated :]]
+    chosen = [design.regressors[a] for a in base.chosen]
     used = Counter(regressor.name for regressor in chosen)
     loaded = most_of is most_shapes and any(_is_load(regressor) for regressor in chosen)
     loads = {regressor.form for regressor in chosen if _is_load(regressor)}
@@ -101,14 +93,12 @@ def _is_load(regressor: CandidateRegressor) -> bool:
     return effect is not None and effect.has_one_load and regressor.form != "late"
 
 
-def _pruned(design: DesignMatrix, grown: Fit, noise: Noise, pinned: Floats | None) -> Fit:
+def _pruned(problem: SelectionProblem, grown: Fit) -> Fit:
     best = grown
-    while True:
-        chosen = best.regressors[design.tolerated :]
-        if len(chosen) < 2:
-            return best
-        smaller = [[b for b in chosen if b != a] for a in chosen]
-        fewer = max(fits(design, smaller, noise, pinned), key=lambda each: each.score)
+    while len(best.chosen) > 1:
+        smaller = [[b for b in best.chosen if b != a] for a in best.chosen]
+        fewer = max(problem.fits(smaller), key=lambda each: each.score)
         if fewer.score <= best.score:
             return best
         best = fewer
+    return best

@@ -1,5 +1,6 @@
 """All runs of one axis as rows of two channels: what the baseline leaves of torque and position."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self
@@ -121,6 +122,14 @@ class Session:
         )
         column -= column.mean()
         return column
+
+    @property
+    def torque_rms_nm(self) -> float:
+        """Root mean square of the torque in motion, N m; NaN where none was recorded."""
+        if TORQUE_GAP not in self.channels:
+            return math.nan
+        torque = self.torque_column(lambda motion: motion.torque_nm)
+        return float(np.sqrt(np.mean(torque**2)))
 
 
 def _thinned(kept: Sequence[Booleans], every: int) -> tuple[Integers, ...]:

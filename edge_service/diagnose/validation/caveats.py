@@ -3,24 +3,14 @@
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
 from ..result import ChannelGap, Verdict
-from ..session.session import CHANNEL_UNITS, TORQUE_GAP, Session
+from ..session.session import CHANNEL_UNITS, TORQUE_GAP
 
 BLIND_SHARE = 0.5
 """Of the torque itself: a floor beyond that hides any fault of the size of the torque."""
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 _SPOKEN = {TORQUE_GAP: "torque", "transmission_m": "position between motor and table"}
-
-
-def torque_rms_nm(session: Session) -> float:
-    """Root mean square of the torque in motion, N m; NaN where none was recorded."""
-    if TORQUE_GAP not in session.channels:
-        return math.nan
-    torque = session.torque_column(lambda motion: motion.torque_nm)
-    return float(np.sqrt(np.mean(torque**2)))
 
 
 def is_blind(floor_nm: float, torque_nm: float) -> bool:

@@ -9,8 +9,8 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.effects.registry import effects_where
 from ..candidates.force_pulses import FORCE
+from ..residual.structure import predicted_structure
 from ..session.session import Session
-from .residual_structure import predicted_structure
 
 _EVEN = 0.08
 """With this much structure left, over what it explains, an effect is as likely a misattribution.

@@ -15,9 +15,10 @@ from ...models.effects.effect import ActiveEffect
 from ...models.effects.registry import active_effect
 from ...models.machine import Machine
 from ..estimation.estimates import Estimates
+from ..residual.folds import block_s, fold_of
 from ..session.prescribed_motion import PrescribedMotionAxis
 from ..session.session import Session
-from .cross_validation import Fold, block_s, fold_of
+from .cross_validation import Fold
 from .shrink import Shrink, resampled
 
 _LONGEST_S = 300.0
@@ -99,7 +100,7 @@ def _replay(
     channels: Mapping[str, str],
     floors: Mapping[str, float],
 ) -> Replay:
-    whole = folds[0].values.problem.session
+    whole = folds[0].values.system.session
     session = _beginning(whole)
     axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
     length_s = block_s(whole)

@@ -9,7 +9,7 @@ from ...messages.samples import Floats
 from ..candidates.force_pulses import FORCE
 from ..estimation.estimates import Estimates
 from ..session.session import Integers, Rows
-from .cross_validation import Fold, contribution, contribution_at_pace, held_out_contribution
+from .cross_validation import Fold, contribution_at_pace, held_out_contribution
 
 LEVEL = 0.9
 PACES = (0.5, 2.0)
@@ -62,12 +62,12 @@ def shrink_of(
         values: fitted on all blocks.
         folds: from `folds_of`.
     """
-    others = {regressor.name for regressor in values.regressors} - {name}
+    others = {*values.names} - {name}
     without = rows.gap.copy()
     for other in sorted(others - {FORCE}):
         without -= held_out_contribution(folds, other, channel)
     if name != FORCE:
-        without -= contribution(values, FORCE, channel)
+        without -= values.contribution(FORCE, channel)
     left = [without - held_out_contribution(folds, name, channel)]
     for made in (contribution_at_pace(values, name, channel, pace) for pace in PACES):
         if made is not None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..candidates.design_matrix import DesignMatrix
-from ..selection.evidence import Fit, Noise
+from ..selection.problem import Fit
 from ..session.session import Session
 
 UNKNOWN_SHARE = 0.15
@@ -25,21 +25,6 @@ class Doubt:
 
     is_unknown: bool
     confidence: float
-
-
-def unexplained_shares(
-    session: Session, left_rms: Mapping[str, float], noise: Noise
-) -> dict[str, float]:
-    """Share of each channel's energy above the floor that is left, `left_rms` by channel.
-
-    A remainder within the tolerance counts as none.
-    """
-    found = {}
-    for name, rows in session.channels.items():
-        above, left = noise.beyond(name, rows.rms), left_rms[name]
-        counts = above > 0.0 and noise.matters(name, left)
-        found[name] = min((noise.beyond(name, left) / above) ** 2, 1.0) if counts else 0.0
-    return found
 
 
 def doubts_of(
@@ -65,7 +50,7 @@ def is_stretched(
     design: DesignMatrix, best: Fit, parameters: Collection[str], named: Collection[str]
 ) -> bool:
     """Tell whether a parameter that is not named has to leave its tolerance for the fit."""
-    for k in range(design.tolerated):
+    for k in range(design.nuisances):
         name = design.regressors[k].name
         if name in parameters and name not in named:
             place = int(design.first[k])

@@ -17,11 +17,11 @@ from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.registry import machine_effects
 from ...models.machine import Machine, Quantity
-from ..candidates.smooth_functions import SmoothFunctions
-from ..validation.cross_validation import block_s, fold_of
-from ..validation.residual_structure import with_ridge
-from .run import Run
-from .session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
+from ..session.run import Run
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
+from .folds import block_s, fold_of
+from .smooth_functions import SmoothFunctions
+from .structure import with_ridge
 
 _RIDGES = (1e-3, 1e-2, 0.1, 1.0)
 """Of the number of rows."""

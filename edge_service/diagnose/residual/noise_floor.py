@@ -15,9 +15,9 @@ from scipy.spatial import KDTree
 
 from ...fingerprint.regression.linear import effective_size
 from ...messages.samples import Floats
-from ..validation.cross_validation import block_s, fold_of
-from ..validation.residual_structure import predicted_structure
-from .session import Rows, Session
+from ..session.session import Rows, Session
+from .folds import block_s, fold_of
+from .structure import predicted_structure
 
 _PIECE_ROWS = 24
 _MOST_SPREAD = 0.6

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...messages.samples import Floats
-from ..candidates.smooth_functions import SmoothFunctions
 from ..session.session import Integers, Rows, Session
-from .cross_validation import FOLDS, block_s, fold_of
+from .folds import FOLDS, block_s, fold_of
+from .smooth_functions import SmoothFunctions
 
 _RIDGES = (3e-4, 1e-2, 0.3)
 """Of the number of rows: columns have a mean square of 1, the plainest ones a greater one."""

@@ -1,0 +1,106 @@
+"""Normal equations of a least-squares fit: sums of products over the rows, and their solution."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...messages.samples import Floats
+from ..session.session import Integers
+
+Columns = npt.NDArray[np.float32]
+"""Half the memory; products of theirs are summed in double precision."""
+_CHUNK = 4096
+"""Rows whose products are summed at once, in double precision."""
+_RIDGE = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """Sums over the rows of one channel.
+
+    Attributes:
+        gram: products of the columns, (p, p); of many sets of columns (s, p, p).
+        cross: products of the columns with the gap, (p,) or (s, p).
+        square: sum of squares of the gap.
+        rows: number of rows.
+    """
+
+    gram: Floats
+    cross: Floats
+    square: float
+    rows: int
+
+    @classmethod
+    def of(cls, columns: Columns, gap: Floats, rows: Integers | None = None) -> Self:
+        """Equations of columns (n, p) and the gap (n,), or of some of their rows only.
+
+        Most columns show in one channel only.
+        """
+        chosen = np.arange(len(gap)) if rows is None else rows
+        shown = np.flatnonzero([np.any(column) for column in columns.T])
+        gram = np.zeros((columns.shape[1], columns.shape[1]))
+        cross = np.zeros(columns.shape[1])
+        gram[np.ix_(shown, shown)], cross[shown] = _products(columns, shown, gap, chosen)
+        return cls(gram, cross, float(gap[chosen] @ gap[chosen]), len(chosen))
+
+    def of_sets(self, index: Integers) -> "NormalEquations":
+        """Equations of many sets of columns, (s, p)."""
+        gram = self.gram[index[:, :, None], index[:, None, :]]
+        return NormalEquations(gram, self.cross[index], self.square, self.rows)
+
+    def mean_square(self, beta: Floats) -> Floats:
+        """Mean square that each set leaves with its coefficients (s, p), (s,)."""
+        modelled = (beta[:, None, :] @ self.gram)[:, 0]
+        square = self.square + np.sum(beta * (modelled - 2.0 * self.cross), axis=1)
+        left: Floats = np.maximum(square, 1e-12 * self.square) / self.rows
+        return left
+
+
+def _products(
+    columns: Columns, shown: Integers, gap: Floats, rows: Integers
+) -> tuple[Floats, Floats]:
+    """Sums of products of the shown columns, (p, p), and of theirs with the gap, (p,)."""
+    gram, cross = np.zeros((len(shown), len(shown))), np.zeros(len(shown))
+    for start in range(0, len(rows), _CHUNK):
+        some = rows[start : start + _CHUNK]
+        part = columns[np.ix_(some, shown)].astype(np.float64)
+        gram += part.T @ part
+        cross += part.T @ gap[some]
+    return gram, cross
+
+
+def solved(normal: Floats, target: Floats) -> Floats:
+    """Solutions of positive systems whose rows may differ by many orders of magnitude, (s, p)."""
+    diagonal = np.diagonal(normal, axis1=1, axis2=2)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(scale.shape[1])
+    found: Floats = np.linalg.solve(scaled, (target / scale)[..., None])[..., 0] / scale
+    return found
+
+
+def inverted(normal: Floats) -> Floats:
+    """Inverse of a positive matrix whose rows may differ by many orders of magnitude, (p, p)."""
+    diagonal = np.diag(normal)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = normal / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    inverse: Floats = np.linalg.inv(scaled) / np.outer(scale, scale)
+    return inverse
+
+
+def square_falls(own: Floats, schur: Floats, rest: Floats) -> Floats:
+    """Fall r S^-1 r of the square by candidates of one size, (n,); 0 where the base leaves nothing.
+
+    Args:
+        own, schur: squares of their columns, and of what the base leaves of them, (n, k, k).
+        rest: their products with what the base leaves of the gap, (n, k).
+    """
+    diagonal = np.diagonal(own, axis1=1, axis2=2)
+    left = np.diagonal(schur, axis1=1, axis2=2)
+    fit_for = np.all((diagonal > 0.0) & (left >= 1e-6 * diagonal), axis=1)
+    ridge = 1e-9 * diagonal[fit_for, :, None] * np.eye(rest.shape[1])
+    unit = np.linalg.solve(schur[fit_for] + ridge, rest[fit_for, :, None])[..., 0]
+    found = np.zeros(len(rest))
+    found[fit_for] = np.sum(rest[fit_for] * unit, axis=1)
+    return found
