@@ -12,7 +12,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.effects.baseline import Baseline, Motion
-from ...models.effects.empirical import Covered, MotionCurve
+from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
 from ...models.effects.registry import effects
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from .regressor import Ranges
@@ -20,66 +20,42 @@ from .regressor import Ranges
 
 @dataclass(frozen=True, slots=True)
 class EmpiricalShape:
-    """Columns in one channel, as functions of the motion."""
+    """Columns of a form of an effect; in both channels their proportion is part of the claim."""
 
     name: str
-    form: str
-    channel: str
-    curves: tuple[MotionCurve, ...]
+    curves: EmpiricalForm
+
+    @property
+    def form(self) -> str:
+        """Name of the form."""
+        return self.curves.name
 
     @property
     def size(self) -> int:
         """Number of its columns."""
-        return len(self.curves)
+        return max(len(self.curves.torque), len(self.curves.transmission))
 
     def columns(self, session: Session, channel: str) -> Floats:
-        """Its columns in a channel, (n, size); zero in the other one."""
-        if channel != self.channel:
+        """Its columns in a channel, (n, size); zero in one that it does not show in."""
+        if channel == TORQUE_GAP:
+            curves, place = self.curves.torque, session.torque_column
+        else:
+            curves, place = self.curves.transmission, session.transmission_column
+        if not curves:
             return np.zeros((len(session.channels[channel].gap), self.size))
-        place = session.torque_column if channel == TORQUE_GAP else session.transmission_column
-        return np.column_stack([place(_on(curve, session.baseline)) for curve in self.curves])
+        return np.column_stack([place(_on(curve, session.baseline)) for curve in curves])
 
 
 def _on(curve: MotionCurve, baseline: Baseline) -> Callable[[Motion], Floats]:
     return lambda motion: curve(motion, baseline)
 
 
-@dataclass(frozen=True, slots=True)
-class PairedShape:
-    """One column in both channels, whose proportion is part of what it claims."""
-
-    name: str
-    form: str
-    torque: MotionCurve
-    transmission: MotionCurve
-
-    @property
-    def size(self) -> int:
-        """One."""
-        return 1
-
-    def columns(self, session: Session, channel: str) -> Floats:
-        """Its column in a channel, (n, 1)."""
-        curve = self.torque if channel == TORQUE_GAP else self.transmission
-        place = session.torque_column if channel == TORQUE_GAP else session.transmission_column
-        return place(lambda motion: curve(motion, session.baseline))[:, None]
-
-
-def empirical_shapes(session: Session) -> Iterator[EmpiricalShape | PairedShape]:
-    """Every empirical shape that the recorded channels could show: of one channel, then of both."""
+def empirical_shapes(session: Session) -> Iterator[EmpiricalShape]:
+    """Every form that the recorded channels could show."""
     ranges = Ranges.of_session(session)
     covered = Covered(ranges.duration_s, ranges.low_m, ranges.span_m)
-    forms = [
-        (effect.name, form)
-        for effect in effects().values()
-        for form in effect.empirical_forms(covered, session.baseline)
-    ]
-    for name, form in forms:
-        if TORQUE_GAP in session.channels and not form.transmission:
-            yield EmpiricalShape(name, form.name, TORQUE_GAP, form.torque)
-    for name, form in forms:
-        if TRANSMISSION_GAP in session.channels and not form.torque:
-            yield EmpiricalShape(name, form.name, TRANSMISSION_GAP, form.transmission)
-    for name, form in forms:
-        if len(session.channels) > 1 and form.torque and form.transmission:
-            yield PairedShape(name, form.name, form.torque[0], form.transmission[0])
+    for effect in effects().values():
+        for form in effect.empirical_forms(covered, session.baseline):
+            shown = {TORQUE_GAP: form.torque, TRANSMISSION_GAP: form.transmission}
+            if {channel for channel in shown if shown[channel]} <= session.channels.keys():
+                yield EmpiricalShape(effect.name, form)

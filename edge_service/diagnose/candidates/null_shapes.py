@@ -10,7 +10,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.effects.baseline import Motion
-from ...models.effects.empirical import MotionCurve
+from ...models.effects.empirical import EmpiricalForm, MotionCurve
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from .empirical_shapes import EmpiricalShape
 
@@ -30,12 +30,13 @@ def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
     """Those that the recorded channels could show."""
     if TORQUE_GAP in session.channels:
         for torque in _TORQUES:
-            yield EmpiricalShape(UNKNOWN, "level", TORQUE_GAP, (_plain(torque),))
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", (_plain(torque),)))
     if TRANSMISSION_GAP in session.channels:
-        yield EmpiricalShape(UNKNOWN, "slope", TRANSMISSION_GAP, (_plain(lambda m: m.position_m),))
+        slope = (_plain(lambda motion: motion.position_m),)
+        yield EmpiricalShape(UNKNOWN, EmpiricalForm("slope", transmission=slope))
         for order in _WAVES:
             waves = _wave(order, 0.0), _wave(order, 0.5 * np.pi)
-            yield EmpiricalShape(UNKNOWN, "wave", TRANSMISSION_GAP, waves)
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("wave", transmission=waves))
 
 
 def _plain(curve: Callable[[Motion], Floats]) -> MotionCurve:
