@@ -62,6 +62,7 @@ def healthy_priors(machine: Machine, period_s: float, coulomb_nm: float) -> Sequ
 
 
 def _parameters_first(effect: Effect) -> tuple[bool, int, str]:
+    """Order of columns, on which the last digits of an answer depend."""
     return effect.term is None, list(Kind).index(effect.kind), effect.name
 
 

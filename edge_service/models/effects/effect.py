@@ -63,7 +63,8 @@ class Parameter:
         healthy, faulty: typical values; for a shape that a healthy axis shares, equal.
         whole: only whole numbers are allowed.
         amounts: those that a phase or a shape belongs to; empty where it is for all.
-        tried: values of a shape from which a search begins; empty: those that its unit suggests.
+        tried: values of a shape from which a search begins; empty: those that its unit suggests, of
+            a place along the travel, whose name begins with `centre`, all of that travel.
         tried_of_travel: the same as shares of the travel that a recording covers.
     """
 
