@@ -62,7 +62,6 @@ def diagnose_session(
         left=contributions.left,
         waterfall=waterfall(session, contributions.by_effect),
         nearest=conclusion.nearest,
-        posterior=assessment.selected.posterior,
         replay=replay(machine, assessment.folds, contributions.channel_of, floors),
         caveats=conclusion.caveats,
         is_blind=conclusion.is_blind,

@@ -8,7 +8,6 @@ from enum import StrEnum
 from ..messages.samples import Floats
 from .estimation.estimates import Interval
 from .localisation.places import Place
-from .selection.posterior import Posterior
 from .validation.replay import Replay
 from .validation.shrink import Shrink
 
@@ -16,7 +15,7 @@ SURE = 0.9
 
 
 class Verdict(StrEnum):
-    """The answer in a word."""
+    """Verdict of a diagnosis."""
 
     NO_GAP = "no_gap"
     EXPLAINED = "explained"
@@ -27,7 +26,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class NamedEffect:
-    """A cause.
+    """Named cause of the gap.
 
     Attributes:
         entries: values of the effect, one set for each time that it is there.
@@ -73,9 +72,14 @@ class ChannelGap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:
-    """Everything that is said of a session.
+    """Result of the diagnosis of a session.
 
     Attributes:
+        gap, left, waterfall: by channel; `left` is the residual of the named effects, (n,).
+        where, where_after: places of the gap, and of what the named effects leave of it.
+        effects: the most probable first.
+        unexplained: greatest share of a channel's energy above the floor that is left.
+        nearest: effect that comes nearest to a cause that nobody knows; None where all are known.
         caveats: what bounds the verdict, one line each: a floor that hides what matters, a
             remainder beside the causes.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
@@ -92,7 +96,6 @@ class Diagnosis:
     left: Mapping[str, Floats]
     waterfall: Mapping[str, Sequence[tuple[str, float]]]
     nearest: str | None
-    posterior: Posterior
     replay: Replay
     caveats: tuple[str, ...]
     is_blind: bool
@@ -100,7 +103,7 @@ class Diagnosis:
 
 
 def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
-    """The word for some causes, of which one may be none."""
+    """Verdict on some causes, none or more."""
     if is_unknown:
         return Verdict.UNKNOWN
     if not found:

@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.diagnose.experiment.isolability import DECISIVE, Separation, strength_told
+from edge_service.diagnose.experiment.isolability import DECISIVE, Separation, least_strength
 from edge_service.diagnose.experiment.proposal import candidates, propose
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, motion_limits
@@ -113,11 +113,11 @@ def test_the_weaker_the_fault_the_less_evidence(bench: Machine) -> None:
 @pytest.mark.parametrize("ratio", [0.01, 1.0, 30.0])
 def test_the_strength_that_shows_follows_from_the_evidence(ratio: float) -> None:
     """One channel, 400 observations: 200 ln(1 + (k r)^2) = DECISIVE."""
-    told = strength_told(Separation("a", None, 0.0, (ratio,), 0.0))
+    told = least_strength(Separation("a", None, 0.0, (ratio,), 0.0))
     assert told == pytest.approx(math.sqrt(math.expm1(DECISIVE / 200.0)) / ratio, rel=1e-6)
-    strained = strength_told(Separation("a", None, 0.0, (0.0,), ratio))
+    strained = least_strength(Separation("a", None, 0.0, (0.0,), ratio))
     assert strained == pytest.approx(math.sqrt(2.0 * DECISIVE / ratio), rel=1e-6)
-    assert strength_told(Separation("a", None, 0.0, (0.0,), 0.0)) == math.inf
+    assert least_strength(Separation("a", None, 0.0, (0.0,), 0.0)) == math.inf
 
 
 def _diagnosis(path: Path, **members: object) -> str:

@@ -1,1 +1,1 @@
-"""Candidate causes as regressors, and the normal equations that their fits need."""
+"""Candidate causes as regressors, their design matrix, and its normal equations."""

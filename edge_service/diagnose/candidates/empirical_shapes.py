@@ -1,4 +1,4 @@
-"""Forms that an effect takes on a real axis beyond those of its entry; they bear its name.
+"""Empirical shapes: forms of an effect on a real axis beyond its entry; they bear its name.
 
 An entry of the library states an effect by a few numbers. A real screw does not warm up by an
 exponential of time alone, and a cut is no rectangle: without these forms what an entry cannot
@@ -20,7 +20,7 @@ from .regressor import Ranges
 
 @dataclass(frozen=True, slots=True)
 class EmpiricalShape:
-    """Columns of a form of an effect; in both channels their proportion is part of the claim."""
+    """Columns of a form of an effect; in both channels their proportion is part of it."""
 
     name: str
     curves: EmpiricalForm
@@ -36,14 +36,13 @@ class EmpiricalShape:
         return max(len(self.curves.torque), len(self.curves.transmission))
 
     def columns(self, session: Session, channel: str) -> Floats:
-        """Its columns in a channel, (n, size); zero in one that it does not show in."""
-        if channel == TORQUE_GAP:
-            curves, place = self.curves.torque, session.torque_column
-        else:
-            curves, place = self.curves.transmission, session.transmission_column
+        """Columns in a channel, (n, size); zero in one that it does not show in."""
+        curves = self.curves.torque if channel == TORQUE_GAP else self.curves.transmission
         if not curves:
             return np.zeros((len(session.channels[channel].gap), self.size))
-        return np.column_stack([place(_on(curve, session.baseline)) for curve in curves])
+        return np.column_stack(
+            [session.column(channel, _on(curve, session.baseline)) for curve in curves]
+        )
 
 
 def _on(curve: MotionCurve, baseline: Baseline) -> Callable[[Motion], Floats]:
@@ -51,7 +50,7 @@ def _on(curve: MotionCurve, baseline: Baseline) -> Callable[[Motion], Floats]:
 
 
 def empirical_shapes(session: Session) -> Iterator[EmpiricalShape]:
-    """Every form that the recorded channels could show."""
+    """Empirical shapes of the library that the recorded channels could show."""
     ranges = Ranges.of_session(session)
     covered = Covered(ranges.duration_s, ranges.low_m, ranges.span_m)
     for effect in effects().values():

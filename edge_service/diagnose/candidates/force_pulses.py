@@ -1,4 +1,4 @@
-"""Forces on the table for a while, found where the torque has a mean of its own."""
+"""Force pulses on the table, found where the torque has a mean of its own for a while."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ FORCE = disturbance()
 
 @dataclass(frozen=True, slots=True)
 class ForcePulse:
-    """A force on the table within a span of time."""
+    """Constant force on the table within a span of time."""
 
     start_s: float
     end_s: float
@@ -38,7 +38,7 @@ class ForcePulse:
         return session.torque_column(lambda motion: self._torque(motion, session.baseline))[:, None]
 
     def covers(self, time_s: Floats) -> Booleans:
-        """Times that it disturbs, with the controller's answer to its end, (n,)."""
+        """Mask of the times that it disturbs, with the controller's answer to its end, (n,)."""
         inside: Booleans = (time_s >= self.start_s - _DISTURBED_S) & (
             time_s < self.end_s + _DISTURBED_S
         )
@@ -94,7 +94,11 @@ def _strongest_span(sums: Floats, count: Floats) -> tuple[int, int, float]:
 
 
 def pulses_of_session(session: Session, left: Floats) -> Sequence[ForcePulse]:
-    """Force pulses of a session, for what is left of its torque."""
+    """Force pulses of a session.
+
+    Args:
+        left: residual of its torque, N m, (n,).
+    """
     rows = session.channels[TORQUE_GAP]
     order = np.argsort(rows.variables["time_s"], kind="stable")
     return list(

@@ -1,4 +1,4 @@
-"""The plainest forms that a gap can take, without a name: rivals of every entry of a library.
+"""Null shapes: the plainest that a gap can take, without a name; rivals of every entry.
 
 A cause that the library lacks is taken for its nearest relation, unless something plainer that
 claims less explains the gap as well: a level, a slope, a wave in one channel alone.
@@ -27,7 +27,7 @@ _TORQUES: tuple[Callable[[Motion], Floats], ...] = (
 
 
 def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
-    """Those that the recorded channels could show."""
+    """Null shapes that the recorded channels could show."""
     if TORQUE_GAP in session.channels:
         for torque in _TORQUES:
             yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", (_plain(torque),)))

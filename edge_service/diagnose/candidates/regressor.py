@@ -1,4 +1,4 @@
-"""The library as columns: every entry over a grid of its shapes, linear in its amounts."""
+"""Candidate regressors: every entry of the library over a grid of its shapes, linear in amounts."""
 
 import itertools
 import math
@@ -11,9 +11,8 @@ import numpy as np
 from ...messages.channels import TORQUE
 from ...messages.samples import Floats
 from ...models.effects.effect import Effect, Parameter, Role
-from ...models.effects.signature import torque_signature, transmission_signature
 from ..session.run import Run
-from ..session.session import TORQUE_GAP, Session
+from ..session.session import Session
 
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
@@ -28,11 +27,11 @@ _WARMING_S = 20.0
 
 
 class CandidateRegressor(Protocol):
-    """A candidate: an effect at one shape, whose strength is linear."""
+    """Candidate: an effect at one shape, whose strength is linear."""
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect."""
 
     @property
     def form(self) -> str:
@@ -48,7 +47,7 @@ class CandidateRegressor(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class EntryRegressor:
-    """An entry of the library at one shape.
+    """Entry of the library at one shape.
 
     Attributes:
         amount: name of the amount; empty where the effect has none, and its shape is its strength.
@@ -63,32 +62,28 @@ class EntryRegressor:
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect."""
         return self.effect.name
 
     @property
     def form(self) -> str:
-        """Its amount."""
+        """Name of its amount."""
         return self.amount
 
     @property
     def size(self) -> int:
-        """One, or two for a harmonic."""
+        """Number of its columns: one, or two for a harmonic."""
         return len(self.at)
 
     def columns(self, session: Session, channel: str) -> Floats:
         """Signatures at unit strength in a channel, (n, size)."""
-        return np.column_stack([self._column(session, channel, values) for values in self.at])
-
-    def _column(self, session: Session, channel: str, values: Mapping[str, float]) -> Floats:
-        baseline = session.baseline
-        if channel == TORQUE_GAP:
-            return session.torque_column(
-                lambda motion: torque_signature(self.effect, values, motion, baseline)
-            )
-        return session.transmission_column(
-            lambda motion: transmission_signature(self.effect, values, motion, baseline)
+        return np.column_stack(
+            [session.signature(channel, self.effect, values) for values in self.at]
         )
+
+    def with_shape(self, name: str, value: float) -> "EntryRegressor":
+        """Regressor of the same amount with another value of one shape."""
+        return entry_regressor(self.effect, self.amount, dict(self.shape) | {name: value})
 
     def values(self, coefficients: Sequence[float] | Floats) -> dict[str, float]:
         """Values of the effect for the coefficients of the columns."""
@@ -103,7 +98,7 @@ class EntryRegressor:
 
 
 def entry_regressor(effect: Effect, amount: str, shape: Mapping[str, float]) -> EntryRegressor:
-    """The regressor of an amount at a shape."""
+    """Regressor of an amount at a shape."""
     values: dict[str, float] = {}
     for parameter in effect.parameters:
         if parameter.role is Role.SHAPE:
@@ -133,7 +128,7 @@ def _belonging(effect: Effect, amount: str) -> list[Parameter]:
 
 
 def regressors_of(effect: Effect, session: Session) -> Iterator[EntryRegressor]:
-    """All regressors of one entry that a recording could show."""
+    """Regressors of one entry that a recording could show."""
     amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT] or [""]
     ranges = Ranges.of_session(session)
     for amount in amounts:
@@ -170,7 +165,7 @@ class Ranges:
 
     @classmethod
     def of_session(cls, session: Session) -> "Ranges":
-        """Over all runs."""
+        """Ranges over all runs."""
         motions = [run.motion for run in session.runs]
         temperature_c = np.concatenate([m.temperature_c for m in motions])
         known = temperature_c[np.isfinite(temperature_c)]

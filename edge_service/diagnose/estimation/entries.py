@@ -44,7 +44,7 @@ def entries_of(
 def _within_bounds(
     system: WeightedLeastSquares, regressors: list[EntryRegressor]
 ) -> list[EntryRegressor]:
-    """Without entries that only a sibling of the opposite sign keeps from leaving their bounds."""
+    """Drop entries that only a sibling of the opposite sign keeps from leaving their bounds."""
     while True:
         columns = [system.columns(regressor) for regressor in regressors]
         beta = system.solve(regressors, columns)[0][len(system.mean) :]
@@ -68,7 +68,7 @@ def _beyond(regressor: EntryRegressor, amount: float) -> float:
 
 
 def _as_entry(regressor: object) -> EntryRegressor | None:
-    """The entry that stands for a regressor in a machine file; None for an empirical shape."""
+    """Entry that stands for a regressor in a machine file; None for an empirical shape."""
     if isinstance(regressor, EntryRegressor):
         return regressor
     if isinstance(regressor, ForcePulse) and not regressor.against_motion:

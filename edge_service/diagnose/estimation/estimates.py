@@ -20,7 +20,7 @@ _GAIN = error_of(Term.GAIN)
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A value with its 90 % interval."""
+    """Value with its 90 % interval."""
 
     value: float
     low: float
@@ -30,7 +30,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """Coefficients of entries; a parameter's tolerated part belongs to its effect.
+    """Coefficients of entries; a parameter's nuisance part belongs to its effect.
 
     Attributes:
         healthy: parameter effect -> mean and spread of its amount on a healthy axis, in the order
@@ -71,7 +71,7 @@ class Estimates:
         return slice(start, start + self.regressors[k].size)
 
     def coefficients(self, k: int) -> Floats:
-        """Of one regressor, bounded as the library bounds its amount."""
+        """Coefficients of one entry, bounded as the library bounds its amount."""
         found = self.beta[self._place(k)].copy()
         regressor = self.regressors[k]
         if regressor.name in self.healthy:
@@ -135,7 +135,9 @@ class Estimates:
         )
 
     def _amount_interval(self, k: int, value: float, sigma: float) -> tuple[float, float]:
-        """Of a parameter, what a healthy axis has of it is not known to belong to the effect.
+        """90 % interval of an amount.
+
+        Of a parameter, what a healthy axis has of it is not known to belong to the effect.
 
         A torque is read through a gain that is known to its tolerance alone, and with the amount
         what the model has of it already, whose own tolerance stands for that of the product.

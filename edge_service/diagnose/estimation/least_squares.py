@@ -57,13 +57,13 @@ class WeightedLeastSquares:
         )
 
     def columns(self, regressor: EntryRegressor) -> dict[str, Floats]:
-        """Of one regressor, by channel."""
+        """Columns of one entry, by channel."""
         return {name: regressor.columns(self.session, name) for name in self.session.channels}
 
     def solve(
         self, regressors: Sequence[EntryRegressor], columns: Sequence[Mapping[str, Floats]]
     ) -> tuple[Floats, Floats, float]:
-        """Coefficients of fixed and free columns, covariance, and the weighted square left."""
+        """Solve for coefficients of fixed and free columns; with covariance and weighted square."""
         return self._solved(columns, strict_columns(regressors), None)
 
     def solve_beside(
@@ -72,7 +72,7 @@ class WeightedLeastSquares:
         columns: Sequence[Mapping[str, Floats]],
         slopes: Mapping[str, Floats],
     ) -> tuple[Floats, Floats, float]:
-        """The same while shapes may change, whose relative changes have the columns `slopes`."""
+        """Solve while shapes may change too, whose relative changes have the columns `slopes`."""
         ones = strict_columns(regressors)
         moved = next(iter(slopes.values())).shape[1]
         known = np.concatenate((np.zeros(len(ones)), np.full(moved, CHANGE_SIGMA**-2)))

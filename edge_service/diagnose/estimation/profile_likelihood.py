@@ -7,7 +7,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.effects.effect import Parameter
-from ..candidates.regressor import EntryRegressor, entry_regressor
+from ..candidates.regressor import EntryRegressor
 from .least_squares import WeightedLeastSquares
 
 RISE_90 = 2.706
@@ -25,7 +25,7 @@ Slopes = Mapping[str, Mapping[str, Floats]]
 
 
 def slopes_of(system: WeightedLeastSquares, entry: EntryRegressor, coefficients: Floats) -> Slopes:
-    """Sensitivity of what an entry says to each of its shapes, per relative change of the shape."""
+    """Sensitivity of an entry to each of its shapes, per relative change of the shape."""
     found = {}
     for parameter in entry.effect.parameters:
         value = dict(entry.shape).get(parameter.name, 0.0)
@@ -33,7 +33,8 @@ def slopes_of(system: WeightedLeastSquares, entry: EntryRegressor, coefficients:
         if parameter.whole or value == 0.0 or not parameter.low < value < parameter.high:
             continue
         more, less = (
-            system.columns(_with(entry, parameter.name, value + way * step)) for way in (1.0, -1.0)
+            system.columns(entry.with_shape(parameter.name, value + way * step))
+            for way in (1.0, -1.0)
         )
         found[parameter.name] = {
             name: ((more[name] - less[name]) @ coefficients / (2.0 * _SLOPE_STEP))[:, None]
@@ -49,10 +50,6 @@ def joined(system: WeightedLeastSquares, slopes: Slopes, but: str = "") -> Mappi
         name: np.hstack([np.empty((len(rows.gap), 0)), *(each[name] for each in kept)])
         for name, rows in system.session.channels.items()
     }
-
-
-def _with(entry: EntryRegressor, name: str, value: float) -> EntryRegressor:
-    return entry_regressor(entry.effect, entry.amount, dict(entry.shape) | {name: value})
 
 
 def profile_interval(
@@ -71,7 +68,7 @@ def profile_interval(
     beside = joined(system, slopes, parameter.name)
 
     def square(wanted: float) -> float:
-        entry = _with(entries[k], parameter.name, wanted)
+        entry = entries[k].with_shape(parameter.name, wanted)
         changed = [*columns[:k], system.columns(entry), *columns[k + 1 :]]
         return system.solve_beside([*entries[:k], entry, *entries[k + 1 :]], changed, beside)[2]
 

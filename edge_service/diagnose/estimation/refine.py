@@ -1,4 +1,4 @@
-"""Values of named effects: shapes between the points of the grid, amounts, and their spread."""
+"""Refinement of the shapes of entries between the points of their grid."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ from scipy import optimize
 
 from ...messages.samples import Floats
 from ...models.effects.effect import Kind, Parameter, Role
-from ..candidates.regressor import EntryRegressor, entry_regressor
+from ..candidates.regressor import EntryRegressor
 from .least_squares import WeightedLeastSquares
 
 _MOST_SWEEPS = 4
@@ -50,7 +50,7 @@ def _started(
     entry: EntryRegressor,
     entries: Sequence[EntryRegressor],
 ) -> EntryRegressor:
-    """An effect without an amount begins where its strength would be 1."""
+    """Start an effect without an amount where its strength would be 1."""
     if entry.amount or entry.effect.follows_own_torque:
         return entry
     strength = entry.effect.parameters[0].name
@@ -58,7 +58,7 @@ def _started(
     others = [each for each in entries if each is not entry]
     beta, _, _ = system.solve([*others, free], [system.columns(each) for each in (*others, free)])
     value = dict(entry.shape)[strength]
-    return _at(entry, strength, value * float(np.clip(beta[-1], 0.2, 3.0)))
+    return entry.with_shape(strength, value * float(np.clip(beta[-1], 0.2, 3.0)))
 
 
 def _moved(
@@ -68,14 +68,14 @@ def _moved(
     k: int,
     parameter: Parameter,
 ) -> tuple[EntryRegressor, Mapping[str, Floats], float]:
-    """The entry with one shape moved, its columns, and the weighted square left."""
+    """Entry with one shape moved, its columns, and the weighted square left."""
     value = dict(entries[k].shape)[parameter.name]
     is_scale = parameter.low >= 0.0 and value > 0.0
 
     def trial(x: float) -> tuple[EntryRegressor, dict[str, Floats], float]:
         wanted = value * float(np.exp(x)) if is_scale else value + x * _span(entries[k], parameter)
-        entry = _at(
-            entries[k], parameter.name, float(np.clip(wanted, parameter.low, parameter.high))
+        entry = entries[k].with_shape(
+            parameter.name, float(np.clip(wanted, parameter.low, parameter.high))
         )
         mine = system.columns(entry)
         changed = [*entries[:k], entry, *entries[k + 1 :]]
@@ -98,8 +98,3 @@ def _span(entry: EntryRegressor, parameter: Parameter) -> float:
     """Span by which a place or a time is moved: the width or the length of what is there."""
     shape = dict(entry.shape)
     return shape.get("width_m", shape.get("duration_s", 0.1 * abs(parameter.faulty)))
-
-
-def _at(entry: EntryRegressor, name: str, value: float) -> EntryRegressor:
-    shape = dict(entry.shape) | {name: value}
-    return entry_regressor(entry.effect, entry.amount, shape)

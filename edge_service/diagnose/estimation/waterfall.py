@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...messages.samples import Floats
-from ..session.session import Session
+from ..session.session import Session, rms
 
 
 def waterfall(
@@ -29,5 +29,5 @@ def _steps(gap: Floats, contributions: Mapping[str, Floats]) -> list[tuple[str, 
         name = min(rest, key=lambda n: float(np.sum(rest[n] ** 2)))
         left = rest[name]
         open_.remove(name)
-        steps.append((name, float(np.sqrt(np.mean(left**2)))))
+        steps.append((name, rms(left)))
     return steps

@@ -1,6 +1,5 @@
 """Isolability of effects: what a motion could tell apart, before anything is measured."""
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +9,6 @@ import numpy as np
 from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ...messages.samples import SampleFrame
 from ...models.effects.registry import get_effect
-from ...models.effects.signature import torque_signature, transmission_signature
 from ...models.machine import Machine
 from ...models.motion import MOTIONS, Setpoints, motion_limits
 from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
@@ -20,7 +18,7 @@ from ..selection.problem import Fit, SelectionProblem
 from ..selection.stepwise import select_stepwise
 from ..session.healthy_prior import healthy_priors
 from ..session.recordings import runs_of
-from ..session.session import TORQUE_GAP, Rows, Session
+from ..session.session import Rows, Session
 from ..session.twin import rigid_baseline, rigid_plant
 
 LONGEST_S = 60.0
@@ -55,7 +53,7 @@ class Separation:
 def rehearsed(
     machine: Machine, motion: str, duration_s: float | None = None, rate_hz: float = 1000.0
 ) -> Session:
-    """A healthy axis on a named motion, simulated; unless asked, at most `LONGEST_S` of it.
+    """Simulate a healthy axis on a named motion; unless asked, at most `LONGEST_S` of it.
 
     Args:
         duration_s: of the rehearsal.
@@ -122,8 +120,8 @@ def _separation(name: str, rival: str | None, found: Fit, problem: SelectionProb
     return Separation(name, rival, _evidence(ratios, strain), ratios, strain)
 
 
-def strength_told(separation: Separation) -> float:
-    """Share of the fault from which on it would be told from its rival; infinite if never."""
+def least_strength(separation: Separation) -> float:
+    """Least strength, as a share of the fault, that separates it from its rival; or infinite."""
     if max(*separation.ratios, separation.strain) < _NOTHING:
         return math.inf
     low, high = 1e-6, 1e6
@@ -139,20 +137,16 @@ def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str
     """Contribution of a fault to the gap of each channel."""
     effect = get_effect(name)
     values = effect.complete(given)
-    baseline = session.baseline
-    added = {}
-    for channel, rows in session.channels.items():
-        place = session.torque_column if channel == TORQUE_GAP else session.transmission_column
-        signature = torque_signature if channel == TORQUE_GAP else transmission_signature
-        curve = functools.partial(signature, effect, values, baseline=baseline)
-        added[channel] = replace(rows, gap=place(curve))
-    return added
+    return {
+        channel: replace(rows, gap=session.signature(channel, effect, values))
+        for channel, rows in session.channels.items()
+    }
 
 
 def _aimed(
     design: DesignMatrix, channels: Mapping[str, Rows], floor: Mapping[str, float]
 ) -> DesignMatrix:
-    """The design matrix with other gaps; where an effect shows nothing its gap is hardly one."""
+    """Design matrix with other gaps; where an effect shows nothing its gap is hardly one."""
     equations = {
         name: replace(
             each,

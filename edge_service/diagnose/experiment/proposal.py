@@ -1,4 +1,4 @@
-"""The shortest motion that tells apart what a recording leaves tied, by rehearsal on the twin."""
+"""Proposal of the shortest motion that separates tied effects, by rehearsal on the twin."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
 
 @dataclass(frozen=True, slots=True)
 class CandidateMotion:
-    """A motion that the axis allows.
+    """Motion that the axis allows.
 
     Attributes:
         given_s: duration to ask for; None where the motion has its own.
@@ -26,7 +26,7 @@ class CandidateMotion:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A motion and how well it separates what is tied.
+    """Motion and how well it separates what is tied.
 
     Attributes:
         evidence: of the pair that it separates least.
@@ -43,7 +43,7 @@ class Proposal:
 
 
 def candidates(machine: Machine, longest_s: float = LONGEST_S) -> list[CandidateMotion]:
-    """All motions within the axis' limits, the shortest first."""
+    """Motions within the axis' limits, the shortest first."""
     limits = motion_limits(machine)
     found = []
     for name, motion in MOTIONS.items():
@@ -93,7 +93,7 @@ def propose(
 
 
 def _rank(proposal: Proposal) -> tuple[bool, float, float]:
-    """The best first: by the pair that is told apart least, then by all of them."""
+    """Rank, the best first: by the pair that is told apart least, then by all of them."""
     return (
         not proposal.decides,
         -round(proposal.evidence),

@@ -36,7 +36,7 @@ def raised_intervals(level: Floats, weight: Floats) -> list[tuple[int, int]]:
 
 
 def _raised(level: Floats, weight: Floats, low: int, high: int) -> tuple[int, int] | None:
-    """The best pair of change points in [low, high); None where no inner level is higher."""
+    """Best pair of change points in [low, high); None where no inner level is higher."""
     mass = np.concatenate(([0.0], np.cumsum(weight[low:high])))
     total = np.concatenate(([0.0], np.cumsum((weight * level)[low:high])))
     inside = mass[None, :] - mass[:, None]

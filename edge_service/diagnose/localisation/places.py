@@ -38,7 +38,7 @@ _LEAST_SHARE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """An interval of a variable.
+    """Interval of a variable in which a gap lives.
 
     Attributes:
         share: of the gap's energy that a function of the variable explains.
@@ -111,7 +111,7 @@ class _Found:
 def where(
     channels: Mapping[str, Rows], floors: Mapping[str, float] | None = None, most: int = 3
 ) -> list[Place]:
-    """The variables that explain most of the gap in each channel, the best first.
+    """Variables that explain most of the gap in each channel, the best first.
 
     A function of the variable, or one that turns with the direction, is fitted to every other
     stretch of time and held against the rest. The intervals of a variable follow one another.
@@ -172,7 +172,7 @@ def _bins(values: Floats, edges: Floats) -> Integers:
 
 
 def _real(tried: Sequence[_Found]) -> list[_Found]:
-    """Those among which the rate of false discoveries is bounded."""
+    """Findings among which the rate of false discoveries is bounded."""
     ranked = sorted(tried, key=lambda each: each.p_value)
     passed = [
         number

@@ -1,4 +1,4 @@
-"""Floor of a gap, measured: what neither the motion nor a repeat of it tells of it in advance.
+"""Noise floor of a gap: the part that neither the motion nor a repeat of it predicts.
 
 Two passes of the same motion differ by noise, and by nothing that any model could know. What smooth
 functions of the motion say of the gap in another block of time is therefore no noise, nor is what
@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from ...fingerprint.regression.linear import effective_size
 from ...messages.samples import Floats
-from ..session.session import Rows, Session
+from ..session.session import Rows, Session, rms
 from .folds import block_s, fold_of
 from .structure import predicted_structure
 
@@ -31,7 +31,7 @@ _LEAST_REPEATS, _MOST_REPEATS = 200, 4000
 _REPEATS_MAY_MISS = 1.3
 """Repeats are few and lie where the axis goes most: by so much they may be too quiet."""
 _MORE_THAN_NOISE = 1.5
-"""Root mean square over the floor from which on a rest tells nothing of its noise."""
+"""Root mean square over the floor from which on a rest shows nothing of its noise."""
 _QUARTILE = 0.6745
 """Median of the size of a standard normal variable."""
 
@@ -51,16 +51,20 @@ class Floor:
 
 
 def noise_floor(session: Session, left: Mapping[str, Floats]) -> dict[str, Floor]:
-    """Noise in what is left (n,), by channel: what is not foretold of it."""
-    told, length_s = predicted_structure(session, left), block_s(session)
+    """Noise floor of a residual, by channel.
+
+    Args:
+        left: residual, by channel, (n,).
+    """
+    structure, length_s = predicted_structure(session, left), block_s(session)
     found = {}
     for name, each in left.items():
-        rest, rows = each - told[name], session.channels[name]
+        rest, rows = each - structure[name], session.channels[name]
         floor = ordinary_rms(rest)
         again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, length_s)
-        rms = floor if again is None else min(floor, _REPEATS_MAY_MISS * again)
-        is_noise = float(np.sqrt(np.mean(rest**2))) < _MORE_THAN_NOISE * rms
-        found[name] = Floor(rms, effective_size(rest) if is_noise else math.inf)
+        level = floor if again is None else min(floor, _REPEATS_MAY_MISS * again)
+        is_noise = rms(rest) < _MORE_THAN_NOISE * level
+        found[name] = Floor(level, effective_size(rest) if is_noise else math.inf)
     return found
 
 
@@ -71,7 +75,7 @@ def ordinary_rms(values: Floats) -> float:
     """
     if not len(values):
         return 0.0
-    whole = float(np.sqrt(np.mean(values**2)))
+    whole = rms(values)
     count = len(values) // _PIECE_ROWS
     if count < 4:
         return whole

@@ -1,8 +1,8 @@
-"""The healthy machine, as recordings of it show it: what the model lacks there is no fault.
+"""Reference: the healthy machine as recordings of it show it; what its model lacks is no fault.
 
 Its inertia and friction are those of the recordings, whatever the machine file takes them for, and
 a smooth function of the motion takes up what they have beyond that. How far they part from what
-the others of them foretell, noise and all, is the floor for any further recording.
+the others of them predict, noise and all, is the floor for any further recording.
 """
 
 import math
@@ -17,7 +17,7 @@ from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.registry import machine_effects
 from ...models.machine import Machine, Quantity
-from ..session.run import Run
+from ..session.run import Run, by_recording
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
 from .folds import block_s, fold_of
 from .smooth_functions import SmoothFunctions
@@ -52,7 +52,7 @@ class _Followed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The gap of the healthy machine.
+    """Gap of the healthy machine.
 
     Attributes:
         followed: channel -> what it follows.
@@ -70,7 +70,7 @@ class Reference:
         return found - found.mean() if channel == TRANSMISSION_GAP else found
 
     def beside(self, session: Session) -> Session:
-        """The session with what it has beyond the healthy machine as its gap."""
+        """Session with what it has beyond the healthy machine as its gap."""
         channels = {
             name: replace(rows, gap=rows.gap - self.gap(name, rows))
             for name, rows in session.channels.items()
@@ -79,7 +79,7 @@ class Reference:
 
 
 def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> Machine:
-    """The machine with inertia, viscous friction and Coulomb level as its recordings show them.
+    """Machine with inertia, viscous friction and Coulomb level as its recordings show them.
 
     Args:
         runs: of the healthy machine, beside the `baseline` of `machine`.
@@ -107,11 +107,9 @@ def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> 
 def healthy_machine(
     runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect] = ()
 ) -> Reference:
-    """The healthy machine from runs of one or more recordings of it."""
-    numbers = sorted({run.recording for run in runs})
+    """Learn the healthy machine from runs of one or more recordings of it."""
     sessions = [
-        Session.of_runs([run for run in runs if run.recording == number], baseline, modelled)
-        for number in numbers
+        Session.of_runs(each, baseline, modelled) for _, each in sorted(by_recording(runs).items())
     ]
     followed, floor = {}, {}
     for channel in sorted({name for each in sessions for name in each.channels}):
@@ -128,7 +126,7 @@ def healthy_machine(
 def _learned(
     rows: Rows, channel: str, group: Integers, runs: Sequence[Run]
 ) -> tuple[_Followed, float]:
-    """Followed gap, with the ridge that foretells each group best, and how well it does so."""
+    """Learn a gap with the ridge that predicts each group best from the others, and its error."""
     best = math.inf, _RIDGES[-1]
     for ridge in _RIDGES:
         squares = []
@@ -136,8 +134,8 @@ def _learned(
             mine = group == number
             if mine.all():
                 continue
-            learned = _followed(_chosen(rows, ~mine), channel, ridge, runs)
-            left = rows.gap[mine] - learned.at(_chosen(rows, mine).variables)
+            learned = _followed(rows.at(~mine), channel, ridge, runs)
+            left = rows.gap[mine] - learned.at(rows.at(mine).variables)
             squares.append(float(np.mean(left**2)))
         if squares and np.mean(squares) < best[0]:
             best = float(np.mean(squares)), ridge
@@ -162,8 +160,3 @@ def _joined(parts: Sequence[Rows]) -> Rows:
     variables = {name: np.concatenate([rows.variables[name] for rows in parts]) for name in names}
     gap = np.concatenate([rows.gap for rows in parts])
     return Rows(gap, variables, np.concatenate([rows.block for rows in parts]))
-
-
-def _chosen(rows: Rows, kept: np.ndarray) -> Rows:
-    variables = {name: values[kept] for name, values in rows.variables.items()}
-    return Rows(rows.gap[kept], variables, rows.block[kept])

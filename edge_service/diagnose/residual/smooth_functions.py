@@ -27,7 +27,7 @@ _SLOW_RAD_S, _SOFT_RAD_S2 = 0.5, 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothFunctions:
-    """Empirical shapes as some rows need them, to be read at any others.
+    """Basis of smooth functions, spread over some rows, to be evaluated at any others.
 
     Attributes:
         spans: coordinate -> range in the rows that they were made for; beyond it they stay level.
@@ -52,7 +52,7 @@ class SmoothFunctions:
         *,
         timed: bool = True,
     ) -> Self:
-        """Forms for rows of some variables, (n,) each, and what is to be followed, (n,)."""
+        """Basis for rows of some variables, (n,) each, and what is to be followed, (n,)."""
         spans = {
             name: (float(each.min()), float(each.max()))
             for name, each in _coordinates(variables).items()
@@ -64,7 +64,7 @@ class SmoothFunctions:
         return cls(spans, orders, np.where(scale > 0.0, scale, 1.0), low_pass, timed)
 
     def columns(self, variables: Mapping[str, Floats]) -> Floats:
-        """Forms at some rows, (n, p)."""
+        """Columns of the basis at some rows, (n, p)."""
         at = {
             name: np.clip(each, *self.spans[name]) for name, each in _coordinates(variables).items()
         }

@@ -1,4 +1,4 @@
-"""Part of the residual that a empirical shape predicts on motion that it was not fitted to.
+"""Structure of a residual: the part that smooth functions predict on motion not fitted to.
 
 What a library leaves may be noise, or structure that no entry has: what smooth functions predict of
 held-out blocks is structure, whatever its name.
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...messages.samples import Floats
-from ..session.session import Integers, Rows, Session
+from ..session.session import Integers, Session
 from .folds import FOLDS, block_s, fold_of
 from .smooth_functions import SmoothFunctions
 
@@ -24,7 +24,7 @@ def predicted_structure(
 
     Args:
         left: what something leaves of the gap, by channel, (n,).
-        timed: forms over time are among them; otherwise the motion alone foretells.
+        timed: functions of time are among them; otherwise of the motion alone.
     """
     length_s = block_s(session)
     return {
@@ -46,7 +46,7 @@ def cross_predicted(
         mine = fold == k
         if not mine.any() or mine.all():
             continue
-        here, there = _chosen(rows, mine), _chosen(rows, ~mine)
+        here, there = rows.at(mine).variables, rows.at(~mine).variables
         forms = SmoothFunctions.of_rows(there, values[~mine], channel, low_pass, timed=timed)
         known, asked = forms.columns(there), forms.columns(here)
         gram, cross = known.T @ known, known.T @ values[~mine]
@@ -62,7 +62,3 @@ def with_ridge(gram: Floats, ridge: float) -> Floats:
     """Sums of products (p, p) with a ridge, the same for all columns."""
     held: Floats = gram + ridge * np.eye(len(gram))
     return held
-
-
-def _chosen(rows: Rows, kept: np.ndarray) -> dict[str, Floats]:
-    return {name: values[kept] for name, values in rows.variables.items()}

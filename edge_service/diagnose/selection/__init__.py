@@ -1,1 +1,1 @@
-"""Selection of causes: evidence of a set, stepwise and exhaustive search, posterior."""
+"""Selection of causes: noise, candidates, stepwise and exhaustive search, posterior."""

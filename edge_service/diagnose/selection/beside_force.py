@@ -1,4 +1,4 @@
-"""Effects beside a force that nobody can foresee: it hides and feigns them while it acts."""
+"""Effects beside a force that no motion predicts: it hides and feigns them while it acts."""
 
 from dataclasses import replace
 

@@ -1,5 +1,4 @@
-"""Exhaustive selection: all sets of up to three effects, for greed begins with one that may be in
-none of the best."""
+"""Exhaustive selection: all sets of up to three effects, as a greedy start may be in none."""
 
 import itertools
 from collections.abc import Iterator, Sequence

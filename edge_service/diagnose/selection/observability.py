@@ -1,4 +1,4 @@
-"""Effects that a session could show at all, and why it cannot show the others."""
+"""Observability: effects that a session could show at all, and why it cannot show the others."""
 
 import numpy as np
 

@@ -137,7 +137,7 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
 def _parts_doubled(ranked: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
     """Candidates with their scores, the best first; a part of the best that leaves as little gains.
 
-    What is tolerated can hold what the part lacks: nothing but its prior tells the two apart.
+    The nuisances can hold what the part lacks: nothing but its prior tells the two apart.
     """
     best = ranked[0]
     scored = [

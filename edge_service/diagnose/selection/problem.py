@@ -26,7 +26,7 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A set of candidate regressors and the nuisances, fitted to all channels.
+    """Fit of a set of candidate regressors and the nuisances to all channels.
 
     Attributes:
         chosen: the candidates.

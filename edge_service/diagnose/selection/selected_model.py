@@ -15,7 +15,7 @@ from .problem import SelectionProblem
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectedModel:
-    """A session, the selection problem that it poses, and the answer.
+    """Session, the selection problem that it poses, and the posterior that answers it.
 
     Attributes:
         unexplained: share of each channel's energy above the floor that the best set leaves.

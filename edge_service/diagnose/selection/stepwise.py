@@ -61,7 +61,7 @@ def _grown(
 
 
 def _leaders(design: DesignMatrix, open_: Sequence[int], falls: Floats) -> list[int]:
-    """The best regressor of each effect and form, the best of all first."""
+    """Best regressor of each effect and form, the best of all first."""
     best: dict[tuple[str, str], tuple[float, int]] = {}
     for regressor, fall in zip(open_, falls.tolist(), strict=True):
         family = design.regressors[regressor].name, design.regressors[regressor].form

@@ -1,4 +1,4 @@
-"""One clock for the recordings of a session, and a bound on how much of them is kept."""
+"""Common clock for the recordings of a session, and a bound on how much of them is kept."""
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.effects.baseline import Motion
-from .run import Run
+from .run import Run, by_recording
 
 LONGEST_S = 600.0
 """Of a longer session every second minute is kept, or every fourth, and so on."""
@@ -23,7 +23,7 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
     Recordings whose clocks overlap (each may begin at 0) follow one another, the coldest first:
     an axis warms up in a session.
     """
-    recordings = _by_recording(thinned(runs))
+    recordings = list(by_recording(thinned(runs)).values())
     spans = sorted((_start_s(each), _end_s(each)) for each in recordings)
     if all(before[1] < after[0] for before, after in itertools.pairwise(spans)):
         return [run for each in sorted(recordings, key=_start_s) for run in each]
@@ -45,7 +45,7 @@ def thinned(runs: Iterable[Run]) -> list[Run]:
         for part in parts:
             if number % stride == 0:
                 kept.append((number, part))
-                held_s += _duration_s(part)
+                held_s += part.duration_s
             number += 1
         while held_s > LONGEST_S:
             if stride == 1:
@@ -53,15 +53,8 @@ def thinned(runs: Iterable[Run]) -> list[Run]:
                 kept, number = list(enumerate(cut)), len(cut)
             stride *= 2
             kept = [(k, each) for k, each in kept if k % stride == 0]
-            held_s = sum(_duration_s(each) for _, each in kept)
+            held_s = sum(each.duration_s for _, each in kept)
     return [run for _, run in kept]
-
-
-def _by_recording(runs: Sequence[Run]) -> list[list[Run]]:
-    found: dict[int, list[Run]] = {}
-    for run in runs:
-        found.setdefault(run.recording, []).append(run)
-    return list(found.values())
 
 
 def _start_s(runs: Sequence[Run]) -> float:
@@ -72,19 +65,15 @@ def _end_s(runs: Sequence[Run]) -> float:
     return max(float(run.motion.time_s[-1]) for run in runs)
 
 
-def _duration_s(run: Run) -> float:
-    return float(run.motion.time_s[-1] - run.motion.time_s[0])
-
-
 def _coldness(runs: Sequence[Run]) -> tuple[float, ...]:
-    """Temperature, then whatever else tells recordings apart without regard to their order."""
+    """Temperature, then whatever else distinguishes recordings without regard to their order."""
     first = runs[0]
     warmth = [float(run.temperature_c.mean()) for run in runs if run.temperature_c is not None]
     motion = first.motion
     return (
         min(warmth, default=0.0),
         float(motion.time_s[0]),
-        float(sum(map(_duration_s, runs))),
+        float(sum(run.duration_s for run in runs)),
         float(motion.angle_rad[0]),
         float(np.square(motion.angle_rad).mean()),
     )
@@ -96,7 +85,7 @@ def _shifted(run: Run, shift_s: float) -> Run:
 
 
 def _pieces(run: Run) -> Iterator[Run]:
-    step = max(round(PIECE_S * len(run.motion) / max(_duration_s(run), 1e-9)), 1)
+    step = max(round(PIECE_S * len(run.motion) / max(run.duration_s, 1e-9)), 1)
     if len(run.motion) <= 1.5 * step:
         yield run
         return
@@ -106,7 +95,7 @@ def _pieces(run: Run) -> Iterator[Run]:
 
 
 def _cut(run: Run, span: slice) -> Run:
-    """A copy of a part: the rest can be forgotten."""
+    """Copy of a part: the rest can be forgotten."""
     given = [each.name for each in fields(Motion) if each.init]
     motion = Motion(**{name: getattr(run.motion, name)[span].copy() for name in given})
     return replace(

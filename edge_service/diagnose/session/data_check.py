@@ -8,7 +8,7 @@ import numpy as np
 
 from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
 from ...messages.samples import Booleans, Floats
-from .recordings import Run
+from .run import Run, by_recording
 from .same_axis import FileFit, fits_of, inconsistency
 
 LEAST_MOTION_S = 2.0
@@ -36,7 +36,7 @@ class DataCheck:
 
 
 def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str] = ()) -> DataCheck:
-    """Judge the runs of one axis.
+    """Check the runs of one axis.
 
     Args:
         names: of the recordings, by their number.
@@ -54,23 +54,19 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
 
 
 def _cover(runs: Sequence[Run]) -> list[str]:
-    period_s = max(_period(run) for run in runs)
+    period_s = max(run.period_s for run in runs)
     if 1.0 / period_s < LEAST_RATE_HZ:
         return [f"sampled at {1.0 / period_s:.3g} Hz, expected {LEAST_RATE_HZ:g} Hz or more"]
-    moving_s = sum(float(run.moving.sum()) * _period(run) for run in runs)
+    moving_s = sum(float(run.moving.sum()) * run.period_s for run in runs)
     if moving_s < LEAST_MOTION_S:
         return [f"the axis moves for {moving_s:.2g} s, expected {LEAST_MOTION_S:g} s or more"]
     travel = sum(
-        float(np.abs(np.diff(run.motion.angle_rad[:: max(1, round(0.01 / _period(run)))])).sum())
+        float(np.abs(np.diff(run.motion.angle_rad[:: max(1, round(0.01 / run.period_s))])).sum())
         for run in runs
     )
     if travel < LEAST_TRAVEL_REV * 2.0 * np.pi:
         return [f"the screw turns {travel / 6.2832:.2g} revolutions in all, expected more"]
     return []
-
-
-def _period(run: Run) -> float:
-    return float(run.motion.time_s[1] - run.motion.time_s[0])
 
 
 def _units(fits: Sequence[FileFit]) -> list[str]:
@@ -132,7 +128,7 @@ def _torque(runs: Sequence[Run]) -> list[str]:
 
 
 def _gain(runs: Sequence[Run], of: Callable[[Run], float]) -> float:
-    """Median over the recordings of the torque over that of the model; NaN where none tells."""
+    """Median over the recordings of the torque over that of the model; NaN where none shows it."""
     gains: dict[int, float] = {}
     for run in runs:
         if run.has_torque and run.moving.sum() >= _LEAST_MOVING:
@@ -162,7 +158,7 @@ def _inertial_gain(run: Run) -> float:
 
 def _remarks(runs: Sequence[Run]) -> list[str]:
     found = []
-    moving_s = sum(float(run.moving.sum()) * _period(run) for run in runs)
+    moving_s = sum(float(run.moving.sum()) * run.period_s for run in runs)
     if moving_s < SHORT_MOTION_S:
         found.append(f"{moving_s:.0f} s of motion in all: what shows seldom or weakly is not seen")
     if not any(run.has_torque for run in runs):
@@ -191,12 +187,10 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
 
 def _gaps(runs: Sequence[Run]) -> list[str]:
     """Remark on how much of the time between first and last rows is there, if not all of it is."""
-    files: dict[int, list[Run]] = {}
-    for run in runs:
-        files.setdefault(run.recording, []).append(run)
+    files = by_recording(runs)
     if len(files) == len(runs):
         return []
-    held_s = sum(_duration(run) for run in runs)
+    held_s = sum(run.duration_s for run in runs)
     spans = [
         max(run.motion.time_s[-1] for run in file) - min(run.motion.time_s[0] for run in file)
         for file in files.values()
@@ -207,7 +201,3 @@ def _gaps(runs: Sequence[Run]) -> list[str]:
         f"{held_s / 60.0:.0f} of {sum(spans) / 60.0:.0f} min are looked at, in {len(runs)} runs "
         "spread over them"
     ]
-
-
-def _duration(run: Run) -> float:
-    return float(run.motion.time_s[-1] - run.motion.time_s[0])

@@ -22,7 +22,7 @@ INTERPOLATION_M = 5e-8
 
 @dataclass(frozen=True, slots=True)
 class HealthyPrior:
-    """An effect of a healthy axis: its coefficient is normal with `mean` and `sigma`."""
+    """Nuisance effect of a healthy axis: its coefficient is normal with `mean` and `sigma`."""
 
     regressor: EntryRegressor
     mean: float

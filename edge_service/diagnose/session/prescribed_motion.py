@@ -1,4 +1,4 @@
-"""A simulated axis that is led along the measured motion of a run, in place of the real one.
+"""Inverse simulation: an axis with the measured motion of a run prescribed, for its torque.
 
 Its motor makes the measured motion (`models.driven_motion`), so controllers and following errors
 have no part in what is compared. What lies outside the plant is put on afterwards: the torque path
@@ -45,7 +45,7 @@ _INVERSIONS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrescribedMotionAxis:
-    """The axis of a machine file, as stiff as its model takes it for.
+    """Axis of a machine file, as stiff as its model takes it for.
 
     Attributes:
         screw_nm: drag of the screw.
@@ -59,14 +59,14 @@ class PrescribedMotionAxis:
 
     @classmethod
     def of_machine(cls, machine: Machine, baseline: Baseline) -> "PrescribedMotionAxis":
-        """The axis behind a baseline."""
+        """Axis behind a baseline."""
         plant = rigid_plant(plant_of(machine))
         others_nm = plant.bearing_drag_nm + plant.guide_force_n * plant.ratio_m_per_rad
         known = tuple(machine_effects(machine))
         return cls(plant, baseline, baseline.coulomb_nm - others_nm, known)
 
     def with_effects(self, effects: Sequence[ActiveEffect]) -> Forward:
-        """The plant with further effects, damped.
+        """Plant with further effects, damped.
 
         Raises:
             ValueError: they leave no mass on the table.
@@ -78,7 +78,7 @@ class PrescribedMotionAxis:
         return replace(forward, plant=plant._replace(damping_n_s_per_m=damping))
 
     def simulated(self, run: Run, variants: Sequence[Forward], number: Integers) -> Run:
-        """The run with torque and transmission of the simulated plant.
+        """Simulate the torque and transmission of a run whose motion is prescribed.
 
         Args:
             variants: plants with effects.
@@ -135,7 +135,7 @@ class PrescribedMotionAxis:
     def _way(
         self, motion: Motion, speed: Floats, loads: Sequence[TimeLoad], number: Integers
     ) -> Way:
-        """One sample longer than the motion, which goes on as it ends."""
+        """Prescribed motion and loads, one sample longer than the motion, which it extrapolates."""
 
         def by_time(name: str) -> Floats:
             return _chosen(number, [getattr(load, name) for load in loads])
@@ -196,7 +196,7 @@ def _command(
 
 
 def _placed(plant: Plant, offset_m: float) -> Plant:
-    """The plant whose positions count as the table's, which is `offset_m` ahead of the travel.
+    """Plant whose positions count as the table's, which is `offset_m` ahead of the travel.
 
     What the torque path does is put on afterwards.
     """
@@ -220,12 +220,12 @@ _TURN = np.linspace(0.0, 2.0 * math.pi, 4097)
 
 
 def _chosen(number: Integers, each: Sequence[Floats]) -> Floats:
-    """Of several series (n,) the one that holds at each sample."""
+    """Value at each sample of the one of several series (n,) that holds there."""
     found: Floats = np.choose(number, each)
     return found
 
 
 def _of(number: Integers, variants: Sequence[Forward], name: str) -> Floats:
-    """A constant of the variant that holds at each sample, (n,)."""
+    """Constant of the variant that holds at each sample, (n,)."""
     found: Floats = np.array([attrgetter(name)(each) for each in variants])[number]
     return found

@@ -29,7 +29,7 @@ MOTION_CUTOFF_HZ = 100.0
 """Low-pass of the measured angle before it is differentiated."""
 STILL_RAD_S = 0.1
 """Up to this motor speed the axis is at rest, unless the encoder's noise asks for more."""
-_TOLD = 6.0
+_CERTAIN_SIGMAS = 6.0
 """Standard deviations of noise from which on a value is surely none."""
 _SLOWEST_SHARE = 0.1
 """Of the greatest speed: up to it slow samples with much noise count as rest, no further."""
@@ -67,7 +67,7 @@ def unbroken_runs(
     baseline: Baseline,
     least_s: float = LEAST_RUN_S,
 ) -> Iterator[Run]:
-    """All runs, one after another, each recording on its own clock.
+    """Runs, one after another, each recording on its own clock.
 
     Raises:
         ValueError: one line; no position, or no clock.
@@ -98,13 +98,13 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     if slow:
         acceleration, resolved = _second_difference(smooth[ANGLE], run.period_s, noise[ANGLE])
         fastest = float(np.abs(speed).max())
-        wavers = _TOLD * noise[ANGLE] / math.sqrt(2.0) / run.period_s
+        wavers = _CERTAIN_SIGMAS * noise[ANGLE] / math.sqrt(2.0) / run.period_s
         still = max(STILL_RAD_S, min(wavers, _SLOWEST_SHARE * fastest))
     else:
         acceleration = central_difference(speed, run.period_s)
         resolved = np.ones(len(run), dtype=np.bool_)
         cutoff_hz = _cutoff_hz(run.period_s)
-        wavers = _TOLD * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0
+        wavers = _CERTAIN_SIGMAS * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0
         still = max(STILL_RAD_S, wavers)
     edge = math.ceil(EDGE_S / run.period_s)
     inside = slice(edge, len(run) - edge)
@@ -198,9 +198,9 @@ def _second_difference(
     change = np.abs(np.diff(bend))
     change = np.maximum(np.append(change, 0.0), np.insert(change, 0, 0.0))
     strong = float(np.quantile(np.abs(bend), 0.99))
-    lasting = change <= max(_LASTING_SHARE * strong, _TOLD * math.sqrt(20.0) * noise)
-    told = np.abs(bend) > 0.5 * _TOLD * math.sqrt(6.0) * noise
-    return np.where(told, bend, 0.0), lasting
+    lasting = change <= max(_LASTING_SHARE * strong, _CERTAIN_SIGMAS * math.sqrt(20.0) * noise)
+    certain = np.abs(bend) > 0.5 * _CERTAIN_SIGMAS * math.sqrt(6.0) * noise
+    return np.where(certain, bend, 0.0), lasting
 
 
 def _going_on(direction: Floats) -> Booleans:

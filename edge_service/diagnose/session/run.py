@@ -1,6 +1,7 @@
-"""One unbroken run of an axis, and the low-pass that everything compared must pass."""
+"""Unbroken run of an axis, and the low-pass that everything compared must pass."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,7 @@ _ROWS_PER_CUTOFF = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filter:
-    """A zero-phase low-pass that keeps every `step`-th sample.
+    """Zero-phase low-pass that keeps every `step`-th sample.
 
     Attributes:
         taps: symmetric impulse response of a Butterworth filter run both ways, (2 m + 1,).
@@ -38,7 +39,7 @@ class Filter:
 
     @classmethod
     def of_period(cls, period_s: float) -> "Filter":
-        """The comparison's filter for a sampling period; none where samples are few."""
+        """Filter of the comparison for a sampling period; none where samples are few."""
         if is_slow(period_s):
             return cls(np.ones(1), 1, period_s)
         cutoff_hz = min(CUTOFF_HZ, CUTOFF_SHARE / period_s)
@@ -67,7 +68,7 @@ class Filter:
         return self.at(values, np.arange(-(-len(values) // self.step)))
 
     def at(self, values: Floats, rows: Integers) -> Floats:
-        """Some of the filtered rows by their numbers, (k,): what is thinned costs nothing."""
+        """Filtered rows by their numbers, (k,): what is thinned costs nothing."""
         return _weighed(np.ascontiguousarray(values), self.taps, self.step * rows)
 
 
@@ -100,7 +101,7 @@ def is_below(period_s: float, least_hz: float) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """One unbroken run at its native rate, edges cut off; all arrays (n,).
+    """Unbroken run at its native rate, edges cut off; all arrays (n,).
 
     Attributes:
         motion: of the motor, from the filtered angle, with what the baseline says of it.
@@ -126,6 +127,16 @@ class Run:
     noise: dict[str, float]
 
     @property
+    def period_s(self) -> float:
+        """Sampling period of its clock, s."""
+        return float(self.motion.time_s[1] - self.motion.time_s[0])
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last, s."""
+        return float(self.motion.time_s[-1] - self.motion.time_s[0])
+
+    @property
     def has_torque(self) -> bool:
         """True if the torque was recorded."""
         return bool(np.isfinite(self.motion.torque_nm).all())
@@ -147,3 +158,11 @@ class Run:
     def compared_rows(self) -> Booleans:
         """Rows whose torque can be compared: in motion, resolved, and known."""
         return (self.moving & self.resolved & ~self.clipped)[:: self.low_pass.step]
+
+
+def by_recording(runs: Iterable[Run]) -> dict[int, list[Run]]:
+    """Runs of each recording, in their order."""
+    found: dict[int, list[Run]] = {}
+    for run in runs:
+        found.setdefault(run.recording, []).append(run)
+    return found

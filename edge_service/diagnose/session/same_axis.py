@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...messages.samples import Floats
-from .recordings import Run
+from .run import Run, by_recording
 
 LEAST_TRAVEL_M, LONG_TRAVEL_M = 5e-3, 0.1
 """A file that stays within these says nothing of the lead, or nothing that reaches further."""
@@ -78,13 +78,10 @@ class FileFit:
 
 
 def fits_of(runs: Sequence[Run], ratio_m_per_rad: float) -> list[FileFit]:
-    """One fit for each file."""
-    by_file: dict[int, list[Run]] = {}
-    for run in runs:
-        by_file.setdefault(run.recording, []).append(run)
+    """Findings of each file."""
     return [
         FileFit(number, _travel(each, ratio_m_per_rad), _dynamics(each))
-        for number, each in sorted(by_file.items())
+        for number, each in sorted(by_recording(runs).items())
     ]
 
 
@@ -132,7 +129,7 @@ def _of_dynamics(one: Dynamics, other: Dynamics) -> str:
 
 
 def _times(high: Dynamics, low: Dynamics) -> float:
-    """By what factor friction is at least higher, in the middle of the speeds that both run."""
+    """Least factor by which friction is higher, in the middle of the speeds that both run."""
     ratios = [
         (level - _SIGMAS * sigma) / max(less + _SIGMAS * off, 1e-12)
         for octave, (level, sigma) in high.friction_nm.items()

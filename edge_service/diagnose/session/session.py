@@ -1,4 +1,4 @@
-"""All runs of one axis as rows of two channels: what the baseline leaves of torque and position."""
+"""Session: all runs of one axis as rows of two channels, what the baseline leaves of each."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Baseline, Motion
-from ...models.effects.effect import ActiveEffect
+from ...models.effects.effect import ActiveEffect, Effect
 from ...models.effects.signature import torque_signature, transmission_signature
-from .recordings import Run
+from .run import Run
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
@@ -23,9 +23,14 @@ BLOCK_S = 5.0
 """Rows are held out, and resampled, in blocks of about this length."""
 
 
+def rms(values: Floats) -> float:
+    """Root mean square of a series, (n,)."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """One channel of a session.
+    """Rows of one channel of a session.
 
     Attributes:
         gap: measured minus modelled, (n,).
@@ -40,25 +45,27 @@ class Rows:
     @property
     def rms(self) -> float:
         """Root mean square of the gap."""
-        return float(np.sqrt(np.mean(self.gap**2)))
+        return rms(self.gap)
+
+    def at(self, kept: Booleans | slice) -> "Rows":
+        """Rows that a mask (n,) or a slice keeps."""
+        variables = {name: values[kept] for name, values in self.variables.items()}
+        return Rows(self.gap[kept], variables, self.block[kept])
 
     def thinned(self, every: int) -> "Rows":
         """Each `every`-th row."""
-        if every == 1:
-            return self
-        variables = {name: values[::every] for name, values in self.variables.items()}
-        return Rows(self.gap[::every], variables, self.block[::every])
+        return self if every == 1 else self.at(slice(None, None, every))
 
 
 class Healthy(Protocol):
-    """A healthy machine that is known from recordings."""
+    """Healthy machine that is known from recordings."""
 
     @property
     def floor(self) -> Mapping[str, float]:
         """Root mean square by which another healthy recording may part from it, by channel."""
 
     def beside(self, session: "Session") -> "Session":
-        """The session with what it has beyond the healthy machine as its gap."""
+        """Session with what it has beyond the healthy machine as its gap."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +91,7 @@ class Session:
     def of_runs(
         cls, runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect] = ()
     ) -> Self:
-        """The session; a channel counts as recorded where any run has it."""
+        """Session of some runs; a channel counts as recorded where any run has it."""
         count = sum(len(run.motion) // run.low_pass.step + 1 for run in runs)
         every = max(-(-count // MOST_ROWS), 1)
         channels = {}
@@ -102,7 +109,7 @@ class Session:
         return cls(tuple(runs), baseline, tuple(modelled), channels, rows)
 
     def torque_column(self, curve: Callable[[Motion], Floats]) -> Floats:
-        """Any function of the motion as a column of the torque channel, (n,)."""
+        """Column of the torque channel from a function of the motion, (n,)."""
         return np.concatenate(
             [
                 run.low_pass.at(np.where(run.moving, curve(run.motion), 0.0), rows)
@@ -112,7 +119,7 @@ class Session:
         )
 
     def transmission_column(self, curve: Callable[[Motion], Floats]) -> Floats:
-        """Any function of the motion as a column of the transmission channel, its mean removed."""
+        """Column of the transmission channel from a function of the motion, mean removed, (n,)."""
         column: Floats = np.concatenate(
             [
                 run.low_pass.at(curve(run.motion), rows)
@@ -123,13 +130,24 @@ class Session:
         column -= column.mean()
         return column
 
+    def column(self, channel: str, curve: Callable[[Motion], Floats]) -> Floats:
+        """Column of a channel from a function of the motion, (n,)."""
+        if channel == TORQUE_GAP:
+            return self.torque_column(curve)
+        return self.transmission_column(curve)
+
+    def signature(self, channel: str, effect: Effect, values: Mapping[str, float]) -> Floats:
+        """Column of an effect in a channel, (n,)."""
+        of = torque_signature if channel == TORQUE_GAP else transmission_signature
+        return self.column(channel, lambda motion: of(effect, values, motion, self.baseline))
+
     @property
     def torque_rms_nm(self) -> float:
         """Root mean square of the torque in motion, N m; NaN where none was recorded."""
         if TORQUE_GAP not in self.channels:
             return math.nan
         torque = self.torque_column(lambda motion: motion.torque_nm)
-        return float(np.sqrt(np.mean(torque**2)))
+        return rms(torque)
 
 
 def _thinned(kept: Sequence[Booleans], every: int) -> tuple[Integers, ...]:

@@ -1,4 +1,4 @@
-"""A healthy run of the same motion on the simulated axis, and the baseline that it shares."""
+"""Digital twin: a healthy simulated axis on the motion of a recording, and its baseline."""
 
 import math
 from collections import Counter
@@ -39,13 +39,13 @@ _PHASES = 2
 
 
 def rigid_baseline(machine: Machine) -> Baseline:
-    """The baseline as the machine file means it: nothing winds up."""
+    """Baseline as the machine file means it: nothing winds up."""
     baseline = Baseline.of_machine(machine)
     return replace(baseline, compliance_m_per_n=np.zeros_like(baseline.compliance_m_per_n))
 
 
 def rigid_plant(plant: Plant) -> Plant:
-    """A plant whose springs are too stiff to show."""
+    """Plant whose springs are too stiff to show."""
     return plant._replace(
         screw_rigidity_n=plant.screw_rigidity_n * _STIFFENING,
         nut_catalogue_n_per_m=plant.nut_catalogue_n_per_m * _STIFFENING,
@@ -72,12 +72,12 @@ def excerpt(runs: Sequence[Run]) -> list[Run]:
 
 
 def _simulated_s(run: Run) -> float:
-    return min(float(np.ptp(run.motion.time_s)), LONGEST_RUN_S)
+    return min(run.duration_s, LONGEST_RUN_S)
 
 
 def setpoints_of(run: Run, ratio_m_per_rad: float, longest_s: float = LONGEST_RUN_S) -> Floats:
     """Position, speed and acceleration to command, (n, 3): recorded, or those of the motion."""
-    period_s = float(run.motion.time_s[1] - run.motion.time_s[0])
+    period_s = run.period_s
     count = min(len(run.motion), round(longest_s / period_s))
     position = ratio_m_per_rad * run.motion.angle_rad if run.setpoint_m is None else run.setpoint_m
     position = position[:count]
@@ -86,7 +86,7 @@ def setpoints_of(run: Run, ratio_m_per_rad: float, longest_s: float = LONGEST_RU
 
 
 def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session:
-    """One healthy axis on the motion of the runs: drawn parameters, traces, noise as measured."""
+    """Simulate a healthy axis on the motion of runs: drawn parameters, traces, measured noise."""
     random = np.random.default_rng((seed, 20))
     drawn = _drawn(machine, random)
     effects = [*machine_effects(machine), *_traces(machine, random)]
@@ -101,8 +101,8 @@ def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session
 def simulated(
     machine: Machine, run: Run, effects: Sequence[ActiveEffect], seed: int
 ) -> SampleFrame:
-    """The recording that a stiff simulated axis gives on the motion of a run."""
-    period_s = float(run.motion.time_s[1] - run.motion.time_s[0])
+    """Recording that a stiff simulated axis gives on the motion of a run."""
+    period_s = run.period_s
     settings = FeedDriveSettings.of_machine(machine, 1.0 / period_s)
     settings = replace(
         settings,
@@ -139,7 +139,7 @@ def _sensors(run: Run) -> Sensors:
 
 
 def _drawn(machine: Machine, random: np.random.Generator) -> Machine:
-    """The machine with its parameters drawn from their tolerances, cut off at 2.5 of them."""
+    """Machine with its parameters drawn from their tolerances, cut off at 2.5 of them."""
     model = machine.model
     changes = {}
     for key in ("inertia_kg_m2", "viscous_nm_s_per_rad", "preload_drag_nm"):

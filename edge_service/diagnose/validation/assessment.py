@@ -14,7 +14,7 @@ from ..result import NamedEffect
 from ..selection.posterior import without
 from ..selection.selected_model import SelectedModel
 from ..session.healthy_prior import parameter_tolerances
-from ..session.session import TORQUE_GAP
+from ..session.session import TORQUE_GAP, rms
 from .cross_validation import Fold, folds_of
 from .misattribution import Attribution, attributions
 from .shrink import shrink_of
@@ -187,4 +187,4 @@ def _force_pulses_nm(selected: SelectedModel) -> Floats:
 
 def rms_of(left: Mapping[str, Floats]) -> dict[str, float]:
     """Root mean square of series (n,), by channel."""
-    return {name: float(np.sqrt(np.mean(each**2))) for name, each in left.items()}
+    return {name: rms(each) for name, each in left.items()}

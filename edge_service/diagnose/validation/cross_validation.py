@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
-from ..candidates.regressor import entry_regressor
 from ..estimation.estimates import Estimates
 from ..estimation.least_squares import strict_columns
 from ..residual.folds import FOLDS, block_s, fold_of
@@ -16,14 +15,14 @@ _TIME_CONSTANT = "time_constant_s"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
-    """One fold of the blocks: by channel its rows (n,), and values fitted on all others."""
+    """Fold of the blocks: by channel its rows (n,), and values fitted on all others."""
 
     rows: Mapping[str, Booleans]
     values: Estimates
 
 
 def folds_of(values: Estimates) -> tuple[Fold, ...]:
-    """All folds, in their order."""
+    """Folds of a session and the values fitted without each, in their order."""
     session = values.system.session
     length_s = block_s(session)
     folds = {n: fold_of(r.variables["time_s"], length_s) for n, r in session.channels.items()}
@@ -53,16 +52,14 @@ def contribution_at_pace(values: Estimates, name: str, channel: str, pace: float
     found = np.zeros(len(session.channels[channel].gap))
     for k in mine:
         entry = values.regressors[k]
-        shape = dict(entry.shape)
-        if _TIME_CONSTANT in shape:
-            shape[_TIME_CONSTANT] /= pace
-        paced = entry_regressor(entry.effect, entry.amount, shape)
+        constant_s = dict(entry.shape).get(_TIME_CONSTANT)
+        paced = entry if constant_s is None else entry.with_shape(_TIME_CONSTANT, constant_s / pace)
         found += paced.columns(session, channel) @ values.coefficients(k)
     return found
 
 
 def _fold(values: Estimates, rows: Mapping[str, Booleans]) -> Fold:
-    """A fold; one without which nothing would be left to fit has the values of all."""
+    """Fold; one without which nothing would be left to fit has the values of all."""
     kept = {name: ~each for name, each in rows.items()}
     if not all(each.any() for each in kept.values()):
         return Fold(rows, values)

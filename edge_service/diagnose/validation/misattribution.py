@@ -1,4 +1,4 @@
-"""Test whether a named effect is the cause, or the nearest relation of one that nobody knows."""
+"""Misattribution: doubt of a named effect that may be the nearest relation of an unknown one."""
 
 import math
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ further true cause is refused with a chance of 2 in 169 (split conformal predict
 """
 _STEEP = 3.0
 BY_CHANCE = 0.5
-"""Of a force's energy: so much the motion may foretell, for a force also falls on some motion."""
+"""Of a force's energy: so much the motion may predict, for a force also falls on some motion."""
 OWN = 1.0 / 3.0
 """Weight of an effect's own gain in what is missed beside it."""
 LEFT_WEIGHT = 0.8
@@ -35,13 +35,13 @@ MOST_STRAIN = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Attribution:
-    """Claim of an effect in the channel that it affects most, as shares of the gap's energy.
+    """Contribution of an effect to the channel that it affects most, as shares of its energy.
 
     Attributes:
         gain: what leaving it out would bring back.
         explained: what all effects in the channel take away.
-        missed: what is left although a empirical shape foretells it on other motion.
-        left: what the best fit leaves, with all forms that bear the effect's name.
+        missed: what is left although smooth functions predict it on other motion.
+        left: what the best fit leaves, with all shapes that bear the effect's name.
         strain: energy of all effects in the channel.
     """
 
@@ -80,12 +80,12 @@ def attributions(
     channel_of: Mapping[str, str],
     tolerance: Mapping[str, float],
 ) -> dict[str, Attribution]:
-    """The claims of named effects.
+    """Attributions of named effects.
 
     Args:
         parts: effect -> channel -> what it makes of the gap, (n,).
-        left: what all of them and what is tolerated leave, by channel, (n,).
-        left_by_shapes: what the best fit leaves, with all forms that bear a name, (n,).
+        left: what all of them and the nuisances leave, by channel, (n,).
+        left_by_shapes: what the best fit leaves, with all shapes that bear a name, (n,).
         shares_left: share of each channel's energy above the floor that the best fit leaves.
         channel_of: effect -> the channel that it affects most.
         tolerance: root mean square by channel; structure up to it does not count.
@@ -103,18 +103,18 @@ def attributions(
         whole = float(np.sum(session.channels[channel].gap ** 2))
         gain = float(np.sum((rest + mine) ** 2) - np.sum(rest**2))
         strain = math.fsum(float(np.sum(each[channel] ** 2)) for each in parts.values())
-        unforeseen, untold = shares_left[channel], missed[channel]
+        unexplained, missed_here = shares_left[channel], missed[channel]
         if effect == FORCE:
-            unforeseen = FORCE_WEIGHT * max(unforeseen, float(np.sum(rest**2)) / whole)
+            unexplained = FORCE_WEIGHT * max(unexplained, float(np.sum(rest**2)) / whole)
             own = {channel: rest + mine}
             by_motion = predicted_structure(session, own, timed=False)
-            told = _missed(own, by_motion, tolerance)[channel]
-            untold = max(untold, told - BY_CHANCE * float(np.sum(own[channel] ** 2)))
+            by_chance = _missed(own, by_motion, tolerance)[channel]
+            missed_here = max(missed_here, by_chance - BY_CHANCE * float(np.sum(own[channel] ** 2)))
         found[effect] = Attribution(
             gain / whole,
             1.0 - float(np.sum(rest**2)) / whole,
-            untold / whole,
-            unforeseen,
+            missed_here / whole,
+            unexplained,
             strain / whole,
         )
     return found
@@ -123,11 +123,11 @@ def attributions(
 def _missed(
     left: Mapping[str, Floats], structure: Mapping[str, Floats], tolerance: Mapping[str, float]
 ) -> dict[str, float]:
-    """Energy of what is left that a empirical shape foretells, beyond the tolerance, by channel."""
+    """Energy of what is left that smooth functions predict, beyond the tolerance, by channel."""
     found = {}
     for name, rest in left.items():
-        told = float(np.sum(rest**2) - np.sum((rest - structure[name]) ** 2))
-        found[name] = max(told - len(rest) * tolerance[name] ** 2, 0.0)
+        predicted = float(np.sum(rest**2) - np.sum((rest - structure[name]) ** 2))
+        found[name] = max(predicted - len(rest) * tolerance[name] ** 2, 0.0)
     return found
 
 

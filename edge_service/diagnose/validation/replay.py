@@ -17,7 +17,7 @@ from ...models.machine import Machine
 from ..estimation.estimates import Estimates
 from ..residual.folds import block_s, fold_of
 from ..session.prescribed_motion import PrescribedMotionAxis
-from ..session.session import Session
+from ..session.session import Session, rms
 from .cross_validation import Fold
 from .shrink import Shrink, resampled
 
@@ -27,7 +27,7 @@ _LONGEST_S = 300.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedGap:
-    """One channel, measured less simulated, (n,) each.
+    """Gap of one channel, measured less simulated, (n,) each.
 
     Attributes:
         before: without the effects.
@@ -45,12 +45,12 @@ class ReplayedGap:
     @property
     def before_rms(self) -> float:
         """Root mean square without the effects."""
-        return _rms(self.before)
+        return rms(self.before)
 
     @property
     def after_rms(self) -> float:
         """Root mean square with all effects."""
-        return _rms(self.after)
+        return rms(self.after)
 
     @property
     def unexplained_rms(self) -> float:
@@ -60,7 +60,7 @@ class ReplayedGap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """The replay of a session.
+    """Replay of a session.
 
     Attributes:
         gap: by channel.
@@ -83,7 +83,7 @@ def replay(
 
     Args:
         folds: from `folds_of`.
-        channels: effect -> the channel that it is judged in.
+        channels: effect -> the channel that it is assessed in.
         floors: channel -> gap that no model could explain.
     """
     if not channels:
@@ -134,17 +134,13 @@ def _effects(values: Estimates, names: Sequence[str]) -> list[ActiveEffect]:
     return [active_effect(name, each) for name in names for each in values.entries(name)]
 
 
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def _beginning(session: Session) -> Session:
     """Runs up to about `_LONGEST_S`, one at least, beside the bare baseline.
 
     Raises:
         ValueError: nothing moves in them.
     """
-    ends_s = np.cumsum([np.ptp(run.motion.time_s) for run in session.runs])
+    ends_s = np.cumsum([run.duration_s for run in session.runs])
     count = max(int(np.searchsorted(ends_s, _LONGEST_S, side="right")), 1)
     runs = session.runs[:count]
     if not any(run.compared_rows.any() for run in runs):

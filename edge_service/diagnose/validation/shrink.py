@@ -33,7 +33,7 @@ class Shrink:
 
     @classmethod
     def of_draws(cls, estimate: float, draws: Floats) -> "Shrink":
-        """The estimate within the quantiles of draws (k,)."""
+        """Estimate within the quantiles of draws (k,)."""
         low, high = np.quantile(draws, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
         return cls(estimate, float(min(low, estimate)), float(max(high, estimate)))
 
@@ -55,7 +55,7 @@ def shrink_of(
     """Shrink of a channel by one effect beside all others, expected on other motion.
 
     The estimate is that of held-out blocks: from what the others leave to what all leave. A force
-    among the others, which no block foretells of another, is taken off as it was here. An effect
+    among the others, which no block predicts of another, is taken off as it was here. An effect
     that follows time does so at another pace in two thirds of the draws of the interval.
 
     Args:

@@ -30,7 +30,7 @@ class Doubt:
 def doubts_of(
     session: Session, left: Mapping[str, float], left_by_entries: Mapping[str, float], causes: int
 ) -> dict[str, Doubt]:
-    """The doubt in each channel.
+    """Doubt in each channel.
 
     Args:
         left: share that the best fit with empirical shapes leaves.

@@ -6,9 +6,9 @@ from pathlib import Path
 from ...diagnose.experiment.isolability import (
     DECISIVE,
     Separation,
+    least_strength,
     rehearsed,
     separations,
-    strength_told,
 )
 from ...diagnose.session.session import Session
 from ...diagnose.session.twin import healthy_session
@@ -57,7 +57,7 @@ def _table(found: Sequence[Separation]) -> list[str]:
     rows = [("effect", "shows from", "a typical fault could be taken for")]
     for name, each in alone.items():
         rivals = [p.rival for p in found if p.effect == name and p.evidence < DECISIVE and p.rival]
-        shows = strength_told(each) < _NEVER
+        shows = least_strength(each) < _NEVER
         tied = ", ".join(rivals) or "nothing else"
         if each.evidence < DECISIVE:
             tied = "a healthy axis"
@@ -72,7 +72,7 @@ def _strength(effect: Effect, alone: Separation) -> str:
     amounts = [p for p in effect.parameters if p.role is Role.AMOUNT] or list(effect.parameters)
     values: Mapping[str, float] = effect.complete({})
     leading = next((p for p in amounts if values[p.name] != 0.0), amounts[0])
-    return f"{leading.name} {abs(values[leading.name]) * strength_told(alone):.2g} {leading.unit}"
+    return f"{leading.name} {abs(values[leading.name]) * least_strength(alone):.2g} {leading.unit}"
 
 
 def _classes(found: Sequence[Separation]) -> list[list[str]]:
