@@ -118,4 +118,4 @@ def test_nameless_forms_claim_one_channel_each(session: Session) -> None:
     assert {form.name for form in forms} == {UNKNOWN}
     for form in forms:
         shown = [name for name in session.channels if np.any(form.columns(session, name))]
-        assert shown == [form.channel]
+        assert shown == [TORQUE_GAP if form.curves.torque else TRANSMISSION_GAP]
