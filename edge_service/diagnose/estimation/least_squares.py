@@ -7,8 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from ...fingerprint.regression.linear import Booleans
-from ...messages.samples import Floats
+from ...messages.samples import Booleans, Floats
 from ..candidates.normal_equations import inverted
 from ..candidates.regressor import EntryRegressor
 from ..selection.problem import Fit, SelectionProblem
