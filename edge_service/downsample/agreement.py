@@ -1,4 +1,4 @@
-"""Agreement of the linear encoder with the way of the screw, up to what a sound axis may hide."""
+"""Agreement of the linear encoder with the way of the screw, within the limits of a sound axis."""
 
 from dataclasses import astuple, dataclass, replace
 from typing import Any
@@ -64,18 +64,18 @@ def chunks_of(rows: Floats, limits: ChannelLimits) -> list[Chunk]:
     columns = np.column_stack([rows[:-1, T], way[:-1] - rows[:-1, X], way[:-1], rows[:-1, U]])
     sums = np.add.reduceat(columns, edges[:-1], axis=0)
     time_s, parted, way_m, torque = (sums / np.diff(edges)[:, None]).T
-    told = zip(time_s, parted - limits.skew_s * speed, way_m, speed, torque, strict=True)
-    return [Chunk(*map(float, each)) for each in told]
+    means = zip(time_s, parted - limits.skew_s * speed, way_m, speed, torque, strict=True)
+    return [Chunk(*map(float, each)) for each in means]
 
 
 def rests(chunk: Chunk, limits: ChannelLimits) -> bool:
-    """Tell whether the screw stands still."""
+    """True if the screw stands still."""
     return abs(chunk.speed_m_s) <= RESTING_RAD_S * limits.ratio_m_per_rad
 
 
 @dataclass(slots=True)
 class Contact:
-    """Follows whether the nut is known to push the table with the same flank all the while.
+    """Contact of the nut: pushing the table with the same flank all the while, or not.
 
     Attributes:
         pushed_from_m: way of the screw at which it began to push; NaN while it does not.
@@ -118,12 +118,12 @@ class Agreement:
         self.forget()
 
     def forget(self) -> None:
-        """Compare with nothing that was before."""
+        """Forget all earlier pieces."""
         self._anchors: dict[str, Chunk] = {}
         self.interrupt()
 
     def interrupt(self) -> None:
-        """Something was not seen: the present push may have ended."""
+        """Take a gap: the present push may have ended."""
         self._contact = Contact()
         self._anchors.pop("begun", None)
         self._anchors.pop("newest", None)
@@ -134,7 +134,7 @@ class Agreement:
         return self._contact.closed
 
     def parted_m(self, chunk: Chunk, rough: Roughness) -> float:
-        """Take the next piece; by how much the encoders part where a sound axis cannot, or 0."""
+        """Take the next piece; parting of the encoders beyond a sound axis' limits, m, or 0."""
         self._contact.follow(chunk, self._limits, rough.span_nm)
         if not self._contact.closed:
             self._anchors.pop("begun", None)
@@ -147,7 +147,7 @@ class Agreement:
         return 0.0
 
     def is_elsewhere(self, chunk: Chunk, rough: Roughness) -> bool:
-        """Tell whether a piece lies at another level than the last that agreed."""
+        """True if a piece lies at another level than the last that agreed."""
         return any(
             abs(chunk.parted_m - anchor.parted_m)
             > self._limits.play_m + self.allowed_m(anchor, chunk, rough)

@@ -1,7 +1,7 @@
 """Credibility of torque, motor angle and linear encoder, from interval to interval.
 
-A channel that fails is doubted at once; the linear encoder is believed again after it has gone the
-way of the screw for a while, and its level counts as new then.
+A channel that fails is doubted at once; the linear encoder is believed again after it has followed
+the screw for a while, and its level counts as new then.
 """
 
 from dataclasses import astuple, dataclass
@@ -14,28 +14,28 @@ from ..messages.features import Fault
 from ..messages.samples import Floats
 from .agreement import Agreement, Chunk, Roughness, chunks_of, rests
 from .channel_limits import ChannelLimits
-from .ordinary import Manners
+from .encoder_resolution import EncoderResolution
 from .repeats import OpenRun, followed, standing
 from .rows import THETA, T, U, X
 
 TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
-what a fault needs to be told, and every error that returns with each turn has shown itself."""
+what the detection of a fault needs, and every error periodic in a turn has shown itself."""
 LONGEST_TRIAL_S = 64.0
 SETTLED_S = 60.0
 """A fault within so much motion after a trial doubles the next one."""
 LOST_S = 1.0
-"""Whoever was away for longer may have been set anew."""
+"""A channel that was missing for longer may have been reset."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on an interval: its faults, and what it may be read for.
+    """Verdict on an interval: its faults, and the channels that may be read.
 
     Attributes:
         fault: bits of Fault.
-        has_table: whether the linear encoder may be read at all.
-        has_stretch: whether both encoders may be compared in the phases.
+        has_table: the linear encoder may be read.
+        has_stretch: both encoders may be compared in the phases.
     """
 
     fault: Fault
@@ -53,11 +53,11 @@ class _Trial:
     needed_s: float = 0.0
     agreed_s: float = 0.0
     way_m: float = 0.0
-    last_s: float = TRIAL_S  # what the last trial needed
+    last_s: float = TRIAL_S  # needed by the last trial
     since_s: float = np.inf  # motion since it was passed
     missing_s: float = 0.0  # without a value
     elsewhere: bool = False  # agrees, at another level
-    returned: bool = False  # passed, and not told yet
+    returned: bool = False  # passed, and not reported yet
 
     @property
     def doubted(self) -> bool:
@@ -83,7 +83,7 @@ class _Trial:
 
 
 class ChannelCheck:
-    """Follows the channels of one axis; see the limits for what a sound axis may do."""
+    """Check of the channels of one axis against the limits of a sound one."""
 
     def __init__(self, limits: ChannelLimits, fastest_rad_s: float) -> None:
         self._limits = limits
@@ -93,18 +93,18 @@ class ChannelCheck:
     def forget(self) -> None:
         """Begin anew, as on a new clock."""
         self._agreement, self._level = Agreement(self._limits), Agreement(self._limits)
-        self._manners, self._trial = Manners.unknown(), _Trial()
+        self._resolution, self._trial = EncoderResolution.unknown(), _Trial()
         self._table_run, self._angle_run = OpenRun(), OpenRun()
         self._torque = (np.nan, np.nan)  # least and most in the interval before
         self._stuck_torque_nm = np.nan
 
     def interrupt(self) -> None:
-        """Rows are missing: nothing that goes on from one to the next is known."""
+        """Take a gap: nothing that continues from row to row is known."""
         self._agreement.interrupt()
         self._angle_run = OpenRun()
 
-    def judge(self, inside: Floats, ahead: Floats) -> Verdict:
-        """Judge the positions of an interval.
+    def check(self, inside: Floats, ahead: Floats) -> Verdict:
+        """Check the positions of an interval.
 
         Args:
             inside: (n + 1, 8), the last row begins the next interval.
@@ -114,28 +114,28 @@ class ChannelCheck:
         table = inside[:, X]
         span_nm = self._torque_span(inside[:, U])
         if np.isnan(table).any():
-            return self._judge_without(inside, way)
+            return self._without_table(inside, way)
         self._trial.missing_s = 0.0
-        verdict = self._judge_both(inside, ahead, way, span_nm)
+        verdict = self._check_both(inside, ahead, way, span_nm)
         self._table_run = followed(table[:-1], way[:-1], self._table_run)
         self._angle_run = followed(way[:-1], table[:-1], self._angle_run)
         return verdict
 
     def torque_stays(self, torque: Floats, stuck: bool) -> bool:
-        """Tell whether torque (n,) of an interval goes on with the value that it was stuck at."""
+        """True if torque (n,) of an interval continues with the value that it was stuck at."""
         goes_on = bool(torque[0] == self._stuck_torque_nm)
         whole = goes_on and bool((torque == torque[0]).all())
         self._stuck_torque_nm = float(torque[-1]) if stuck or whole else np.nan
         return goes_on
 
     def _torque_span(self, torque: Floats) -> float:
-        """Between the least and the most torque of this interval and the one before."""
+        """Span between the least and the most torque of this interval and the one before, N m."""
         least, most = float(torque.min()), float(torque.max())
         low, high = np.fmin(least, self._torque[0]), np.fmax(most, self._torque[1])
         self._torque = (least, most)
         return float(high - low)
 
-    def _judge_without(self, inside: Floats, way: Floats) -> Verdict:
+    def _without_table(self, inside: Floats, way: Floats) -> Verdict:
         known = np.flatnonzero(~np.isnan(inside[:-1, X]))
         if known.size:
             self._table_run = followed(inside[known, X], way[known], self._table_run)
@@ -146,19 +146,19 @@ class ChannelCheck:
             self._doubt()
         return _MISSING
 
-    def _judge_both(self, inside: Floats, ahead: Floats, way: Floats, span_nm: float) -> Verdict:
+    def _check_both(self, inside: Floats, ahead: Floats, way: Floats, span_nm: float) -> Verdict:
         if np.abs(np.diff(inside[:, THETA]) / np.diff(inside[:, T])).max() > self._fastest_rad_s:
             self._agreement.interrupt()
-            return self._told(Fault.NONE, has_stretch=False)
-        limits, manners, table = self._limits, self._manners, inside[:, X]
+            return self._verdict(Fault.NONE, has_stretch=False)
+        limits, resolution, table = self._limits, self._resolution, inside[:, X]
         pieces = chunks_of(inside, limits)
         speed_m_s = max(abs(piece.speed_m_s) for piece in pieces)
-        ordinary_m, stretch_m = manners.run_m(speed_m_s), limits.stretch_m(span_nm)
-        coarse_m = ordinary_m if np.isfinite(ordinary_m) else 0.0
+        resolution_m, stretch_m = resolution.run_m(speed_m_s), limits.stretch_m(span_nm)
+        coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
         angle_m = standing(way, table, 1.0, self._angle_run).caught_up_m
         if angle_m > limits.play_m + limits.growth_m(np.inf) + stretch_m + coarse_m:
             self._agreement.interrupt()
-            return self._told(Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
+            return self._verdict(Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
         later = ahead[~np.isnan(ahead[:, X])]
         stands = standing(
             np.concatenate([table, later[:, X]]),
@@ -167,7 +167,7 @@ class ChannelCheck:
             self._table_run,
         )
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
-        rough = Roughness(manners.noise_m, manners.lag_s(period_s), span_nm)
+        rough = Roughness(resolution.noise_m, resolution.lag_s(period_s), span_nm)
         pushed = self._agreement.closed
         parted_m = self._parted(pieces, rough)
         hidden_m = stretch_m + (0.0 if pushed and self._agreement.closed else limits.play_m)
@@ -176,10 +176,10 @@ class ChannelCheck:
         if parted_m > 0.0:
             stuck = stands.open_m > 0.5 * parted_m
             return self._fail(Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES)
-        suspect = max(angle_m, stands.caught_up_m) > ordinary_m
+        suspect = max(angle_m, stands.caught_up_m) > resolution_m
         if not suspect:
             self._agreed(inside, way, pieces, rough)
-        return self._told(Fault.NONE, has_stretch=not suspect)
+        return self._verdict(Fault.NONE, has_stretch=not suspect)
 
     def _parted(self, pieces: list[Chunk], rough: Roughness) -> float:
         for piece in pieces:
@@ -194,7 +194,7 @@ class ChannelCheck:
         moving = np.array([not rests(piece, self._limits) for piece in pieces])
         one_way = bool(moving.all()) and bool((speeds[0] * speeds > 0.0).all())
         duration_s = float(inside[-1, T] - inside[0, T])
-        self._manners.learn(inside[:, X], way, duration_s if one_way else 0.0)
+        self._resolution.learn(inside[:, X], way, duration_s if one_way else 0.0)
         if self._trial.doubted and moving.any():
             self._trial.elsewhere = self._level.is_elsewhere(pieces[-1], rough)
         self._trial.follow(float(moving.mean()) * duration_s, float(np.ptp(way)), turn_m)
@@ -209,7 +209,7 @@ class ChannelCheck:
         self._doubt()
         return Verdict(why | Fault.NO_TABLE, False, False)
 
-    def _told(self, fault: Fault, has_stretch: bool) -> Verdict:
+    def _verdict(self, fault: Fault, has_stretch: bool) -> Verdict:
         trial = self._trial
         if trial.doubted:
             fault |= Fault.NO_TABLE | Fault.TABLE_DOUBTED
@@ -227,7 +227,7 @@ class ChannelCheck:
         return {
             "agreement": self._agreement.snapshot(),
             "level": self._level.snapshot(),
-            "manners": self._manners.snapshot(),
+            "manners": self._resolution.snapshot(),
             "trial": encoded(np.array(astuple(self._trial), dtype=np.float64)),
             "runs": encoded(np.array([table, angle], dtype=np.float64)),
             "torque": encoded(np.array([*self._torque, self._stuck_torque_nm])),
@@ -237,7 +237,7 @@ class ChannelCheck:
         """Go on from a snapshot."""
         self._agreement.restore(snapshot["agreement"])
         self._level.restore(snapshot["level"])
-        self._manners = Manners.restored(snapshot["manners"])
+        self._resolution = EncoderResolution.restored(snapshot["manners"])
         numbers = decoded(snapshot["trial"], np.float64).tolist()
         self._trial = _Trial(*numbers)
         self._trial.elsewhere, self._trial.returned = bool(numbers[-2]), bool(numbers[-1])

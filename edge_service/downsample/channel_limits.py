@@ -27,14 +27,14 @@ LONGEST_SCREW_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ChannelLimits:
-    """Limits of what may lie between the encoders of a sound axis.
+    """Limits of the difference between the encoders of a sound axis.
 
     Attributes:
         ratio_m_per_rad: table travel per radian of the screw.
-        play_m: most that one reversal may hide.
+        play_m: greatest play at one reversal.
         compliance_m_per_n: stretch per force, on the generous side.
         length_m: of the screw that warms up.
-        skew_s: what the table's samples were found to lag by when all was well.
+        skew_s: lag of the table's samples at commissioning.
     """
 
     ratio_m_per_rad: float
@@ -55,21 +55,21 @@ class ChannelLimits:
         return PERIODIC_PER_LEAD * 2.0 * math.pi * self.ratio_m_per_rad
 
     def stretch_m(self, torque_span_nm: float) -> float:
-        """Most stretch that goes with a change of torque; where none is known, as much as play."""
+        """Greatest stretch with a change of torque, m; where none is known, as much as play."""
         if math.isnan(torque_span_nm):
             return self.play_m
         return DYNAMIC * self.compliance_m_per_n * torque_span_nm / self.ratio_m_per_rad
 
     def growth_m(self, elapsed_s: float) -> float:
-        """Most that the screw may grow meanwhile, m."""
+        """Greatest growth of the screw meanwhile, m."""
         return self.length_m * min(GROWTH_PER_LENGTH_S * elapsed_s, MOST_GROWTH)
 
 
 def channel_limits(machine: Machine) -> ChannelLimits:
     """Limits of a machine, commissioned or nominal."""
     plain = ChannelLimits.of_ratio(machine.transmission_ratio_m_per_rad)
-    taught = machine.commissioned
-    transmission = None if taught is None else taught.transmission
+    commissioned = machine.commissioned
+    transmission = None if commissioned is None else commissioned.transmission
     return ChannelLimits(
         plain.ratio_m_per_rad,
         plain.play_m,
@@ -80,12 +80,12 @@ def channel_limits(machine: Machine) -> ChannelLimits:
 
 
 def _compliance(machine: Machine) -> float:
-    """Most compliance between motor and table, m/N."""
-    taught, axis, model = machine.commissioned, machine.axis, machine.model
-    if taught is not None and taught.transmission is not None:
+    """Greatest compliance between motor and table, m/N."""
+    commissioned, axis, model = machine.commissioned, machine.axis, machine.model
+    if commissioned is not None and commissioned.transmission is not None:
         whole_kg = model.inertia_kg_m2.value / machine.transmission_ratio_m_per_rad**2
         mass_kg = 0.5 * whole_kg if model.table_mass_kg is None else model.table_mass_kg.value
-        stretched_s2 = taught.transmission.stretch_per_acceleration_s2
+        stretched_s2 = commissioned.transmission.stretch_per_acceleration_s2
         return SOFTER_THAN_COMMISSIONED * stretched_s2 / mass_kg
     if axis.screw_diameter_m is None:
         return 1.0 / SOFTEST_N_PER_M

@@ -1,4 +1,4 @@
-"""Cuts screened rows into intervals on a fixed grid of time and summarises each."""
+"""Downsampling of screened rows to statistics of intervals on a fixed grid of time."""
 
 import sys
 from dataclasses import dataclass, field, replace
@@ -39,7 +39,7 @@ class DownsampleSettings:
     Attributes:
         interval_s: length of an interval, s.
         max_hole_rows: so many native periods without a row are bridged; more is a gap.
-        channels: what may lie between the encoders; the lead alone tells it unless given.
+        channels: limits between the encoders; those of the lead alone unless given.
     """
 
     interval_s: float = 0.1
@@ -86,7 +86,7 @@ class _Segment:
 
 
 class Downsampler:
-    """Turns the sample frames of one axis into feature blocks.
+    """Downsampler of one axis: sample frames in, feature blocks out.
 
     The blocks depend on the samples alone, not on how they were parted into frames.
 
@@ -106,9 +106,9 @@ class Downsampler:
         self._segment = _Segment()
         self._period_s: float | None = None
         self._reach = 1
-        self._absent: dict[int, Fault] = {}  # interval -> what its rows lack
+        self._absent: dict[int, Fault] = {}  # interval -> values that its rows lack
         self._doubted: set[int] = set()  # intervals with samples that the source doubts
-        self._untold = Fault.NONE  # what ended a segment that had no interval left to tell it
+        self._pending_fault = Fault.NONE  # end of a segment without an interval left to report it
         self._last_kept = -sys.maxsize  # interval of the last row that was kept
         self._expected_faults = ~Fault.NONE
         self.faults: dict[str, int] = {}
@@ -134,7 +134,7 @@ class Downsampler:
             "reach": self._reach,
             "absent": [[interval, int(fault)] for interval, fault in self._absent.items()],
             "doubted": sorted(self._doubted),
-            "untold": int(self._untold),
+            "untold": int(self._pending_fault),
             "last_kept": self._last_kept,
             "expected_faults": int(self._expected_faults),
             "channels": self._channels.snapshot(),
@@ -158,7 +158,7 @@ class Downsampler:
         self._period_s, self._reach = snapshot["period_s"], int(snapshot["reach"])
         self._absent = {int(interval): Fault(fault) for interval, fault in snapshot["absent"]}
         self._doubted = set(snapshot["doubted"])
-        self._untold = Fault(snapshot["untold"])
+        self._pending_fault = Fault(snapshot["untold"])
         self._last_kept = int(snapshot["last_kept"])
         self._expected_faults = Fault(snapshot["expected_faults"])
         self._channels.restore(snapshot["channels"])
@@ -187,7 +187,7 @@ class Downsampler:
                 self._absent[interval] = self._absent.get(interval, Fault.NONE) | fault
             blocks += self._take(part)
             if part.missing:
-                blocks += self._tell_absent_so_far(part.missing[-1][0])
+                blocks += self._absent_so_far(part.missing[-1][0])
         return blocks
 
     def _note_doubts(self, frame: SampleFrame) -> None:
@@ -201,22 +201,22 @@ class Downsampler:
         """Append rows; part them where a gap is."""
         blocks: list[FeatureBlock] = []
         if len(part.rows) and not len(self._segment.rows):
-            blocks += self._tell_absent(self._interval_of(part.rows[0, T]))
+            blocks += self._absent_before(self._interval_of(part.rows[0, T]))
         self._segment.append(part.rows, part.fault)
         if self._period_s is None and not self._learn_period():
             return blocks
         while (gap := self._next_gap()) is not None:
             rest = self._segment.split(gap)
             blocks += self._end_segment(Fault.GAP)
-            blocks += self._tell_absent(self._interval_of(rest.rows[0, T]))
+            blocks += self._absent_before(self._interval_of(rest.rows[0, T]))
             self._segment = rest
         return blocks + self._cut(look_ahead=self._reach)
 
     def _interval_of(self, time_s: float) -> int:
         return int(np.floor(time_s / self._settings.interval_s + _GRID_SLACK))
 
-    def _tell_absent_so_far(self, newest_s: float) -> list[FeatureBlock]:
-        """Tell the intervals that had rows, but none with the values that are needed."""
+    def _absent_so_far(self, newest_s: float) -> list[FeatureBlock]:
+        """Blocks of intervals that had rows, but none with the values that are needed."""
         rows = self._segment.rows
         blocks: list[FeatureBlock] = []
         if len(rows):
@@ -227,12 +227,12 @@ class Downsampler:
             if self._interval_of(newest_s) <= last:
                 return []
             blocks = self._end_segment(Fault.GAP)
-        return blocks + self._tell_absent(self._interval_of(newest_s))
+        return blocks + self._absent_before(self._interval_of(newest_s))
 
-    def _tell_absent(self, before: int) -> list[FeatureBlock]:
-        """Intervals below `before` that had rows, but none that could be kept."""
-        told = sorted(interval for interval in self._absent if interval < before)
-        faults = [(interval, self._absent.pop(interval)) for interval in told]
+    def _absent_before(self, before: int) -> list[FeatureBlock]:
+        """Blocks of intervals below `before` that had rows, but none that could be kept."""
+        earlier = sorted(interval for interval in self._absent if interval < before)
+        faults = [(interval, self._absent.pop(interval)) for interval in earlier]
         return [
             self._count(absent_block(interval, self._settings.interval_s, fault))
             for interval, fault in faults
@@ -272,7 +272,7 @@ class Downsampler:
                 break
             blocks.append(self._summarise(int(end)))
         segment.forget(self._reach)
-        if self._absent:  # what lies before the current interval was bridged or told
+        if self._absent:  # those before the current interval were bridged or reported
             current = self._interval_of(segment.rows[segment.first, T])
             self._absent = {i: lacking for i, lacking in self._absent.items() if i >= current}
         return blocks
@@ -285,7 +285,7 @@ class Downsampler:
         return np.asarray(np.flatnonzero(np.diff(interval)) + 1 + first)
 
     def _summarise(self, end: int) -> FeatureBlock:
-        """The interval from the segment's first row up to the time of row `end`."""
+        """Block of the interval from the segment's first row up to the time of row `end`."""
         segment = self._segment
         inside = np.bitwise_or.reduce(segment.fault[segment.first + 1 : end + 1], initial=0)
         # the speeds at both ends lean on one row outside
@@ -301,10 +301,10 @@ class Downsampler:
             self._channels,
         )
         interval = self._interval_of(segment.rows[segment.first, T])
-        beyond = self._untold | (Fault.DOUBTED if interval in self._doubted else Fault.NONE)
+        beyond = self._pending_fault | (Fault.DOUBTED if interval in self._doubted else Fault.NONE)
         if (self._period_s or 0.0) * _LEAST_SAMPLES > self._settings.interval_s * (1 + _GRID_SLACK):
             beyond |= Fault.SPARSE
-        block, self._untold = replace(block, fault=block.fault | beyond), Fault.NONE
+        block, self._pending_fault = replace(block, fault=block.fault | beyond), Fault.NONE
         self._doubted = {later for later in self._doubted if later > interval}
         segment.first = end
         return self._count(replace(block, fault=block.fault & self._expected_faults))
@@ -315,14 +315,14 @@ class Downsampler:
         return block
 
     def _end_segment(self, reason: Fault) -> list[FeatureBlock]:
-        """Close the segment: what was begun is told as an interval with the reason as fault."""
+        """Close the segment: its last, open interval carries the reason as fault."""
         blocks = self._cut(look_ahead=0)
         segment = self._segment
         if self._period_s is not None and len(segment.rows) - 1 > segment.first:
             segment.fault[-1] |= int(reason)
             blocks.append(self._summarise(len(segment.rows) - 1))
         elif len(segment.rows):
-            self._untold = reason  # slow samples: none is left to tell of the gap before it
+            self._pending_fault = reason  # slow samples: no interval is left to report the gap
         if len(segment.rows):
             self._last_kept = self._interval_of(segment.rows[-1, T])
         self._channels.interrupt()

@@ -1,4 +1,4 @@
-"""The rows of an interval that move steadily, as means over the phases of the motion."""
+"""Means over the phases of steady motion of an interval."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -47,8 +47,8 @@ def steady_phases(
         first, end: row indices.
         reach: half width of the window, rows.
         since_s: (end - first,), when the motion of each row began, s; inf at standstill.
-        has_table: whether the linear encoder may be read.
-        settings: what is steady.
+        has_table: the linear encoder may be read.
+        settings: criteria of steady motion.
     """
     rows = np.arange(max(first, reach), min(end, len(segment) - reach))
     if not len(rows):

@@ -1,4 +1,4 @@
-"""Runs of one repeated value, also over the borders of intervals, and how far the axis went."""
+"""Runs of one repeated value, also over the borders of intervals, and the travel meanwhile."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ from ..messages.row_faults import run_starts
 from ..messages.samples import Floats
 
 LEAST_ROWS = 4
-"""A value that is there so often in a row is repeated; a slow channel holds each for long."""
+"""Rows from which a value counts as repeated; a slow channel holds each for long."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpenRun:
-    """The run of one value that the rows so far end in.
+    """Run of one value in which the rows so far end.
 
     Attributes:
         value: repeated.
@@ -32,8 +32,8 @@ class Standing:
     """Travel of another channel while one stood still, m.
 
     Attributes:
-        caught_up_m: at most, in runs that the rows end in or that end in a leap as far.
-        open_m: in the run that the rows end in; 0 if that is no repeat.
+        caught_up_m: at most, in runs that are still open or end in a leap as far.
+        open_m: in the open run; 0 if that is no repeat.
     """
 
     caught_up_m: float
@@ -41,11 +41,11 @@ class Standing:
 
 
 def standing(values: Floats, other_m: Floats, unit_m: float, before: OpenRun) -> Standing:
-    """Look for runs in values (n,), n > 0, against another channel (n,).
+    """Longest travel during runs in values (n,), n > 0, by another channel (n,).
 
     Args:
         unit_m: way of the axis per unit of `values`.
-        before: the run that the rows before end in.
+        before: run in which the earlier rows end.
     """
     starts = run_starts(values)
     rows = np.diff(np.concatenate([starts, [len(values)]]))
@@ -61,7 +61,7 @@ def standing(values: Floats, other_m: Floats, unit_m: float, before: OpenRun) ->
 
 
 def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
-    """The run that rows (n,), n > 0, end in."""
+    """Run of one value in which rows (n,), n > 0, end."""
     changes = np.flatnonzero(values != values[-1])
     first = int(changes[-1]) + 1 if changes.size else 0
     rows = len(values) - first

@@ -72,7 +72,7 @@ class Screened:
 
 
 class RowScreen:
-    """Sets aside rows without a time, repeats, rows out of order and rows with missing values."""
+    """Screen that sets aside rows without time or values, repeats and rows out of order."""
 
     def __init__(self, has_torque: bool) -> None:
         self.counters = RowCounters()
@@ -114,7 +114,7 @@ class RowScreen:
         return parts
 
     def _is_faultless(self, rows: Floats) -> bool:
-        """Tell whether nothing has to be set aside or told: by far the most frequent case."""
+        """True if no row has to be set aside: by far the most frequent case."""
         time_s = rows[:, T]
         rising = time_s[0] > self._newest_s and bool((np.diff(time_s) > 0.0).all())
         return rising and not self._pending and not np.isnan(rows[:, self._required]).any()
@@ -137,14 +137,14 @@ class RowScreen:
         return Screened(*self._keep(rows, bits), part.new_clock, absent)
 
     def _why(self, row: Floats) -> tuple[float, Fault]:
-        """Time of a row without a needed value, and which one it lacks."""
+        """Time of a row without a needed value, and the fault of the missing one."""
         lacking = Fault.NO_POSITION if np.isnan(row[THETA]) else Fault.NO_TORQUE
         return float(row[T]), lacking
 
     def _keep(
         self, rows: Floats, bits: npt.NDArray[np.int64]
     ) -> tuple[Floats, npt.NDArray[np.int64]]:
-        """The good rows; the faults of each bad one are told by the good row that follows it."""
+        """Good rows with their faults; those of a bad row go to the good one behind it."""
         keep = np.flatnonzero(bits == 0)
         fault = np.zeros(len(keep), dtype=np.int64)
         if len(keep):

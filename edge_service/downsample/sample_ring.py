@@ -1,4 +1,4 @@
-"""The latest samples of one axis, for the case that something happens. Pure."""
+"""Ring of the latest samples of one axis, for recordings of events. Pure."""
 
 from collections import deque
 
@@ -12,10 +12,10 @@ DERIVED = (MOTOR_SPEED, TABLE_SPEED)
 
 
 class SampleRing:
-    """Keeps the last seconds of an axis.
+    """Ring of the last seconds of an axis.
 
     Args:
-        keep_s: how much, s.
+        keep_s: length, s.
         most_rows: never more than this, whatever the rate.
     """
 
@@ -31,7 +31,7 @@ class SampleRing:
         return float(self._pieces[-1][1][0, -1]) if self._pieces else float("nan")
 
     def push(self, frame: SampleFrame) -> None:
-        """Append samples; what is older than `keep_s` goes."""
+        """Append samples; older ones than `keep_s` go."""
         if not len(frame):
             return
         if self._pieces and frame.time_s[0] < self._pieces[-1][1][0, 0]:
@@ -49,7 +49,7 @@ class SampleRing:
             self._rows -= self._pieces.popleft()[1].shape[1]
 
     def cut(self, from_s: float, to_s: float) -> list[SampleFrame]:
-        """The samples within [from, to), in pieces."""
+        """Samples within [from, to), in pieces."""
         found = []
         for names, piece in self._pieces:
             rows = piece[:, (piece[0] >= from_s) & (piece[0] < to_s)]

@@ -1,4 +1,4 @@
-"""The latest stretch of a fast signal, for the case that something happens. Pure."""
+"""Ring of the latest values of a fast signal, for recordings of events. Pure."""
 
 from collections import deque
 
@@ -9,10 +9,10 @@ from ..messages.waveform import Waveform
 
 
 class SignalRing:
-    """Keeps the last seconds of one sensor's signal.
+    """Ring of the last seconds of one sensor's signal.
 
     Args:
-        keep_s: how much, s.
+        keep_s: length, s.
     """
 
     def __init__(self, keep_s: float) -> None:
@@ -21,11 +21,11 @@ class SignalRing:
 
     @property
     def newest_s(self) -> float:
-        """End of what is kept, on the axis' clock, s; NaN while there is nothing."""
+        """End of the kept signal on the axis' clock, s; NaN while it is empty."""
         return self._pieces[-1].end_s if self._pieces else float("nan")
 
     def push(self, wave: Waveform) -> None:
-        """Append a piece; what is older than `keep_s` goes."""
+        """Append a piece; older ones than `keep_s` go."""
         if self._pieces and wave.start_s < self._pieces[-1].start_s:
             self._pieces.clear()  # a new clock
         self._pieces.append(wave)
@@ -33,7 +33,7 @@ class SignalRing:
             self._pieces.popleft()
 
     def cut(self, from_s: float, to_s: float) -> SampleFrame | None:
-        """The signal within [from, to) as rows of a trace; None where there is none."""
+        """Signal within [from, to) as rows of a trace; None where there is none."""
         kept = [piece for piece in self._pieces if piece.end_s > from_s and piece.start_s < to_s]
         if not kept:
             return None

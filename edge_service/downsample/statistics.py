@@ -22,11 +22,11 @@ from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
 
 @dataclass(frozen=True, slots=True)
 class PlausibilitySettings:
-    """Limits that tell a faulty channel from a moving axis.
+    """Limits between a faulty channel and a moving axis.
 
     Attributes:
         standstill_speed_rad_s: slower than this is standstill.
-        direction_window_s: half width of the difference that tells the direction of motion.
+        direction_window_s: half width of the difference that gives the direction of motion.
         stuck_s: a channel that repeats one value for this long while the axis moves is stuck.
         max_speed_rad_s: a faster step of the encoder is no motion.
         max_torque_nm: the drive's torque limit; None if unknown.
@@ -46,7 +46,7 @@ WILDEST_TORQUE_NM = 1e5
 
 @dataclass(frozen=True, slots=True)
 class MotionHistory:
-    """Motion at the start of an interval, as told by the rows before it."""
+    """Motion at the start of an interval, by the rows before it."""
 
     direction: float = 0.0  # last known direction of motion, -1, 0 or 1
     moving_since_s: float = np.inf  # start of the unbroken motion; inf at standstill
@@ -85,8 +85,8 @@ def summarise(
         first, end: row indices; row `end` is the first of the next interval.
         fault: faults already found by time and missing values.
         history: motion before the interval.
-        reach: half width in rows of the difference that tells the direction.
-        channels: says which channels are to be believed, and follows them.
+        reach: half width in rows of the difference that gives the direction.
+        channels: checks which channels are to be believed.
 
     Returns:
         The block, and the motion history at its end.
@@ -103,7 +103,7 @@ def summarise(
     moving = direction != 0.0
     reversals, after = _follow_motion(direction, edges, history)
     speed_start, speed_end = _speed_at(segment, first), _speed_at(segment, end)
-    verdict = channels.judge(inside, segment[end + 1 : end + 1 + reach])
+    verdict = channels.check(inside, segment[end + 1 : end + 1 + reach])
     table_fault, table = _table_statistics(inside, steps, verdict.has_table)
     found = _plausibility(inside, settings)
     if channels.torque_stays(torque, Fault.TORQUE_STUCK in found):

@@ -34,7 +34,7 @@ class VibrationSettings:
         bands_hz: name -> lower and upper frequency.
         orders: name -> nominal order.
         slip: share of an order by which its peak may lie beside it.
-        least_turns: fewer revolutions of the screw tell nothing of orders.
+        least_turns: orders need at least so many revolutions of the screw.
     """
 
     interval_s: float = 1.0
@@ -54,7 +54,7 @@ class VibrationReducer:
         self._pieces: list[Waveform] = []
         self._angles: deque[tuple[Floats, Floats]] = deque()
         self.gaps = 0
-        """Times that the signal broke off; its interval is not told."""
+        """Interruptions of the signal; the interval of each is left out."""
 
     def follow(self, time_s: Floats, angle_rad: Floats) -> None:
         """Take in the angle of the screw, (n,) each, in the order of time."""
@@ -80,19 +80,19 @@ class VibrationReducer:
         return wave.period_s == last.period_s and 0.0 < step_s < _GAP * last.period_s
 
     def _whole_interval(self) -> Waveform | None:
-        """The values of the first interval of the grid that is there as a whole."""
+        """Values of the first interval of the grid that is complete; None if none is."""
         first = self._pieces[0]
         interval_s, period_s = self._settings.interval_s, first.period_s
         number = math.ceil(first.start_s / interval_s - 1e-6)
         start, count = round(number * interval_s / period_s), round(interval_s / period_s)
-        begun = round(first.start_s / period_s)
+        offset = round(first.start_s / period_s)
         end_s = (start + count) * period_s
         if self._pieces[-1].end_s < end_s - 0.5 * period_s:
             return None
         if not self._angle_has_come(end_s) and self._pieces[-1].end_s < end_s + PATIENCE_S:
             return None
         values = np.concatenate([piece.values for piece in self._pieces])
-        cut = values[start - begun : start - begun + count]
+        cut = values[start - offset : start - offset + count]
         return Waveform(first.sensor, first.unit, start * period_s, period_s, cut)
 
     def _angle_has_come(self, end_s: float) -> bool:

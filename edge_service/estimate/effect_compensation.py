@@ -1,8 +1,8 @@
-"""Influence of a machine file's `[[effects]]` on the phases of a motion, and its removal.
+"""Compensation of a machine file's `[[effects]]` in the phases of a motion.
 
-A known effect is no change of the axis: commissioning and estimate see the axis without it. What
-changes in time (warmth, growth, process forces) stays in, for the estimate follows it by itself,
-and so does the level of the drag, for that is what preload is told from.
+A known effect is no change of the axis: commissioning and estimate see the axis without it. Effects
+that change in time (warmth, growth, process forces) stay in, for the estimate follows them by
+itself, and so does the level of the drag, for preload is estimated from it.
 """
 
 import math
@@ -44,11 +44,12 @@ _DYNAMIC = frozenset({Quantity.TORQUE_LAG, Quantity.TORQUE_LIMIT})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnownEffects:
-    """Those effects of one machine file that a phase can be freed from.
+class EffectCompensation:
+    """Effects of one machine file, by their compensation in a phase.
 
     Attributes:
-        used, left: by whether they are taken off.
+        used: compensated effects.
+        left: names of the others, which stay in.
         command_share: of the torque command above the torque that arrives.
     """
 
@@ -58,7 +59,7 @@ class KnownEffects:
     baseline: Baseline
 
     @classmethod
-    def of_machine(cls, machine: Machine) -> "KnownEffects | None":
+    def of_machine(cls, machine: Machine) -> "EffectCompensation | None":
         """None without `[[effects]]`.
 
         Raises:
@@ -76,8 +77,8 @@ class KnownEffects:
         left = tuple(one.effect.name for one in every if not _steady(one))
         return cls(used, left, share - 1.0, _baseline(machine))
 
-    def freed(self, phase: Phase, direction: float, time_s: float) -> Phase:
-        """The phase of an axis without these effects; `direction` is -1 or 1.
+    def compensated(self, phase: Phase, direction: float, time_s: float) -> Phase:
+        """Phase of the axis without these effects; `direction` is -1 or 1.
 
         Its angle is NaN where they leave the stretch unknown.
         """
@@ -120,7 +121,7 @@ def _flank(one: ActiveEffect, motion: Motion, baseline: Baseline) -> float:
 
 
 def _steady(one: ActiveEffect) -> bool:
-    """Tell whether means over a phase determine the effect's influence on them."""
+    """True if means over a phase determine the effect's influence on them."""
     return one.effect.term is not Term.COULOMB and not any(map(_fleeting, one.contributions))
 
 
@@ -138,13 +139,13 @@ def _fleeting(contribution: Contribution) -> bool:
 
 
 def _baseline(machine: Machine) -> Baseline:
-    """With the commissioned compliance where there is one."""
+    """Baseline with the commissioned compliance where there is one."""
     baseline = Baseline.of_machine(machine)
     mass = machine.model.table_mass_kg
-    taught = machine.commissioned
-    if taught is None or taught.transmission is None or mass is None:
+    commissioned = machine.commissioned
+    if commissioned is None or commissioned.transmission is None or mass is None:
         return baseline
-    t = taught.transmission
+    t = commissioned.transmission
     away_m = baseline.position_m - t.reference_m
     compliance: Floats = (
         t.stretch_per_acceleration_s2 + t.stretch_slope_s2_per_m * away_m

@@ -19,10 +19,10 @@ class PreloadEstimator(Protocol):
         """Current estimate."""
 
     def interrupt(self) -> None:
-        """Nothing was heard for longer than a number may stand: none stands until motion comes."""
+        """Withdraw the number until motion comes: no data for longer than a number may stand."""
 
     def resume(self, stopped_s: float) -> None:
-        """Go on after a stop that nobody saw, on a clock of its own.
+        """Continue after an unobserved stop, on a clock of its own.
 
         The axis has cooled and may have worked or worn meanwhile; it may even be another.
         """
@@ -31,7 +31,7 @@ class PreloadEstimator(Protocol):
         """Forget everything."""
 
     def snapshot(self) -> dict[str, Any]:
-        """The whole state as JSON-able values; `restore` of it goes on bit-equal."""
+        """Whole state as JSON-able values; `restore` of it continues bit-equal."""
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot. ValueError if it is none of this estimator's."""
+        """Continue from a snapshot. ValueError if it is not of this estimator."""

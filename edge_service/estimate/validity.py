@@ -19,9 +19,9 @@ class ValiditySettings:
         fault_s: without usable data for this long the estimate is invalid, s.
         surprise_memory: informative intervals over which the surprise is averaged.
         surprise_high: averaged surprise above which model and data disagree.
-        surprise_most: that one interval counts with; one alone says nothing.
-        surprise_worst: the same while model and data disagree: what was grossly wrong is not right
-            again with the next quiet second.
+        surprise_most: bound on the surprise of one interval; one alone proves nothing.
+        surprise_worst: the same while model and data disagree: a gross error is not mended by the
+            next quiet second.
         surprise_low: averaged surprise below which they agree again.
     """
 
@@ -35,7 +35,7 @@ class ValiditySettings:
 
 
 class Validity:
-    """Follows excitation, data faults and surprise, and says the status.
+    """Status of an estimate from excitation, data faults and surprise.
 
     Args:
         settings: thresholds.
@@ -70,7 +70,7 @@ class Validity:
     ) -> None:
         """Take an interval; `surprise` is its normalised innovation squared if it was used.
 
-        What was used may have gathered over `used_s` instead of the interval alone, s.
+        The used motion may have gathered over `used_s` instead of the interval alone, s.
         """
         if self._time_s is not None and block.time_s < self._time_s:
             self.interrupt()
@@ -106,7 +106,7 @@ class Validity:
             self._disagreeing = False
 
     def status(self) -> tuple[EstimateStatus, tuple[str, ...]]:
-        """The status, the reasons why it is not `estimated`, and what is wrong with channels."""
+        """Status, with the reasons why it is not `estimated` and the caveats on channels."""
         status, reasons = self._without_channels()
         return status, (*reasons, *self._channels)
 

@@ -6,9 +6,9 @@ from hypothesis.extra.numpy import arrays
 
 from edge_service.estimate.imm.mode_weighting import (
     StreamingMovingAverage,
-    activated,
     causal_moving_average,
     centred_moving_average,
+    mode_weights,
     weighted_level,
     window_steps,
 )
@@ -24,19 +24,19 @@ def probabilities(draw: st.DrawFn) -> np.ndarray:
 
 @given(probabilities(), st.floats(0.1, 8.0))
 def test_sums_to_one_and_keeps_the_order(mu: np.ndarray, exponent: float) -> None:
-    result = activated(mu, exponent)
+    result = mode_weights(mu, exponent)
     assert result.sum() == pytest.approx(1.0, abs=1e-14)
     assert (np.diff(result[np.argsort(mu)]) >= 0.0).all()
 
 
 @given(probabilities())
 def test_square_is_the_printed_function(mu: np.ndarray) -> None:
-    np.testing.assert_allclose(activated(mu, 2.0), mu**2 / (mu**2).sum(), rtol=1e-12)
+    np.testing.assert_allclose(mode_weights(mu, 2.0), mu**2 / (mu**2).sum(), rtol=1e-12)
 
 
 @given(probabilities())
 def test_exponent_one_changes_nothing(mu: np.ndarray) -> None:
-    np.testing.assert_allclose(activated(mu, 1.0), mu, rtol=1e-12)
+    np.testing.assert_allclose(mode_weights(mu, 1.0), mu, rtol=1e-12)
 
 
 def test_the_printed_example() -> None:
@@ -50,13 +50,13 @@ def test_published_prediction_follows_from_published_probabilities() -> None:
 
 
 def test_tiny_probabilities_neither_underflow_nor_divide_by_zero() -> None:
-    np.testing.assert_allclose(activated(np.array([1e-300, 2e-300]), 8.0), [1 / 257, 256 / 257])
+    np.testing.assert_allclose(mode_weights(np.array([1e-300, 2e-300]), 8.0), [1 / 257, 256 / 257])
 
 
 @pytest.mark.parametrize("exponent", [0.0, -1.0, float("nan"), float("inf")])
 def test_impossible_exponents_are_refused(exponent: float) -> None:
     with pytest.raises(ValueError, match="exponent"):
-        activated(np.array([0.5, 0.5]), exponent)
+        mode_weights(np.array([0.5, 0.5]), exponent)
 
 
 series = arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.floats(-9, 9))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.estimate.imm.engines import make_bank
+from edge_service.estimate.imm.engines import make_filter_bank
 from edge_service.estimate.imm.filter_bank import BankOutput, FilterBank
 
 KINDS = ("kf-imm compiled", "kf-imm filterpy", "sif-imm compiled")
@@ -17,7 +17,7 @@ SIZES = ((2, 2), (3, 2), (2, 1))
 
 def bank_of(kind: str, sensors: int = 2) -> FilterBank:
     method, engine = kind.split()
-    return make_bank(method, engine, boundary=np.full(sensors, 0.7))  # type: ignore[arg-type]
+    return make_filter_bank(method, engine, boundary=np.full(sensors, 0.7))  # type: ignore[arg-type]
 
 
 def run(bank: FilterBank, problem: Any) -> list[BankOutput]:
@@ -256,13 +256,13 @@ def test_singular_innovation_covariances_are_refused(
 
 def test_combinations_that_do_not_exist_are_refused() -> None:
     with pytest.raises(ValueError, match="filterpy has no sliding innovation filter"):
-        make_bank("sif-imm", "filterpy", boundary=np.ones(2))
+        make_filter_bank("sif-imm", "filterpy", boundary=np.ones(2))
     with pytest.raises(ValueError, match="a boundary is needed"):
-        make_bank("sif-imm", "compiled")
+        make_filter_bank("sif-imm", "compiled")
     with pytest.raises(ValueError, match="above 0"):
-        make_bank("sif-imm", "compiled", boundary=np.array([0.1, 0.0]))
+        make_filter_bank("sif-imm", "compiled", boundary=np.array([0.1, 0.0]))
     with pytest.raises(ValueError, match="no filter bank"):
-        make_bank("ekf", "compiled")  # type: ignore[arg-type]
+        make_filter_bank("ekf", "compiled")  # type: ignore[arg-type]
 
 
 def test_sliding_filter_never_corrects_a_state_that_no_sensor_sees() -> None:

@@ -9,7 +9,7 @@ import pytest
 from edge_service.estimate.commissioning.identification import (
     CommissioningError,
     commissioned,
-    shared_out,
+    friction_shares,
 )
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import FeatureBlock
@@ -205,7 +205,7 @@ def test_no_rounding_makes_friction_of_bearings_negative(reversal_n: float) -> N
     """A file with -3e-17 N m could be written and not read again."""
     rng = np.random.default_rng(5)
     for other_nm, ratio in rng.uniform(1e-3, 1.0, (1000, 2)) * (1.0, 1e-2):
-        guide_n, bearing_nm = shared_out(other_nm, ratio, reversal_n)
+        guide_n, bearing_nm = friction_shares(other_nm, ratio, reversal_n)
         assert guide_n >= 0.0
         assert bearing_nm >= 0.0
         assert ratio * guide_n + bearing_nm == pytest.approx(other_nm)

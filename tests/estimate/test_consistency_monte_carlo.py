@@ -18,7 +18,7 @@ from edge_service.estimate.mixture.state import (
     SPEED_ERROR_START,
     STEADY,
 )
-from edge_service.estimate.mixture.step import take
+from edge_service.estimate.mixture.step import step
 from edge_service.messages.samples import Floats
 
 from .mixture_axis import idle, parts
@@ -76,7 +76,7 @@ def errors(one_encoder: bool) -> Errors:
             noise = noise_of(model, process, x, r, compliance, len(values))
             values = values + normal(rng, noise)
             r = r._replace(torque_nm=values[0], stretch_m=values[-1] if len(values) > 1 else np.nan)
-            nis.append(take(bank, model, process, r, elapsed_s))
+            nis.append(step(bank, model, process, r, elapsed_s))
         error, covariance = x - bank.mean[STEADY], bank.covariance[STEADY]
         sigma = np.sqrt(np.diag(covariance)[told])
         unit = covariance[np.ix_(told, told)] / np.outer(sigma, sigma)

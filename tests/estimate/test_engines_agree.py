@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.imm import general, kernel
-from edge_service.estimate.imm.engines import make_bank
+from edge_service.estimate.imm.engines import make_filter_bank
 from edge_service.estimate.imm.filter_bank import LinearStep
 from edge_service.estimate.imm.kalman import (
     BankRun,
@@ -17,7 +17,7 @@ from edge_service.estimate.imm.kalman import (
     run_kalman_bank,
     start_state,
 )
-from edge_service.estimate.imm.mode_transition import PRINTED_TRANSITION, scaled_transition
+from edge_service.estimate.imm.mode_transition import THESIS_MODE_TRANSITION, scaled_mode_transition
 from edge_service.estimate.imm.sliding_innovation import run_sliding_innovation_bank
 from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 
@@ -33,7 +33,7 @@ def assert_runs_equal(first: BankRun, second: BankRun, tolerance: float) -> None
 
 
 def filterpy_run(step: LinearStep, drives: Any, measurements: Any, start: BankStart) -> BankRun:
-    bank = make_bank("kf-imm", "filterpy")
+    bank = make_filter_bank("kf-imm", "filterpy")
     bank.reset(start.state, start.covariance, start.mode_probability)
     outputs = [
         bank.step(replace(step, drive=drive), measurement)
@@ -177,7 +177,7 @@ def test_kernel_equals_numpy(seed: int, sliding: bool, make_problem: Callable[..
 def test_single_steps_equal_the_batch_bit_for_bit(make_problem: Callable[..., Any]) -> None:
     problem = make_problem(11)
     batch = run_kalman_bank(problem.step, problem.drives, problem.measurements, problem.start)
-    bank = make_bank("kf-imm")
+    bank = make_filter_bank("kf-imm")
     start = problem.start
     bank.reset(start.state, start.covariance, start.mode_probability)
     for k, (step, measurement) in enumerate(problem.steps()):
@@ -199,7 +199,7 @@ def test_ten_short_steps_without_information_are_one_long_one(run: str) -> None:
             process_noise=np.eye(2) * step_s,
             observation=np.eye(2),
             measurement_noise=np.eye(2) * 1e12,
-            mode_transition=scaled_transition(PRINTED_TRANSITION, step_s),
+            mode_transition=scaled_mode_transition(THESIS_MODE_TRANSITION, step_s),
         )
         drives, measurements = np.zeros((count, 5, 2)), np.zeros((count, 2))
         if run == "kalman":

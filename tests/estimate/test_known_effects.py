@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.commissioning.identification import commissioned
-from edge_service.estimate.effect_compensation import KnownEffects
+from edge_service.estimate.effect_compensation import EffectCompensation
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import FeatureBlock, Phase
@@ -29,8 +29,8 @@ def with_effects(machine: Machine, *texts: str) -> Machine:
     return machine.model_copy(update={"effects": tuple(effects)})
 
 
-def known(*texts: str) -> KnownEffects:
-    found = KnownEffects.of_machine(with_effects(AXIS.nominal(), *texts))
+def known(*texts: str) -> EffectCompensation:
+    found = EffectCompensation.of_machine(with_effects(AXIS.nominal(), *texts))
     assert found is not None
     return found
 
@@ -40,30 +40,30 @@ def cruise(speed_rad_s: float, table_m: float = 0.4, acceleration: float = 0.0) 
 
 
 def test_without_effects_there_is_nothing_to_take_off() -> None:
-    assert KnownEffects.of_machine(AXIS.nominal()) is None
+    assert EffectCompensation.of_machine(AXIS.nominal()) is None
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
 def test_a_rough_place_is_taken_off_where_it_is(direction: float) -> None:
     rough = known("position_friction:excess_nm=0.1,centre_m=0.4,width_m=0.2")
-    at_it = rough.freed(cruise(5.0 * direction), direction, 1.0)
+    at_it = rough.compensated(cruise(5.0 * direction), direction, 1.0)
     assert at_it.torque_nm == pytest.approx(0.5 - direction * 0.1, abs=1e-3)
-    beside = rough.freed(cruise(5.0 * direction, 0.0), direction, 1.0)
+    beside = rough.compensated(cruise(5.0 * direction, 0.0), direction, 1.0)
     assert beside.torque_nm == pytest.approx(0.5, abs=1e-3)
 
 
 def test_a_torque_constant_scales_the_command() -> None:
-    freed = known("torque_gain_error:excess_share=0.25").freed(cruise(5.0), 1.0, 1.0)
-    assert freed.torque_nm == pytest.approx(0.4)
+    compensated = known("torque_gain_error:excess_share=0.25").compensated(cruise(5.0), 1.0, 1.0)
+    assert compensated.torque_nm == pytest.approx(0.4)
 
 
 def test_a_ripple_is_averaged_over_the_phase() -> None:
     """Over whole periods nothing is left of it; over a quarter of one, 2 / pi of its height."""
     ripple = known("torque_ripple:amplitude_nm=0.1,order=4,phase_rad=0")
     period = Phase(0.1, 0.5, 0.0, 2.0 * math.pi / 4.0 / 0.1 * 17.0 / 16.0, 0.0, 0.0)
-    assert ripple.freed(period, 1.0, 1.0).torque_nm == pytest.approx(0.5, abs=2e-3)
+    assert ripple.compensated(period, 1.0, 1.0).torque_nm == pytest.approx(0.5, abs=2e-3)
     quarter = Phase(0.1, 0.5, 0.0, 2.0 * math.pi / 16.0 / 0.1, math.pi / 8.0, 0.0)
-    assert abs(ripple.freed(quarter, 1.0, 1.0).torque_nm - 0.5) == pytest.approx(
+    assert abs(ripple.compensated(quarter, 1.0, 1.0).torque_nm - 0.5) == pytest.approx(
         0.1 * 2.0 * math.sqrt(2.0) / math.pi, rel=0.02
     )
 
@@ -81,11 +81,13 @@ def test_the_flank_of_a_play_is_the_one_that_carries() -> None:
         (-5.0, -braking, 0.0),
     ):
         phase = cruise(speed, acceleration=acceleration)
-        freed = play.freed(phase, math.copysign(1.0, speed), 1.0)
+        compensated = play.compensated(phase, math.copysign(1.0, speed), 1.0)
         if force_n < 15.0 and acceleration == 0.0:
-            assert math.isnan(freed.angle_rad)
+            assert math.isnan(compensated.angle_rad)
         else:
-            assert RATIO * (freed.angle_rad - phase.angle_rad) == pytest.approx(shift, abs=1e-12)
+            assert RATIO * (compensated.angle_rad - phase.angle_rad) == pytest.approx(
+                shift, abs=1e-12
+            )
 
 
 def test_what_the_estimate_follows_itself_is_left() -> None:
@@ -123,8 +125,8 @@ def test_commissioning_sees_the_axis_without_what_is_known() -> None:
     frames = list(AXIS.frames("production", percent, 3, (effect,)))
     plain = commissioned([downsampled(frames, AXIS.nominal())], AXIS.nominal())
     nominal = with_effects(AXIS.nominal(), effect)
-    freed = commissioned([downsampled(frames, nominal)], nominal)
-    lower = plain.model.viscous_nm_s_per_rad.value - freed.model.viscous_nm_s_per_rad.value
+    compensated = commissioned([downsampled(frames, nominal)], nominal)
+    lower = plain.model.viscous_nm_s_per_rad.value - compensated.model.viscous_nm_s_per_rad.value
     assert lower == pytest.approx(2e-3, rel=0.02)
 
 

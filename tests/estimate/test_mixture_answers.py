@@ -18,11 +18,11 @@ from edge_service.estimate.mixture.posterior import (
     MODEL_ERROR_SHARE,
     PAYLOAD_SHARE,
     SLICK_SHARE,
-    UNTOLD_LOW_SHARE,
-    UNTOLD_SHARE,
-    Answers,
-    answers,
-    limits_of,
+    UNDETERMINED_HIGH_SHARE,
+    UNDETERMINED_SHARE,
+    Posterior,
+    fault_limits,
+    posterior_of,
 )
 from edge_service.estimate.mixture.state import (
     BEARING_FRICTION,
@@ -76,12 +76,12 @@ def drawn(seed: int, one_encoder: bool = False) -> Bank:
     return bank
 
 
-def read(bank: Bank, one_encoder: bool = False) -> Answers:
+def read(bank: Bank, one_encoder: bool = False) -> Posterior:
     model = parts(one_encoder)[0]
-    return answers(bank, model, limits_of(machine(one_encoder), model))
+    return posterior_of(bank, model, fault_limits(machine(one_encoder), model))
 
 
-def flat(told: Answers) -> Floats:
+def flat(told: Posterior) -> Floats:
     stiffness = told.stiffness or ()
     numbers = (*told.preload, *told.drag, *stiffness, *told.levels.values(), *told.faults.values())
     return np.array(numbers)
@@ -116,9 +116,9 @@ class Another:
 
     def preload(self) -> tuple[float, float, float]:
         low, high = self.quantile(0.025), self.quantile(0.975)
-        if high < UNTOLD_SHARE * FRESH and low < 0.5 * UNTOLD_SHARE * FRESH:
+        if high < UNDETERMINED_SHARE * FRESH and low < 0.5 * UNDETERMINED_SHARE * FRESH:
             low = 0.0
-        high = max(high, UNTOLD_LOW_SHARE * FRESH)
+        high = max(high, UNDETERMINED_HIGH_SHARE * FRESH)
         median = self.quantile(0.5)
         return median, min(low, median), max(high, median)
 
@@ -211,7 +211,7 @@ def test_an_interval_near_none_reaches_down_to_none(percent: float) -> None:
     value, low, high = read(single(percent, 0.3)).preload
     assert low == 0.0
     assert value < high
-    assert high >= UNTOLD_LOW_SHARE * FRESH
+    assert high >= UNDETERMINED_HIGH_SHARE * FRESH
 
 
 @pytest.mark.parametrize("percent", [4.0, 8.0, 12.0])
@@ -238,6 +238,6 @@ def test_plain_python_gives_the_same_numbers(monkeypatch: pytest.MonkeyPatch) ->
     for name, value in inspect.getmembers(posterior):
         if hasattr(value, "py_func"):
             monkeypatch.setattr(posterior, name, value.py_func)
-    assert inspect.isfunction(posterior.read)
+    assert inspect.isfunction(posterior.packed_posterior)
     plain = [flat(read(bank)) for bank in banks]
     np.testing.assert_allclose(plain, compiled, rtol=1e-10, atol=1e-12)

@@ -7,9 +7,9 @@ import pytest
 
 from edge_service.estimate.mixture.force import FORCED
 from edge_service.estimate.mixture.hypotheses import leader_of
-from edge_service.estimate.mixture.initial import begun
+from edge_service.estimate.mixture.initial import initial_bank
 from edge_service.estimate.mixture.state import LOSS, PRELOAD, STEADY, TOTAL_LOSS, Bank, Reading
-from edge_service.estimate.mixture.step import take
+from edge_service.estimate.mixture.step import step
 
 from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, Truth, parts, production
 
@@ -19,9 +19,9 @@ FORCE_N = 400.0
 def settled(one_encoder: bool = False) -> Bank:
     """A healthy axis after a minute."""
     model, start, process = parts(one_encoder)
-    bank = begun(start, SETTINGS)
+    bank = initial_bank(start, SETTINGS)
     for r in production(11, 60.0, Truth(), one_encoder):
-        take(bank, model, process, r, 0.1)
+        step(bank, model, process, r, 0.1)
     assert leader_of(bank) == STEADY
     return bank
 
@@ -48,7 +48,7 @@ def test_a_cut_of_seconds_is_no_loss(force_n: float, yields: float) -> None:
     for k, r in enumerate(readings):
         cuts = k % 40 < 20
         share = 1.0 + 0.3 * (k // 40 % 3)
-        take(bank, model, process, pushed(r, share * force_n, yields) if cuts else r, 0.1)
+        step(bank, model, process, pushed(r, share * force_n, yields) if cuts else r, 0.1)
         assert percent(bank) > 0.85 * FRESH, k
 
 
@@ -57,7 +57,7 @@ def test_what_all_take_for_a_force_says_nothing_of_them() -> None:
     bank = settled()
     before = bank.log_weight.copy()
     r = pushed(next(iter(production(13, 0.1, Truth()))), FORCE_N)
-    assert math.isnan(take(bank, model, process, r, 0.1))
+    assert math.isnan(step(bank, model, process, r, 0.1))
     there = (bank.alive > 0) & (bank.age_s > 0.0)
     assert (bank.force[there] > FORCED).all()
     np.testing.assert_array_equal(bank.log_weight[there], before[there])
@@ -69,7 +69,7 @@ def test_a_drop_is_no_force_that_lasts(left: float) -> None:
     model, _, process = parts()
     bank = settled()
     for r in production(14, 2.0, Truth(percent=left * FRESH)):
-        take(bank, model, process, r, 0.1)
+        step(bank, model, process, r, 0.1)
     assert leader_of(bank) in (LOSS, TOTAL_LOSS)
     assert percent(bank) < 0.7 * FRESH
 
@@ -81,7 +81,7 @@ def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
     model, _, process = parts()
     bank = settled()
     truth = Truth(nut=0.35, bearing=0.35, guide=0.35)
-    told = [take(bank, model, process, r, 0.1) for r in production(15, 60.0, truth)]
+    told = [step(bank, model, process, r, 0.1) for r in production(15, 60.0, truth)]
     assert np.isfinite(told[-100:]).mean() > 0.9
     assert abs(percent(bank) - FRESH) < 1.0
 
@@ -99,7 +99,7 @@ def test_a_force_is_known_again_by_two_encoders_only(one_encoder: bool) -> None:
     for force_n in (slight_n, -slight_n):
         bank = settled(one_encoder)
         bank.force[:], bank.force_n[:] = 0.5, force_n
-        take(bank, model, process, r, 0.1)
+        step(bank, model, process, r, 0.1)
         forced.append(bank.force[leader_of(bank)])
     like, unlike = forced
     if one_encoder:
@@ -116,7 +116,7 @@ def test_probabilities_stay_probabilities_where_no_force_lasts(one_encoder: bool
     for n, r in enumerate(production(21, 60.0, Truth(), one_encoder)):
         cuts = n % 30 < 20
         pushed_r = pushed(r, FORCE_N * (1.0 + 0.2 * math.sin(n))) if cuts else r
-        take(bank, model, process._replace(force_stay=0.0), pushed_r, 0.1)
+        step(bank, model, process._replace(force_stay=0.0), pushed_r, 0.1)
         alive = bank.alive > 0
         assert np.all((bank.force[alive] >= 0.0) & (bank.force[alive] <= 1.0))
     assert np.all(np.isfinite(bank.mean[bank.alive > 0]))

@@ -8,12 +8,17 @@ import pytest
 
 from edge_service.estimate.mixture.hypotheses import (
     STOP_S,
-    believed,
-    follow_hypotheses,
+    accepted,
+    adapt_hypotheses,
     leader_of,
     normalise,
 )
-from edge_service.estimate.mixture.initial import LOAD_SLOT, NUT_SLOT, begun, go_on
+from edge_service.estimate.mixture.initial import (
+    LOAD_SLOT,
+    NUT_SLOT,
+    continue_after_stop,
+    initial_bank,
+)
 from edge_service.estimate.mixture.state import (
     BEFORE,
     CHALLENGERS,
@@ -38,7 +43,7 @@ from edge_service.estimate.mixture.state import (
     WEARING,
     Bank,
 )
-from edge_service.estimate.mixture.step import take
+from edge_service.estimate.mixture.step import step
 
 from .mixture_axis import FRESH, SETTINGS, Truth, idle, parts, production
 
@@ -49,7 +54,7 @@ BACK = idle(np.random.default_rng(0), direction=-1.0)
 
 def settled(one_encoder: bool = False) -> Bank:
     """A bank whose beginning is over: steady and wearing, and what was believed before."""
-    bank = begun(parts(one_encoder)[1], SETTINGS)
+    bank = initial_bank(parts(one_encoder)[1], SETTINGS)
     bank.alive[:] = 0
     for slot, weight in ((STEADY, 0.0), (WEARING, -3.0), (BEFORE, -8.0)):
         bank.mean[slot], bank.covariance[slot] = bank.mean[0], bank.covariance[0]
@@ -99,10 +104,10 @@ def test_weights_sum_to_one_and_none_falls_below_the_floor() -> None:
 def test_no_belief_dies_whatever_happens(one_encoder: bool) -> None:
     """Over a healthy time, a loss and its return."""
     model, start, process = parts(one_encoder)
-    bank = begun(start, SETTINGS)
+    bank = initial_bank(start, SETTINGS)
     for percent in (FRESH, 1.0, FRESH):
         for k, r in enumerate(production(3, 30.0, Truth(percent=percent), one_encoder)):
-            take(bank, model, process, r, 0.1)
+            step(bank, model, process, r, 0.1)
             living = bank.alive > 0
             assert np.isfinite(bank.log_weight[living]).all()
             if bank.moments[LEARNING] == 0.0:
@@ -117,12 +122,12 @@ def test_no_belief_dies_whatever_happens(one_encoder: bool) -> None:
 def test_a_challenger_that_has_led_takes_over_and_the_belief_goes_on_beside_it() -> None:
     bank = Challenger().bank()
     believed_before = bank.mean[STEADY].copy()
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == 0.0
     np.testing.assert_array_equal(bank.mean[BEFORE], believed_before)
     assert bank.log_weight[STEADY] == 2.5
     assert bank.log_weight[BEFORE] == 0.0
-    assert leader_of(bank) == believed(bank) == STEADY
+    assert leader_of(bank) == accepted(bank) == STEADY
     assert all(bank.alive[k] for k in (LOSS, TOTAL_LOSS, LOOSENING))  # the next contest
 
 
@@ -132,7 +137,7 @@ def test_what_began_beside_a_belief_ends_with_it() -> None:
     for k in (LUBRICATION, LOAD, LOOSENING):
         bank.mean[k], bank.covariance[k] = bank.mean[STEADY], bank.covariance[STEADY]
         bank.alive[k], bank.log_weight[k] = 1, -1.0
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     kept = [k for k in range(HYPOTHESES) if bank.alive[k] and bank.mean[k, PRELOAD] > 0.0]
     assert kept == [BEFORE]
 
@@ -144,7 +149,7 @@ def test_a_rival_about_as_likely_as_the_winner_goes_on(behind: float, goes_on: b
     rival = 2.0 * bank.mean[STEADY]
     bank.mean[LUBRICATION], bank.covariance[LUBRICATION] = rival, bank.covariance[STEADY]
     bank.alive[LUBRICATION], bank.log_weight[LUBRICATION] = 1, bank.log_weight[LOSS] - behind
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     assert bool(bank.mean[LUBRICATION, PRELOAD] == rival[PRELOAD]) is goes_on
     assert bank.alive[LUBRICATION]  # if not that one, the next
 
@@ -157,7 +162,7 @@ def test_what_was_believed_before_can_win_back() -> None:
     bank.mean[BEFORE] = 3.0 * bank.mean[STEADY]
     bank.force[STEADY], bank.force[BEFORE] = 0.02, 0.01
     now, then = bank.mean[STEADY].copy(), bank.mean[BEFORE].copy()
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     assert bank.mean[STEADY, PRELOAD] == then[PRELOAD]
     np.testing.assert_array_equal(bank.mean[BEFORE], now)
     assert (bank.force[STEADY], bank.force[BEFORE]) == (0.01, 0.02)
@@ -175,7 +180,7 @@ def test_what_was_believed_before_can_win_back() -> None:
 def test_a_challenger_does_not_take_over_too_soon(challenger: Challenger) -> None:
     bank = challenger.bank()
     before = bank.mean[STEADY].copy()
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm)
+    adapt_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm)
     np.testing.assert_array_equal(bank.mean[STEADY], before)
     assert bank.alive[LOSS]
     assert bank.mean[LOSS, PRELOAD] == 0.0
@@ -183,16 +188,16 @@ def test_a_challenger_does_not_take_over_too_soon(challenger: Challenger) -> Non
 
 def test_the_other_direction_decides_once_it_has_been_seen() -> None:
     bank = Challenger(directions=1).bank()
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     assert bank.mean[STEADY, PRELOAD] != 0.0
-    follow_hypotheses(bank, PROCESS, BACK, 0.1, True)
+    adapt_hypotheses(bank, PROCESS, BACK, 0.1, True)
     assert bank.mean[STEADY, PRELOAD] == 0.0
 
 
 @pytest.mark.parametrize("stop_s", [0.1, 0.9 * STOP_S, 1.1 * STOP_S])
 def test_load_and_lubricant_are_changed_after_a_stop(stop_s: float) -> None:
     bank = settled()
-    follow_hypotheses(bank, PROCESS, TICK, stop_s, True)
+    adapt_hypotheses(bank, PROCESS, TICK, stop_s, True)
     assert bool(bank.alive[LOAD]) is bool(bank.alive[LUBRICATION]) is (stop_s > STOP_S)
 
 
@@ -200,7 +205,7 @@ def test_any_step_may_happen_while_the_axis_moves() -> None:
     """Another load too: no stop may have been seen, and automatic lubrication needs none."""
     bank = settled()
     for _ in range(40):
-        follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+        adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     for k in CHALLENGERS:
         ahead = bank.log_weight[k] - bank.log_weight[STEADY]
         assert ahead == pytest.approx(math.log(SETTINGS.hazard * PROCESS.spawn_s))
@@ -212,11 +217,11 @@ def test_any_step_may_happen_while_the_axis_moves() -> None:
 def test_a_loss_begins_with_the_phase_that_surprises(nis: float, calm: bool, begins: bool) -> None:
     """One that began before it has learned that nothing happened, and a total one would win."""
     bank = settled()
-    follow_hypotheses(bank, PROCESS, TICK, 4.0, True)
+    adapt_hypotheses(bank, PROCESS, TICK, 4.0, True)
     bank.mean[LOSS, PRELOAD] = -1.0
     bank.moments[SURPRISE] = nis
     bank.moments[SINCE_SPAWN_S] = 0.0
-    follow_hypotheses(bank, PROCESS, TICK, 0.1, calm)
+    adapt_hypotheses(bank, PROCESS, TICK, 0.1, calm)
     assert bool(bank.mean[LOSS, PRELOAD] == bank.mean[STEADY, PRELOAD]) is begins
 
 
@@ -227,7 +232,7 @@ def test_the_longer_a_stop_the_likelier_is_another_load(
 ) -> None:
     """Even where the phase after it passes for one under a force: that may be the other load."""
     bank = settled()
-    follow_hypotheses(bank, PROCESS, TICK, stop_s, calm)
+    adapt_hypotheses(bank, PROCESS, TICK, stop_s, calm)
     for slot in (LOAD, LUBRICATION):
         expected = math.log(SETTINGS.stop_hazard * counted_s)
         assert bank.log_weight[slot] - bank.log_weight[STEADY] == pytest.approx(expected)
@@ -237,18 +242,18 @@ def test_the_longer_a_stop_the_likelier_is_another_load(
 def test_one_encoder_knows_neither_load_nor_looseness() -> None:
     process = parts(one_encoder=True)[2]
     bank = settled(one_encoder=True)
-    follow_hypotheses(bank, process, TICK, 5.0, True)
+    adapt_hypotheses(bank, process, TICK, 5.0, True)
     for _ in range(40):
-        follow_hypotheses(bank, process, TICK, 0.1, True)
+        adapt_hypotheses(bank, process, TICK, 0.1, True)
     assert [k for k in CHALLENGERS if bank.alive[k]] == [LOSS, TOTAL_LOSS, LUBRICATION]
 
 
 def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     """Each challenger is the belief, but for what has just happened to it."""
     bank = settled()
-    follow_hypotheses(bank, PROCESS, TICK, 5.0, True)
+    adapt_hypotheses(bank, PROCESS, TICK, 5.0, True)
     for _ in range(40):
-        follow_hypotheses(bank, PROCESS, TICK, 0.1, True)
+        adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
     frictions = set(range(NUT_FRICTION, GUIDE_VISCOUS + 1))
     touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: frictions}
@@ -262,12 +267,12 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
 
 
 def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
-    bank = begun(START, SETTINGS)
+    bank = initial_bank(START, SETTINGS)
     bank.log_weight[:6] = (-9.0, -1.0, -0.5, -9.0, -9.0, -9.0)
-    follow_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
+    adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
     assert bank.moments[LEARNING] == 1.0
     none, half = bank.mean[LOSS, PRELOAD], bank.mean[WEARING, PRELOAD]
-    follow_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
+    adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
     assert bank.moments[LEARNING] == 0.0
     assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == none
     assert bank.mean[BEFORE, PRELOAD] == half
@@ -276,7 +281,7 @@ def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
 
 def test_the_beginnings_are_a_distribution() -> None:
     for one_encoder in (False, True):
-        bank = begun(parts(one_encoder)[1], SETTINGS)
+        bank = initial_bank(parts(one_encoder)[1], SETTINGS)
         living = bank.alive > 0
         assert living.sum() == (3 if one_encoder else 6)
         share = np.exp(bank.log_weight[living]).sum()
@@ -290,7 +295,7 @@ def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> N
     bank = settled()
     before = bank.covariance[STEADY, PRELOAD, PRELOAD]
     bank.covariance[STEADY, 11, 11] = 1e-20
-    go_on(bank, START, 86_400.0)
+    continue_after_stop(bank, START, 86_400.0)
     assert bank.covariance[STEADY, PRELOAD, PRELOAD] == pytest.approx(before + 0.05**2)
     assert bank.covariance[STEADY, 11, 11] == START.covariance[11, 11]
     assert bank.alive.sum() == 3
@@ -303,5 +308,5 @@ def test_settings_of_nothing_give_no_such_challenger() -> None:
     bank = settled()
     nothing = np.full(HYPOTHESES, -np.inf)
     quiet = PROCESS._replace(priors=nothing, stop_priors=nothing)
-    follow_hypotheses(bank, quiet, TICK, 5.0, True)
+    adapt_hypotheses(bank, quiet, TICK, 5.0, True)
     assert not any(bank.alive[k] for k in CHALLENGERS)

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.initial import begun, go_on
-from edge_service.estimate.mixture.posterior import Answers, answers, limits_of
+from edge_service.estimate.mixture.initial import continue_after_stop, initial_bank
+from edge_service.estimate.mixture.posterior import Posterior, fault_limits, posterior_of
 from edge_service.estimate.mixture.state import SINCE_SPAWN_S, Bank
-from edge_service.estimate.mixture.step import take
+from edge_service.estimate.mixture.step import step
 
 from .mixture_axis import FRESH, SETTINGS, Truth, machine, parts, production
 
@@ -26,17 +26,17 @@ class Axis:
     def __init__(self, one_encoder: bool) -> None:
         self.one_encoder = one_encoder
         self.model, self.start, self.process = parts(one_encoder)
-        self.bank: Bank = begun(self.start, SETTINGS)
-        self.limits = limits_of(machine(one_encoder), self.model)
+        self.bank: Bank = initial_bank(self.start, SETTINGS)
+        self.limits = fault_limits(machine(one_encoder), self.model)
 
     def moved(self, seed: int, seconds: float, truth: Truth, stop_s: float = 0.1) -> "Axis":
         """In motion, after a stop."""
         for k, r in enumerate(production(seed, seconds, truth, self.one_encoder)):
-            take(self.bank, self.model, self.process, r, stop_s if k == 0 else 0.1)
+            step(self.bank, self.model, self.process, r, stop_s if k == 0 else 0.1)
         return self
 
-    def said(self) -> Answers:
-        return answers(self.bank, self.model, self.limits)
+    def said(self) -> Posterior:
+        return posterior_of(self.bank, self.model, self.limits)
 
     def holds(self, percent: float) -> bool:
         value, low, high = self.said().preload
@@ -84,7 +84,7 @@ def test_a_new_nut_is_found_without_being_told(
 ) -> None:
     axis = Axis(one_encoder).moved(1, 120.0, Truth(percent=percent))
     if unseen:
-        go_on(axis.bank, axis.start, 3600.0)
+        continue_after_stop(axis.bank, axis.start, 3600.0)
     axis.moved(2, BACK_S, FRESH_TRUTH, 3600.0 if unseen else 300.0)
     value, low, high = axis.said().preload
     assert low <= FRESH <= high

@@ -16,7 +16,7 @@ from edge_service.estimate.mixture import (
     step,
 )
 from edge_service.estimate.mixture.hypotheses import leader_of
-from edge_service.estimate.mixture.initial import begun
+from edge_service.estimate.mixture.initial import initial_bank
 from edge_service.estimate.mixture.state import (
     FORCED_S,
     MOST_SHARE,
@@ -36,7 +36,7 @@ FORCE_N = 300.0
 
 def both(one_encoder: bool) -> tuple[Bank, Bank]:
     start = parts(one_encoder)[1]
-    return begun(start, SETTINGS), begun(start, SETTINGS)
+    return initial_bank(start, SETTINGS), initial_bank(start, SETTINGS)
 
 
 @pytest.mark.parametrize("one_encoder", [False, True])
@@ -52,7 +52,7 @@ def test_plain_python_gives_the_same_numbers(
     readings[60:64] = [r._replace(stretch_m=math.nan) for r in readings[60:64]]
     elapsed = [3.0 if k == 25 else 0.1 for k in range(len(readings))]
     fast, slow = both(one_encoder)
-    first = [step.take(fast, model, process, r, s) for r, s in zip(readings, elapsed, strict=True)]
+    first = [step.step(fast, model, process, r, s) for r, s in zip(readings, elapsed, strict=True)]
     rooms = (physics, drift, innovation, correction, hypotheses, force, step)
     kernels = {
         name: value.py_func
@@ -65,8 +65,8 @@ def test_plain_python_gives_the_same_numbers(
         for name, python in kernels.items():
             if hasattr(room, name):
                 monkeypatch.setattr(room, name, python)
-    assert inspect.isfunction(step.take)
-    second = [step.take(slow, model, process, r, s) for r, s in zip(readings, elapsed, strict=True)]
+    assert inspect.isfunction(step.step)
+    second = [step.step(slow, model, process, r, s) for r, s in zip(readings, elapsed, strict=True)]
     np.testing.assert_allclose(first, second, rtol=1e-6)
     np.testing.assert_array_equal(fast.alive, slow.alive)
     np.testing.assert_array_equal(fast.directions, slow.directions)
@@ -86,12 +86,12 @@ def test_covariances_stay_covariances(encoder: str) -> None:
     """Thousands of phases with rests and forces: symmetric, and nothing is known for certain."""
     one_encoder = encoder == "one"
     model, start, process = parts(one_encoder)
-    bank, rng = begun(start, SETTINGS), np.random.default_rng(7)
+    bank, rng = initial_bank(start, SETTINGS), np.random.default_rng(7)
     for k in range(4000):
         r = measured(rng, Truth(), idle(rng, one_encoder), 200.0 * (k % 50 < 3))
         if encoder == "missing" or (encoder == "mixed" and rng.random() < 0.5):
             r = r._replace(stretch_m=math.nan)
-        step.take(bank, model, process, r, float(rng.choice([0.1, 0.3, 2.0])))
+        step.step(bank, model, process, r, float(rng.choice([0.1, 0.3, 2.0])))
         if k % 40:
             continue
         for slot in np.flatnonzero(bank.alive):
@@ -102,9 +102,9 @@ def test_covariances_stay_covariances(encoder: str) -> None:
 
 def test_what_is_considered_is_never_changed_by_data() -> None:
     model, start, process = parts()
-    bank = begun(start, SETTINGS)
+    bank = initial_bank(start, SETTINGS)
     for r in production(3, 120.0, Truth(percent=3.0, reversal=0.3, mass_error=0.05)):
-        step.take(bank, model, process, r, 0.1)
+        step.step(bank, model, process, r, 0.1)
     for k in np.flatnonzero(bank.alive):
         i = NUT_COMPLIANCE
         assert bank.mean[k, i] == start.mean[i]
@@ -114,15 +114,15 @@ def test_what_is_considered_is_never_changed_by_data() -> None:
 def test_another_payload_tells_what_of_the_stretch_is_the_tables() -> None:
     """A screw that twists under its own inertia yields less to a payload than was commissioned."""
     model, start, process = parts()
-    bank = begun(start, SETTINGS)
+    bank = initial_bank(start, SETTINGS)
     before = start.covariance[TABLE_MASS, TABLE_MASS]
     for r in production(3, 120.0, Truth(mass_error=0.2)):
-        step.take(bank, model, process, r, 0.1)
+        step.step(bank, model, process, r, 0.1)
     k = leader_of(bank)
     assert bank.covariance[k, TABLE_MASS, TABLE_MASS] > 0.95 * before
     loaded = Truth(mass_error=0.2, payload_kg=10.0)
     for n, r in enumerate(production(4, 120.0, loaded)):
-        step.take(bank, model, process, r, 60.0 if n == 0 else 0.1)
+        step.step(bank, model, process, r, 60.0 if n == 0 else 0.1)
     k = leader_of(bank)
     assert 0.1 < bank.mean[k, TABLE_MASS] < 0.3
     assert bank.covariance[k, TABLE_MASS, TABLE_MASS] < 0.5 * before
@@ -147,7 +147,7 @@ def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool, share:
         before, elapsed_s = bank.mean[STEADY].copy(), 0.1
         f, q = motion_of(model, process, r, elapsed_s, mean)
         mean, covariance, nis = corrected(model, process, f @ mean, f @ covariance @ f.T + q, r)
-        told = step.take(bank, model, process, r, elapsed_s)
+        told = step.step(bank, model, process, r, elapsed_s)
         assert told == pytest.approx(nis / (1 if one_encoder else 2), rel=1e-3), k
         unlikely += nis > USUAL
         bounded += mean[PRELOAD] == pytest.approx(math.log(MOST_SHARE * FRESH), abs=1e-9)
@@ -165,10 +165,10 @@ def test_one_hypothesis_stays_at_the_preload_that_its_step_has_found(seed: int) 
     model, start, process = parts()
     process, bank = never(process), alone(start, 0.05)
     for r in production(seed, 60.0, Truth()):
-        step.take(bank, model, process, r, 0.1)
+        step.step(bank, model, process, r, 0.1)
     bank.covariance[STEADY, PRELOAD, PRELOAD] += SETTINGS.loss**2
     for r in production(seed + 1, 40.0, Truth(percent=4.0)):
-        step.take(bank, model, process, r, 0.1)
+        step.step(bank, model, process, r, 0.1)
     away = bank.mean[STEADY, PRELOAD] - math.log(4.0)
     assert abs(away) < 3.0 * math.sqrt(bank.covariance[STEADY, PRELOAD, PRELOAD])
 
@@ -177,13 +177,13 @@ def test_one_hypothesis_stays_at_the_preload_that_its_step_has_found(seed: int) 
 def test_a_phase_under_a_force_teaches_nothing(one_encoder: bool) -> None:
     """R F in the torque and C F in the stretch; only time goes on."""
     model, start, process = parts(one_encoder)
-    bank = begun(start, SETTINGS)
+    bank = initial_bank(start, SETTINGS)
     for r in production(5, 5.0, Truth(), one_encoder):
-        step.take(bank, model, process, r, 0.1)
+        step.step(bank, model, process, r, 0.1)
     means, covariances = bank.mean.copy(), bank.covariance.copy()
     rng = np.random.default_rng(6)
     r = measured(rng, Truth(), idle(rng, one_encoder, 1.0)._replace(speed_rad_s=10.0), FORCE_N)
-    assert math.isnan(step.take(bank, model, process, r, 0.1))
+    assert math.isnan(step.step(bank, model, process, r, 0.1))
     assert bank.force[leader_of(bank)] > 0.99
     assert bank.moments[FORCED_S] == r.steady_s
     k = leader_of(bank)  # one that knows the axis less may take the force for something else
@@ -211,7 +211,7 @@ def test_frictions_have_their_stationary_covariance_after_a_long_time(step_s: fl
     process = process._replace(learn_s=math.inf)
     for _ in range(round(20_000.0 / step_s)):
         slow = idle(rng, one_encoder=True)._replace(speed_rad_s=5.0, direction=1.0)
-        step.take(bank, model, process, measured(rng, Truth(), slow, 1000.0), step_s)
+        step.step(bank, model, process, measured(rng, Truth(), slow, 1000.0), step_s)
     assert bank.force[STEADY] > 0.99
     stationary = SETTINGS.together**2 + SETTINGS.apart**2 * np.eye(5)
     rows = slice(FRICTIONS[0], FRICTIONS[-1] + 1)
@@ -231,13 +231,13 @@ def test_no_phase_alone_condemns_a_hypothesis(wild_nm: float) -> None:
     One that all take for a process force says nothing.
     """
     model, start, process = parts()
-    bank, rng = begun(start, SETTINGS), np.random.default_rng(9)
+    bank, rng = initial_bank(start, SETTINGS), np.random.default_rng(9)
     for r in production(3, 5.0, Truth()):
-        step.take(bank, model, process, r, 0.1)
+        step.step(bank, model, process, r, 0.1)
     rows = bank.alive > 0
     before = bank.log_weight[rows].copy()
     r = measured(rng, Truth(), idle(rng), 0.0)
-    step.take(bank, model, process, r._replace(torque_nm=r.torque_nm + wild_nm), 0.1)
+    step.step(bank, model, process, r._replace(torque_nm=r.torque_nm + wild_nm), 0.1)
     most = process.evidence * process.most_nats
     moved = (bank.log_weight[rows] - before)[before > process.floor + most]
     assert np.ptp(moved) <= most + 1e-9
@@ -248,12 +248,12 @@ def test_no_phase_alone_condemns_a_hypothesis(wild_nm: float) -> None:
 def test_no_phase_alone_moves_what_is_believed(wild_nm: float) -> None:
     """However wild a phase is, what is believed and its preload stay."""
     model, start, process = parts()
-    bank, rng = begun(start, SETTINGS), np.random.default_rng(9)
+    bank, rng = initial_bank(start, SETTINGS), np.random.default_rng(9)
     for r in production(3, 60.0, Truth()):
-        step.take(bank, model, process, r, 0.1)
+        step.step(bank, model, process, r, 0.1)
     believed = leader_of(bank)
     before = bank.mean[believed, PRELOAD]
     r = measured(rng, Truth(), idle(rng), 0.0)
-    step.take(bank, model, process, r._replace(torque_nm=r.torque_nm + wild_nm), 0.1)
+    step.step(bank, model, process, r._replace(torque_nm=r.torque_nm + wild_nm), 0.1)
     assert leader_of(bank) == believed
     assert bank.mean[believed, PRELOAD] == pytest.approx(before, abs=0.01)

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from edge_service.estimate.commissioning.series_compliance import StretchTaught, teach_stretch
+from edge_service.estimate.commissioning.series_compliance import (
+    SeriesCompliance,
+    fit_series_compliance,
+)
 from edge_service.estimate.commissioning.steady_phases import SteadyPhases
 from edge_service.messages.samples import Floats
 
@@ -19,7 +22,7 @@ def uneven(place_m: Floats, size_m: float) -> Floats:
     return np.asarray(size_m * np.sin(4.0 * np.pi * place_m / STROKE_M))
 
 
-def taught(size_m: float, seed: int = 3) -> tuple[StretchTaught, Floats]:
+def taught(size_m: float, seed: int = 3) -> tuple[SeriesCompliance, Floats]:
     """What is learned between LOW_M and HIGH_M, and the places of the maps' nodes, (k,)."""
     rng = np.random.default_rng(seed)
     count = 3000
@@ -40,7 +43,7 @@ def taught(size_m: float, seed: int = 3) -> tuple[StretchTaught, Floats]:
         angle_rad=(table_m + stretch_m) / RATIO,
         table_m=table_m,
     )
-    found = teach_stretch(phases, machine(), lambda places, _: np.zeros_like(places))
+    found = fit_series_compliance(phases, machine(), lambda places, _: np.zeros_like(places))
     assert found is not None
     return found, np.linspace(0.0, STROKE_M, len(found.lead_map_m))
 

@@ -1,1 +1,1 @@
-"""Identification of a healthy, cold axis: what the estimator needs to know of it."""
+"""Identification of a healthy, cold axis for the estimator."""

@@ -1,23 +1,23 @@
-"""Shares that no healthy recording tells: the table's of the inertia, the nut's of the stretch."""
+"""Shares that no healthy recording determines: the table's inertia, the nut's compliance."""
 
 import numpy as np
 
 from ...models.machine import Machine
 from ...models.screw.stiffness import STEEL_MODULUS_PA, screw_area, screw_torsional_rigidity
-from .series_compliance import StretchTaught
-from .torque_balance import TorqueTaught
+from .series_compliance import SeriesCompliance
+from .torque_balance import TorqueBalance
 
 CORE_SHARE = 0.85
 """Assumption: core of a screw over its nominal diameter."""
 NUT_SHARE, NUT_SHARE_SIGMA = 0.27, 0.12
-"""Of the series compliance where the machine file does not tell: an assumption with its spread.
+"""Share of the series compliance where the machine file gives none: an assumption, with its spread.
 
 Catalogue stiffness of preloaded nuts beside that of a fixed bearing, half the screw (5.3.9, with
 its twist) and the coupling gives .18 to .38 for screws of 16 to 40 mm."""
 
 
 def table_mass(
-    machine: Machine, torque: TorqueTaught, stretch: StretchTaught | None
+    machine: Machine, torque: TorqueBalance, stretch: SeriesCompliance | None
 ) -> tuple[float, float]:
     """Mass of the table and its standard deviation, kg.
 
@@ -38,7 +38,7 @@ def table_mass(
     return min(max(value, 0.05 * whole_kg), 0.95 * whole_kg), (weight + guess_weight) ** -0.5
 
 
-def _mass_by_slope(machine: Machine, stretch: StretchTaught) -> tuple[float, float] | None:
+def _mass_by_slope(machine: Machine, stretch: SeriesCompliance) -> tuple[float, float] | None:
     """Mass that stretches a metre of screw by as much, and its standard deviation, kg."""
     diameter = machine.axis.screw_diameter_m
     if diameter is None or machine.axis.bearing_arrangement != "fixed-free":

@@ -13,14 +13,14 @@ from ...messages.samples import Floats
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
 from .steady_phases import CommissioningError, SteadyPhases
-from .torque_balance import TorqueTaught
+from .torque_balance import TorqueBalance
 from .torque_lag import torque_lag
 from .wide_windows import WideInertia, wide_inertia
 
 STATED_FACTOR = 2.0
 """A load changes the inertia by less than this factor; beyond it a unit or the lead is another."""
 WINDOW_FACTOR = 1.15
-"""Windows of milliseconds and of tenths of a second tell an inertia equal up to this factor."""
+"""Factor within which windows of milliseconds and of tenths of a second give the inertia."""
 WINDOW_INTERVALS = (1, 2, 4)
 SURE = 0.1
 """Relative standard deviation beyond which inertia or friction is not known."""
@@ -31,14 +31,14 @@ LONGEST_LAG_S = 4e-3
 OTHER_FACTOR = 10.0
 """Friction over the screw's own beyond which, without a guide that shows it, a unit is another."""
 WORN_SHARE = 0.7
-"""Of the fresh screw's drag: a healthy screw, run in and cold, has more."""
+"""Share of the fresh screw's drag: a healthy screw, run in and cold, has more."""
 NUT_SHARES = (0.03, 1.0)
 """Nut's share of the series compliance: screw, bearings and coupling are softer than nothing."""
 SIGMAS = 3.0
 
 
 def require_signed_torque(phases: SteadyPhases) -> None:
-    """That torque changes with the direction of motion: no rectified current.
+    """Require torque that changes with the direction of motion: no rectified current.
 
     A load that hangs may keep torque on one side, but then torque still follows the signed
     acceleration and friction, J a + D v + C sgn v + offset, and not their absolute value.
@@ -65,23 +65,23 @@ def require_signed_torque(phases: SteadyPhases) -> None:
 
 
 def _cost(phases: SteadyPhases, columns: Floats) -> tuple[float, float]:
-    """Weighted sum of squares that is left, and the first parameter."""
+    """Weighted residual sum of squares, and the first parameter."""
     root = np.sqrt(phases.steady_s)
     scaled, wanted = columns * root[:, None], phases.torque_nm * root
     value = np.linalg.lstsq(scaled, wanted, rcond=None)[0]
     return float(np.sum((wanted - scaled @ value) ** 2)), float(value[0])
 
 
-def require_told(
+def require_identified(
     recordings: Sequence[Sequence[FeatureBlock]],
     phases: SteadyPhases,
-    torque: TorqueTaught,
+    torque: TorqueBalance,
     machine: Machine,
 ) -> None:
-    """That the torque balance is determined, and is the one of this machine file.
+    """Require a torque balance that is determined, and is the one of this machine file.
 
     Raises:
-        CommissioningError: it is not; the text says what was found and what would mend it.
+        CommissioningError: it is not; the text names the finding and its remedy.
     """
     _require_following(phases)
     _require_one_inertia(recordings, torque, machine)
@@ -90,7 +90,7 @@ def require_told(
 
 
 def _require_following(phases: SteadyPhases) -> None:
-    """That torque comes with the acceleration it makes."""
+    """Require torque that is in time with the acceleration it makes."""
     lag = torque_lag(phases)
     if lag is not None and abs(lag.value_s) - SIGMAS * lag.sigma_s > LONGEST_LAG_S:
         way = "later" if lag.value_s > 0.0 else "earlier"
@@ -102,9 +102,9 @@ def _require_following(phases: SteadyPhases) -> None:
 
 
 def _require_one_inertia(
-    recordings: Sequence[Sequence[FeatureBlock]], torque: TorqueTaught, machine: Machine
+    recordings: Sequence[Sequence[FeatureBlock]], torque: TorqueBalance, machine: Machine
 ) -> None:
-    """That inertia is the same in short and in long windows.
+    """Require the same inertia in short and in long windows.
 
     Noise of the encoder, slow samples and lag shrink it in short ones. Known effects are in the
     long windows still, so they say nothing then.
@@ -123,7 +123,7 @@ def _require_one_inertia(
             )
 
 
-def _differ(torque: TorqueTaught, wide: WideInertia) -> bool:
+def _differ(torque: TorqueBalance, wide: WideInertia) -> bool:
     apart = abs(torque.inertia_kg_m2 - wide.inertia_kg_m2)
     allowed = SIGMAS * float(np.hypot(torque.inertia_sigma, wide.sigma))
     same = _within(torque.inertia_kg_m2, wide.inertia_kg_m2, WINDOW_FACTOR)
@@ -134,7 +134,7 @@ def _within(one: float, other: float, factor: float) -> bool:
     return other / factor <= one <= other * factor
 
 
-def _require_stated_inertia(torque: TorqueTaught, stated: Quantity) -> None:
+def _require_stated_inertia(torque: TorqueBalance, stated: Quantity) -> None:
     found, sigma = torque.inertia_kg_m2, torque.inertia_sigma
     apart = abs(found - stated.value) > SIGMAS * float(np.hypot(sigma, stated.sigma))
     if apart and not _within(found, stated.value, STATED_FACTOR):
@@ -144,7 +144,7 @@ def _require_stated_inertia(torque: TorqueTaught, stated: Quantity) -> None:
         )
 
 
-def _require_sure(torque: TorqueTaught) -> None:
+def _require_sure(torque: TorqueBalance) -> None:
     if torque.unexplained > UNEXPLAINED:
         raise CommissioningError(
             f"motion explains too little of the torque: {100.0 * torque.unexplained:.0f} % of it "
@@ -164,9 +164,9 @@ def _require_sure(torque: TorqueTaught) -> None:
 
 
 def require_fresh_screw(
-    torque: TorqueTaught, machine: Machine, transmission: TransmissionConfig | None
+    torque: TorqueBalance, machine: Machine, transmission: TransmissionConfig | None
 ) -> None:
-    """That friction is that of a fresh screw and of guides and bearings that there may be.
+    """Require the friction of a fresh screw and of plausible guides and bearings.
 
     With two encoders the wind-up at reversals shows the guides' friction, and what is left must
     be the screw's and the bearings'.
@@ -211,7 +211,7 @@ def _guide_drag(machine: Machine, transmission: TransmissionConfig | None) -> Qu
 
 
 def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None) -> None:
-    """That the axis is softer than its nut alone, but not by far.
+    """Require an axis that is softer than its nut alone, but not by far.
 
     Raises:
         CommissioningError: the stretch contradicts the nut's stiffness or the table's mass.

@@ -15,17 +15,17 @@ from ...messages.samples import Floats
 from ...models.commissioned import CommissionedConfig, TransmissionConfig
 from ...models.machine import Machine, ModelConfig, Quantity
 from ...models.steady_limits import CRUISE_RAD_S2, SLOWEST_RAD_S, SteadyLimits, steady_limits
-from ..effect_compensation import KnownEffects
+from ..effect_compensation import EffectCompensation
 from .assumed_shares import nut_share, table_mass
 from .checks import (
     require_fresh_screw,
+    require_identified,
     require_signed_torque,
     require_stated_nut,
-    require_told,
 )
-from .series_compliance import StretchTaught, teach_stretch
+from .series_compliance import SeriesCompliance, fit_series_compliance
 from .steady_phases import CommissioningError, SteadyPhases
-from .torque_balance import TorqueTaught, teach_torque
+from .torque_balance import TorqueBalance, fit_torque_balance
 
 __all__ = ["CommissioningError", "commissioned"]
 
@@ -35,23 +35,25 @@ def commissioned(
     machine: Machine,
     limits: SteadyLimits | None = None,
 ) -> Machine:
-    """The machine file's content with all that the recordings teach.
+    """Machine file with the parameters identified from the recordings.
 
     Args:
         recordings: blocks of features of each recording of the healthy, cold axis, in any order.
         machine: nominal; `preload_drag_nm` is the fresh screw's own drag.
-        limits: with which the blocks were cut; those of the machine file unless given.
+        limits: of steady motion in the blocks; those of the machine file unless given.
 
     Raises:
         CommissioningError: the recordings cannot determine it; the text names the motion.
     """
     limits = limits or steady_limits(machine.model_copy(update={"commissioned": None}))
-    phases = SteadyPhases.of(recordings, KnownEffects.of_machine(machine))
+    phases = SteadyPhases.of(recordings, EffectCompensation.of_machine(machine))
     require_signed_torque(phases)
-    torque = teach_torque(phases, machine, limits)
-    require_told(recordings, phases, torque, machine)
+    torque = fit_torque_balance(phases, machine, limits)
+    require_identified(recordings, phases, torque, machine)
     stroke_map = torque.harmonics_nm / _screw_drag_nm(machine, torque)
-    stretch = teach_stretch(phases, machine, partial(_nut_softness, machine, torque, stroke_map))
+    stretch = fit_series_compliance(
+        phases, machine, partial(_nut_compliance_share, machine, torque, stroke_map)
+    )
     mass = table_mass(machine, torque, stretch)
     transmission = _transmission(machine, stretch, mass[0])
     require_fresh_screw(torque, machine, transmission)
@@ -66,45 +68,47 @@ def commissioned(
 
 def _model(
     machine: Machine,
-    torque: TorqueTaught,
+    torque: TorqueBalance,
     transmission: TransmissionConfig | None,
     mass_kg: tuple[float, float],
 ) -> ModelConfig:
-    """The baseline with what was learned; Coulomb friction beyond the screw's is shared out."""
+    """Baseline with the identified values; Coulomb friction beyond the screw's is shared out."""
     ratio = machine.transmission_ratio_m_per_rad
     reversal_n = math.inf if transmission is None else transmission.reversal_force_n
-    guide_n, bearing_nm = shared_out(_other_drag_nm(machine, torque), ratio, reversal_n)
+    guide_n, bearing_nm = friction_shares(_other_drag_nm(machine, torque), ratio, reversal_n)
     return machine.model.model_copy(
         update={
-            "inertia_kg_m2": _taught(torque.inertia_kg_m2, torque.inertia_sigma),
-            "viscous_nm_s_per_rad": _taught(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
-            "guide_force_n": _taught(guide_n, max(torque.coulomb_sigma / ratio, 0.02 * guide_n)),
-            "bearing_drag_nm": _taught(bearing_nm, torque.coulomb_sigma),
-            "table_mass_kg": _taught(*mass_kg),
+            "inertia_kg_m2": _measured(torque.inertia_kg_m2, torque.inertia_sigma),
+            "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
+            "guide_force_n": _measured(guide_n, max(torque.coulomb_sigma / ratio, 0.02 * guide_n)),
+            "bearing_drag_nm": _measured(bearing_nm, torque.coulomb_sigma),
+            "table_mass_kg": _measured(*mass_kg),
         }
     )
 
 
-def shared_out(other_nm: float, ratio_m_per_rad: float, reversal_n: float) -> tuple[float, float]:
+def friction_shares(
+    other_nm: float, ratio_m_per_rad: float, reversal_n: float
+) -> tuple[float, float]:
     """Friction beyond the screw's own as force of the guide, N, and torque of the bearings, N m.
 
     Args:
-        reversal_n: what the linear encoder shows of the guide; infinite without one, and then all
-            of it counts as the guide's.
+        reversal_n: guide force by the linear encoder; infinite without one, and then all of it
+            counts as the guide's.
     """
     guide_n = min(reversal_n, other_nm / ratio_m_per_rad)
     return guide_n, max(other_nm - ratio_m_per_rad * guide_n, 0.0)
 
 
-def _other_drag_nm(machine: Machine, torque: TorqueTaught) -> float:
-    """Coulomb friction of guides, seals and bearings: what is beyond the fresh screw's own."""
+def _other_drag_nm(machine: Machine, torque: TorqueBalance) -> float:
+    """Coulomb friction of guides, seals and bearings beyond the fresh screw's own, N m."""
     screw = machine.model.preload_drag_nm
     fresh_nm = screw.value if screw is not None and machine.model.preload_n is not None else 0.0
     return max(torque.coulomb_nm - fresh_nm, 0.0)
 
 
 def _commissioned(
-    torque: TorqueTaught,
+    torque: TorqueBalance,
     stroke_map: Floats,
     transmission: TransmissionConfig | None,
     limits: SteadyLimits,
@@ -129,15 +133,15 @@ def _unless(value: float, usual: float) -> float | None:
     return None if value == usual else value
 
 
-def _screw_drag_nm(machine: Machine, torque: TorqueTaught) -> float:
+def _screw_drag_nm(machine: Machine, torque: TorqueBalance) -> float:
     """The fresh screw's own drag; without it the whole friction."""
     screw = machine.model.preload_drag_nm
     stated = screw is not None and machine.model.preload_n is not None
     return screw.value if screw is not None and stated and screw.value else torque.coulomb_nm
 
 
-def _nut_softness(
-    machine: Machine, torque: TorqueTaught, stroke_map: Floats, table_m: Floats, stretch_s2: float
+def _nut_compliance_share(
+    machine: Machine, torque: TorqueBalance, stroke_map: Floats, table_m: Floats, stretch_s2: float
 ) -> Floats:
     """Compliance beyond that of the mean preload, over the whole compliance, (n,) (5.3.11)."""
     if not len(stroke_map) or stretch_s2 <= 0.0:
@@ -151,13 +155,13 @@ def _nut_softness(
     return np.asarray(share * (np.maximum(factor, 0.1) ** (-1.0 / 3.0) - 1.0))
 
 
-def _taught(value: float, sigma: float) -> Quantity:
+def _measured(value: float, sigma: float) -> Quantity:
     tolerance = sigma / abs(value) if value else 0.0
     return Quantity(value=value, tolerance=min(max(tolerance, 1e-4), 10.0))
 
 
 def _transmission(
-    machine: Machine, stretch: StretchTaught | None, mass_kg: float
+    machine: Machine, stretch: SeriesCompliance | None, mass_kg: float
 ) -> TransmissionConfig | None:
     if stretch is None or machine.fresh_preload_percent is None:
         return None

@@ -1,7 +1,6 @@
-"""Regression of means over phases of motion that leaves outliers and priors their due.
+"""Robust regression of means over phases of motion (Huber 1964), with priors.
 
-Weighted robustly (Huber) with a noise that is learned along; what the recording does not determine
-is left to stated priors.
+The noise is learned along; stated priors decide where the recording determines nothing.
 """
 
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ class Noise:
     slow_rad_s: float
 
     def variance(self, steady_s: Floats, speed_rad_s: Floats) -> Floats:
-        """Of means over `steady_s` at `speed_rad_s`, (n,)."""
+        """Variance of means over `steady_s` at `speed_rad_s`, (n,)."""
         return self.density * slowness(self.slow_rad_s, speed_rad_s) / steady_s
 
 
@@ -37,7 +36,7 @@ def slowness(slow_rad_s: float, speed_rad_s: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class RobustFit:
+class RegressionFit:
     """Weighted least squares with priors.
 
     Attributes:
@@ -57,15 +56,15 @@ class RobustFit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def robust_fit(
+def robust_regression(
     columns: Floats, wanted: Floats, phases: SteadyPhases, prior_sigma: Floats
-) -> RobustFit:
+) -> RegressionFit:
     """Regression of means over phases, with zero-mean priors on the parameters.
 
     Args:
         columns: (n, p).
         wanted: (n,).
-        phases: what the rows are.
+        phases: of the rows.
         prior_sigma: (p,), inf for none.
     """
     steady_s, speed = phases.steady_s, phases.speed_rad_s
@@ -80,11 +79,11 @@ def robust_fit(
         noise = _noise_of(residual, phases)
         z = np.abs(residual) / np.sqrt(noise.variance(steady_s, speed))
         trust = np.minimum(1.0, HUBER / np.maximum(z, 1e-12))
-    return RobustFit(value, covariance, residual, noise)
+    return RegressionFit(value, covariance, residual, noise)
 
 
 def _noise_of(residual: Floats, phases: SteadyPhases) -> Noise:
-    """Most likely noise: how much worse it is at slow motion, then its level."""
+    """Most likely noise: its growth at slow motion, then its level."""
     energy = residual**2 * phases.steady_s
     energy = np.minimum(energy, 25.0 * max(float(np.median(energy)) / 0.455, 1e-40))
     best: tuple[float, Noise] | None = None

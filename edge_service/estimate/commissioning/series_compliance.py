@@ -1,4 +1,4 @@
-"""Stretch under inertia force, identified on a healthy axis with two encoders (5.3.1)."""
+"""Series compliance under inertia force, from a healthy axis with two encoders (5.3.1)."""
 
 import math
 from collections.abc import Callable
@@ -8,14 +8,14 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.machine import Machine
-from .robust_regression import Noise, RobustFit, robust_fit
+from .robust_regression import Noise, RegressionFit, robust_regression
 from .steady_phases import SteadyPhases
 
 LEAD_NODES, NODES_PER_TURN = 40, 4
-"""Of the maps along the stroke: so many, but no more to a turn of the screw."""
+"""Nodes of the maps along the stroke, and their maximum per turn of the screw."""
 LEAD_SIGMA_M = 5e-6
 WIND_UP_SIGMA_M = 2e-7
-"""How far the maps wander from one end of the stroke to the other."""
+"""Standard deviations of the maps from one end of the stroke to the other."""
 _NONE = 1e-12
 """Prior of a parameter that is held at zero."""
 _LOADS = 4
@@ -23,8 +23,8 @@ _LOADS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class StretchTaught:
-    """Parameters of the stretch, in metres per acceleration of the table where forces matter."""
+class SeriesCompliance:
+    """Parameters of the series compliance, per acceleration of the table instead of force."""
 
     reference_m: float
     per_acceleration_s2: float
@@ -42,14 +42,14 @@ class StretchTaught:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """The stretch and what it may come from.
+    """Stretch and its possible causes, as columns.
 
     Attributes:
         phases: rows with both encoders, n of them.
         stretch_m: of the motor's way over the table's, from its mean in each recording, (n,).
-        reference_m: where along the screw the compliance is told.
+        reference_m: place along the screw at which the compliance is given.
         loads: forces as accelerations of the table, direction and speed, (n, 3).
-        sloped: whether the way is long enough to tell how the compliance changes along it.
+        sloped: the way is long enough to resolve the change of the compliance along it.
         pieces: of the maps along the stroke.
     """
 
@@ -74,8 +74,8 @@ class _Beside:
     Attributes:
         columns, sigma: with their priors, (n, q) and (q,); those of the maps are steps from node to
             node, so that a place where the axis has not been is as its nearest neighbour.
-        drifts: how many columns are drift.
-        visited: share of the rows that each node of the maps is told by, (k,).
+        drifts: number of columns of drift.
+        visited: share of the rows at each node of the maps, (k,).
     """
 
     columns: Floats
@@ -90,10 +90,10 @@ class _Beside:
         return slice(first, first + count), slice(first + count, first + 2 * count)
 
 
-def teach_stretch(
+def fit_series_compliance(
     phases: SteadyPhases, machine: Machine, nut_softness: Callable[[Floats, float], Floats]
-) -> StretchTaught | None:
-    """Fit the stretch; None with one encoder, or where nothing stretches."""
+) -> SeriesCompliance | None:
+    """Fit the series compliance; None with one encoder, or where nothing stretches."""
     missing = np.isnan(phases.table_m + phases.angle_rad)
     if missing.mean() > 0.5:
         return None
@@ -103,7 +103,7 @@ def teach_stretch(
     if fit.value[0] < 3.0 * fit.sigma[0]:
         return None
     lead, wind_up = (fit.value[each].cumsum() for each in beside.maps)
-    return StretchTaught(
+    return SeriesCompliance(
         reference_m=seen.reference_m,
         per_acceleration_s2=float(fit.value[0]),
         slope_per_m=slope,
@@ -119,7 +119,7 @@ def teach_stretch(
     )
 
 
-def _map_sigma_m(beside: _Beside, fit: RobustFit) -> Floats:
+def _map_sigma_m(beside: _Beside, fit: RegressionFit) -> Floats:
     """Standard deviation of both maps at their nodes, (k,).
 
     Against the straight line through where the axis has been, for the zeros of the encoders and the
@@ -180,8 +180,8 @@ def _beside(seen: _Seen) -> _Beside:
 
 def _series_fit(
     seen: _Seen, beside: _Beside, nut_softness: Callable[[Floats, float], Floats]
-) -> tuple[float, RobustFit]:
-    """All forces through one compliance that changes along the screw (5.3.1, 5.3.9).
+) -> tuple[float, RegressionFit]:
+    """Fit of all forces through one compliance that changes along the screw (5.3.1, 5.3.9).
 
         stretch = (1 + slope away + nut softness) loads @ value + beside @ rest,
 
@@ -193,13 +193,13 @@ def _series_fit(
     """
     slope, value, loads = 0.0, np.zeros(3), seen.loads
     away_m, table_m = seen.away_m, seen.phases.table_m
-    told = np.inf if seen.sloped else _NONE
-    sigma = np.concatenate([[np.inf, np.inf, told, told], beside.sigma])
+    free = np.inf if seen.sloped else _NONE
+    sigma = np.concatenate([[np.inf, np.inf, free, free], beside.sigma])
     for _ in range(8):
         through = loads * (1.0 + slope * away_m + nut_softness(table_m, float(value[0])))[:, None]
         bend = (loads @ value * away_m)[:, None] if value.any() else away_m[:, None] * loads[:, :1]
         columns = np.column_stack([through, bend, beside.columns])
-        fit = robust_fit(columns, seen.stretch_m, seen.phases, sigma)
+        fit = robust_regression(columns, seen.stretch_m, seen.phases, sigma)
         change = float(fit.value[3])
         slope += change if value.any() else change / float(fit.value[0])
         value = fit.value[:3]
@@ -208,7 +208,7 @@ def _series_fit(
     return slope, fit
 
 
-def _step_sigma(fit: RobustFit, steps: slice, visited: Floats) -> float:
+def _step_sigma(fit: RegressionFit, steps: slice, visited: Floats) -> float:
     """Standard deviation of a map's steps between nodes where the axis has been (one EM step)."""
     made = np.minimum(visited[1:], visited[:-1]) > 0.0
     square = fit.value[steps][1:] ** 2 + np.diag(fit.covariance)[steps][1:]

@@ -9,11 +9,11 @@ import numpy.typing as npt
 from ...messages.features import FeatureBlock, Phase
 from ...messages.samples import Floats
 from ...models.steady_limits import SteadyLimits
-from ..effect_compensation import KnownEffects
+from ..effect_compensation import EffectCompensation
 
 
 class CommissioningError(ValueError):
-    """The recording cannot determine what the estimator needs; the text names the motion."""
+    """Recordings cannot determine a parameter of the estimator; the text names the motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +32,14 @@ class SteadyPhases:
 
     @classmethod
     def of(
-        cls, recordings: Sequence[Sequence[FeatureBlock]], known: KnownEffects | None = None
+        cls, recordings: Sequence[Sequence[FeatureBlock]], known: EffectCompensation | None = None
     ) -> "SteadyPhases":
-        """All steady phases of usable blocks, without the effects that are known."""
+        """Steady phases of usable blocks, without the known effects."""
 
-        def freed(phase: Phase, block: FeatureBlock) -> Phase:
+        def compensated(phase: Phase, block: FeatureBlock) -> Phase:
             if known is None:
                 return phase
-            return known.freed(phase, block.steady_direction, block.time_s)
+            return known.compensated(phase, block.steady_direction, block.time_s)
 
         rows = [
             (
@@ -47,7 +47,7 @@ class SteadyPhases:
                 block.time_s,
                 phase.steady_s,
                 block.steady_direction,
-                *_numbers(freed(phase, block)),
+                *_numbers(compensated(phase, block)),
             )
             for run, blocks in enumerate(recordings)
             for block in blocks
@@ -58,11 +58,11 @@ class SteadyPhases:
         return cls(*table.T)
 
     def where(self, chosen: npt.NDArray[np.bool_]) -> "SteadyPhases":
-        """Those rows, chosen (n,) bool."""
+        """Rows by mask, chosen (n,) bool."""
         return self.at(np.flatnonzero(chosen))
 
     def at(self, places: npt.NDArray[np.intp]) -> "SteadyPhases":
-        """Those rows in that order, places (m,)."""
+        """Rows by index, places (m,)."""
         return SteadyPhases(*(getattr(self, field.name)[places] for field in fields(self)))
 
     def __len__(self) -> int:
@@ -95,7 +95,7 @@ def observed_limits(recordings: Sequence[Sequence[FeatureBlock]]) -> SteadyLimit
 
 
 def require_motion(phases: SteadyPhases, limits: SteadyLimits) -> None:
-    """That there are moves both ways, at several speeds and with accelerations.
+    """Require moves both ways, at several speeds and with accelerations.
 
     Raises:
         CommissioningError: there are not; the text names the motion.

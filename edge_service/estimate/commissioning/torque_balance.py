@@ -9,20 +9,20 @@ from ...messages.samples import Floats
 from ...models.machine import Machine
 from ...models.screw.friction import stribeck_decay
 from ...models.steady_limits import SteadyLimits
-from .robust_regression import Noise, RobustFit, robust_fit
+from .robust_regression import Noise, RegressionFit, robust_regression
 from .steady_phases import CommissioningError, SteadyPhases, require_motion
 
 STRIBECK_SHARES = (0.25, 0.5, 1.0, 1.5, 2.5, 4.0)
-"""Of the slowest steady motion."""
+"""Candidates of the Stribeck speed, over the slowest steady motion."""
 STROKE_HARMONICS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class TorqueTaught:
-    """Parameters of the torque balance; see fused_physics for the equation.
+class TorqueBalance:
+    """Parameters of the torque balance; see mixture.physics for the equation.
 
     Attributes:
-        unexplained: rms of what the balance leaves over that of the torque around its mean.
+        unexplained: rms of the residual over that of the torque around its mean.
     """
 
     inertia_kg_m2: float
@@ -41,7 +41,9 @@ class TorqueTaught:
     motion_s: float
 
 
-def teach_torque(phases: SteadyPhases, machine: Machine, limits: SteadyLimits) -> TorqueTaught:
+def fit_torque_balance(
+    phases: SteadyPhases, machine: Machine, limits: SteadyLimits
+) -> TorqueBalance:
     """Fit the torque balance.
 
     Raises:
@@ -58,7 +60,7 @@ def teach_torque(phases: SteadyPhases, machine: Machine, limits: SteadyLimits) -
             f"(inertia {v[0]:.3g} kg m2, friction {v[3]:.3g} N m): check signs and units"
         )
     significant = v[5] > 2.0 * s[5]
-    return TorqueTaught(
+    return TorqueBalance(
         inertia_kg_m2=float(v[0]),
         inertia_sigma=float(s[0]),
         viscous_nm_s_per_rad=max(float(v[1]), 0.0),
@@ -76,7 +78,7 @@ def teach_torque(phases: SteadyPhases, machine: Machine, limits: SteadyLimits) -
     )
 
 
-def _unexplained(fit: RobustFit, phases: SteadyPhases) -> float:
+def _unexplained(fit: RegressionFit, phases: SteadyPhases) -> float:
     around = phases.torque_nm - np.average(phases.torque_nm, weights=phases.steady_s)
     whole = np.average(around**2, weights=phases.steady_s)
     left = np.average(fit.residual**2, weights=phases.steady_s)
@@ -93,17 +95,17 @@ def _harmonics(phases: SteadyPhases, machine: Machine) -> int:
 
 def _likeliest(
     phases: SteadyPhases, speeds: Sequence[float], harmonics: int, stroke_m: float
-) -> tuple[float, RobustFit]:
+) -> tuple[float, RegressionFit]:
     """The Stribeck speed that fits best, and its fit."""
     level = float(np.median(np.abs(phases.torque_nm)))
     fits = []
     for speed in speeds:
         columns, sigma = _torque_columns(phases, speed, harmonics, stroke_m, level)
-        fits.append((speed, robust_fit(columns, phases.torque_nm, phases, sigma)))
+        fits.append((speed, robust_regression(columns, phases.torque_nm, phases, sigma)))
     return min(fits, key=lambda each: _cost(each[1], phases))
 
 
-def _cost(fit: RobustFit, phases: SteadyPhases) -> float:
+def _cost(fit: RegressionFit, phases: SteadyPhases) -> float:
     variance = fit.noise.variance(phases.steady_s, phases.speed_rad_s)
     return float(np.sum(np.log(variance) + np.minimum(fit.residual**2 / variance, 9.0)))
 

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ...messages.samples import Floats
-from .robust_regression import robust_fit
+from .robust_regression import robust_regression
 from .steady_phases import SteadyPhases
 
 LEAST_PHASES = 20
-"""Phases between two others below which a lag cannot be told."""
+"""Least number of phases between two others for a lag."""
 _TOUCHING = 0.3
-"""Way between two phases that touch, off from that at their speeds by less than this share."""
+"""Tolerance of the way between two touching phases against that at their speeds, as a share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ def torque_lag(phases: SteadyPhases) -> TorqueLag | None:
     rows, v = ordered.where(inner), ordered.speed_rad_s[inner]
     motion = [rows.acceleration_rad_s2, v, np.abs(v), rows.direction]
     columns = np.column_stack([*motion, np.ones(len(rows)), -jerk[inner]])
-    fit = robust_fit(columns, rows.torque_nm, rows, np.full(columns.shape[1], np.inf))
+    fit = robust_regression(columns, rows.torque_nm, rows, np.full(columns.shape[1], np.inf))
     inertia = float(fit.value[0])
     if inertia <= 0.0:
         return None

@@ -1,9 +1,9 @@
-"""The balance of momentum over windows of tenths of a second, from the ends of the intervals.
+"""Momentum balance over windows of tenths of a second, from the ends of the intervals.
 
 Phases difference the angle over a few milliseconds. Where the encoder is coarse, the samples are
 slow or the torque comes late, that shrinks the inertia; over windows a hundred times as wide it
 does not. Both are the same divided second difference, of the angle and of the torque integrated
-twice, so both tell the same inertia of a true axis (4.3.4).
+twice, so both give the same inertia of a true axis (4.3.4).
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
-from .robust_regression import robust_fit
+from .robust_regression import robust_regression
 from .steady_phases import SteadyPhases
 
 LEAST_WINDOWS = 20
@@ -24,7 +24,7 @@ _EDGE_SLACK = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class WideInertia:
-    """Inertia told over windows of one width.
+    """Inertia over windows of one width.
 
     Attributes:
         half_width_s: of the triangular windows, s.
@@ -49,7 +49,7 @@ def wide_inertia(
     if rows is None or len(rows) < LEAST_WINDOWS:
         return None
     columns = _columns(rows)
-    fit = robust_fit(columns, rows.torque_nm, rows, np.full(columns.shape[1], np.inf))
+    fit = robust_regression(columns, rows.torque_nm, rows, np.full(columns.shape[1], np.inf))
     half_width_s = 0.5 * float(np.median(rows.steady_s))
     return WideInertia(half_width_s, float(fit.value[0]), float(fit.sigma[0]))
 
@@ -123,7 +123,7 @@ def _windows(run: int, path: Floats, intervals: int) -> SteadyPhases:
 
 
 def _together(parts: Sequence[SteadyPhases]) -> SteadyPhases | None:
-    """All rows after one another; None of none."""
+    """Rows of all parts after one another; None without parts."""
     if not parts:
         return None
     names = [field.name for field in fields(SteadyPhases)]

@@ -6,7 +6,7 @@ from ...messages.samples import Floats
 from .filter_bank import FilterBank
 
 
-def make_bank(
+def make_filter_bank(
     method: Literal["kf-imm", "sif-imm"],
     engine: Literal["compiled", "filterpy"] = "compiled",
     boundary: Floats | None = None,

@@ -1,10 +1,10 @@
-"""The seed's preload estimator on intervals of a closed-loop axis.
+"""Preload estimator of the thesis (section 4.5) on intervals of a closed-loop axis.
 
 Five mode-matched filters at 10, 7.5, 5, 2.5 and 0 % of preload (KF or SIF), interacting by the
-printed transition matrix; the preload is the activated, smoothed sum of the levels (4.5.2-4.5.4).
-Two things differ from print, because a machine runs in closed loop: the direction of friction is
-that of the speed, and intervals in which the axis rests or turns round are left out (the bank's
-mode probabilities rest with it: a screw does not wear while it stands still).
+thesis' mode transition matrix; the preload is the weighted, smoothed sum of the levels (4.5.2 to
+4.5.4). Two things differ from the thesis, because a machine runs in closed loop: the direction of
+friction is that of the speed, and intervals in which the axis rests or turns round are left out
+(the bank's mode probabilities rest with it: a screw does not wear while it stands still).
 """
 
 from collections import deque
@@ -20,11 +20,11 @@ from ...messages.samples import Floats
 from ...models.machine import Machine
 from ..validity import Validity, ValiditySettings
 from .drag import DragFilter, DragSettings
-from .engines import make_bank
+from .engines import make_filter_bank
 from .excitation import ExcitationSettings, informative
-from .mode_transition import LEVELS_PERCENT, PRINTED_TRANSITION, scaled_transition
-from .mode_weighting import activated
-from .momentum_balance import BalanceSettings, IntervalBalance
+from .mode_transition import LEVELS_PERCENT, THESIS_MODE_TRANSITION, scaled_mode_transition
+from .mode_weighting import mode_weights
+from .momentum_balance import MomentumBalance, MomentumBalanceSettings
 
 TWO_SIDED_95 = 1.959963984540054
 BEYOND_LEVELS_PERCENT = 0.6
@@ -33,19 +33,19 @@ _SNAPSHOT_SCHEMA = "imm-preload/2"
 
 
 @lru_cache(maxsize=256)
-def _transition(duration_s: float) -> Floats:
-    """The printed matrix for an interval of another length."""
-    return scaled_transition(PRINTED_TRANSITION, duration_s)
+def _mode_transition(duration_s: float) -> Floats:
+    """Mode transition matrix for an interval of another length, s."""
+    return scaled_mode_transition(THESIS_MODE_TRANSITION, duration_s)
 
 
 @dataclass(frozen=True, slots=True)
 class ImmSettings:
-    """The seed's method.
+    """Settings of the thesis' method.
 
     Attributes:
         method: `kf-imm` or `sif-imm`.
         engine: `compiled`, or `filterpy` (kf-imm only, slow).
-        activation_exponent: exponent of (4.5.4); 1, 1.33 or 2 in the seed.
+        activation_exponent: exponent of (4.5.4); 1, 1.33 or 2 in the thesis.
         window_s: causal moving average of the mode probabilities over informative motion, s.
         sliding_boundary: delta of the sliding innovation filter for [rad, rad/s].
     """
@@ -55,7 +55,7 @@ class ImmSettings:
     activation_exponent: float = 1.33
     window_s: float = 1.0
     sliding_boundary: tuple[float, float] = (0.05, 0.07)
-    balance: BalanceSettings = field(default_factory=BalanceSettings)
+    balance: MomentumBalanceSettings = field(default_factory=MomentumBalanceSettings)
     drag: DragSettings = field(default_factory=DragSettings)
     excitation: ExcitationSettings = field(default_factory=ExcitationSettings)
     validity: ValiditySettings = field(default_factory=ValiditySettings)
@@ -77,10 +77,10 @@ class ImmPreloadEstimator:
         self._per_percent = machine.drag_per_percent_nm
         self._drag = DragFilter(machine, settings.drag)
         if self._per_percent is not None:
-            self._balance = IntervalBalance(
+            self._balance = MomentumBalance(
                 machine, self._levels * self._per_percent, settings.balance
             )
-            self._bank = make_bank(
+            self._bank = make_filter_bank(
                 settings.method, settings.engine, boundary=np.array(settings.sliding_boundary)
             )
         self.reset()
@@ -96,11 +96,11 @@ class ImmPreloadEstimator:
         self._nis = float("nan")
 
     def interrupt(self) -> None:
-        """Nothing was heard for longer than a number may stand: none stands until motion comes."""
+        """Withdraw the number until motion comes: no data for longer than a number may stand."""
         self._validity.interrupt()
 
     def resume(self, stopped_s: float) -> None:
-        """Go on after a stop that nobody saw, on a clock of its own: the drag has wandered."""
+        """Continue after an unobserved stop, on a clock of its own: the drag has wandered."""
         self._validity.interrupt()
         self._recent.clear()
         self._last_end_s, self._stopped_s = None, max(stopped_s, 0.0)
@@ -116,7 +116,7 @@ class ImmPreloadEstimator:
         self._validity.update(block, used, self._surprise() if used else None)
 
     def _surprise(self) -> float:
-        """Lack of fit of even the best level: about 1 is expected, much more is a misfit."""
+        """Lack of fit of the best level: about 1 is expected, much more is a misfit."""
         drag, sigma = self._drag.drag_nm, self._drag.sigma_nm
         if self._per_percent is None:
             return max(0.0, -drag / sigma) ** 2 if sigma > 0.0 else 0.0
@@ -138,7 +138,7 @@ class ImmPreloadEstimator:
         if self._last_end_s is None or abs(start_s - self._last_end_s) > 0.5 * block.duration_s:
             state, covariance = self._balance.start(block)
             self._bank.reset(state, covariance, self._probability)
-        step, measurement = self._balance.step(block, _transition(round(block.duration_s, 6)))
+        step, measurement = self._balance.step(block, _mode_transition(round(block.duration_s, 6)))
         output = self._bank.step(step, measurement)
         self._probability = output.mode_probability
         self._nis = float(output.nis.min()) / len(measurement)
@@ -178,7 +178,7 @@ class ImmPreloadEstimator:
 
     def _full_estimate(self, time_s: float, reasons: tuple[str, ...]) -> PreloadEstimate:
         probability = self._smoothed()
-        weights = activated(probability, self._settings.activation_exponent)
+        weights = mode_weights(probability, self._settings.activation_exponent)
         percent = float(weights @ self._levels)
         low, high = self._percent_interval(percent)
         rating = self._machine.axis.dynamic_load_rating_n

@@ -1,4 +1,4 @@
-"""Criteria for intervals that inform on friction, and for too few of them."""
+"""Excitation: criteria for intervals that carry information on friction."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class ExcitationSettings:
 
 
 def informative(block: FeatureBlock, settings: ExcitationSettings) -> bool:
-    """Tell whether the interval is good data of steady motion in one direction."""
+    """True if the interval is good data of steady motion in one direction."""
     if not block.usable or abs(block.direction_mean) < 0.999:
         return False
     if block.since_reversal_s < settings.reversal_gate_s:

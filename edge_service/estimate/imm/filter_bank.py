@@ -1,4 +1,4 @@
-"""A bank of linear filters, one per mode, that interact (IMM; seed, section 4.4.3)."""
+"""A bank of linear filters, one per mode, that interact (IMM; thesis, section 4.4.3)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -40,7 +40,7 @@ def advance(
     innovation = measurement - states @ step.observation.T
     cross = covariances @ step.observation.T
     spread = step.observation @ cross + step.measurement_noise
-    log_likelihood, nis = _judge(innovation, spread)
+    log_likelihood, nis = _likelihood(innovation, spread)
     if len(boundary):
         share = np.minimum(1.0, np.abs(innovation) / boundary)
         gain = np.linalg.pinv(step.observation) * share[:, None, :]
@@ -79,7 +79,7 @@ def _moments(weight: Floats, states: Floats, covariances: Floats) -> tuple[Float
     return mean, covariance
 
 
-def _judge(innovation: Floats, spread: Floats) -> tuple[Floats, Floats]:
+def _likelihood(innovation: Floats, spread: Floats) -> tuple[Floats, Floats]:
     """log Lambda_j (4.4.17) and NIS, (r,), of innovations (r, m) with S (r, m, m)."""
     factor = np.linalg.cholesky(spread)
     whitened = np.linalg.solve(factor, innovation[:, :, None])[:, :, 0]

@@ -114,7 +114,7 @@ def run_kalman_bank(
 def run_bank(
     step: LinearStep, drives: Floats, measurements: Floats, start: BankStart, boundary: Floats
 ) -> BankRun:
-    """The same with the boundary (m,) of the sliding innovation filter, or KALMAN."""
+    """Run with the boundary (m,) of the sliding innovation filter, or KALMAN."""
     return _run(step, drives, measurements, start_state(start), boundary)[0]
 
 
@@ -134,7 +134,7 @@ def start_state(start: BankStart) -> BankState:
 def _run(
     step: LinearStep, drives: Floats, measurements: Floats, state: BankState, boundary: Floats
 ) -> tuple[BankRun, BankState]:
-    """N steps from `state`, which stays as it is; the outputs and the new state."""
+    """Outputs and new state after N steps from `state`, which stays as it is."""
     modes, size = state.states.shape
     sensors = len(step.observation)
     filter_bank.check_array("step.drive", step.drive, (modes, size))

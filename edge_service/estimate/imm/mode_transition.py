@@ -6,12 +6,12 @@ from ...messages.samples import Floats
 from .filter_bank import check_mode_transition
 
 LEVELS_PERCENT = (10.0, 7.5, 5.0, 2.5, 0.0)
-"""Preload of the five modes, percent of the dynamic load rating (seed, section 4.5)."""
+"""Preload of the five modes, percent of the dynamic load rating (thesis, section 4.5)."""
 
 REFERENCE_STEP_S = 0.1
-"""Step for which the seed's transition matrix and process noise hold (Table 4.1)."""
+"""Step for which the thesis' transition matrix and process noise hold (Table 4.1)."""
 
-PRINTED_TRANSITION: Floats = np.array(
+THESIS_MODE_TRANSITION: Floats = np.array(
     [
         [0.80, 0.08, 0.06, 0.04, 0.02],
         [0.07, 0.80, 0.07, 0.04, 0.02],
@@ -21,10 +21,10 @@ PRINTED_TRANSITION: Floats = np.array(
     ]
 )
 """p_ij per step of 0.1 s (4.5.1), row = from, (5, 5)."""
-PRINTED_TRANSITION.setflags(write=False)
+THESIS_MODE_TRANSITION.setflags(write=False)
 
 
-def scaled_transition(
+def scaled_mode_transition(
     matrix: Floats, step_s: float, reference_s: float = REFERENCE_STEP_S
 ) -> Floats:
     """Mode transition for a step of another length: P^(T / T0) = exp(G T), G = log(P) / T0.

@@ -1,14 +1,14 @@
-"""From mode probabilities to one preload: activation, weighted sum, smoothing (seed, 4.5)."""
+"""Weighting of the mode probabilities: power, weighted sum, smoothing (thesis, 4.5)."""
 
 import numpy as np
 
 from ...messages.samples import Floats
 
 PUBLISHED_EXPONENT = 1.33
-"""Exponent of the seed's simulations (section 4.5)."""
+"""Exponent of the thesis' simulations (section 4.5)."""
 
 
-def activated(mode_probability: Floats, exponent: float = PUBLISHED_EXPONENT) -> Floats:
+def mode_weights(mode_probability: Floats, exponent: float = PUBLISHED_EXPONENT) -> Floats:
     """mu_j^a / sum_j mu_j^a: (4.5.4) for any exponent a > 0; a = 1 changes nothing.
 
     Args:
@@ -25,13 +25,13 @@ def activated(mode_probability: Floats, exponent: float = PUBLISHED_EXPONENT) ->
 def weighted_level(
     mode_probability: Floats, levels: Floats, exponent: float = PUBLISHED_EXPONENT
 ) -> Floats:
-    """Activated sum of the levels (4.5.2-4.5.3), in their unit, shape (...).
+    """Weighted sum of the levels (4.5.2-4.5.3), in their unit, shape (...).
 
     Args:
         mode_probability: (..., r).
         levels: (r,).
     """
-    return np.asarray(activated(mode_probability, exponent) @ levels)
+    return np.asarray(mode_weights(mode_probability, exponent) @ levels)
 
 
 def window_steps(window_s: float, step_s: float) -> int:

@@ -11,7 +11,7 @@ from .filter_bank import LinearStep
 
 
 @dataclass(frozen=True, slots=True)
-class BalanceSettings:
+class MomentumBalanceSettings:
     """Noise of the balance.
 
     Attributes:
@@ -29,7 +29,7 @@ class BalanceSettings:
     speed_noise_rad_s: float = 1e-2
 
 
-class IntervalBalance:
+class MomentumBalance:
     """Builds the step of [angle, speed] for modes that differ in their drag torque.
 
     With J w' = u - D w - (d_j + other) sgn(w) integrated over the interval (4.3.4)::
@@ -45,7 +45,9 @@ class IntervalBalance:
         settings: noise.
     """
 
-    def __init__(self, machine: Machine, mode_drag_nm: Floats, settings: BalanceSettings) -> None:
+    def __init__(
+        self, machine: Machine, mode_drag_nm: Floats, settings: MomentumBalanceSettings
+    ) -> None:
         self._inertia = machine.model.inertia_kg_m2.value
         self._viscous = machine.model.viscous_nm_s_per_rad.value
         self._drag = mode_drag_nm + machine.other_drag_nm.value

@@ -1,4 +1,4 @@
-"""The interacting bank of sliding innovation filters (seed, 4.4.7-4.4.12)."""
+"""The interacting bank of sliding innovation filters (thesis, 4.4.7-4.4.12)."""
 
 import numpy as np
 

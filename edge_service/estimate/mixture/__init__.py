@@ -1,5 +1,6 @@
-"""Preload from drag and stretch: one extended Kalman filter per thing that may have happened.
+"""Preload from drag and stretch: one extended Kalman filter per hypothesis of what has happened.
 
-`state` says what is followed, `physics` what a phase of motion should measure, `step` how a phase
-corrects every hypothesis, `hypotheses` which of them live, `posterior` what they say together.
+`state` holds the estimated quantities, `physics` the measurement model of a phase of motion, `step`
+the correction of every hypothesis, `hypotheses` their spawning and pruning, `posterior` their
+combination into one answer.
 """

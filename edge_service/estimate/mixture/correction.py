@@ -30,15 +30,15 @@ def correct(
     ss: float,
     us: float,
     two: bool,
-    room: Innovation,
+    innovation: Innovation,
 ) -> None:
-    """Kalman correction with the innovation's covariance; what is considered stays as it was.
+    """Kalman correction with the innovation's covariance; considered states stay as they were.
 
     No nut has more preload than it was made with, and no joint is stiffer than at commissioning.
     """
     x, p = bank.mean[k], bank.covariance[k]
     size = x.shape[0]
-    first, second, e = room.gains[0], room.gains[1], room.error
+    first, second, e = innovation.gains[0], innovation.gains[1], innovation.error
     left = math.sqrt(uu)
     step = e[0] / left
     below = us / left
@@ -76,7 +76,7 @@ def correct(
 def _bound(x: Floats, p: Floats, most: float, both: bool) -> None:
     """Project a state onto ln(preload) <= `most`: the likeliest one there (Simon, Chia 2002).
 
-    Cut off alone, what the rest of the state had made of a preload that cannot be would stand.
+    Clipping alone would leave the rest of the state as an impossible preload has made it.
     """
     if x[PRELOAD] <= most or p[PRELOAD, PRELOAD] <= 0.0:
         return

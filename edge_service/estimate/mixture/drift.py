@@ -1,4 +1,4 @@
-"""Drift of a hypothesis between two phases."""
+"""Prediction of a hypothesis from one phase to the next."""
 
 import math
 
@@ -32,7 +32,7 @@ from .state import (
 def drift(
     bank: Bank, k: int, model: AxisModel, process: Process, r: Reading, elapsed_s: float
 ) -> None:
-    """Let a hypothesis drift over the time since the phase before."""
+    """Predict a hypothesis over the time since the phase before, in place."""
     x, p = bank.mean[k], bank.covariance[k]
     keep = math.exp(-elapsed_s / process.friction_keep_s)
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):

@@ -1,4 +1,4 @@
-"""Preload from two witnesses, drag and stretch, over what may have happened to the axis."""
+"""Preload estimator from drag and stretch, over the hypotheses of what happened to the axis."""
 
 import math
 from typing import Any
@@ -6,13 +6,13 @@ from typing import Any
 from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ...messages.features import Fault, FeatureBlock, Phase
 from ...models.machine import Machine
-from ..effect_compensation import KnownEffects
+from ..effect_compensation import EffectCompensation
 from ..validity import Validity, ValiditySettings
 from .gathering import Gathering, SteadyInterval
 from .hypotheses import leader_of
-from .initial import begun, go_on
+from .initial import continue_after_stop, initial_bank
 from .model import MixtureSettings, axis_model, process_of, start_of
-from .posterior import answers, limits_of
+from .posterior import fault_limits, posterior_of
 from .snapshot import bank_snapshot, restored_bank
 from .state import (
     ENCODER_OFFSET,
@@ -25,13 +25,13 @@ from .state import (
     TORQUE_STATES,
     Reading,
 )
-from .step import take
+from .step import step
 
 _SNAPSHOT_SCHEMA = "fused-preload/7"
 VIBRATING_SHARE = 0.25
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""
-FORCED_SAID_S = 5.0
+FORCED_REPORTED_S = 5.0
 WORST = 1000.0
 """Cap on an interval's normalised innovation squared while model and data disagree."""
 WILDEST = (1e4, 1e6, 1e4, 5e-3)
@@ -63,32 +63,32 @@ class FusedPreloadEstimator:
         self._model = axis_model(machine, self._settings)
         self._start = start_of(machine, self._model, self._settings)
         self._process = process_of(machine, self._model, self._start, self._settings)
-        self._limits = limits_of(machine, self._model)
-        self._known = KnownEffects.of_machine(machine)
+        self._limits = fault_limits(machine, self._model)
+        self._known = EffectCompensation.of_machine(machine)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
-        self._bank = begun(self._start, self._settings)
+        self._bank = initial_bank(self._start, self._settings)
         self._last_s: float | None = None
         self._stretch_m: float | None = None
         self._gathering = Gathering()
         self._nis = float("nan")
 
     def interrupt(self) -> None:
-        """Nothing was heard for longer than a number may stand: none stands until motion comes."""
+        """Withdraw the number until motion comes: no data for longer than a number may stand."""
         self._validity.interrupt()
 
     def resume(self, stopped_s: float) -> None:
-        """Go on after a stop that nobody saw, on a clock of its own.
+        """Continue after an unobserved stop, on a clock of its own.
 
-        Friction has gone where it pleases, the screw has grown, the load may be another; the
+        Friction may be anything, the screw has grown, the load may be another; the
         preload may have worn, and even the nut may be another.
         """
         self._validity.interrupt()
         self._last_s, self._stretch_m, self._gathering = None, None, Gathering()
-        go_on(self._bank, self._start, max(stopped_s, 0.0))
+        continue_after_stop(self._bank, self._start, max(stopped_s, 0.0))
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
@@ -102,7 +102,7 @@ class FusedPreloadEstimator:
         self._validity.update(block, bool(calm), max(calm, default=None), used_s)
 
     def _take_all(self, interval: SteadyInterval) -> list[float]:
-        """Take the phases of an interval; what surprise those were that taught something."""
+        """Take the phases of an interval; the surprise of each that corrected the bank."""
         taken = [self._take(interval, phase) for phase in interval.phases if phase.steady_s > 0.0]
         return [surprise for surprise in taken if not math.isnan(surprise)]
 
@@ -113,23 +113,23 @@ class FusedPreloadEstimator:
             self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
 
     def _follows(self, interval: SteadyInterval) -> bool:
-        """Tell whether an interval begins where the last that was taken has ended."""
+        """True if an interval begins where the last that was taken has ended."""
         if self._last_s is None:
             return False
         return abs(interval.time_s - interval.duration_s - self._last_s) < 0.1 * interval.duration_s
 
     def _take(self, interval: SteadyInterval, phase: Phase) -> float:
         if self._known is not None:
-            phase = self._known.freed(phase, interval.direction, interval.time_s)
+            phase = self._known.compensated(phase, interval.direction, interval.time_s)
         reading = self._reading(interval, phase)
         if not plausible(reading):
             return math.nan
         elapsed_s = interval.duration_s if self._last_s is None else interval.time_s - self._last_s
         if elapsed_s > SESSION_S:
-            go_on(self._bank, self._start, elapsed_s)
+            continue_after_stop(self._bank, self._start, elapsed_s)
             elapsed_s = interval.duration_s
         self._last_s = interval.time_s
-        nis = take(self._bank, self._model, self._process, reading, max(elapsed_s, 0.0))
+        nis = step(self._bank, self._model, self._process, reading, max(elapsed_s, 0.0))
         if not math.isnan(nis):
             self._nis = nis
         return nis
@@ -154,7 +154,7 @@ class FusedPreloadEstimator:
         )
 
     def _sane(self, stretch_m: float) -> float:
-        """The stretch, or NaN where no axis can have moved there from the one before."""
+        """Stretch, m, or NaN where no axis can have moved there from the one before."""
         if math.isnan(stretch_m):
             return math.nan
         if self._stretch_m is not None and abs(stretch_m - self._stretch_m) > WILDEST[3]:
@@ -181,8 +181,8 @@ class FusedPreloadEstimator:
             )
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
-        said = answers(self._bank, self._model, self._limits)
-        percent, low, high = said.preload
+        posterior = posterior_of(self._bank, self._model, self._limits)
+        percent, low, high = posterior.preload
         return PreloadEstimate(
             time_s=self._validity.time_s,
             status=status,
@@ -191,18 +191,20 @@ class FusedPreloadEstimator:
             low=low,
             high=high,
             preload_n=percent / 100.0 * rating,
-            drag_torque_nm=_interval(said.drag),
-            stiffness_n_per_m=None if said.stiffness is None else _interval(said.stiffness),
-            mode_probability=said.levels,
-            fault_probability=said.faults,
+            drag_torque_nm=_interval(posterior.drag),
+            stiffness_n_per_m=None
+            if posterior.stiffness is None
+            else _interval(posterior.stiffness),
+            mode_probability=posterior.levels,
+            fault_probability=posterior.faults,
             data_used_s=self._validity.informative_s,
             nis=self._nis,
         )
 
     @property
     def _forced(self) -> str | None:
-        """Reason why the motion seen teaches nothing; None if it does."""
-        if self._bank.moments[FORCED_S] < FORCED_SAID_S:
+        """Reason why the motion seen corrects nothing; None if it does."""
+        if self._bank.moments[FORCED_S] < FORCED_REPORTED_S:
             return None
         return (
             "process_force: a force acts on the table in all of the motion seen lately; rapids or "
@@ -271,8 +273,8 @@ class FusedPreloadEstimator:
         self._nis = float("nan") if nis is None else nis
 
 
-def _interval(told: tuple[float, float, float]) -> Interval:
-    value, low, high = told
+def _interval(bounds: tuple[float, float, float]) -> Interval:
+    value, low, high = bounds
     return Interval(value=value, low=low, high=high)
 
 
@@ -284,9 +286,9 @@ def vibrates(interval: SteadyInterval) -> bool:
 
 
 def plausible(reading: Reading) -> bool:
-    """Tell whether an axis can move as a phase says."""
-    told = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
-    return all(abs(value) <= most for value, most in zip(told, WILDEST, strict=False))
+    """True if an axis can move as a phase says."""
+    motion = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
+    return all(abs(value) <= most for value, most in zip(motion, WILDEST, strict=False))
 
 
 def _code(reason: str) -> str:

@@ -1,4 +1,4 @@
-"""A phase weighed with and without a process force: what each hypothesis makes of it.
+"""Likelihood of a phase with and without a process force, by hypothesis.
 
 A force F on the table shows as R F in the torque and as F times the compliance in the stretch. It
 may begin, with any size, or last from the phase before with about the same one.
@@ -15,37 +15,37 @@ from .innovation import Innovation
 from .state import FASTEST_RAD_S, AxisModel, Bank, Process, Reading
 
 FORCED = 0.2
-"""Probability of a process force above which a phase teaches nothing."""
+"""Probability of a process force above which a phase corrects nothing."""
 OUTLIER = 20.0
-"""Innovation squared beyond which a hypothesis has no explanation: its likelihood has a tail
-that is flatter than a normal distribution's, and the phase teaches it nothing or little."""
+"""Normalised innovation squared beyond which a hypothesis has no explanation: its likelihood has
+a tail flatter than a normal distribution's, and the phase corrects it little or not at all."""
 _RAPID = 0.4
 _ALIKE = 0.5
 _NEVER = 1e-12
 
 
-class Verdicts(NamedTuple):
-    """Judgements of one phase by all hypotheses, each (HYPOTHESES,).
+class Assessments(NamedTuple):
+    """Assessment of one phase by all hypotheses, each (HYPOTHESES,).
 
     Attributes:
-        nis: innovation squared without a force.
+        nis: normalised innovation squared without a force.
         forced: probability of a force.
-        lasts: probability of the force of the phase before.
-        misfit: half of what the innovation squared under that force is beyond 2, its mean.
-        said: log-likelihood; -inf of what is not alive.
+        persists: probability of the force of the phase before.
+        misfit: half of the excess of the innovation squared under that force over 2, its mean.
+        log_likelihood: of the phase; -inf of a hypothesis that is not alive.
     """
 
     nis: Floats
     forced: Floats
-    lasts: Floats
+    persists: Floats
     misfit: Floats
-    said: Floats
+    log_likelihood: Floats
 
 
 @compiled
-def no_verdicts(size: int) -> Verdicts:
-    """Judgements to be filled in, of `size` hypotheses."""
-    return Verdicts(
+def empty_assessments(size: int) -> Assessments:
+    """Assessments to be filled in, of `size` hypotheses."""
+    return Assessments(
         np.zeros(size),
         np.zeros(size),
         np.zeros(size),
@@ -64,7 +64,7 @@ def force_begins(bank: Bank, process: Process, r: Reading) -> float:
 
 
 @compiled
-def judge(
+def assess(
     bank: Bank,
     k: int,
     model: AxisModel,
@@ -72,14 +72,14 @@ def judge(
     begins: float,
     compliance: float,
     two: bool,
-    room: Innovation,
-    told: Verdicts,
+    innovation: Innovation,
+    assessed: Assessments,
 ) -> None:
-    """Weigh a phase under hypothesis `k`, into `told`, and remember the force it would be.
+    """Assess a phase under hypothesis `k`, into `assessed`, and keep the force it would be.
 
-    With one encoder a torque alone fits any force, so none is known again.
+    With one encoder a torque alone fits any force, so none is recognised again.
     """
-    e, s = room.error, room.covariance
+    e, s = innovation.error, innovation.covariance
     ratio, force_var = model.ratio_m_per_rad, process.force_n * process.force_n
     uu, ss, us = s[0, 0], s[1, 1], s[0, 1]
     seen_n = e[0] / ratio
@@ -103,12 +103,12 @@ def judge(
     new += math.log(max(starts, _NEVER))
     same += math.log(max(alike, _NEVER))
     top = max(calm, new, same)
-    said = top + math.log(math.exp(calm - top) + math.exp(new - top) + math.exp(same - top))
-    told.nis[k], told.said[k] = nis, said
-    told.lasts[k] = math.exp(same - said)
-    told.forced[k] = min(told.lasts[k] + math.exp(new - said), 1.0)
-    told.misfit[k] = max(0.5 * nis_same - 1.0, 0.0)
-    bank.force[k], bank.force_n[k] = told.forced[k], seen_n
+    total = top + math.log(math.exp(calm - top) + math.exp(new - top) + math.exp(same - top))
+    assessed.nis[k], assessed.log_likelihood[k] = nis, total
+    assessed.persists[k] = math.exp(same - total)
+    assessed.forced[k] = min(assessed.persists[k] + math.exp(new - total), 1.0)
+    assessed.misfit[k] = max(0.5 * nis_same - 1.0, 0.0)
+    bank.force[k], bank.force_n[k] = assessed.forced[k], seen_n
 
 
 @inlined

@@ -1,7 +1,7 @@
-"""Steady motion of short intervals, gathered until it says as much as that of a tenth of a second.
+"""Gathering of short intervals of steady motion until they last a tenth of a second.
 
-What a filter is told of errors holds for phases of about that length; a mean over phases is exact,
-so nothing is lost but a delay.
+The noise that a filter assumes holds for phases of about that length; a mean over phases is exact,
+so only time is lost.
 """
 
 import math
@@ -34,7 +34,7 @@ class SteadyInterval:
 
     @classmethod
     def of(cls, block: FeatureBlock) -> "SteadyInterval":
-        """That of a block."""
+        """Steady interval of a block."""
         return cls(
             block.time_s,
             block.duration_s,
@@ -44,7 +44,7 @@ class SteadyInterval:
         )
 
     def followed_by(self, other: "SteadyInterval") -> "SteadyInterval":
-        """Both as one."""
+        """Both intervals as one."""
         duration_s = self.duration_s + other.duration_s
         force = self.external_force_n * self.duration_s + other.external_force_n * other.duration_s
         return SteadyInterval(
@@ -56,7 +56,7 @@ class SteadyInterval:
         )
 
     def continues(self, before: "SteadyInterval") -> bool:
-        """Tell whether this interval begins where another has ended, in the same direction."""
+        """True if this interval begins where another has ended, in the same direction."""
         gap_s = abs(self.time_s - self.duration_s - before.time_s)
         return self.direction == before.direction and gap_s < 0.1 * self.duration_s
 

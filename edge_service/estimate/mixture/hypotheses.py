@@ -1,7 +1,7 @@
-"""Choice of living hypotheses: challengers begin beside what is believed, and the best takes over.
+"""Adaptation of the set of hypotheses: challengers are spawned beside the accepted one.
 
-Nothing that was believed dies: every slot keeps a least weight, the belief before the last step
-goes on beside the new one, and new challengers begin every few seconds of motion, so that a wrong
+No accepted hypothesis dies: every slot keeps a least weight, the one accepted before the last step
+goes on beside the new one, and challengers are spawned every few seconds of motion, so that a wrong
 answer is contested for as long as it stands.
 """
 
@@ -61,17 +61,17 @@ def normalise(bank: Bank, floor: float) -> None:
 
 
 @compiled
-def follow_hypotheses(
+def adapt_hypotheses(
     bank: Bank, process: Process, reading: Reading, elapsed_s: float, calm: bool
 ) -> None:
-    """After a phase: let a challenger that has won take over, and begin new ones.
+    """Promote a confirmed challenger after a phase, and spawn new ones.
 
-    They begin with the phase that surprises what is believed: a loss that began before it has
-    learned that nothing happened, and would leave the field to a total one, which no phase before
-    it has taught anything.
+    They begin with the phase that surprises the accepted hypothesis: a loss spawned before it has
+    learned that nothing happened, and would leave the field to a total one, which no earlier phase
+    has corrected.
 
     Args:
-        calm: whether no process force acts.
+        calm: no process force acts.
     """
     moments, motion_s = bank.moments, reading.steady_s
     moments[SINCE_SPAWN_S] += motion_s
@@ -87,29 +87,29 @@ def follow_hypotheses(
             oldest = max(oldest, bank.age_s[k])
     if moments[LEARNING] > 0.0:
         if oldest >= process.learn_s:
-            _settle(bank, process)
+            _end_initialisation(bank, process)
         return
     leader = leader_of(bank)
-    base = believed(bank)
-    if _wins(bank, process, leader, base, calm):
-        _take_over(bank, process, leader, base)
+    base = accepted(bank)
+    if _is_confirmed(bank, process, leader, base, calm):
+        _promote(bank, process, leader, base)
         leader = base = STEADY
     log_spawn = math.log(process.spawn_s)
     if moments[STOPPED_S] > 0.0:
         log_time = math.log(moments[STOPPED_S])
         moments[STOPPED_S] = 0.0
         for k in STOP_CHALLENGERS:
-            _challenge(bank, process, k, base, leader, process.stop_priors[k] + log_time)
+            _spawn_unless_running(bank, process, k, base, leader, process.stop_priors[k] + log_time)
         for k in (LOSS, TOTAL_LOSS):
-            _challenge(bank, process, k, base, leader, process.priors[k] + log_spawn)
+            _spawn_unless_running(bank, process, k, base, leader, process.priors[k] + log_spawn)
     since = moments[SINCE_SPAWN_S]
     surprised = moments[SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
     if since >= process.spawn_s or surprised:
         moments[SINCE_SPAWN_S] = 0.0
-        _level(bank, STEADY, WEARING)
-        _level(bank, WEARING, STEADY)
+        _restart(bank, STEADY, WEARING)
+        _restart(bank, WEARING, STEADY)
         for k in CHALLENGERS:
-            _challenge(bank, process, k, base, leader, process.priors[k] + log_spawn)
+            _spawn_unless_running(bank, process, k, base, leader, process.priors[k] + log_spawn)
 
 
 @compiled
@@ -123,15 +123,15 @@ def leader_of(bank: Bank) -> int:
 
 
 @compiled
-def believed(bank: Bank) -> int:
-    """Slot of what is believed, from which challengers begin: STEADY or WEARING."""
+def accepted(bank: Bank) -> int:
+    """Slot of the accepted hypothesis, from which challengers are spawned: STEADY or WEARING."""
     wearing = bank.alive[WEARING] and bank.log_weight[WEARING] > bank.log_weight[STEADY]
     return WEARING if wearing else STEADY
 
 
 @compiled
-def _wins(bank: Bank, process: Process, leader: int, base: int, calm: bool) -> bool:
-    """Tell whether a challenger has led for long enough, in both directions, by a margin."""
+def _is_confirmed(bank: Bank, process: Process, leader: int, base: int, calm: bool) -> bool:
+    """True if a challenger has led for long enough, in both directions, by a margin."""
     if leader in (STEADY, WEARING) or not calm:
         return False
     seen = bank.age_s[leader] >= process.confirm_s and bank.directions[leader] == _BOTH
@@ -140,7 +140,7 @@ def _wins(bank: Bank, process: Process, leader: int, base: int, calm: bool) -> b
 
 @compiled
 def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
-    """Begin a hypothesis as a copy of another."""
+    """Start a hypothesis as a copy of another."""
     if slot != source:
         bank.mean[slot] = bank.mean[source]
         bank.covariance[slot] = bank.covariance[source]
@@ -153,8 +153,8 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
 
 
 @compiled
-def _take_over(bank: Bank, process: Process, leader: int, base: int) -> None:
-    """Believe a challenger; its rivals began beside what is believed no longer, and end.
+def _promote(bank: Bank, process: Process, leader: int, base: int) -> None:
+    """Accept a challenger, and prune the rivals spawned beside its predecessor.
 
     A rival that is about as likely goes on: with one encoder much looks alike.
     """
@@ -162,7 +162,7 @@ def _take_over(bank: Bank, process: Process, leader: int, base: int) -> None:
     force, force_n = bank.force[base], bank.force_n[base]
     weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.floor)
     copy_to(bank, STEADY, leader, weight)
-    begin_wear(bank, process, STEADY)
+    unlock_wear(bank, process, STEADY)
     copy_to(bank, WEARING, STEADY, weight + process.wearing_log_weight)
     for k in CHALLENGERS:
         if k == leader or bank.log_weight[k] < weight - process.margin:
@@ -174,8 +174,8 @@ def _take_over(bank: Bank, process: Process, leader: int, base: int) -> None:
 
 
 @compiled
-def _settle(bank: Bank, process: Process) -> None:
-    """End of the beginning: the likeliest is believed, the next goes on beside it."""
+def _end_initialisation(bank: Bank, process: Process) -> None:
+    """End the initialisation: accept the likeliest, let the next go on beside it."""
     best = leader_of(bank)
     second, weight = best, -math.inf
     for k in range(bank.alive.shape[0]):
@@ -188,7 +188,7 @@ def _settle(bank: Bank, process: Process) -> None:
     else:
         copy_to(bank, STEADY, best, top)
         copy_to(bank, BEFORE, second, weight)
-    begin_wear(bank, process, STEADY)
+    unlock_wear(bank, process, STEADY)
     copy_to(bank, WEARING, STEADY, top + process.wearing_log_weight)
     for k in CHALLENGERS:
         bank.alive[k] = 0
@@ -197,8 +197,8 @@ def _settle(bank: Bank, process: Process) -> None:
 
 
 @compiled
-def begin_wear(bank: Bank, process: Process, slot: int) -> None:
-    """Let the preload change at a rate that is not known yet."""
+def unlock_wear(bank: Bank, process: Process, slot: int) -> None:
+    """Let the preload change at an unknown rate."""
     bank.mean[slot, WEAR_RATE] = 0.0
     bank.covariance[slot, WEAR_RATE, :] = 0.0
     bank.covariance[slot, :, WEAR_RATE] = 0.0
@@ -206,24 +206,24 @@ def begin_wear(bank: Bank, process: Process, slot: int) -> None:
 
 
 @compiled
-def _level(bank: Bank, slot: int, other: int) -> None:
-    """Let a belief begin anew from the other once it has hardly any weight beside it."""
+def _restart(bank: Bank, slot: int, other: int) -> None:
+    """Restart a slot from the other once it has hardly any weight beside it."""
     least = bank.log_weight[other] + _LEAST_SHARE
     if bank.alive[slot] == 0 or bank.log_weight[slot] < least:
         copy_to(bank, slot, other, least)
 
 
 @compiled
-def _challenge(
+def _spawn_unless_running(
     bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float
 ) -> None:
-    """Begin a challenger beside what is believed, unless one of its kind is in the running.
+    """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
     A step of the preload shows within seconds; the others run on for as long as they gain, and
     each while it explains what the likeliest takes for a force.
 
     Args:
-        prior: log-probability that the step has happened since the last challenger began.
+        prior: log-probability that the step has happened since the last challenger was spawned.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     gains = ahead > prior + _GAINED
@@ -232,20 +232,20 @@ def _challenge(
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
     running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or gains or explains)
     if not running and prior > -math.inf:
-        begin_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
+        spawn_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
 
 
 @compiled
-def begin_challenger(bank: Bank, process: Process, slot: int, base: int, log_weight: float) -> None:
-    """Begin a hypothesis whose step has just happened to another."""
+def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_weight: float) -> None:
+    """Start a hypothesis as another one to which its step has just happened."""
     copy_to(bank, slot, base, log_weight)
     bank.force[slot] = 0.0
     x, p = bank.mean[slot], bank.covariance[slot]
     if slot == TOTAL_LOSS:
-        _reopen(bank, slot, PRELOAD, process.lost_log_percent, process.lost_sigma)
+        _replace(bank, slot, PRELOAD, process.lost_log_percent, process.lost_sigma)
         return
     if slot == LOAD:
-        _reopen(bank, slot, PAYLOAD, 0.0, 0.0)
+        _replace(bank, slot, PAYLOAD, 0.0, 0.0)
     if slot == LOOSENING:
         x[LOOSENESS] += process.loosened_m_per_n
     for i in range(x.shape[0]):
@@ -254,8 +254,8 @@ def begin_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
 
 
 @compiled
-def _reopen(bank: Bank, slot: int, i: int, value: float, sigma: float) -> None:
-    """Forget an element of the state for another value."""
+def _replace(bank: Bank, slot: int, i: int, value: float, sigma: float) -> None:
+    """Replace an element of the state, without correlation to the others."""
     x, p = bank.mean[slot], bank.covariance[slot]
     x[i] = value
     for j in range(x.shape[0]):

@@ -1,8 +1,8 @@
-"""Initialisation of the hypotheses, and their continuation after a stop that nobody saw."""
+"""Initialisation of the hypotheses, and their continuation after an unobserved stop."""
 
 import math
 
-from .hypotheses import believed, copy_to
+from .hypotheses import accepted, copy_to
 from .model import MixtureSettings, Start
 from .state import (
     CHALLENGERS,
@@ -26,14 +26,14 @@ _WORN_PER_DAY, _MOST_DAYS = 0.05, 4.0
 _OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (PRELOAD, PAYLOAD, LOOSENESS, NUT_COMPLIANCE, TABLE_MASS)
-"""States carried over to the next session; what is considered errs alike in all sessions."""
+"""States carried over to the next session: considered ones err alike in all sessions."""
 
 
-def begun(start: Start, settings: MixtureSettings) -> Bank:
-    """Hypotheses of what the axis may be at the start: its preload, and its load.
+def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
+    """Hypotheses of the axis at the start: levels of its preload, with and without a load.
 
     For the first seconds these stand for themselves, one of them free to wander (the half that is
-    left, in the slot of wear); then the likeliest is believed.
+    left, in the slot of wear); then the likeliest is accepted.
     """
     bank = empty_bank(len(start.mean))
     fresh = 1.0 - settings.half - settings.none
@@ -61,18 +61,18 @@ def begun(start: Start, settings: MixtureSettings) -> Bank:
     return bank
 
 
-def go_on(bank: Bank, start: Start, stopped_s: float) -> None:
-    """Go on after a stop that nobody saw, in place.
+def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
+    """Renew the hypotheses after an unobserved stop, in place.
 
     Friction is another day's, the screw has grown anew and may have worn; another load may be on
     the table, and even another nut may be in. As at the start, these stand for themselves until
-    the likeliest is believed.
+    the likeliest is accepted.
     """
     if bank.moments[LEARNING] > 0.0:
         for k in range(len(bank.alive)):
             _age(bank, k, start, stopped_s)
         return
-    base = believed(bank)
+    base = accepted(bank)
     copy_to(bank, STEADY, base, math.log(1.0 - _OTHER_LOAD - _OTHER_NUT))
     _age(bank, STEADY, start, stopped_s)
     bank.alive[STEADY + 1 :] = 0
@@ -91,7 +91,7 @@ def go_on(bank: Bank, start: Start, stopped_s: float) -> None:
 
 
 def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
-    """Begin a session anew with the preload, the load and the looseness that were believed."""
+    """Begin a new session from the preload, the load and the looseness of the last one."""
     kept = KEPT if len(start.mean) > TORQUE_STATES else (PRELOAD,)
     mean, covariance = start.mean.copy(), start.covariance.copy()
     for i in kept:
@@ -106,7 +106,7 @@ def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
 
 
 def _renew(bank: Bank, slot: int, i: int, variance: float) -> None:
-    """Forget what an element of the state has to do with the others."""
+    """Remove the correlations of an element of the state, and set its variance."""
     p = bank.covariance[slot]
     p[i, :] = 0.0
     p[:, i] = 0.0

@@ -1,4 +1,4 @@
-"""Innovation of torque and stretch: the evidence of a phase against a hypothesis."""
+"""Innovation of torque and stretch: measured less expected by a hypothesis."""
 
 import math
 from typing import NamedTuple
@@ -20,15 +20,12 @@ _STRIBECK_ERROR = 0.3
 
 
 class Innovation(NamedTuple):
-    """Of torque and stretch, in arrays to be filled again.
+    """Innovation of torque and stretch, in arrays that are filled again for each hypothesis."""
 
-    `slopes` are H and `gains` P H', (2, n); `error` (2,) and `covariance` S (2, 2).
-    """
-
-    slopes: Floats
-    gains: Floats
-    error: Floats
-    covariance: Floats
+    slopes: Floats  # H, (2, n)
+    gains: Floats  # P H', (2, n)
+    error: Floats  # (2,), N m and m
+    covariance: Floats  # S, (2, 2)
     at: Floats  # (n,), state around which the stretch is linear
 
 
@@ -43,6 +40,7 @@ class Noise(NamedTuple):
 
 @inlined
 def noise_of(model: AxisModel, r: Reading) -> Noise:
+    """Errors of one phase by its length and speed."""
     speed = max(abs(r.speed_rad_s), 1e-3)
     slow_nm = stribeck(model, r)
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
@@ -64,17 +62,17 @@ def innovate(
     r: Reading,
     noise: Noise,
     two: bool,
-    room: Innovation,
+    innovation: Innovation,
 ) -> float:
-    """Fill `room`; the compliance at the phase, m/N.
+    """Fill the innovation of hypothesis `k`; returns the compliance at the phase, m/N.
 
     The stretch is linear around where the correction leads, if the preload is too uncertain for
     one step. Axial friction that differs from phase to phase acts on torque and stretch alike.
     """
-    x, p, at = bank.mean[k], bank.covariance[k], room.at
+    x, p, at = bank.mean[k], bank.covariance[k], innovation.at
     size = x.shape[0]
     ratio = model.ratio_m_per_rad
-    e, s = room.error, room.covariance
+    e, s = innovation.error, innovation.covariance
     axial = process.axial_n * process.axial_n
     compliance = 0.0
     for i in range(size):
@@ -82,27 +80,27 @@ def innovate(
     straight = not two or p[PRELOAD, PRELOAD] < _STRAIGHT * _STRAIGHT
     for turn in range(1 if straight else 3):
         e[0] = r.torque_nm - expected_torque(
-            model, at, r, noise.factor, noise.slow_nm, room.slopes[0]
+            model, at, r, noise.factor, noise.slow_nm, innovation.slopes[0]
         )
         s[0, 0] = noise.torque_var + axial * ratio * ratio
         s[1, 1], s[0, 1], e[1] = 1.0, 0.0, 0.0
         if two:
-            stretch, compliance = expected_stretch(model, at, r, noise.factor, room.slopes[1])
+            stretch, compliance = expected_stretch(model, at, r, noise.factor, innovation.slopes[1])
             e[1] = r.stretch_m - stretch
             loose = process.loose_m * math.exp(-math.exp(at[PRELOAD]) / 0.3)
             s[1, 1] = noise.stretch_var + axial * compliance * compliance + loose * loose
             s[0, 1] = axial * ratio * compliance
         for i in range(size):
             away = x[i] - at[i]
-            e[0] -= room.slopes[0, i] * away
+            e[0] -= innovation.slopes[0, i] * away
             if two:
-                e[1] -= room.slopes[1, i] * away
-        _project(p, room.slopes[0], room.gains[0])
-        s[0, 0] += _along(room.slopes[0], room.gains[0])
+                e[1] -= innovation.slopes[1, i] * away
+        _project(p, innovation.slopes[0], innovation.gains[0])
+        s[0, 0] += _along(innovation.slopes[0], innovation.gains[0])
         if two:
-            _project(p, room.slopes[1], room.gains[1])
-            s[1, 1] += _along(room.slopes[1], room.gains[1])
-            s[0, 1] += _along(room.slopes[1], room.gains[0])
+            _project(p, innovation.slopes[1], innovation.gains[1])
+            s[1, 1] += _along(innovation.slopes[1], innovation.gains[1])
+            s[0, 1] += _along(innovation.slopes[1], innovation.gains[0])
         s[1, 0] = s[0, 1]
         if straight or turn == 2:
             break
@@ -110,7 +108,7 @@ def innovate(
         a = (s[1, 1] * e[0] - s[0, 1] * e[1]) / det
         b = (s[0, 0] * e[1] - s[0, 1] * e[0]) / det
         for i in range(size):
-            at[i] = x[i] + room.gains[0, i] * a + room.gains[1, i] * b
+            at[i] = x[i] + innovation.gains[0, i] * a + innovation.gains[1, i] * b
         at[PRELOAD] = min(max(at[PRELOAD], x[PRELOAD] - _FARTHEST), x[PRELOAD] + _FARTHEST)
     return compliance
 

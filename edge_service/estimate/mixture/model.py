@@ -1,4 +1,4 @@
-"""From a commissioned machine file to the numbers of the mixture."""
+"""Model and process of the mixture from a commissioned machine file."""
 
 import math
 from dataclasses import dataclass
@@ -50,16 +50,16 @@ SHORT_PHASE_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class MixtureSettings:
-    """Possible changes of an axis; shares are of the commissioned value, steps standard deviations.
+    """Assumed changes of an axis; shares are of the commissioned value, steps standard deviations.
 
     None of it is tied to one machine: forces and torques follow from the friction that
     commissioning found, lengths from its noise and compliance.
 
     Attributes:
-        together, apart: how far lubrication and temperature move all frictions alike, and each on
-            its own.
-        friction_s: how soon they have done so, s; more than 0.
-        start_share: how much farther they may be at the start of a session, another day's.
+        together, apart: standard deviation by which lubrication and temperature move all frictions
+            alike, and each on its own.
+        friction_s: its time constant, s; more than 0.
+        start_share: factor on it at the start of a session, another day's.
         wander, wander_s, wander_m: friction that wanders along the way, over the Coulomb friction;
             for how long, and over which way it is alike.
         axial: axial friction that differs from phase to phase, the same.
@@ -68,18 +68,18 @@ class MixtureSettings:
         wearing: probability that the axis wears fast at the start.
         start: of ln(preload) at the start; half of it is lost with probability `half`, all with
             `none`; the load is another with `loaded`.
-        loss, lubricated, lubricated_apart, load, loosened: how large steps are.
+        loss, lubricated, lubricated_apart, load, loosened: sizes of the steps.
         hazard: per second of motion, of each step that an axis may undergo.
         stop_hazard: per second of a stop after which lubrication, or load, is another.
         without: hypotheses that the axis cannot have.
-        reversal: how far what parts the directions in the stretch moves, as the frictions do.
+        reversal: change of the stretch at a reversal, as the frictions change.
         looseness: of the compliance beside the nut, at the start.
         twist: of the mass behind the commissioned compliance, give or take as much: a screw twists
             by its own inertia.
         uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
-        uneven_share: what is finer than these, over the growth along the stroke.
+        uneven_share: finer unevenness over the growth along the stroke.
         evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
-        most_nats: most that a phase says against a hypothesis: any may be spoiled.
+        most_nats: bound on a phase's evidence against a hypothesis: any may be spoiled.
         force: process forces over the dynamic load rating; `force_error` of their compliance;
             `force_share` and `rapid_share` of phases, slow and fast, in which one begins;
             `force_stay` to last.
@@ -126,16 +126,16 @@ class MixtureSettings:
 
 def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
     """Constants of the model. The machine must be commissioned and know preload in percent."""
-    taught, per_percent = machine.commissioned, machine.drag_per_percent_nm
+    commissioned, per_percent = machine.commissioned, machine.drag_per_percent_nm
     fresh, preload = machine.fresh_preload_percent, machine.model.preload_n
-    assert taught is not None and per_percent is not None and fresh is not None
+    assert commissioned is not None and per_percent is not None and fresh is not None
     assert preload is not None
     mass = machine.model.table_mass_kg
     mass_kg = mass.value if mass is not None else 1.0
-    t, ratio = taught.transmission, machine.transmission_ratio_m_per_rad
+    t, ratio = commissioned.transmission, machine.transmission_ratio_m_per_rad
     compliance = t.stretch_per_acceleration_s2 / mass_kg if t else 0.0
     fresh_nm = per_percent * fresh
-    guide_n = min(t.reversal_force_n, (taught.coulomb_nm - fresh_nm) / ratio) if t else 0.0
+    guide_n = min(t.reversal_force_n, (commissioned.coulomb_nm - fresh_nm) / ratio) if t else 0.0
     deflection_m = 3.0 * preload.value * t.nut_share * compliance if t else 1.0
     return AxisModel(
         ratio_m_per_rad=ratio,
@@ -145,24 +145,24 @@ def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
         fresh_percent=fresh,
         fresh_preload_n=preload.value,
         clearance_share=0.5 * CLEARANCE_M / deflection_m,
-        bearing_nm=taught.coulomb_nm - fresh_nm - ratio * guide_n,
+        bearing_nm=commissioned.coulomb_nm - fresh_nm - ratio * guide_n,
         guide_n=guide_n,
         viscous_nm_s=machine.model.viscous_nm_s_per_rad.value,
         guide_viscous_n_s=t.guide_viscous_n_s_per_m if t else 0.0,
-        asymmetry_nm_s=taught.viscous_asymmetry_nm_s_per_rad,
+        asymmetry_nm_s=commissioned.viscous_asymmetry_nm_s_per_rad,
         compliance_m_per_n=compliance,
         compliance_slope_per_n=t.stretch_slope_s2_per_m / mass_kg if t else 0.0,
         reference_m=t.reference_m if t else 0.0,
-        stribeck_nm=taught.stribeck_excess_nm,
-        stribeck_speed_rad_s=taught.stribeck_speed_rad_s,
+        stribeck_nm=commissioned.stribeck_excess_nm,
+        stribeck_speed_rad_s=commissioned.stribeck_speed_rad_s,
         stroke_m=machine.axis.stroke_m or 1.0,
-        stroke_map=np.array(taught.stroke_map, dtype=np.float64).reshape(-1, 2),
+        stroke_map=np.array(commissioned.stroke_map, dtype=np.float64).reshape(-1, 2),
         map_sigma_m=np.array(t.map_sigma_m if t else (), dtype=np.float64),
         lead_map_m=np.array(t.lead_map_m if t else (), dtype=np.float64),
         wind_up_map_m=np.array(t.wind_up_map_m if t else (), dtype=np.float64),
-        torque_density=taught.noise_density_nm2_s,
-        torque_slow_rad_s=taught.noise_slow_rad_s,
-        edge_rad2_s2=taught.edge_noise_rad2_s2,
+        torque_density=commissioned.noise_density_nm2_s,
+        torque_slow_rad_s=commissioned.noise_slow_rad_s,
+        edge_rad2_s2=commissioned.edge_noise_rad2_s2,
         stretch_density=t.noise_density_m2_s if t else 1.0,
         stretch_slow_rad_s=t.noise_slow_rad_s if t else 0.0,
     )
@@ -174,9 +174,8 @@ class Start:
 
     Attributes:
         mean: (n,) of a fresh preload.
-        covariance: (n, n) of what is not known before the first phase, the preload's being that of
-            a fresh screw.
-        load: (n, n), what another load adds.
+        covariance: (n, n) before the first phase, the preload's being that of a fresh screw.
+        load: (n, n), added by another load.
     """
 
     mean: Floats
@@ -186,17 +185,17 @@ class Start:
 
 def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> Start:
     """State and covariance before the first phase."""
-    taught = machine.commissioned
-    assert taught is not None
-    t = taught.transmission
+    commissioned = machine.commissioned
+    assert commissioned is not None
+    t = commissioned.transmission
     size = STRETCH_STATES if t else TORQUE_STATES
     mean, sigma = np.zeros(size), np.zeros(size)
     mean[PRELOAD], sigma[PRELOAD] = math.log(model.fresh_percent), settings.start
-    mean[TORQUE_OFFSET] = taught.torque_offset_nm
+    mean[TORQUE_OFFSET] = commissioned.torque_offset_nm
     drifts = settings.together > 0.0
     sigma[WEAR_RATE] = settings.wear_rate
-    sigma[TORQUE_OFFSET] = 0.03 * taught.coulomb_nm * drifts
-    sigma[TORQUE_WANDER] = settings.wander * taught.coulomb_nm
+    sigma[TORQUE_OFFSET] = 0.03 * commissioned.coulomb_nm * drifts
+    sigma[TORQUE_WANDER] = settings.wander * commissioned.coulomb_nm
     sigma[PAYLOAD] = 0.01 * model.table_mass_kg * drifts
     if t:
         mean[CLOCK_SKEW] = t.clock_skew_s
@@ -216,7 +215,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     load = np.zeros((size, size))
     load[PAYLOAD, PAYLOAD] = (settings.load * model.table_mass_kg) ** 2
     load[GUIDE_FRICTION, GUIDE_FRICTION] = 0.1**2
-    load[TORQUE_OFFSET, TORQUE_OFFSET] = (0.1 * taught.coulomb_nm) ** 2
+    load[TORQUE_OFFSET, TORQUE_OFFSET] = (0.1 * commissioned.coulomb_nm) ** 2
     return Start(mean, covariance, load)
 
 
@@ -227,7 +226,7 @@ def mass_share_sigma(machine: Machine) -> float:
 
 
 def stretch_wander_m(model: AxisModel, settings: MixtureSettings) -> float:
-    """Standard deviation of what wanders between the encoders along the way, m."""
+    """Standard deviation of the difference of the encoders that wanders along the way, m."""
     noise_m = 0.5 * math.sqrt(model.stretch_density / SHORT_PHASE_S)
     return math.hypot(noise_m, model.compliance_m_per_n * settings.wander * model.guide_n)
 
@@ -246,11 +245,11 @@ def process_of(
     machine: Machine, model: AxisModel, start: Start, settings: MixtureSettings
 ) -> Process:
     """Process model: changes that the axis may undergo between two phases."""
-    taught = machine.commissioned
-    assert taught is not None
+    commissioned = machine.commissioned
+    assert commissioned is not None
     rating = machine.axis.dynamic_load_rating_n
     assert rating is not None
-    size, coulomb = len(start.mean), taught.coulomb_nm
+    size, coulomb = len(start.mean), commissioned.coulomb_nm
     two = size > TORQUE_STATES
     moving_walk = np.full(HYPOTHESES, settings.preload_walk**2)
     moving_walk[WEARING] = settings.wear_walk**2
@@ -318,7 +317,7 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
 
 
 def _priors(slots: tuple[int, ...], hazard: float, two: bool, settings: MixtureSettings) -> Floats:
-    """Log-probability per second of those steps that the axis can have, (HYPOTHESES,)."""
+    """Log-probability per second of the steps that the axis can undergo, (HYPOTHESES,)."""
     priors = np.full(HYPOTHESES, -np.inf)
     for slot in slots:
         if slot not in settings.without and (two or slot not in (LOAD, LOOSENING)):

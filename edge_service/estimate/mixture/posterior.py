@@ -31,12 +31,12 @@ Rows = npt.NDArray[np.int64]
 LEVELS = tuple(f"{level:g}" for level in LEVELS_PERCENT)
 FAULTS = ("preload_loss", "lubrication", "process_force")
 TABLE_FAULTS = ("payload", "looseness")
-"""Those that only the second encoder shows."""
+"""Faults that only the second encoder shows."""
 MODEL_ERROR = 0.015
-"""Of ln(preload): what the cube root law and the drag's proportion are wrong by near fresh."""
+"""Error of ln(preload) by the cube root law and the drag's proportion near a fresh preload."""
 MODEL_ERROR_SHARE = 0.02
-"""The same as a share of the way from the fresh preload."""
-UNTOLD_SHARE, UNTOLD_LOW_SHARE = 0.3, 0.12
+"""Its growth with the distance from the fresh preload, as a share."""
+UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may
 be there, and up to the second at least."""
 LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
@@ -48,16 +48,16 @@ _SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
 _HALVINGS = 26
 
 
-class Limits(NamedTuple):
-    """Limits against which the hypotheses of one axis are held."""
+class FaultLimits(NamedTuple):
+    """Limits of one axis beyond which a change counts as a fault."""
 
     error_share: float
-    mass_tolerance: float  # NaN where the stiffness cannot be told
+    mass_tolerance: float  # NaN where the stiffness is unknown
     coulomb_nm: float
 
 
-class Answers(NamedTuple):
-    """Estimates for one axis: values with 95 % intervals, and probabilities.
+class Posterior(NamedTuple):
+    """Posterior of one axis: values with 95 % intervals, and probabilities.
 
     Attributes:
         preload: percent; the median of the mixture.
@@ -74,66 +74,66 @@ class Answers(NamedTuple):
     faults: dict[str, float]
 
 
-def limits_of(machine: Machine, model: AxisModel) -> Limits:
-    """Limits of a commissioned axis."""
-    taught, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
-    assert taught is not None
+def fault_limits(machine: Machine, model: AxisModel) -> FaultLimits:
+    """Fault limits of a commissioned axis."""
+    commissioned, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
+    assert commissioned is not None
     table = mass.table_mass_kg if model.compliance_m_per_n > 0.0 else None
-    return Limits(
+    return FaultLimits(
         MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance),
         math.nan if table is None else table.tolerance,
-        taught.coulomb_nm,
+        commissioned.coulomb_nm,
     )
 
 
-def answers(bank: Bank, model: AxisModel, limits: Limits) -> Answers:
-    """Read a bank."""
-    told = read(bank, model, limits).tolist()
+def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior:
+    """Posterior of a bank of hypotheses."""
+    values = packed_posterior(bank, model, limits).tolist()
     two = bank.mean.shape[1] > TORQUE_STATES
     names = (*FAULTS, *TABLE_FAULTS) if two else FAULTS
-    return Answers(
-        tuple(told[:3]),
-        tuple(told[3:6]),
-        None if math.isnan(told[_STIFFNESS]) else tuple(told[_STIFFNESS:_LEVEL]),
-        dict(zip(LEVELS, told[_LEVEL:_FAULT], strict=True)),
-        dict(zip(names, told[_FAULT:], strict=False)),
+    return Posterior(
+        tuple(values[:3]),
+        tuple(values[3:6]),
+        None if math.isnan(values[_STIFFNESS]) else tuple(values[_STIFFNESS:_LEVEL]),
+        dict(zip(LEVELS, values[_LEVEL:_FAULT], strict=True)),
+        dict(zip(names, values[_FAULT:], strict=False)),
     )
 
 
 @compiled
-def read(bank: Bank, model: AxisModel, limits: Limits) -> Floats:
+def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Floats:
     """Preload, drag and stiffness with their intervals, levels, faults; (_SIZE,)."""
-    said = np.empty(_SIZE)
+    values = np.empty(_SIZE)
     rows = np.flatnonzero(bank.alive)
     weight = np.exp(bank.log_weight[rows])
     weight /= weight.sum()
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(MOST_SHARE * model.fresh_percent)
-    said[0] = _quantile(0.5, weight, mean, sigma, most)
-    said[1], said[2] = _interval(weight, mean, sigma, most, model.fresh_percent)
-    said[1], said[2] = min(said[1], said[0]), max(said[2], said[0])
-    said[3], said[4], said[5] = _drag(bank, model, rows, weight)
-    said[6], said[7], said[8] = _stiffness(bank, model, limits, rows, weight, mean, sigma)
+    values[0] = _quantile(0.5, weight, mean, sigma, most)
+    values[1], values[2] = _interval(weight, mean, sigma, most, model.fresh_percent)
+    values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
+    values[3], values[4], values[5] = _drag(bank, model, rows, weight)
+    values[6], values[7], values[8] = _stiffness(bank, model, limits, rows, weight, mean, sigma)
     above = 1.0
     for i in range(len(_EDGES)):
         below = _below(math.log(_EDGES[i]), weight, mean, sigma, most)
-        said[_LEVEL + i] = above - below
+        values[_LEVEL + i] = above - below
         above = below
-    said[_LEVEL + len(_EDGES)] = above
+    values[_LEVEL + len(_EDGES)] = above
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
-    said[_FAULT] = _below(lost, weight, mean, sigma, most)
-    said[_FAULT + 1] = _slick(bank, model, limits, rows, weight)
-    said[_FAULT + 2] = (weight * bank.force[rows]).sum()
-    said[_FAULT + 3], said[_FAULT + 4] = math.nan, math.nan
+    values[_FAULT] = _below(lost, weight, mean, sigma, most)
+    values[_FAULT + 1] = _slick(bank, model, limits, rows, weight)
+    values[_FAULT + 2] = (weight * bank.force[rows]).sum()
+    values[_FAULT + 3], values[_FAULT + 4] = math.nan, math.nan
     if bank.mean.shape[1] > TORQUE_STATES:
         limit = PAYLOAD_SHARE * model.table_mass_kg
-        said[_FAULT + 3] = _above(bank, rows, weight, PAYLOAD, limit, 1.0)
-        said[_FAULT + 3] += _above(bank, rows, weight, PAYLOAD, limit, -1.0)
+        values[_FAULT + 3] = _above(bank, rows, weight, PAYLOAD, limit, 1.0)
+        values[_FAULT + 3] += _above(bank, rows, weight, PAYLOAD, limit, -1.0)
         limit = LOOSE_SHARE * model.compliance_m_per_n
-        said[_FAULT + 4] = _above(bank, rows, weight, LOOSENESS, limit, 1.0)
+        values[_FAULT + 4] = _above(bank, rows, weight, LOOSENESS, limit, 1.0)
     for i in range(_LEVEL, _SIZE):
-        said[i] = min(max(said[i], 0.0), 1.0)
-    return said
+        values[i] = min(max(values[i], 0.0), 1.0)
+    return values
 
 
 @compiled
@@ -147,7 +147,7 @@ def log_preload(bank: Bank, k: int, model: AxisModel, error_share: float) -> tup
 
 @compiled
 def _log_preloads(
-    bank: Bank, model: AxisModel, limits: Limits, rows: Rows
+    bank: Bank, model: AxisModel, limits: FaultLimits, rows: Rows
 ) -> tuple[Floats, Floats]:
     mean, sigma = np.empty(len(rows)), np.empty(len(rows))
     for i in range(len(rows)):
@@ -192,9 +192,9 @@ def _interval(
     """95 % interval, %."""
     low = _quantile(0.025, weight, mean, sigma, most)
     high = _quantile(0.975, weight, mean, sigma, most)
-    if high < UNTOLD_SHARE * fresh_percent and low < 0.5 * UNTOLD_SHARE * fresh_percent:
+    if high < UNDETERMINED_SHARE * fresh_percent and low < 0.5 * UNDETERMINED_SHARE * fresh_percent:
         low = 0.0
-    return low, max(high, UNTOLD_LOW_SHARE * fresh_percent)
+    return low, max(high, UNDETERMINED_HIGH_SHARE * fresh_percent)
 
 
 @compiled
@@ -230,7 +230,7 @@ def _drag(bank: Bank, model: AxisModel, rows: Rows, weight: Floats) -> tuple[flo
 
 
 @compiled
-def _slick(bank: Bank, model: AxisModel, limits: Limits, rows: Rows, weight: Floats) -> float:
+def _slick(bank: Bank, model: AxisModel, limits: FaultLimits, rows: Rows, weight: Floats) -> float:
     """Probability that friction at the same preload is up by `SLICK_SHARE` of the whole."""
     total = 0.0
     guide = model.ratio_m_per_rad * model.guide_n
@@ -263,7 +263,7 @@ def _above(bank: Bank, rows: Rows, weight: Floats, i: int, limit: float, sign: f
 def _stiffness(
     bank: Bank,
     model: AxisModel,
-    limits: Limits,
+    limits: FaultLimits,
     rows: Rows,
     weight: Floats,
     log_percent: Floats,

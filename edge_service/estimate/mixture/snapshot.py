@@ -28,12 +28,12 @@ def restored_bank(snapshot: dict[str, Any], like: Bank) -> Bank:
     """
     size = like.mean.shape[1]
     if snapshot.get("layout") != _LAYOUT or snapshot.get("size") != size:
-        told_size = snapshot.get("size")
-        raise ValueError(f"a snapshot of another axis or version: {told_size} states, not {size}")
-    told = snapshot["arrays"]
+        found = snapshot.get("size")
+        raise ValueError(f"a snapshot of another axis or version: {found} states, not {size}")
+    arrays = snapshot["arrays"]
     kept = {}
     for name, array in like._asdict().items():
-        values = decoded(told[name], array.dtype)
+        values = decoded(arrays[name], array.dtype)
         if values.size != array.size:
             raise ValueError(f"a damaged snapshot: {values.size} values of {name}")
         kept[name] = values.reshape(array.shape).copy()

@@ -1,4 +1,64 @@
-"""Axis state that the mixture follows, and the arrays that hold it."""
+"""State of the axis, slots of the hypotheses, and the arrays that hold both.
+
+A hypothesis estimates these quantities of the axis, torque's first; an axis with one encoder has
+TORQUE_STATES of them:
+
+| state | meaning | unit |
+|---|---|---|
+| PRELOAD | natural logarithm of the preload in percent of the dynamic load rating | - |
+| WEAR_RATE | growth of PRELOAD per second of motion | 1/s |
+| NUT_FRICTION | change of the nut's Coulomb friction since commissioning, as a share of it | - |
+| BEARING_FRICTION | the same of the bearings | - |
+| GUIDE_FRICTION | the same of guides and seals | - |
+| VISCOUS | change of the viscous friction at the motor, as a share of it | - |
+| GUIDE_VISCOUS | the same of the guides | - |
+| PAYLOAD | mass on the table beyond commissioning | kg |
+| TORQUE_OFFSET | gravity, offset of the amplifier | N m |
+| TORQUE_WANDER | friction that wanders along the way, against the motion | N m |
+| SPEED_ERROR_START | error of the speed at the start of the phase | rad/s |
+| SPEED_ERROR_END | the same at its end | rad/s |
+| ENCODER_OFFSET | travel by the motor less that of the table, at the reference position | m |
+| ENCODER_SLOPE | growth of that difference along the stroke | - |
+| OFFSET_RATE | rate of ENCODER_OFFSET with the screw's temperature | m/s |
+| SLOPE_RATE | rate of ENCODER_SLOPE, the same | 1/s |
+| CLOCK_SKEW | delay of the linear encoder against the rotary one | s |
+| NUT_COMPLIANCE | compliance of the fresh nut; considered | m/N |
+| TABLE_MASS | error of the mass behind the commissioned compliance, as a share; considered | - |
+| LOOSENESS | compliance of coupling, bearings and screw beyond commissioning | m/N |
+| REVERSAL | change of the stretch at a reversal, as a share of what the guide made it | - |
+| STRETCH_WANDER | difference of the encoders that wanders along the way | m |
+| MAP, MAP + 1, ... | coefficients of cos(j pi x / stroke), j = 2, 3, ...: uneven growth | m |
+
+A considered quantity has a variance that widens the answer (Schmidt's filter), but the data do not
+change it: no recording of a healthy axis can tell it, and a filter that tries to learn it lets a
+wrong model look right.
+
+The slots of the bank are the hypotheses:
+
+| slot | hypothesis |
+|---|---|
+| STEADY | the preload stays as it is |
+| WEARING | the preload falls steadily |
+| LOSS | step of the preload |
+| TOTAL_LOSS | step of the preload to almost nothing |
+| LUBRICATION | step of all friction |
+| LOAD | another load on the table |
+| LOOSENING | step of the compliance beside the nut |
+| BEFORE | belief before the last such step was accepted |
+
+Beside its hypotheses the bank carries moments:
+
+| moment | meaning | unit |
+|---|---|---|
+| SINCE_SPAWN_S | motion since challengers were spawned | s |
+| STOPPED_S | length of a stop after which load and lubricant are still to be challenged | s |
+| LEARNING | 1 until the likeliest initial hypothesis is accepted | - |
+| SURPRISE | normalised innovation squared of the leading hypothesis | - |
+| FASTEST_RAD_S | fastest phase so far | rad/s |
+| FORCED_S | motion for which a process force has lasted | s |
+| INERTIA_ERROR | sum over half a minute of J a times the error of the torque | (N m)^2 s |
+| INERTIA_TORQUE | the same of (J a)^2 | (N m)^2 s |
+"""
 
 from typing import NamedTuple
 
@@ -16,49 +76,19 @@ NUT_COMPLIANCE, TABLE_MASS, LOOSENESS, REVERSAL, STRETCH_WANDER = range(17, 22)
 MAP = 22
 MAP_STATES = 4
 STRETCH_STATES = MAP + MAP_STATES
-"""Indices of the state, torque's first; an axis with one encoder has TORQUE_STATES of them.
-
-| state | unit | meaning |
-|---|---|---|
-| PRELOAD | - | natural logarithm of the preload in percent of the dynamic load rating |
-| WEAR_RATE | 1/s | growth of PRELOAD per second of motion |
-| NUT_ ... GUIDE_VISCOUS | - | change of each friction since commissioning, as a share of it |
-| PAYLOAD | kg | on the table beyond commissioning |
-| TORQUE_OFFSET | N m | gravity, offset of the amplifier |
-| TORQUE_WANDER | N m | friction that wanders along the way, against the motion |
-| SPEED_ERROR_START, _END | rad/s | error of the speed at both ends of the phase |
-| ENCODER_OFFSET, _SLOPE | m, - | motor's way less the table's, at the reference and per metre |
-| OFFSET_RATE, SLOPE_RATE | m/s, 1/s | how fast those two grow with the screw's temperature |
-| CLOCK_SKEW | s | of the linear encoder against the rotary one |
-| NUT_COMPLIANCE | m/N | of the fresh nut; considered, never learned (see below) |
-| TABLE_MASS | - | error of the mass behind the commissioned compliance, as a share |
-| LOOSENESS | m/N | what coupling, bearings and screw yield beyond commissioning |
-| REVERSAL | - | change of the stretch between the directions, over what the guide made it |
-| STRETCH_WANDER | m | difference of the encoders that wanders along the way |
-| MAP | m | coefficients of cos(j pi x / stroke), j = 2, 3, ...: uneven growth |
-
-What is considered has a variance that widens the answer (Schmidt's filter) and is not changed by
-the data: no recording of a healthy axis can tell these, and a filter that tries to learn them lets
-a wrong model look right.
-"""
 
 MOST_SHARE = 1.05
-"""Most preload over the fresh one: it is lost, never gained, but for what heat does to it."""
+"""Bound on the preload over the fresh one: it is lost, never gained, except by heat."""
 
 STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BEFORE = range(8)
 HYPOTHESES = 8
-"""Slots of the bank: preload steady or falling; a step of the preload, of all friction, of the
-load, of the compliance beside the nut; and what was believed before the last such step."""
 CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING)
 STOP_CHALLENGERS = (LUBRICATION, LOAD)
-"""What is likelier after a stop."""
+"""Steps that are likelier after a stop."""
 
 SINCE_SPAWN_S, STOPPED_S, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
 INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
 MOMENTS = 8
-"""Indices of what the bank remembers beside its hypotheses: STOPPED_S is of a stop after which
-another load and lubricant are still to be tried; the last two are sums over the last half minute
-of J a times the torque's error, and of its square, (N m)^2 s."""
 
 
 class AxisModel(NamedTuple):
@@ -144,7 +174,7 @@ class Reading(NamedTuple):
     speed_rad_s: float
     table_m: float
     stretch_m: float
-    follows: bool = False  # whether it begins where the phase before has ended
+    follows: bool = False  # begins where the phase before has ended
 
 
 class Bank(NamedTuple):
@@ -162,7 +192,7 @@ class Bank(NamedTuple):
 
 
 def empty_bank(size: int) -> Bank:
-    """A bank of states of `size` in which nothing lives."""
+    """Bank of states (size,) in which no hypothesis lives."""
     return Bank(
         np.zeros((HYPOTHESES, size)),
         np.zeros((HYPOTHESES, size, size)),

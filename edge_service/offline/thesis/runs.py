@@ -8,7 +8,11 @@ import numpy as np
 
 from ...estimate.imm.filter_bank import LinearStep
 from ...estimate.imm.kalman import BankRun, BankStart, run_kalman_bank
-from ...estimate.imm.mode_transition import LEVELS_PERCENT, PRINTED_TRANSITION, scaled_transition
+from ...estimate.imm.mode_transition import (
+    LEVELS_PERCENT,
+    THESIS_MODE_TRANSITION,
+    scaled_mode_transition,
+)
 from ...estimate.imm.mode_weighting import PUBLISHED_EXPONENT, causal_moving_average, weighted_level
 from ...estimate.imm.sliding_innovation import run_sliding_innovation_bank
 from ...messages.samples import Floats
@@ -80,7 +84,7 @@ def bank_inputs(case: ThesisCase, run: ThesisRun) -> tuple[LinearStep, Floats, B
         process_noise=matrices.process_noise,
         observation=matrices.observation,
         measurement_noise=matrices.measurement_noise,
-        mode_transition=_scaled(case.step_s) if case.rescale else PRINTED_TRANSITION,
+        mode_transition=_scaled(case.step_s) if case.rescale else THESIS_MODE_TRANSITION,
     )
     size, modes = len(matrices.input), len(LEVELS)
     start = BankStart(np.zeros(size), START_VARIANCE * np.eye(size), np.full(modes, 1.0 / modes))
@@ -89,7 +93,7 @@ def bank_inputs(case: ThesisCase, run: ThesisRun) -> tuple[LinearStep, Floats, B
 
 @cache
 def _scaled(step_s: float) -> Floats:
-    return scaled_transition(PRINTED_TRANSITION, step_s)
+    return scaled_mode_transition(THESIS_MODE_TRANSITION, step_s)
 
 
 def run_case(case: ThesisCase, seed: int) -> tuple[ThesisRun, BankRun]:

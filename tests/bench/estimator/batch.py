@@ -8,7 +8,7 @@ import numpy.typing as npt
 from numba.typed import List
 
 from edge_service.estimate.mixture.state import AxisModel, Bank, Process, Reading
-from edge_service.estimate.mixture.step import take
+from edge_service.estimate.mixture.step import step
 from edge_service.messages.samples import Floats
 from edge_service.models.compiled import compiled
 
@@ -28,8 +28,8 @@ class MixtureBatch:
         self._banks, self._models, self._processes = map(List, zip(*rows, strict=True))
         self._count = len(rows)
 
-    def take(self, axes: npt.NDArray[np.int64], readings: Floats, elapsed_s: Floats) -> Floats:
-        """Take m phases in their order, as `step.take` would one by one.
+    def step(self, axes: npt.NDArray[np.int64], readings: Floats, elapsed_s: Floats) -> Floats:
+        """Take m phases in their order, as `step.step` would one by one.
 
         Args:
             axes: (m,) whose phase each is, 0 to n - 1.
@@ -37,7 +37,7 @@ class MixtureBatch:
             elapsed_s: (m,) since the same axis' phase before.
 
         Returns:
-            (m,) what `take` returns.
+            (m,) as `step` returns.
 
         Raises:
             ValueError: shapes that do not belong together, or an axis that is none.
@@ -59,10 +59,10 @@ def take_many(
     readings: Floats,
     elapsed_s: Floats,
 ) -> Floats:
-    """See MixtureBatch.take; nothing is checked here."""
+    """See MixtureBatch.step; nothing is checked here."""
     nis = np.empty(len(axes))
     for row in range(len(axes)):
         i, r = axes[row], readings[row]
         reading = Reading(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7] > 0.0)
-        nis[row] = take(banks[i], models[i], processes[i], reading, elapsed_s[row])
+        nis[row] = step(banks[i], models[i], processes[i], reading, elapsed_s[row])
     return nis

@@ -51,7 +51,7 @@ def count_false_alarms(runs: int, first_seed: int = 1000) -> FalseAlarms:
     count = min(len(phases.readings) for phases in axes)
     numbers, percent = np.arange(runs), np.empty((count, runs))
     for k in range(count):
-        batch.take(
+        batch.step(
             numbers,
             np.array([phases.readings[k] for phases in axes]),
             np.array([phases.elapsed_s[k] for phases in axes]),

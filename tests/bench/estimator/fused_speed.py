@@ -206,7 +206,7 @@ def _batch_s(machine: Machine, phases: Phases, axes: int, repeats: int, first: i
 def _feed(batch: MixtureBatch, phases: Phases, rows: slice, axes: int) -> None:
     """Give some phases to every axis, interleaved as they would arrive."""
     readings = phases.readings[rows]
-    batch.take(
+    batch.step(
         np.tile(np.arange(axes), len(readings)),
         np.repeat(readings, axes, axis=0),
         np.repeat(phases.elapsed_s[rows], axes),

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import median
 
-from edge_service.estimate.imm.engines import make_bank
+from edge_service.estimate.imm.engines import make_filter_bank
 from edge_service.estimate.imm.filter_bank import FilterBank, LinearStep
 from edge_service.estimate.imm.kalman import BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
@@ -55,8 +55,8 @@ def measure_estimator_speed(repeats: int = REPEATS) -> EstimatorSpeed:
         inputs = _single_inputs(step, drives, measurements, steps)
         return lambda: _feed(bank, start, inputs)
 
-    single = one_by_one(make_bank("kf-imm"), SINGLE_STEPS)
-    filterpy = one_by_one(make_bank("kf-imm", "filterpy"), FILTERPY_STEPS)
+    single = one_by_one(make_filter_bank("kf-imm"), SINGLE_STEPS)
+    filterpy = one_by_one(make_filter_bank("kf-imm", "filterpy"), FILTERPY_STEPS)
     return EstimatorSpeed(
         batch_steps_per_s=len(drives) / _median_duration_s(batch, repeats),
         single_steps_per_s=SINGLE_STEPS / _median_duration_s(single, repeats),

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.initial import begun
+from edge_service.estimate.mixture.initial import initial_bank
 from edge_service.estimate.mixture.state import AxisModel, Bank, Process
-from edge_service.estimate.mixture.step import take
+from edge_service.estimate.mixture.step import step
 
 from ...estimate.mixture_axis import FRESH, SETTINGS, Truth, parts, production
 from .batch import READING_SIZE, MixtureBatch
@@ -20,7 +20,7 @@ def axes() -> list[tuple[Bank, AxisModel, Process]]:
     rows = []
     for number in range(AXES):
         model, start, process = parts(one_encoder=False)
-        rows.append((begun(start, SETTINGS), model, process._replace(spawn_s=1.0 + number)))
+        rows.append((initial_bank(start, SETTINGS), model, process._replace(spawn_s=1.0 + number)))
     return rows
 
 
@@ -38,9 +38,9 @@ def test_a_batch_gives_the_bits_of_its_axes_one_by_one() -> None:
     elapsed_s = np.random.default_rng(6).choice([0.1, 0.2, 3.0], len(order), p=[0.9, 0.09, 0.01])
     together, alone = axes(), axes()
     table = np.array([[float(value) for value in r] for r in readings])
-    nis = MixtureBatch(together).take(order, table, elapsed_s)
+    nis = MixtureBatch(together).step(order, table, elapsed_s)
     expected = [
-        take(*alone[axis], r, s) for axis, r, s in zip(order, readings, elapsed_s, strict=True)
+        step(*alone[axis], r, s) for axis, r, s in zip(order, readings, elapsed_s, strict=True)
     ]
     np.testing.assert_array_equal(nis, expected)
     for (mine, _, _), (other, _, _) in zip(together, alone, strict=True):
@@ -63,7 +63,7 @@ def test_what_does_not_belong_together_is_refused(
 ) -> None:
     good = (np.arange(AXES), np.ones((AXES, READING_SIZE)), np.ones(AXES))
     with pytest.raises(ValueError, match=r"shapes|axes are"):
-        MixtureBatch(axes()).take(*spoil(*good))
+        MixtureBatch(axes()).step(*spoil(*good))
 
 
 def test_a_batch_without_axes_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""Ordinary behaviour of a channel: the step it makes and how long it holds a value."""
+"""Resolution of the encoders in way and in time, learned while they are believed."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from ..messages.arrays import decoded, encoded
 from ..messages.samples import Floats
 
 _FORGET = 1.0 + 1.0 / 256.0
-"""Growth per interval of what was least so far: a channel may become coarser."""
+"""Growth of the least step per interval: a channel may become coarser."""
 _SMOOTH = 1.0 / 16.0
 _LEAST_CHANGES = 5
 _HELD = 1.5
@@ -18,8 +18,8 @@ _HELD = 1.5
 
 
 @dataclass(slots=True)
-class Ordinary:
-    """A channel's own manner, learned while it is believed; NaN before.
+class ChannelResolution:
+    """Usual step and hold time of one channel; NaN before they are known.
 
     The least over the intervals is taken: motion only adds to the step, coarse steps at slow
     motion only add to the hold.
@@ -43,23 +43,23 @@ class Ordinary:
             self.hold_s = _less(self.hold_s, moved_s / len(steps))
 
     def way_m(self, speed_m_s: float) -> float:
-        """Most ordinary way between two steps, m; infinite while nothing is known."""
+        """Longest usual way between two steps, m; infinite while nothing is known."""
         way = self.step_m + self.hold_s * speed_m_s
         return math.inf if math.isnan(way) else way
 
 
 @dataclass(slots=True)
-class Manners:
-    """Behaviour of the position channels while they are believed."""
+class EncoderResolution:
+    """Resolution of both position channels, and the noise of their difference."""
 
-    table: Ordinary
-    angle: Ordinary
+    table: ChannelResolution
+    angle: ChannelResolution
     noise_m: float = 0.0
 
     @classmethod
-    def unknown(cls) -> "Manners":
+    def unknown(cls) -> "EncoderResolution":
         """Before the first interval."""
-        return cls(Ordinary(), Ordinary())
+        return cls(ChannelResolution(), ChannelResolution())
 
     def learn(self, table_m: Floats, way_m: Floats, moved_s: float) -> None:
         """Take both channels (n,) of an interval that is believed."""
@@ -69,7 +69,7 @@ class Manners:
         self.noise_m += _SMOOTH * (noise_m - self.noise_m)
 
     def run_m(self, speed_m_s: float) -> float:
-        """Most way during one value of either channel that may be ordinary, m."""
+        """Longest way during one value of either channel that resolution explains, m."""
         return 4.0 * (self.table.way_m(speed_m_s) + self.angle.way_m(speed_m_s))
 
     def lag_s(self, period_s: float) -> float:
@@ -84,10 +84,10 @@ class Manners:
         return encoded(np.array(numbers))
 
     @classmethod
-    def restored(cls, snapshot: Any) -> "Manners":
+    def restored(cls, snapshot: Any) -> "EncoderResolution":
         """From a snapshot."""
         numbers = decoded(snapshot, np.float64).tolist()
-        return cls(Ordinary(*numbers[:2]), Ordinary(*numbers[2:4]), numbers[4])
+        return cls(ChannelResolution(*numbers[:2]), ChannelResolution(*numbers[2:4]), numbers[4])
 
 
 def _middle(values: Floats) -> float:
