@@ -1,13 +1,13 @@
 """Agreement of the linear encoder with the way of the screw, within the limits of a sound axis."""
 
-from dataclasses import astuple, dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.arrays import decoded, encoded
 from ..messages.samples import Floats
+from ..messages.stored import Packed
 from .channel_limits import ChannelLimits
 from .rows import THETA, T, U, X
 
@@ -79,17 +79,15 @@ class Contact:
 
     Attributes:
         pushed_from_m: way of the screw at which it began to push; NaN while it does not.
-        closed: it went further since than play and stretch can hide.
     """
 
     direction: float = 0.0
     speed_m_s: float = np.nan
     time_s: float = np.nan
     pushed_from_m: float = np.nan
-    closed: bool = False
 
-    def follow(self, chunk: Chunk, limits: ChannelLimits, span_nm: float) -> None:
-        """Take the next piece of the motion."""
+    def follow(self, chunk: Chunk, limits: ChannelLimits, span_nm: float) -> bool:
+        """Take the next piece of the motion; True once it pushed beyond play and stretch."""
         along = np.sign(chunk.speed_m_s) * (not rests(chunk, limits))
         gained_m_s = (chunk.speed_m_s - self.speed_m_s) * along
         most_m_s = BRAKING_RAD_S2 * limits.ratio_m_per_rad * (chunk.time_s - self.time_s)
@@ -97,46 +95,66 @@ class Contact:
         pushing = pushing and gained_m_s >= -most_m_s
         self.direction, self.speed_m_s, self.time_s = float(along), chunk.speed_m_s, chunk.time_s
         if not pushing:
-            self.pushed_from_m, self.closed = np.nan, False
-        elif np.isnan(self.pushed_from_m):
+            self.pushed_from_m = np.nan
+            return False
+        if np.isnan(self.pushed_from_m):
             self.pushed_from_m = chunk.way_m
-        else:
-            hidden_m = limits.play_m + limits.stretch_m(max(span_nm, abs(chunk.torque_nm)))
-            self.closed = abs(chunk.way_m - self.pushed_from_m) >= hidden_m
+            return False
+        hidden_m = limits.play_m + limits.stretch_m(max(span_nm, abs(chunk.torque_nm)))
+        return bool(abs(chunk.way_m - self.pushed_from_m) >= hidden_m)
+
+
+@dataclass(slots=True)
+class AgreementState:
+    """Everything on which the next piece is compared, see Agreement.
+
+    Attributes:
+        contact: of the nut.
+        closed: no play can hide between the encoders.
+        anchors: earlier pieces by name.
+    """
+
+    contact: Annotated[Contact, Packed()]
+    closed: bool
+    anchors: dict[str, Annotated[Chunk, Packed()]]
 
 
 class Agreement:
-    """Compares both encoders with where they agreed before.
+    """Comparison of both encoders with earlier pieces at which they agreed.
 
     `held` is the last piece of pushed motion, `rest` the last one at rest: a reversal may add the
     play to them. `begun` is where the present push began and `newest` its last piece: nothing may
     be added to them but what goes with way, torque and speed.
     """
 
-    def __init__(self, limits: ChannelLimits) -> None:
+    def __init__(self, limits: ChannelLimits, state: AgreementState | None = None) -> None:
         self._limits = limits
-        self.forget()
+        self.state = state or AgreementState(Contact(), closed=False, anchors={})
 
     def forget(self) -> None:
         """Forget all earlier pieces."""
-        self._anchors: dict[str, Chunk] = {}
-        self.interrupt()
+        self.state = AgreementState(Contact(), closed=False, anchors={})
 
     def interrupt(self) -> None:
         """Take a gap: the present push may have ended."""
-        self._contact = Contact()
+        self.state.contact, self.state.closed = Contact(), False
         self._anchors.pop("begun", None)
         self._anchors.pop("newest", None)
 
     @property
+    def _anchors(self) -> dict[str, Chunk]:
+        return self.state.anchors
+
+    @property
     def closed(self) -> bool:
         """True while no play can hide between the encoders."""
-        return self._contact.closed
+        return self.state.closed
 
     def parted_m(self, chunk: Chunk, rough: Roughness) -> float:
         """Take the next piece; parting of the encoders beyond a sound axis' limits, m, or 0."""
-        self._contact.follow(chunk, self._limits, rough.span_nm)
-        if not self._contact.closed:
+        state = self.state
+        state.closed = state.contact.follow(chunk, self._limits, rough.span_nm)
+        if not state.closed:
             self._anchors.pop("begun", None)
             self._anchors.pop("newest", None)
         for anchor, play_m in self._compared(chunk):
@@ -183,27 +201,6 @@ class Agreement:
         self._anchors.setdefault("held", chunk)
         if rests(chunk, self._limits):
             self._anchors["rest"] = chunk
-        if self._contact.closed:
+        if self.closed:
             self._anchors.setdefault("begun", chunk)
             self._anchors["newest"] = self._anchors["held"] = chunk
-
-    def snapshot(self) -> dict[str, Any]:
-        """State as JSON-able values."""
-        contact = self._contact
-        numbers = [contact.direction, contact.speed_m_s, contact.time_s, contact.pushed_from_m]
-        return {
-            "contact": encoded(np.array(numbers)),
-            "closed": contact.closed,
-            "anchors": {
-                name: encoded(np.array(astuple(chunk))) for name, chunk in self._anchors.items()
-            },
-        }
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot."""
-        numbers = decoded(snapshot["contact"], np.float64).tolist()
-        self._contact = replace(Contact(*numbers), closed=bool(snapshot["closed"]))
-        self._anchors = {
-            name: Chunk(*decoded(text, np.float64).tolist())
-            for name, text in snapshot["anchors"].items()
-        }

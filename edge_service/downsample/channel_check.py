@@ -4,15 +4,15 @@ A channel that fails is doubted at once; the linear encoder is believed again af
 the screw for a while, and its level counts as new then.
 """
 
-from dataclasses import astuple, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..messages.arrays import decoded, encoded
 from ..messages.features import Fault
 from ..messages.samples import Floats
-from .agreement import Agreement, Chunk, Roughness, chunks_of, rests
+from ..messages.stored import Packed, Stored
+from .agreement import Agreement, AgreementState, Chunk, Roughness, chunks_of, rests
 from .channel_limits import ChannelLimits
 from .encoder_resolution import EncoderResolution
 from .repeats import OpenRun, followed, standing
@@ -82,6 +82,38 @@ class _Trial:
             self.needed_s, self.since_s, self.returned = 0.0, 0.0, True
 
 
+@dataclass(slots=True)
+class _Runs:
+    """Runs of repeated values in which the channels end."""
+
+    table: OpenRun
+    angle: OpenRun
+
+
+@dataclass(slots=True)
+class _Torque:
+    """Least and most torque of the interval before, and the value at which it is stuck, N m."""
+
+    least: float = np.nan
+    most: float = np.nan
+    stuck: float = np.nan
+
+
+@dataclass(slots=True)
+class _State:
+    """Everything on which the next interval is checked, by the keys of a snapshot."""
+
+    agreement: AgreementState
+    level: AgreementState
+    manners: Annotated[EncoderResolution, Packed()]
+    trial: Annotated[_Trial, Packed()]
+    runs: Annotated[_Runs, Packed()]
+    torque: Annotated[_Torque, Packed()]
+
+
+_STORED: Stored[_State] = Stored(_State)
+
+
 class ChannelCheck:
     """Check of the channels of one axis against the limits of a sound one."""
 
@@ -94,14 +126,12 @@ class ChannelCheck:
         """Begin anew, as on a new clock."""
         self._agreement, self._level = Agreement(self._limits), Agreement(self._limits)
         self._resolution, self._trial = EncoderResolution.unknown(), _Trial()
-        self._table_run, self._angle_run = OpenRun(), OpenRun()
-        self._torque = (np.nan, np.nan)  # least and most in the interval before
-        self._stuck_torque_nm = np.nan
+        self._runs, self._torque = _Runs(OpenRun(), OpenRun()), _Torque()
 
     def interrupt(self) -> None:
         """Take a gap: nothing that continues from row to row is known."""
         self._agreement.interrupt()
-        self._angle_run = OpenRun()
+        self._runs.angle = OpenRun()
 
     def check(self, inside: Floats, ahead: Floats) -> Verdict:
         """Check the positions of an interval.
@@ -117,29 +147,29 @@ class ChannelCheck:
             return self._without_table(inside, way)
         self._trial.missing_s = 0.0
         verdict = self._check_both(inside, ahead, way, span_nm)
-        self._table_run = followed(table[:-1], way[:-1], self._table_run)
-        self._angle_run = followed(way[:-1], table[:-1], self._angle_run)
+        self._runs.table = followed(table[:-1], way[:-1], self._runs.table)
+        self._runs.angle = followed(way[:-1], table[:-1], self._runs.angle)
         return verdict
 
     def torque_stays(self, torque: Floats, stuck: bool) -> bool:
         """True if torque (n,) of an interval continues with the value that it was stuck at."""
-        goes_on = bool(torque[0] == self._stuck_torque_nm)
+        goes_on = bool(torque[0] == self._torque.stuck)
         whole = goes_on and bool((torque == torque[0]).all())
-        self._stuck_torque_nm = float(torque[-1]) if stuck or whole else np.nan
+        self._torque.stuck = float(torque[-1]) if stuck or whole else np.nan
         return goes_on
 
     def _torque_span(self, torque: Floats) -> float:
         """Span between the least and the most torque of this interval and the one before, N m."""
         least, most = float(torque.min()), float(torque.max())
-        low, high = np.fmin(least, self._torque[0]), np.fmax(most, self._torque[1])
-        self._torque = (least, most)
+        low, high = np.fmin(least, self._torque.least), np.fmax(most, self._torque.most)
+        self._torque.least, self._torque.most = least, most
         return float(high - low)
 
     def _without_table(self, inside: Floats, way: Floats) -> Verdict:
         known = np.flatnonzero(~np.isnan(inside[:-1, X]))
         if known.size:
-            self._table_run = followed(inside[known, X], way[known], self._table_run)
-        self._angle_run = OpenRun()
+            self._runs.table = followed(inside[known, X], way[known], self._runs.table)
+        self._runs.angle = OpenRun()
         self._agreement.interrupt()
         self._trial.missing_s += float(inside[-1, T] - inside[0, T])
         if self._trial.missing_s >= LOST_S:
@@ -155,7 +185,7 @@ class ChannelCheck:
         speed_m_s = max(abs(piece.speed_m_s) for piece in pieces)
         resolution_m, stretch_m = resolution.run_m(speed_m_s), limits.stretch_m(span_nm)
         coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
-        angle_m = standing(way, table, 1.0, self._angle_run).caught_up_m
+        angle_m = standing(way, table, 1.0, self._runs.angle).caught_up_m
         if angle_m > limits.play_m + limits.growth_m(np.inf) + stretch_m + coarse_m:
             self._agreement.interrupt()
             return self._verdict(Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
@@ -164,7 +194,7 @@ class ChannelCheck:
             np.concatenate([table, later[:, X]]),
             np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad]),
             1.0,
-            self._table_run,
+            self._runs.table,
         )
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
         rough = Roughness(resolution.noise_m, resolution.lag_s(period_s), span_nm)
@@ -223,27 +253,20 @@ class ChannelCheck:
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values."""
-        table, angle = astuple(self._table_run), astuple(self._angle_run)
-        return {
-            "agreement": self._agreement.snapshot(),
-            "level": self._level.snapshot(),
-            "manners": self._resolution.snapshot(),
-            "trial": encoded(np.array(astuple(self._trial), dtype=np.float64)),
-            "runs": encoded(np.array([table, angle], dtype=np.float64)),
-            "torque": encoded(np.array([*self._torque, self._stuck_torque_nm])),
-        }
+        state = _State(
+            agreement=self._agreement.state,
+            level=self._level.state,
+            manners=self._resolution,
+            trial=self._trial,
+            runs=self._runs,
+            torque=self._torque,
+        )
+        return dict(_STORED.dump(state))
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot."""
-        self._agreement.restore(snapshot["agreement"])
-        self._level.restore(snapshot["level"])
-        self._resolution = EncoderResolution.restored(snapshot["manners"])
-        numbers = decoded(snapshot["trial"], np.float64).tolist()
-        self._trial = _Trial(*numbers)
-        self._trial.elsewhere, self._trial.returned = bool(numbers[-2]), bool(numbers[-1])
-        runs = decoded(snapshot["runs"], np.float64).reshape(2, -1).tolist()
-        self._table_run, self._angle_run = (
-            OpenRun(value, int(rows), low, high) for value, rows, low, high in runs
-        )
-        least, most, stuck = decoded(snapshot["torque"], np.float64).tolist()
-        self._torque, self._stuck_torque_nm = (least, most), stuck
+        """Continue from a snapshot; ValueError if it is none."""
+        state = _STORED.load(snapshot)
+        self._agreement = Agreement(self._limits, state.agreement)
+        self._level = Agreement(self._limits, state.level)
+        self._resolution, self._trial = state.manners, state.trial
+        self._runs, self._torque = state.runs, state.torque

@@ -12,12 +12,14 @@ from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.quality import is_uncertain
 from ..messages.samples import Floats, SampleFrame
+from ..messages.stored import Stored
 from .channel_check import ChannelCheck
 from .channel_limits import ChannelLimits
 from .rows import RowCounters, RowScreen, Screened, T, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
 _SNAPSHOT_SCHEMA = "downsampler/2"
+_SCREEN: Stored[RowScreen | None] = Stored(RowScreen | None)
 _LEARN_ROWS = 16  # rows from which the native period is learned
 _DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}
 _LEAST_SAMPLES = 5  # in an interval, for the torque held between them to be a fair picture
@@ -123,7 +125,7 @@ class Downsampler:
         segment = self._segment
         return {
             "schema": _SNAPSHOT_SCHEMA,
-            "screen": None if self._screen is None else self._screen.snapshot(),
+            "screen": _SCREEN.dump(self._screen),
             "rows": encoded(segment.rows),
             "fault": encoded(segment.fault),
             "first": segment.first,
@@ -145,8 +147,7 @@ class Downsampler:
         """Go on from a snapshot; ValueError if it is none."""
         if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
-        told = snapshot["screen"]
-        self._screen = None if told is None else RowScreen.restored(told)
+        self._screen = _SCREEN.load(snapshot["screen"])
         since_s = float(decoded(snapshot["moving_since_s"], np.float64)[0])
         self._segment = _Segment(
             decoded(snapshot["rows"], np.float64).reshape(-1, 8),
@@ -169,7 +170,7 @@ class Downsampler:
         if len(frame) == 0:
             return []
         if self._screen is None:
-            self._screen = RowScreen(has_torque=TORQUE in frame.channels)
+            self._screen = RowScreen.fresh(has_torque=TORQUE in frame.channels)
             if not {ANGLE, TABLE_POSITION} <= set(frame.channels):
                 self._expected_faults = ~_OF_TABLE  # one encoder only: nothing is missing
         self._note_doubts(frame)

@@ -2,11 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ..messages.arrays import decoded, encoded
 from ..messages.samples import Floats
 
 _FORGET = 1.0 + 1.0 / 256.0
@@ -76,18 +74,6 @@ class EncoderResolution:
         """Lag of a channel slower than the rows, s."""
         held = [each.hold_s for each in (self.table, self.angle) if each.hold_s > _HELD * period_s]
         return sum(held)
-
-    def snapshot(self) -> str:
-        """State as text."""
-        table, angle = self.table, self.angle
-        numbers = [table.step_m, table.hold_s, angle.step_m, angle.hold_s, self.noise_m]
-        return encoded(np.array(numbers))
-
-    @classmethod
-    def restored(cls, snapshot: Any) -> "EncoderResolution":
-        """From a snapshot."""
-        numbers = decoded(snapshot, np.float64).tolist()
-        return cls(ChannelResolution(*numbers[:2]), ChannelResolution(*numbers[2:4]), numbers[4])
 
 
 def _middle(values: Floats) -> float:

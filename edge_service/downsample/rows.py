@@ -1,7 +1,6 @@
 """Sample frames as rows of one table, and the faults of time that part them."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +17,7 @@ from ..messages.channels import (
 from ..messages.features import Fault
 from ..messages.row_faults import WILDEST, ClockPart, clock_parts
 from ..messages.samples import Floats, SampleFrame
+from ..messages.stored import Since
 
 T, U, THETA, X, OMEGA, SET, TEMP, FORCE = range(8)
 """Columns of a table of rows: time, torque, angle, table, speed, setpoint, temperature, force."""
@@ -71,53 +71,49 @@ class Screened:
     missing: tuple[tuple[float, Fault], ...] = ()  # time and fault of rows without a needed value
 
 
+@dataclass(slots=True)
 class RowScreen:
-    """Screen that sets aside rows without time or values, repeats and rows out of order."""
+    """Screen that sets aside rows without time or values, repeats and rows out of order.
 
-    def __init__(self, has_torque: bool) -> None:
-        self.counters = RowCounters()
-        self._required = [THETA, U] if has_torque else [THETA]
-        self._newest_s = -np.inf
-        self._pending = 0
+    Attributes:
+        has_torque: rows without torque are set aside too.
+        newest_s: time of the newest row.
+        pending: bits of Fault found since the last good row.
+    """
 
-    def snapshot(self) -> dict[str, Any]:
-        """State as JSON-able values."""
-        return {
-            "has_torque": U in self._required,
-            "newest_s": None if self._newest_s == -np.inf else self._newest_s,
-            "pending": self._pending,
-            "counters": asdict(self.counters),
-        }
+    has_torque: bool
+    newest_s: Since
+    pending: int
+    counters: RowCounters
 
     @classmethod
-    def restored(cls, snapshot: dict[str, Any]) -> "RowScreen":
-        """A screen that goes on from a snapshot."""
-        screen = cls(bool(snapshot["has_torque"]))
-        newest_s = snapshot["newest_s"]
-        screen._newest_s = -np.inf if newest_s is None else float(newest_s)
-        screen._pending = int(snapshot["pending"])
-        screen.counters = RowCounters(**snapshot["counters"])
-        return screen
+    def fresh(cls, has_torque: bool) -> "RowScreen":
+        """Screen before the first row."""
+        return cls(has_torque, -np.inf, 0, RowCounters())
+
+    @property
+    def _required(self) -> list[int]:
+        return [THETA, U] if self.has_torque else [THETA]
 
     def split(self, rows: Floats) -> list[Screened]:
         """Screen rows in the order of arrival; a new clock starts a new element."""
         self.counters.rows += len(rows)
         if self._is_faultless(rows):
-            self._newest_s = float(rows[-1, T])
+            self.newest_s = float(rows[-1, T])
             return [Screened(rows, np.zeros(len(rows), dtype=np.int64), new_clock=False)]
         parts = []
-        for part in clock_parts(rows[:, T], self._newest_s):
+        for part in clock_parts(rows[:, T], self.newest_s):
             if part.new_clock:
                 self.counters.clock_resets += 1
-                self._pending = int(Fault.TIME_BACKWARDS)
+                self.pending = int(Fault.TIME_BACKWARDS)
             parts.append(self._screen(rows[part.rows], part))
         return parts
 
     def _is_faultless(self, rows: Floats) -> bool:
         """True if no row has to be set aside: by far the most frequent case."""
         time_s = rows[:, T]
-        rising = time_s[0] > self._newest_s and bool((np.diff(time_s) > 0.0).all())
-        return rising and not self._pending and not np.isnan(rows[:, self._required]).any()
+        rising = time_s[0] > self.newest_s and bool((np.diff(time_s) > 0.0).all())
+        return rising and not self.pending and not np.isnan(rows[:, self._required]).any()
 
     def _screen(self, rows: Floats, part: ClockPart) -> Screened:
         repeated, backwards = part.repeated, part.backwards
@@ -127,7 +123,7 @@ class RowScreen:
         self.counters.repeated += int(repeated.sum())
         self.counters.out_of_order += int(backwards.sum())
         self.counters.missing_value += int(missing.sum())
-        self._newest_s = part.newest_s
+        self.newest_s = part.newest_s
         bits = (
             repeated * int(Fault.REPEAT)
             | backwards * int(Fault.TIME_BACKWARDS)
@@ -148,11 +144,11 @@ class RowScreen:
         keep = np.flatnonzero(bits == 0)
         fault = np.zeros(len(keep), dtype=np.int64)
         if len(keep):
-            fault[0], self._pending = self._pending, 0
+            fault[0], self.pending = self.pending, 0
         faulty = np.flatnonzero(bits)
         for index, follower in zip(faulty, np.searchsorted(keep, faulty), strict=True):
             if follower < len(keep):
                 fault[follower] |= bits[index]
             else:
-                self._pending |= int(bits[index])
+                self.pending |= int(bits[index])
         return rows[keep], fault

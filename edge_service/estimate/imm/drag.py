@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...messages.features import FeatureBlock
+from ...messages.stored import Decimals, Number, Stored
 from ...models.machine import Machine
 
 _STATES = 5
@@ -55,6 +56,24 @@ class DragSettings:
     correlation: float = 4.0
 
 
+@dataclass(slots=True)
+class _State:
+    """Everything on which the next update depends; see DragFilter."""
+
+    state: Decimals
+    covariance: Decimals
+    noise_var: float
+    greatest_nm: float
+    last_innovation: float
+    haste: float
+    surprises: int
+    count: int
+    nis: Number
+
+
+_STORED: Stored[_State] = Stored(_State)
+
+
 class DragFilter:
     """Drag torque and its standard deviation from informative intervals.
 
@@ -71,21 +90,22 @@ class DragFilter:
     def reset(self) -> None:
         """Forget everything."""
         model = self._machine.model
-        self._state = np.array(
-            [0.0, 0.0, model.viscous_nm_s_per_rad.value, 0.0, model.inertia_kg_m2.value]
+        mean = [0.0, 0.0, model.viscous_nm_s_per_rad.value, 0.0, model.inertia_kg_m2.value]
+        self._now = _State(
+            state=np.array(mean),
+            covariance=np.zeros((_STATES, _STATES)),
+            noise_var=0.0,
+            greatest_nm=0.0,
+            last_innovation=0.0,
+            haste=1.0,
+            surprises=0,
+            count=0,
+            nis=float("nan"),
         )
-        self._covariance = np.zeros((_STATES, _STATES))
-        self._noise_var = 0.0
-        self._greatest_nm = 0.0
-        self._last_innovation = 0.0
-        self._haste = 1.0
-        self._surprises = 0
-        self.count = 0
-        self.nis = float("nan")
 
     def update(self, block: FeatureBlock, elapsed_s: float) -> None:
         """Take an informative interval, `elapsed_s` after the one before."""
-        duration = block.duration_s
+        now, duration = self._now, block.duration_s
         speed = (block.angle_end_rad - block.angle_start_rad) / duration
         regressor = np.array(
             [
@@ -96,14 +116,14 @@ class DragFilter:
                 (block.speed_end_rad_s - block.speed_start_rad_s) / duration,
             ]
         )
-        known = float(regressor[2:] @ self._state[2:])
-        if self.count == 0:
+        known = float(regressor[2:] @ now.state[2:])
+        if now.count == 0:
             self._begin(block.torque_mean_nm - known, abs(speed))
-        self._greatest_nm = max(self._greatest_nm, abs(self.drag_nm))
-        wander_nm = self._haste * self._settings.wander_per_sqrt_s * self._greatest_nm
-        self._covariance[_DRAG, _DRAG] += wander_nm**2 * elapsed_s
-        self._correct(regressor, block.torque_mean_nm - float(regressor @ self._state))
-        self.count += 1
+        now.greatest_nm = max(now.greatest_nm, abs(self.drag_nm))
+        wander_nm = now.haste * self._settings.wander_per_sqrt_s * now.greatest_nm
+        now.covariance[_DRAG, _DRAG] += wander_nm**2 * elapsed_s
+        self._correct(regressor, block.torque_mean_nm - float(regressor @ now.state))
+        now.count += 1
 
     def _begin(self, friction_nm: float, speed: float) -> None:
         model, scale = self._machine.model, max(abs(friction_nm), 1e-9)
@@ -118,27 +138,28 @@ class DragFilter:
                 model.inertia_kg_m2.sigma,
             ]
         )
-        self._covariance = np.diag(sigma**2)
-        self._noise_var = (0.2 * scale) ** 2
+        self._now.covariance = np.diag(sigma**2)
+        self._now.noise_var = (0.2 * scale) ** 2
 
     def _correct(self, regressor: np.ndarray[Any, Any], innovation: float) -> None:
-        projected = self._covariance @ regressor
+        now = self._now
+        projected = now.covariance @ regressor
         predicted_var = float(regressor @ projected)
-        innovation_var = predicted_var + self._settings.correlation * self._noise_var
-        self.nis = innovation**2 / (predicted_var + self._noise_var)
-        self._surprises = self._surprises + 1 if self.nis > SURPRISE_NIS else 0
-        if self._surprises >= SURPRISES_OF_A_JUMP:  # believe the new level, keep the constants
-            self._covariance[_DRAG, _DRAG] += innovation**2
-            self._surprises = 0
+        innovation_var = predicted_var + self._settings.correlation * now.noise_var
+        now.nis = innovation**2 / (predicted_var + now.noise_var)
+        now.surprises = now.surprises + 1 if now.nis > SURPRISE_NIS else 0
+        if now.surprises >= SURPRISES_OF_A_JUMP:  # believe the new level, keep the constants
+            now.covariance[_DRAG, _DRAG] += innovation**2
+            now.surprises = 0
             self._correct(regressor, innovation)
             return
-        if self._surprises:  # perhaps an outlier: it must not move the constants
+        if now.surprises:  # perhaps an outlier: it must not move the constants
             return
         gain = projected / innovation_var
-        self._state = self._state + gain * innovation
+        now.state = now.state + gain * innovation
         reduced = np.eye(_STATES) - np.outer(gain, regressor)
-        noise = self._settings.correlation * self._noise_var
-        self._covariance = reduced @ self._covariance @ reduced.T + np.outer(gain, gain) * noise
+        noise = self._settings.correlation * now.noise_var
+        now.covariance = reduced @ now.covariance @ reduced.T + np.outer(gain, gain) * noise
         self._learn(innovation)
 
     def _learn(self, innovation: float) -> None:
@@ -147,52 +168,40 @@ class DragFilter:
         A difference holds twice the noise whatever the drag does slowly; a positive product says
         that the drag runs away from the filter (Mehra 1970), which then follows faster.
         """
-        if self.count > _STATES:
-            share = 1.0 / min(self.count - _STATES + 2.0, self._settings.noise_memory)
-            seen = 0.5 * (innovation - self._last_innovation) ** 2
-            self._noise_var += share * (seen - self._noise_var)
-            lag = innovation * self._last_innovation / max(self._noise_var, 1e-300)
+        now = self._now
+        if now.count > _STATES:
+            share = 1.0 / min(now.count - _STATES + 2.0, self._settings.noise_memory)
+            seen = 0.5 * (innovation - now.last_innovation) ** 2
+            now.noise_var += share * (seen - now.noise_var)
+            lag = innovation * now.last_innovation / max(now.noise_var, 1e-300)
             rate = float(np.clip(lag, -1.0, 1.0)) * self._settings.wander_adaption
-            self._haste = float(np.clip(self._haste * np.exp(rate), *self._settings.haste_bounds))
-        self._last_innovation = innovation
+            now.haste = float(np.clip(now.haste * np.exp(rate), *self._settings.haste_bounds))
+        now.last_innovation = innovation
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared of the last interval; NaN before the first."""
+        return self._now.nis
 
     @property
     def drag_nm(self) -> float:
         """Coulomb torque at the motor shaft, N m."""
-        return float(self._state[_DRAG])
+        return float(self._now.state[_DRAG])
 
     @property
     def sigma_nm(self) -> float:
         """Its standard deviation, N m."""
-        return float(np.sqrt(self._covariance[_DRAG, _DRAG]))
+        return float(np.sqrt(self._now.covariance[_DRAG, _DRAG]))
 
     @property
     def friction_shift_nm(self) -> float:
         """Offset that acts the same way in both directions, N m."""
-        return float(self._state[1])
+        return float(self._now.state[1])
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values."""
-        return {
-            "state": self._state.tolist(),
-            "covariance": self._covariance.tolist(),
-            "noise_var": self._noise_var,
-            "greatest_nm": self._greatest_nm,
-            "last_innovation": self._last_innovation,
-            "haste": self._haste,
-            "surprises": self._surprises,
-            "count": self.count,
-            "nis": None if np.isnan(self.nis) else self.nis,
-        }
+        return dict(_STORED.dump(self._now))
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot."""
-        self._state = np.array(snapshot["state"], dtype=np.float64)
-        self._covariance = np.array(snapshot["covariance"], dtype=np.float64)
-        self._noise_var = float(snapshot["noise_var"])
-        self._greatest_nm = float(snapshot["greatest_nm"])
-        self._last_innovation = float(snapshot["last_innovation"])
-        self._haste = float(snapshot["haste"])
-        self._surprises = int(snapshot["surprises"])
-        self.count = int(snapshot["count"])
-        self.nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
+        """Continue from a snapshot; ValueError if it is none."""
+        self._now = _STORED.load(snapshot)

@@ -7,7 +7,6 @@ friction is that of the speed, and intervals in which the axis rests or turns ro
 (the bank's mode probabilities rest with it: a screw does not wear while it stands still).
 """
 
-from collections import deque
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal
@@ -17,6 +16,7 @@ import numpy as np
 from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
+from ...messages.stored import Decimals, Number, Stored
 from ...models.machine import Machine
 from ..validity import Validity, ValiditySettings
 from .drag import DragFilter, DragSettings
@@ -61,6 +61,28 @@ class ImmSettings:
     validity: ValiditySettings = field(default_factory=ValiditySettings)
 
 
+@dataclass(slots=True)
+class _State:
+    """Everything on which the next interval depends, but for drag filter, bank and validity.
+
+    Attributes:
+        probability: mode probabilities after the last interval, (r,).
+        recent: durations, s, and mode probabilities within the window.
+        last_end_s: end of the last informative interval, s.
+        stopped_s: length of a stop before the next interval, s.
+        nis: normalised innovation squared of the last step.
+    """
+
+    probability: Decimals
+    recent: list[tuple[float, Decimals]]
+    last_end_s: float | None
+    stopped_s: float
+    nis: Number
+
+
+_STORED: Stored[_State] = Stored(_State)
+
+
 class ImmPreloadEstimator:
     """Preload and drag of one axis from its feature blocks (see interface.PreloadEstimator).
 
@@ -89,11 +111,8 @@ class ImmPreloadEstimator:
         """Forget everything."""
         self._drag.reset()
         self._validity = Validity(self._settings.validity, self._settings.excitation.hold_s)
-        self._probability = np.full(len(self._levels), 1.0 / len(self._levels))
-        self._recent: deque[tuple[float, Floats]] = deque()
-        self._last_end_s: float | None = None
-        self._stopped_s = 0.0
-        self._nis = float("nan")
+        alike = np.full(len(self._levels), 1.0 / len(self._levels))
+        self._now = _State(alike, [], last_end_s=None, stopped_s=0.0, nis=float("nan"))
 
     def interrupt(self) -> None:
         """Withdraw the number until motion comes: no data for longer than a number may stand."""
@@ -102,8 +121,8 @@ class ImmPreloadEstimator:
     def resume(self, stopped_s: float) -> None:
         """Continue after an unobserved stop, on a clock of its own: the drag has wandered."""
         self._validity.interrupt()
-        self._recent.clear()
-        self._last_end_s, self._stopped_s = None, max(stopped_s, 0.0)
+        self._now.recent.clear()
+        self._now.last_end_s, self._now.stopped_s = None, max(stopped_s, 0.0)
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
@@ -112,7 +131,7 @@ class ImmPreloadEstimator:
             self._drag.update(block, self._since_last(block))
             if self._per_percent is not None:
                 self._step_bank(block)
-            self._last_end_s, self._stopped_s = block.time_s, 0.0
+            self._now.last_end_s, self._now.stopped_s = block.time_s, 0.0
         self._validity.update(block, used, self._surprise() if used else None)
 
     def _surprise(self) -> float:
@@ -122,31 +141,36 @@ class ImmPreloadEstimator:
             return max(0.0, -drag / sigma) ** 2 if sigma > 0.0 else 0.0
         percent = self._direct_percent(self._per_percent)
         beyond = percent - min(max(percent, min(LEVELS_PERCENT)), max(LEVELS_PERCENT))
-        return max(self._nis, (beyond / BEYOND_LEVELS_PERCENT) ** 2)
+        return max(self._now.nis, (beyond / BEYOND_LEVELS_PERCENT) ** 2)
 
     def _direct_percent(self, per_percent: float) -> float:
         """Preload that the drag filter's drag stands for, percent."""
         return (self._drag.drag_nm - self._machine.other_drag_nm.value) / per_percent
 
     def _since_last(self, block: FeatureBlock) -> float:
-        if self._last_end_s is None:
-            return block.duration_s + self._stopped_s
-        return max(block.duration_s, block.time_s - self._last_end_s)
+        if self._now.last_end_s is None:
+            return block.duration_s + self._now.stopped_s
+        return max(block.duration_s, block.time_s - self._now.last_end_s)
 
     def _step_bank(self, block: FeatureBlock) -> None:
         start_s = block.time_s - block.duration_s
-        if self._last_end_s is None or abs(start_s - self._last_end_s) > 0.5 * block.duration_s:
+        if (
+            self._now.last_end_s is None
+            or abs(start_s - self._now.last_end_s) > 0.5 * block.duration_s
+        ):
             state, covariance = self._balance.start(block)
-            self._bank.reset(state, covariance, self._probability)
+            self._bank.reset(state, covariance, self._now.probability)
         step, measurement = self._balance.step(block, _mode_transition(round(block.duration_s, 6)))
         output = self._bank.step(step, measurement)
-        self._probability = output.mode_probability
-        self._nis = float(output.nis.min()) / len(measurement)
-        self._recent.append((block.duration_s, output.mode_probability))
-        while sum(duration for duration, _ in self._recent) > self._settings.window_s * (1 + 1e-9):
-            if len(self._recent) == 1:
+        self._now.probability = output.mode_probability
+        self._now.nis = float(output.nis.min()) / len(measurement)
+        self._now.recent.append((block.duration_s, output.mode_probability))
+        while sum(duration for duration, _ in self._now.recent) > self._settings.window_s * (
+            1 + 1e-9
+        ):
+            if len(self._now.recent) == 1:
                 break
-            self._recent.popleft()
+            self._now.recent.pop(0)
 
     def estimate(self) -> PreloadEstimate:
         """Estimate after the last interval."""
@@ -196,7 +220,7 @@ class ImmPreloadEstimator:
                 for level, value in zip(self._levels, probability, strict=True)
             },
             data_used_s=self._validity.informative_s,
-            nis=self._nis,
+            nis=self._now.nis,
             reasons=(*reasons, *self._caveats()),
         )
 
@@ -207,8 +231,8 @@ class ImmPreloadEstimator:
         return (f"effects_unused: this estimator does not use the machine file's {names}",)
 
     def _smoothed(self) -> Floats:
-        durations = np.array([duration for duration, _ in self._recent])
-        return np.asarray(durations @ np.array([p for _, p in self._recent]) / durations.sum())
+        durations = np.array([duration for duration, _ in self._now.recent])
+        return np.asarray(durations @ np.array([p for _, p in self._now.recent]) / durations.sum())
 
     def _percent_interval(self, percent: float) -> tuple[float, float]:
         """95 % interval that holds both the bank's reading and the drag filter's.
@@ -233,31 +257,22 @@ class ImmPreloadEstimator:
         return Interval(value=value, low=value - reach, high=value + reach)
 
     def snapshot(self) -> dict[str, Any]:
-        """The whole state as JSON-able values."""
+        """Whole state as JSON-able values."""
         return {
             "schema": _SNAPSHOT_SCHEMA,
             "drag": self._drag.snapshot(),
             "validity": self._validity.snapshot(),
-            "probability": self._probability.tolist(),
-            "recent": [(duration, p.tolist()) for duration, p in self._recent],
-            "last_end_s": self._last_end_s,
-            "stopped_s": self._stopped_s,
-            "nis": None if np.isnan(self._nis) else self._nis,
+            **_STORED.dump(self._now),
             "bank": None if self._per_percent is None else self._bank.snapshot(),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot; ValueError if it is none of this estimator's."""
+        """Continue from a snapshot; ValueError if it is none of this estimator's."""
         if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
+        now = _STORED.load(snapshot)
         self._drag.restore(snapshot["drag"])
         self._validity.restore(snapshot["validity"])
-        self._probability = np.array(snapshot["probability"], dtype=np.float64)
-        self._recent = deque(
-            (float(d), np.array(p, dtype=np.float64)) for d, p in snapshot["recent"]
-        )
-        self._last_end_s = snapshot["last_end_s"]
-        self._stopped_s = float(snapshot["stopped_s"])
-        self._nis = float("nan") if snapshot["nis"] is None else float(snapshot["nis"])
         if self._per_percent is not None:
             self._bank.restore(snapshot["bank"])
+        self._now = now

@@ -1,6 +1,6 @@
 """A bank of linear filters, one per mode, that interact (IMM; thesis, section 4.4.3)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -132,34 +132,12 @@ def check_result(*results: Floats) -> None:
         raise ValueError("step: the result is not finite; the bank keeps its state")
 
 
-def snapshot_of(states: Floats, covariances: Floats, log_probability: Floats) -> dict[str, Any]:
-    """State of a bank as JSON-able values; a probability of zero (log -inf) is None.
-
-    Args:
-        states: (r, n).
-        covariances: (r, n, n).
-        log_probability: (r,).
-    """
-    logs = [float(value) if np.isfinite(value) else None for value in log_probability]
-    return {
-        "states": states.tolist(),
-        "covariances": covariances.tolist(),
-        "log_mode_probability": logs,
-    }
-
-
-def arrays_of(snapshot: Mapping[str, Any]) -> tuple[Floats, Floats, Floats]:
-    """States (r, n), covariances (r, n, n) and log probabilities (r,) of a snapshot."""
-    try:
-        states = np.array(snapshot["states"], dtype=np.float64)
-        covariances = np.array(snapshot["covariances"], dtype=np.float64)
-        logs: Sequence[float | None] = snapshot["log_mode_probability"]
-        log_probability = np.array([-np.inf if value is None else value for value in logs])
-        modes, size = states.shape
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"snapshot: not one of a filter bank ({error})") from error
+def check_snapshot(states: Floats, covariances: Floats, probability: Floats) -> None:
+    """Raise ValueError unless the arrays of a snapshot fit together, (r, n), (r, n, n) and (r,)."""
+    if states.ndim != 2:
+        raise ValueError(f"snapshot states: shape {states.shape}, expected (modes, states)")
+    modes, size = states.shape
     check_array("snapshot states", states, (modes, size))
     check_array("snapshot covariances", covariances, (modes, size, size))
-    if log_probability.shape != (modes,) or not (log_probability <= 0.0).all():
-        raise ValueError("snapshot: log_mode_probability must hold one log per mode")
-    return states, covariances, log_probability
+    if probability.shape != (modes,) or np.isnan(probability).any():
+        raise ValueError("snapshot: one probability per mode is needed")

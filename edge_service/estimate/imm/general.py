@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
+from ...messages.stored import Decimals, Logarithms
 from .filter_bank import BankOutput, LinearStep
 
 LOG_2PI = float(np.log(2.0 * np.pi))
@@ -17,9 +18,9 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 class BankState:
     """State of a bank: states (r, n), covariances (r, n, n), log mu_j (r,)."""
 
-    states: Floats
-    covariances: Floats
-    log_probability: Floats
+    states: Decimals
+    covariances: Decimals
+    log_mode_probability: Logarithms
 
 
 def advance(
@@ -32,7 +33,7 @@ def advance(
 
     Raises numpy's LinAlgError if an innovation covariance is not positive definite.
     """
-    weight, log_cbar = _mixing_weights(prior.log_probability, step.mode_transition)
+    weight, log_cbar = _mixing_weights(prior.log_mode_probability, step.mode_transition)
     mixed = [_moments(weight[:, j], prior.states, prior.covariances) for j in range(len(weight))]
     states = np.array([mean for mean, _ in mixed]) @ step.transition.T + step.drive
     covariances = np.array([covariance for _, covariance in mixed])

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...messages.samples import Floats
+from ...messages.stored import Stored
 from . import filter_bank, general, kernel
 from .filter_bank import BankOutput, LinearStep
 from .general import BankState
 
+_STORED: Stored[BankState] = Stored(BankState)
 KALMAN: Floats = np.zeros(0)
 """Boundary that selects Kalman gains."""
 _NO_LIKELIHOOD = "an innovation covariance is not positive definite, or an innovation overflows"
@@ -79,14 +81,17 @@ class CompiledBank:
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values; empty before the first reset."""
-        if self._state is None:
-            return {}
-        state = self._state
-        return filter_bank.snapshot_of(state.states, state.covariances, state.log_probability)
+        return {} if self._state is None else dict(_STORED.dump(self._state))
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Go on from a snapshot."""
-        self._state = BankState(*filter_bank.arrays_of(snapshot)) if snapshot else None
+        """Continue from a snapshot; ValueError if it is none."""
+        state = _STORED.load(snapshot) if snapshot else None
+        if state is not None:
+            logs = state.log_mode_probability
+            filter_bank.check_snapshot(state.states, state.covariances, logs)
+            if not (logs <= 0.0).all():
+                raise ValueError("snapshot: log_mode_probability must not exceed 0")
+        self._state = state
 
 
 class CompiledKalmanBank(CompiledBank):
@@ -155,7 +160,7 @@ def _run_compiled(
 ) -> tuple[BankRun, BankState]:
     count, modes = len(drives), len(state.states)
     packed = np.column_stack([state.states, state.covariances.reshape(modes, 4)[:, [0, 1, 3]]])
-    logs = state.log_probability.copy()
+    logs = state.log_mode_probability.copy()
     history = kernel.History(*(np.zeros((count, width)) for width in (modes, modes, modes, 5)))
     inputs = (_row_major(drives), _row_major(measurements))
     done = kernel.run(_kernel_model(step, boundary), inputs, packed, logs, history)

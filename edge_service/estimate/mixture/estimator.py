@@ -1,10 +1,12 @@
 """Preload estimator from drag and stretch, over the hypotheses of what happened to the axis."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ...messages.features import Fault, FeatureBlock, Phase
+from ...messages.stored import Number, Stored
 from ...models.machine import Machine
 from ..effect_compensation import EffectCompensation
 from ..validity import Validity, ValiditySettings
@@ -44,6 +46,18 @@ INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
 
 
+@dataclass(slots=True)
+class _Last:
+    """End of the last interval, s, its stretch, m, and its normalised innovation squared."""
+
+    last_s: float | None
+    stretch_m: float | None
+    nis: Number
+
+
+_STORED: Stored[_Last] = Stored(_Last)
+
+
 class FusedPreloadEstimator:
     """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
 
@@ -71,10 +85,8 @@ class FusedPreloadEstimator:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
         self._bank = initial_bank(self._start, self._settings)
-        self._last_s: float | None = None
-        self._stretch_m: float | None = None
+        self._last = _Last(None, None, math.nan)
         self._gathering = Gathering()
-        self._nis = float("nan")
 
     def interrupt(self) -> None:
         """Withdraw the number until motion comes: no data for longer than a number may stand."""
@@ -87,7 +99,7 @@ class FusedPreloadEstimator:
         preload may have worn, and even the nut may be another.
         """
         self._validity.interrupt()
-        self._last_s, self._stretch_m, self._gathering = None, None, Gathering()
+        self._last.last_s, self._last.stretch_m, self._gathering = None, None, Gathering()
         continue_after_stop(self._bank, self._start, max(stopped_s, 0.0))
 
     def update(self, block: FeatureBlock) -> None:
@@ -108,15 +120,18 @@ class FusedPreloadEstimator:
 
     def _forget_level(self) -> None:
         """Widen the level of a linear encoder that has come back, in every hypothesis."""
-        self._stretch_m = None
+        self._last.stretch_m = None
         if self._bank.mean.shape[1] > TORQUE_STATES:
             self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
 
     def _follows(self, interval: SteadyInterval) -> bool:
         """True if an interval begins where the last that was taken has ended."""
-        if self._last_s is None:
+        if self._last.last_s is None:
             return False
-        return abs(interval.time_s - interval.duration_s - self._last_s) < 0.1 * interval.duration_s
+        return (
+            abs(interval.time_s - interval.duration_s - self._last.last_s)
+            < 0.1 * interval.duration_s
+        )
 
     def _take(self, interval: SteadyInterval, phase: Phase) -> float:
         if self._known is not None:
@@ -124,14 +139,18 @@ class FusedPreloadEstimator:
         reading = self._reading(interval, phase)
         if not plausible(reading):
             return math.nan
-        elapsed_s = interval.duration_s if self._last_s is None else interval.time_s - self._last_s
+        elapsed_s = (
+            interval.duration_s
+            if self._last.last_s is None
+            else interval.time_s - self._last.last_s
+        )
         if elapsed_s > SESSION_S:
             continue_after_stop(self._bank, self._start, elapsed_s)
             elapsed_s = interval.duration_s
-        self._last_s = interval.time_s
+        self._last.last_s = interval.time_s
         nis = step(self._bank, self._model, self._process, reading, max(elapsed_s, 0.0))
         if not math.isnan(nis):
-            self._nis = nis
+            self._last.nis = nis
         return nis
 
     def _reading(self, interval: SteadyInterval, phase: Phase) -> Reading:
@@ -157,9 +176,9 @@ class FusedPreloadEstimator:
         """Stretch, m, or NaN where no axis can have moved there from the one before."""
         if math.isnan(stretch_m):
             return math.nan
-        if self._stretch_m is not None and abs(stretch_m - self._stretch_m) > WILDEST[3]:
+        if self._last.stretch_m is not None and abs(stretch_m - self._last.stretch_m) > WILDEST[3]:
             return math.nan
-        self._stretch_m = stretch_m
+        self._last.stretch_m = stretch_m
         return stretch_m
 
     def estimate(self) -> PreloadEstimate:
@@ -198,7 +217,7 @@ class FusedPreloadEstimator:
             mode_probability=posterior.levels,
             fault_probability=posterior.faults,
             data_used_s=self._validity.informative_s,
-            nis=self._nis,
+            nis=self._last.nis,
         )
 
     @property
@@ -249,9 +268,7 @@ class FusedPreloadEstimator:
             "validity": self._validity.snapshot(),
             "bank": bank_snapshot(self._bank),
             "gathering": self._gathering.snapshot(),
-            "last_s": self._last_s,
-            "stretch_m": self._stretch_m,
-            "nis": None if math.isnan(self._nis) else self._nis,
+            **_STORED.dump(self._last),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -264,13 +281,10 @@ class FusedPreloadEstimator:
             gathering.restore(snapshot["gathering"])
             validity = Validity(self._validity_settings, self._hold_s)
             validity.restore(snapshot["validity"])
-            numbers = [snapshot[name] for name in ("last_s", "stretch_m", "nis")]
-            last_s, stretch_m, nis = (None if n is None else float(n) for n in numbers)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"a damaged snapshot: {error!r}") from error
+        self._last = _STORED.load(snapshot)
         self._bank, self._gathering, self._validity = bank, gathering, validity
-        self._last_s, self._stretch_m = last_s, stretch_m
-        self._nis = float("nan") if nis is None else nis
 
 
 def _interval(bounds: tuple[float, float, float]) -> Interval:

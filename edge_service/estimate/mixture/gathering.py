@@ -4,14 +4,17 @@ The noise that a filter assumes holds for phases of about that length; a mean ov
 so only time is lost.
 """
 
-import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 from ...messages.features import PHASE_FIELDS, FeatureBlock, Phase
+from ...messages.stored import Number, Stored
 
 WHOLE_S = 0.1
 _CLOSE = 1e-6
+_Numbers = tuple[Number, Number, Number, Number]
+_Phase = tuple[Number, Number, Number, Number, Number, Number]
+_STORED: Stored[tuple[_Numbers, list[_Phase]]] = Stored(tuple[_Numbers, list[_Phase]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,24 +106,12 @@ class Gathering:
         """Waiting interval as JSON-able values."""
         if self._waiting is None:
             return None
-        w = self._waiting
-        phases = [[getattr(phase, name) for name in PHASE_FIELDS] for phase in w.phases]
-        numbers = [w.time_s, w.duration_s, w.direction, w.external_force_n]
-        return [_plain(numbers), [_plain(phase) for phase in phases]]
+        *numbers, phases = astuple(self._waiting)
+        return list(_STORED.dump((tuple(numbers), list(phases))))
 
     def restore(self, snapshot: list[Any] | None) -> None:
-        """Go on from a snapshot."""
+        """Continue from a snapshot; ValueError if it is none."""
         self._waiting = None
         if snapshot is not None:
-            numbers, phases = snapshot
-            phases = tuple(Phase(*_numbers(phase)) for phase in phases)
-            time_s, duration_s, direction, force_n = _numbers(numbers)
-            self._waiting = SteadyInterval(time_s, duration_s, direction, force_n, phases)
-
-
-def _plain(values: list[float]) -> list[float | None]:
-    return [None if math.isnan(value) else value for value in values]
-
-
-def _numbers(values: list[float | None]) -> list[float]:
-    return [math.nan if value is None else float(value) for value in values]
+            numbers, phases = _STORED.load(snapshot)
+            self._waiting = SteadyInterval(*numbers, tuple(Phase(*phase) for phase in phases))
