@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from .config_tables import (
     AlarmsConfig,
@@ -16,6 +17,7 @@ from .config_tables import (
     VibrationConfig,
     WebhookConfig,
 )
+from .estimate.registry import AUTO, ESTIMATORS
 from .messages.addresses import is_loopback, split_endpoint
 from .messages.keys import MachineKeys, check_part
 from .models.machine import Machine
@@ -81,10 +83,19 @@ class DownsampleConfig(Table):
 class EstimatorConfig(Table):
     """`[estimator]`: `auto` is `fused` where the machine file is commissioned, else `kf-imm`."""
 
-    method: Literal["auto", "fused", "kf-imm", "sif-imm"] = "auto"
+    method: str = AUTO
     engine: Literal["compiled", "filterpy"] = "compiled"
     activation_exponent: float = Field(1.33, ge=1.0, le=8.0)
     window_s: float = Field(1.0, ge=0.0, le=3600.0)
+
+    @field_validator("method", mode="before")
+    @classmethod
+    def _known_method(cls, value: object) -> object:
+        *names, last = (repr(name) for name in (AUTO, *ESTIMATORS))
+        if value != AUTO and value not in ESTIMATORS:
+            expected = f"Input should be {', '.join(names)} or {last}"
+            raise PydanticCustomError("literal_error", "{expected}", {"expected": expected})
+        return value
 
     @model_validator(mode="after")
     def _engine_fits(self) -> "EstimatorConfig":

@@ -15,7 +15,7 @@ from ..messages.samples import Floats, SampleFrame
 from ..messages.stored import Stored
 from .channel_check import ChannelCheck
 from .channel_limits import ChannelLimits
-from .rows import RowCounters, RowScreen, Screened, T, table_of
+from .rows import RowScreen, Screened, T, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
 _SNAPSHOT_SCHEMA = "downsampler/2"
@@ -114,11 +114,6 @@ class Downsampler:
         self._last_kept = -sys.maxsize  # interval of the last row that was kept
         self._expected_faults = ~Fault.NONE
         self.faults: dict[str, int] = {}
-
-    @property
-    def row_counters(self) -> RowCounters:
-        """Counts of rows that were set aside so far."""
-        return self._screen.counters if self._screen else RowCounters()
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as JSON-able values; `restore` of it goes on bit-equal."""

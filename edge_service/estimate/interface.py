@@ -1,9 +1,29 @@
 """Interface common to all preload estimators."""
 
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from ..messages.estimate import PreloadEstimate
 from ..messages.features import FeatureBlock
+
+
+class UnsuitableMachineError(Exception):
+    """Lack of the machine file that an estimator cannot do without; the text names it."""
+
+
+class EstimatorOptions(Protocol):
+    """Choices of the user, `[estimator]`; an estimator heeds those that concern it."""
+
+    @property
+    def engine(self) -> Literal["compiled", "filterpy"]:
+        """Engine of the filter bank."""
+
+    @property
+    def activation_exponent(self) -> float:
+        """Exponent of the mode weighting (thesis, eq. 4.5.4)."""
+
+    @property
+    def window_s(self) -> float:
+        """Moving average of the mode probabilities, s."""
 
 
 class PreloadEstimator(Protocol):

@@ -9,9 +9,8 @@ import pytest
 
 from edge_service.estimate.imm import general, kernel
 from edge_service.estimate.imm.engines import make_filter_bank
-from edge_service.estimate.imm.filter_bank import LinearStep
+from edge_service.estimate.imm.filter_bank import BankOutput, LinearStep
 from edge_service.estimate.imm.kalman import (
-    BankRun,
     BankStart,
     run_bank,
     run_kalman_bank,
@@ -25,24 +24,24 @@ LOG_SMALLEST = -700.0
 """Below this, filterpy's likelihoods are no longer what they should be."""
 
 
-def assert_runs_equal(first: BankRun, second: BankRun, tolerance: float) -> None:
+def assert_runs_equal(first: BankOutput, second: BankOutput, tolerance: float) -> None:
     for name in ("mode_probability", "log_likelihood", "state", "covariance", "nis"):
         np.testing.assert_allclose(
             getattr(first, name), getattr(second, name), rtol=tolerance, atol=tolerance
         )
 
 
-def filterpy_run(step: LinearStep, drives: Any, measurements: Any, start: BankStart) -> BankRun:
+def filterpy_run(step: LinearStep, drives: Any, measurements: Any, start: BankStart) -> BankOutput:
     bank = make_filter_bank("kf-imm", "filterpy")
     bank.reset(start.state, start.covariance, start.mode_probability)
     outputs = [
         bank.step(replace(step, drive=drive), measurement)
         for drive, measurement in zip(drives, measurements, strict=True)
     ]
-    return BankRun(
+    return BankOutput(
         **{
             name: np.array([getattr(output, name) for output in outputs])
-            for name in BankRun.__slots__
+            for name in BankOutput.__slots__
         }
     )
 
@@ -55,10 +54,10 @@ def assert_filterpy_agrees(case: ThesisCase, seed: int, steps: int) -> None:
     underflow = (theirs.log_likelihood < LOG_SMALLEST).any(axis=1)
     comparable = int(np.argmax(underflow)) if underflow.any() else steps
     assert comparable >= 0.95 * steps
-    names = BankRun.__slots__
+    names = BankOutput.__slots__
     assert_runs_equal(
-        BankRun(**{name: getattr(ours, name)[:comparable] for name in names}),
-        BankRun(**{name: getattr(theirs, name)[:comparable] for name in names}),
+        BankOutput(**{name: getattr(ours, name)[:comparable] for name in names}),
+        BankOutput(**{name: getattr(theirs, name)[:comparable] for name in names}),
         1e-9,
     )
 
@@ -168,7 +167,7 @@ def test_kernel_equals_numpy(seed: int, sliding: bool, make_problem: Callable[..
     state = start_state(problem.start)
     for k, (step, measurement) in enumerate(problem.steps()):
         output, state = general.advance(step, boundary, measurement, state)
-        for name in BankRun.__slots__:
+        for name in BankOutput.__slots__:
             np.testing.assert_allclose(
                 getattr(compiled, name)[k], getattr(output, name), rtol=1e-9, atol=1e-11
             )

@@ -22,7 +22,7 @@ def table_mass(
     """Mass of the table and its standard deviation, kg.
 
     Stated in the machine file, or from how the stretch grows along the screw, whose compliance per
-    metre (5.3.9 and its twist) is known to about 30 % (fixed-free only), or a guess within the
+    metre (eq. 5.3.9 and its twist) is known to about 30 % (fixed-free only), or a guess within the
     whole inertia.
     """
     stated = machine.model.table_mass_kg

@@ -1,7 +1,7 @@
 """Commissioning of a healthy, cold axis: friction, inertia, stretch and their noise by regression.
 
 Both regressions run on phases of steady motion (messages.features.Phase), with the exact balance of
-momentum (4.3.4) and the series stiffness under inertia force (5.3.1) as models.
+momentum (thesis, eq. 4.3.4) and the series stiffness under inertia force (5.3.1) as models.
 """
 
 import math
@@ -143,7 +143,7 @@ def _screw_drag_nm(machine: Machine, torque: TorqueBalance) -> float:
 def _nut_compliance_share(
     machine: Machine, torque: TorqueBalance, stroke_map: Floats, table_m: Floats, stretch_s2: float
 ) -> Floats:
-    """Compliance beyond that of the mean preload, over the whole compliance, (n,) (5.3.11)."""
+    """Compliance beyond that of the mean preload, over the whole compliance, (n,) (eq. 5.3.11)."""
     if not len(stroke_map) or stretch_s2 <= 0.0:
         return np.zeros_like(table_m)
     mass_kg, _ = table_mass(machine, torque, None)

@@ -1,4 +1,4 @@
-"""Series compliance under inertia force, from a healthy axis with two encoders (5.3.1)."""
+"""Series compliance under inertia force, from a healthy axis with two encoders (eq. 5.3.1)."""
 
 import math
 from collections.abc import Callable
@@ -181,7 +181,7 @@ def _beside(seen: _Seen) -> _Beside:
 def _series_fit(
     seen: _Seen, beside: _Beside, nut_softness: Callable[[Floats, float], Floats]
 ) -> tuple[float, RegressionFit]:
-    """Fit of all forces through one compliance that changes along the screw (5.3.1, 5.3.9).
+    """Fit of all forces through one compliance that changes along the screw (eqs. 5.3.1, 5.3.9).
 
         stretch = (1 + slope away + nut softness) loads @ value + beside @ rest,
 

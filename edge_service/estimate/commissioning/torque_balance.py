@@ -1,4 +1,4 @@
-"""Torque balance identified on a healthy axis: friction and inertia (4.3.4)."""
+"""Torque balance identified on a healthy axis: friction and inertia (thesis, eq. 4.3.4)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

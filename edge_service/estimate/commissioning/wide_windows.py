@@ -3,7 +3,7 @@
 Phases difference the angle over a few milliseconds. Where the encoder is coarse, the samples are
 slow or the torque comes late, that shrinks the inertia; over windows a hundred times as wide it
 does not. Both are the same divided second difference, of the angle and of the torque integrated
-twice, so both give the same inertia of a true axis (4.3.4).
+twice, so both give the same inertia of a true axis (thesis, eq. 4.3.4).
 """
 
 from collections.abc import Iterator, Sequence

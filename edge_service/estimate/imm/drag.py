@@ -1,15 +1,14 @@
 """Coulomb drag of an axis from the torque balance of intervals, with its uncertainty.
 
 A Kalman filter on [drag, offset, viscous, asymmetry, inertia] with the exact balance of an interval
-(integral of 4.3.4)::
+(integral of thesis eq. 4.3.4)::
 
     mean(u) = drag mean(sgn w) + offset + viscous mean(w) + asymmetry |mean(w)|
               + inertia (w_end - w_start) / T + noise
 
 Asymmetry is viscous friction that differs with the direction, as on real axes. Drag wanders (random
-walk); the others are constants with the prior of the machine
-file. Noise is learned from the innovations, so an axis whose friction departs from the model gets a
-wider interval.
+walk); the others are constants with the prior of the machine file. Noise is learned from the
+innovations, so an axis whose friction departs from the model gets a wider interval.
 """
 
 from dataclasses import dataclass
@@ -192,11 +191,6 @@ class DragFilter:
     def sigma_nm(self) -> float:
         """Its standard deviation, N m."""
         return float(np.sqrt(self._now.covariance[_DRAG, _DRAG]))
-
-    @property
-    def friction_shift_nm(self) -> float:
-        """Offset that acts the same way in both directions, N m."""
-        return float(self._now.state[1])
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values."""

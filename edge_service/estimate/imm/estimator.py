@@ -18,6 +18,7 @@ from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
 from ...messages.stored import Decimals, Number, Stored
 from ...models.machine import Machine
+from ..interface import EstimatorOptions
 from ..validity import Validity, ValiditySettings
 from .drag import DragFilter, DragSettings
 from .engines import make_filter_bank
@@ -45,7 +46,7 @@ class ImmSettings:
     Attributes:
         method: `kf-imm` or `sif-imm`.
         engine: `compiled`, or `filterpy` (kf-imm only, slow).
-        activation_exponent: exponent of (4.5.4); 1, 1.33 or 2 in the thesis.
+        activation_exponent: exponent of thesis eq. 4.5.4; 1, 1.33 or 2 in the thesis.
         window_s: causal moving average of the mode probabilities over informative motion, s.
         sliding_boundary: delta of the sliding innovation filter for [rad, rad/s].
     """
@@ -110,6 +111,8 @@ class ImmPreloadEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self._drag.reset()
+        if self._per_percent is not None:
+            self._bank.restore({})
         self._validity = Validity(self._settings.validity, self._settings.excitation.hold_s)
         alike = np.full(len(self._levels), 1.0 / len(self._levels))
         self._now = _State(alike, [], last_end_s=None, stopped_s=0.0, nis=float("nan"))
@@ -276,3 +279,25 @@ class ImmPreloadEstimator:
         if self._per_percent is not None:
             self._bank.restore(snapshot["bank"])
         self._now = now
+
+
+def kalman_imm(machine: Machine, options: EstimatorOptions) -> ImmPreloadEstimator:
+    """Estimator with Kalman filters (see registry)."""
+    return _of_options("kf-imm", machine, options)
+
+
+def sliding_innovation_imm(machine: Machine, options: EstimatorOptions) -> ImmPreloadEstimator:
+    """Estimator with sliding innovation filters (see registry)."""
+    return _of_options("sif-imm", machine, options)
+
+
+def _of_options(
+    method: Literal["kf-imm", "sif-imm"], machine: Machine, options: EstimatorOptions
+) -> ImmPreloadEstimator:
+    settings = ImmSettings(
+        method=method,
+        engine=options.engine,
+        activation_exponent=options.activation_exponent,
+        window_s=options.window_s,
+    )
+    return ImmPreloadEstimator(machine, settings)

@@ -16,12 +16,12 @@ class LinearStep:
     """One prediction and measurement of r modes with n states and m measurements.
 
     Attributes:
-        transition: A of (4.4.1), (n, n).
+        transition: A of thesis eq. 4.4.1, (n, n).
         drive: B u_hat_j, the known input of each mode as it adds to the state, (r, n).
-        process_noise: Q of (4.4.2), (n, n).
-        observation: C of (4.4.3), (m, n).
-        measurement_noise: R of (4.4.3), (m, m).
-        mode_transition: p_ij of (4.4.13), (r, r); row = from, already scaled to this step.
+        process_noise: Q of thesis eq. 4.4.2, (n, n).
+        observation: C of thesis eq. 4.4.3, (m, n).
+        measurement_noise: R of thesis eq. 4.4.3, (m, m).
+        mode_transition: p_ij of thesis eq. 4.4.13, (r, r); row = from, already scaled to this step.
     """
 
     transition: Floats
@@ -49,14 +49,14 @@ class LinearStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BankOutput:
-    """Output of the bank after one step.
+    """Output of the bank after one step; of a run of N steps, each array has N rows of it.
 
     Attributes:
-        mode_probability: mu_j (4.4.19), (r,).
+        mode_probability: mu_j (thesis, eq. 4.4.19), (r,).
         log_mode_probability: the same in logs, where small ones do not underflow, (r,).
-        log_likelihood: log Lambda_j (4.4.18), (r,).
-        state: combined state (4.4.21), (n,).
-        covariance: combined covariance (4.4.22), (n, n).
+        log_likelihood: log Lambda_j (thesis, eq. 4.4.18), (r,).
+        state: combined state (thesis, eq. 4.4.21), (n,).
+        covariance: combined covariance (thesis, eq. 4.4.22), (n, n).
         nis: normalised innovation squared of each mode, (r,).
     """
 

@@ -73,7 +73,7 @@ def _mixing_weights(log_probability: Floats, mode_transition: Floats) -> tuple[F
 
 
 def _moments(weight: Floats, states: Floats, covariances: Floats) -> tuple[Floats, Floats]:
-    """Mean (n,) and covariance (n, n) of a mixture: (4.4.15-16), (4.4.21-22)."""
+    """Mean (n,) and covariance (n, n) of a mixture (thesis, eqs. 4.4.15-16, 4.4.21-22)."""
     mean = weight @ states
     spread = states - mean
     covariance = np.tensordot(weight, covariances, axes=1) + (weight * spread.T) @ spread
@@ -81,7 +81,7 @@ def _moments(weight: Floats, states: Floats, covariances: Floats) -> tuple[Float
 
 
 def _likelihood(innovation: Floats, spread: Floats) -> tuple[Floats, Floats]:
-    """log Lambda_j (4.4.17) and NIS, (r,), of innovations (r, m) with S (r, m, m)."""
+    """log Lambda_j (thesis, eq. 4.4.17) and NIS, (r,), of innovations (r, m) with S (r, m, m)."""
     factor = np.linalg.cholesky(spread)
     whitened = np.linalg.solve(factor, innovation[:, :, None])[:, :, 0]
     nis = (whitened**2).sum(axis=1)

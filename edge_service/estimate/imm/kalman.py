@@ -4,7 +4,7 @@ Banks of two states and two measurements run on the compiled kernel, others in n
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -30,23 +30,6 @@ class BankStart:
     mode_probability: Floats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BankRun:
-    """Outputs of a bank over N steps; see BankOutput.
-
-    Attributes:
-        mode_probability, log_mode_probability, log_likelihood, nis: (N, r).
-        state, covariance: combined, (N, n), (N, n, n).
-    """
-
-    mode_probability: Floats
-    log_mode_probability: Floats
-    log_likelihood: Floats
-    state: Floats
-    covariance: Floats
-    nis: Floats
-
-
 class CompiledBank:
     """FilterBank with Kalman or sliding gains; see FilterBank for the methods.
 
@@ -70,14 +53,7 @@ class CompiledBank:
             step, step.drive[None], np.asarray(measurement)[None], self._state, self._boundary
         )
         self._state = state
-        return BankOutput(
-            mode_probability=run.mode_probability[0],
-            log_mode_probability=run.log_mode_probability[0],
-            log_likelihood=run.log_likelihood[0],
-            state=run.state[0],
-            covariance=run.covariance[0],
-            nis=run.nis[0],
-        )
+        return BankOutput(*(getattr(run, each.name)[0] for each in fields(BankOutput)))
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values; empty before the first reset."""
@@ -95,7 +71,7 @@ class CompiledBank:
 
 
 class CompiledKalmanBank(CompiledBank):
-    """Interacting Kalman filters (4.4.1-4.4.6)."""
+    """Interacting Kalman filters (thesis, eqs. 4.4.1-4.4.6)."""
 
     def __init__(self) -> None:
         super().__init__(KALMAN)
@@ -103,7 +79,7 @@ class CompiledKalmanBank(CompiledBank):
 
 def run_kalman_bank(
     step: LinearStep, drives: Floats, measurements: Floats, start: BankStart
-) -> BankRun:
+) -> BankOutput:
     """Run a bank of Kalman filters over N steps that share all matrices but the drive.
 
     Args:
@@ -118,7 +94,7 @@ def run_kalman_bank(
 
 def run_bank(
     step: LinearStep, drives: Floats, measurements: Floats, start: BankStart, boundary: Floats
-) -> BankRun:
+) -> BankOutput:
     """Run with the boundary (m,) of the sliding innovation filter, or KALMAN."""
     return _run(step, drives, measurements, start_state(start), boundary)[0]
 
@@ -138,7 +114,7 @@ def start_state(start: BankStart) -> BankState:
 
 def _run(
     step: LinearStep, drives: Floats, measurements: Floats, state: BankState, boundary: Floats
-) -> tuple[BankRun, BankState]:
+) -> tuple[BankOutput, BankState]:
     """Outputs and new state after N steps from `state`, which stays as it is."""
     modes, size = state.states.shape
     sensors = len(step.observation)
@@ -157,7 +133,7 @@ def _run(
 
 def _run_compiled(
     step: LinearStep, drives: Floats, measurements: Floats, state: BankState, boundary: Floats
-) -> tuple[BankRun, BankState]:
+) -> tuple[BankOutput, BankState]:
     count, modes = len(drives), len(state.states)
     packed = np.column_stack([state.states, state.covariances.reshape(modes, 4)[:, [0, 1, 3]]])
     logs = state.log_mode_probability.copy()
@@ -167,7 +143,7 @@ def _run_compiled(
     if done < count:
         raise ValueError(f"step {done}: {_NO_LIKELIHOOD}")
     combined = history.combined
-    run = BankRun(
+    run = BankOutput(
         mode_probability=np.exp(history.log_probability),
         log_mode_probability=history.log_probability,
         log_likelihood=history.log_likelihood,
@@ -180,7 +156,7 @@ def _run_compiled(
 
 def _run_general(
     step: LinearStep, drives: Floats, measurements: Floats, state: BankState, boundary: Floats
-) -> tuple[BankRun, BankState]:
+) -> tuple[BankOutput, BankState]:
     outputs = []
     for k, (drive, measurement) in enumerate(zip(drives, measurements, strict=True)):
         try:
@@ -191,15 +167,10 @@ def _run_general(
         except np.linalg.LinAlgError as error:
             raise ValueError(f"step {k}: {_NO_LIKELIHOOD}") from error
         outputs.append(output)
-    run = BankRun(
-        mode_probability=np.array([output.mode_probability for output in outputs]),
-        log_mode_probability=np.array([output.log_mode_probability for output in outputs]),
-        log_likelihood=np.array([output.log_likelihood for output in outputs]),
-        state=np.array([output.state for output in outputs]),
-        covariance=np.array([output.covariance for output in outputs]),
-        nis=np.array([output.nis for output in outputs]),
+    columns = (
+        np.array([getattr(output, each.name) for output in outputs]) for each in fields(BankOutput)
     )
-    return run, state
+    return BankOutput(*columns), state
 
 
 def _kernel_model(step: LinearStep, boundary: Floats) -> kernel.Model:

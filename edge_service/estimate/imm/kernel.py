@@ -25,8 +25,8 @@ TINY_PROBABILITY = 1e-200
 class Model(NamedTuple):
     """Parameters common to the steps of a run (see LinearStep), and the rule for the gain.
 
-    With `sliding`, the gains are those of the sliding innovation filter (4.4.10), from C^+ and
-    delta; otherwise Kalman gains (4.4.4).
+    With `sliding`, the gains are those of the sliding innovation filter (eq. 4.4.10), from C^+ and
+    delta; otherwise Kalman gains (thesis, eq. 4.4.4).
     """
 
     transition: Matrix
@@ -95,7 +95,7 @@ def one_minus_product(a: Matrix, b: Matrix) -> Matrix:
 
 @compiled
 def weigh(log_probability: Floats, mode_transition: Floats, to: int, weight: Floats) -> float:
-    """Fill mu_{i|j} (4.4.13) for j = `to`; return log cbar_j (4.4.14).
+    """Fill mu_{i|j} (thesis, eq. 4.4.13) for j = `to`; return log cbar_j (4.4.14).
 
     `weight` comes in as mu_i (r,). A mode that cannot be reached (-inf) is not mixed.
     """
@@ -125,7 +125,7 @@ def weigh(log_probability: Floats, mode_transition: Floats, to: int, weight: Flo
 
 @compiled
 def combine(weight: Floats, modes: Floats, out: Floats) -> None:
-    """Moments of a mixture (5,): (4.4.15-16) with mixing weights, (4.4.21-22) with mu_j."""
+    """Moments of a mixture (5,): (eqs. 4.4.15-16) with mixing weights, (4.4.21-22) with mu_j."""
     mean1 = mean2 = 0.0
     for i in range(len(weight)):
         mean1 += weight[i] * modes[i, 0]
@@ -141,14 +141,14 @@ def combine(weight: Floats, modes: Floats, out: Floats) -> None:
 
 @compiled
 def kalman_gain(covariance: Symmetric, observation: Matrix, precision: Symmetric) -> Matrix:
-    """K = P_{k+1|k} C^T S^-1 (4.4.4)."""
+    """K = P_{k+1|k} C^T S^-1 (thesis, eq. 4.4.4)."""
     seen = multiply(observation, covariance)
     return multiply((seen[0], seen[2], seen[1], seen[3]), precision)
 
 
 @compiled
 def sliding_gain(pseudo_inverse: Matrix, boundary: Pair, innovation: Pair) -> Matrix:
-    """K = C^+ sat(|e| / delta) (4.4.10)."""
+    """K = C^+ sat(|e| / delta) (thesis, eq. 4.4.10)."""
     share1 = min(1.0, abs(innovation[0]) / boundary[0])
     share2 = min(1.0, abs(innovation[1]) / boundary[1])
     return (
@@ -161,12 +161,12 @@ def sliding_gain(pseudo_inverse: Matrix, boundary: Pair, innovation: Pair) -> Ma
 
 @compiled
 def filter_mode(model: Model, drive: Floats, measurement: Pair, mode: Floats) -> Pair:
-    """Predict (4.4.1-2) and update one mode (5,) in place, with a drive (2,).
+    """Predict (thesis, eqs. 4.4.1-2) and update one mode (5,) in place, with a drive (2,).
 
-    The covariance takes the Joseph form (4.4.6), which is good for any gain (4.4.12).
+    The covariance takes the Joseph form (thesis, eq. 4.4.6), which is good for any gain (4.4.12).
 
     Returns:
-        log Lambda_j (4.4.17) and the NIS; NaN if S is not positive definite. (4.4.18) needs the
+        log Lambda_j (eq. 4.4.17) and the NIS; NaN if S is not positive definite. (4.4.18) needs the
         exponent -NIS / 2.
     """
     moved = apply(model.transition, (mode[0], mode[1]))
@@ -199,7 +199,7 @@ def filter_mode(model: Model, drive: Floats, measurement: Pair, mode: Floats) ->
 def normalise(log_probability: Floats, probability: Floats) -> None:
     """Subtract log c, c = sum_j Lambda_j cbar_j, in place; fill mu_j (r,).
 
-    (4.4.20) as printed leaves cbar_j out, which lets the probabilities decay to zero.
+    Thesis eq. 4.4.20 as printed leaves cbar_j out, which lets the probabilities decay to zero.
     """
     largest = -math.inf
     for j in range(len(log_probability)):

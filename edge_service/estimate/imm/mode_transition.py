@@ -20,7 +20,7 @@ THESIS_MODE_TRANSITION: Floats = np.array(
         [0.02, 0.04, 0.06, 0.08, 0.80],
     ]
 )
-"""p_ij per step of 0.1 s (4.5.1), row = from, (5, 5)."""
+"""p_ij per step of 0.1 s (thesis, eq. 4.5.1), row = from, (5, 5)."""
 THESIS_MODE_TRANSITION.setflags(write=False)
 
 
@@ -66,10 +66,3 @@ def transition_rates(matrix: Floats, reference_s: float = REFERENCE_STEP_S) -> F
     np.fill_diagonal(rates, 0.0)
     np.fill_diagonal(rates, -rates.sum(axis=1))
     return np.asarray(rates)
-
-
-def scaled_process_noise(
-    process_noise: Floats, step_s: float, reference_s: float = REFERENCE_STEP_S
-) -> Floats:
-    """Q for a step of another length: a random walk's variance grows with time, Q T / T0."""
-    return process_noise * (step_s / reference_s)

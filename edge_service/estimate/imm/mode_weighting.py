@@ -9,7 +9,7 @@ PUBLISHED_EXPONENT = 1.33
 
 
 def mode_weights(mode_probability: Floats, exponent: float = PUBLISHED_EXPONENT) -> Floats:
-    """mu_j^a / sum_j mu_j^a: (4.5.4) for any exponent a > 0; a = 1 changes nothing.
+    """mu_j^a / sum_j mu_j^a: (thesis, eq. 4.5.4) for any exponent a > 0; a = 1 changes nothing.
 
     Args:
         mode_probability: (..., r), at least one above zero in each row.
@@ -25,7 +25,7 @@ def mode_weights(mode_probability: Floats, exponent: float = PUBLISHED_EXPONENT)
 def weighted_level(
     mode_probability: Floats, levels: Floats, exponent: float = PUBLISHED_EXPONENT
 ) -> Floats:
-    """Weighted sum of the levels (4.5.2-4.5.3), in their unit, shape (...).
+    """Weighted sum of the levels (thesis, eqs. 4.5.2-4.5.3), in their unit, shape (...).
 
     Args:
         mode_probability: (..., r).
@@ -61,28 +61,3 @@ def _window_mean(values: Floats, before: int, after: int) -> Floats:
     end = np.minimum(index + after + 1, len(values))
     counts = (end - start).reshape(-1, *([1] * (values.ndim - 1)))
     return np.asarray((sums[end] - sums[start]) / counts)
-
-
-class StreamingMovingAverage:
-    """Causal moving average of vectors that arrive one by one; holds one window, no more.
-
-    Args:
-        steps: length of the window.
-        size: r, length of the vectors.
-    """
-
-    def __init__(self, steps: int, size: int) -> None:
-        if steps < 1 or size < 1:
-            raise ValueError("moving average: the window must hold at least one step")
-        self._rows: Floats = np.zeros((steps, size))
-        self._count = 0
-
-    def push(self, values: Floats) -> Floats:
-        """Take the next vector (r,); return the mean of the window (r,)."""
-        self._rows[self._count % len(self._rows)] = values
-        self._count += 1
-        return np.asarray(self._rows[: min(self._count, len(self._rows))].mean(axis=0))
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self._count = 0

@@ -30,9 +30,9 @@ class MomentumBalanceSettings:
 
 
 class MomentumBalance:
-    """Builds the step of [angle, speed] for modes that differ in their drag torque.
+    """Momentum balance as steps of [angle, speed] for modes that differ in their drag torque.
 
-    With J w' = u - D w - (d_j + other) sgn(w) integrated over the interval (4.3.4)::
+    With J w' = u - D w - (d_j + other) sgn(w) integrated over the interval (thesis, eq. 4.3.4)::
 
         w_1 = w_0 + (T / J) (mean(u) - D mean(w) - d mean(s))
         a_1 = a_0 + T w_0 + (T^2 / J) (lever(u) - D lever(w) - d lever(s))

@@ -1,14 +1,14 @@
-"""The interacting bank of sliding innovation filters (thesis, 4.4.7-4.4.12)."""
+"""The interacting bank of sliding innovation filters (thesis, eqs. 4.4.7-4.4.12)."""
 
 import numpy as np
 
 from ...messages.samples import Floats
-from .filter_bank import LinearStep
-from .kalman import BankRun, BankStart, CompiledBank, run_bank
+from .filter_bank import BankOutput, LinearStep
+from .kalman import BankStart, CompiledBank, run_bank
 
 
 class SlidingInnovationBank(CompiledBank):
-    """FilterBank whose gains are K = C^+ sat(|e| / delta) (4.4.10).
+    """FilterBank whose gains are K = C^+ sat(|e| / delta) (thesis, eq. 4.4.10).
 
     A state that no measurement sees has a row of zeros in C^+, so its gain is zero: with
     position measurements alone, the filter predicts the speed and never corrects it.
@@ -23,7 +23,7 @@ class SlidingInnovationBank(CompiledBank):
 
 def run_sliding_innovation_bank(
     step: LinearStep, drives: Floats, measurements: Floats, start: BankStart, boundary: Floats
-) -> BankRun:
+) -> BankOutput:
     """`run_kalman_bank` with the gains of the sliding innovation filter, boundary (m,)."""
     return run_bank(step, drives, measurements, start, checked_boundary(boundary))
 

@@ -9,6 +9,7 @@ from ...messages.features import Fault, FeatureBlock, Phase
 from ...messages.stored import Number, Stored
 from ...models.machine import Machine
 from ..effect_compensation import EffectCompensation
+from ..interface import EstimatorOptions, UnsuitableMachineError
 from ..validity import Validity, ValiditySettings
 from .gathering import Gathering, SteadyInterval
 from .hypotheses import leader_of
@@ -285,6 +286,16 @@ class FusedPreloadEstimator:
             raise ValueError(f"a damaged snapshot: {error!r}") from error
         self._last = _STORED.load(snapshot)
         self._bank, self._gathering, self._validity = bank, gathering, validity
+
+
+def fused(machine: Machine, options: EstimatorOptions) -> FusedPreloadEstimator:
+    """Estimator for a commissioned axis (see registry). Raises UnsuitableMachineError."""
+    if machine.commissioned is None or machine.drag_per_percent_nm is None:
+        raise UnsuitableMachineError(
+            "needs a machine file written by `edge-service commission` with model.preload_n, "
+            "model.preload_drag_nm and axis.dynamic_load_rating_n"
+        )
+    return FusedPreloadEstimator(machine)
 
 
 def _interval(bounds: tuple[float, float, float]) -> Interval:

@@ -10,8 +10,8 @@ preload p = exp(PRELOAD)::
               + s (c0 + c1 (x - x0)) G reversal
               F = (M0 + (1 - table mass) M) R a + s G (1 + guide) + V (1 + guide viscous) R v
 
-The first is the balance of momentum (4.3.4) with the screw's drag proportional to its preload
-(4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
+The first is the balance of momentum (eq. 4.3.4) with the screw's drag proportional to its preload
+(eq. 4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
 share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). No recording of a healthy axis
 can split what else differs between the directions (wind-up of the screw under the nut's drag,
 seals, play): it is a state of its own that takes nothing from the preload. The functions run

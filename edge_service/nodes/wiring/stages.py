@@ -16,9 +16,8 @@ from ...downsample import Downsampler, DownsampleSettings
 from ...downsample.channel_limits import channel_limits
 from ...downsample.phases import PhaseSettings
 from ...downsample.statistics import PlausibilitySettings
-from ...estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
-from ...estimate.interface import PreloadEstimator
-from ...estimate.mixture.estimator import FusedPreloadEstimator
+from ...estimate import registry
+from ...estimate.interface import PreloadEstimator, UnsuitableMachineError
 from ...messages.channels import ANGLE, TORQUE
 from ...messages.samples import SampleFrame
 from ...models.machine import Machine
@@ -53,23 +52,10 @@ def make_downsampler(
 
 def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimator:
     """The configured estimator for one axis. Raises ConfigError if the machine lacks for it."""
-    able = machine.commissioned is not None and machine.drag_per_percent_nm is not None
-    if config.method == "fused" and not able:
-        raise ConfigError(
-            "estimator.method 'fused': needs a machine file written by `edge-service commission` "
-            "with model.preload_n, model.preload_drag_nm and axis.dynamic_load_rating_n"
-        )
-    if able and config.method in ("auto", "fused"):
-        return FusedPreloadEstimator(machine)
-    return ImmPreloadEstimator(
-        machine,
-        ImmSettings(
-            method="sif-imm" if config.method == "sif-imm" else "kf-imm",
-            engine=config.engine,
-            activation_exponent=config.activation_exponent,
-            window_s=config.window_s,
-        ),
-    )
+    try:
+        return registry.make_estimator(config.method, machine, config)
+    except UnsuitableMachineError as error:
+        raise ConfigError(f"estimator.method {config.method!r}: {error}") from None
 
 
 def warm_up(

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from ...estimate.imm.filter_bank import LinearStep
-from ...estimate.imm.kalman import BankRun, BankStart, run_kalman_bank
+from ...estimate.imm.filter_bank import BankOutput, LinearStep
+from ...estimate.imm.kalman import BankStart, run_kalman_bank
 from ...estimate.imm.mode_transition import (
     LEVELS_PERCENT,
     THESIS_MODE_TRANSITION,
@@ -96,7 +96,7 @@ def _scaled(step_s: float) -> Floats:
     return scaled_mode_transition(THESIS_MODE_TRANSITION, step_s)
 
 
-def run_case(case: ThesisCase, seed: int) -> tuple[ThesisRun, BankRun]:
+def run_case(case: ThesisCase, seed: int) -> tuple[ThesisRun, BankOutput]:
     """Simulate and filter; the same seed gives the same noise to every case of one length."""
     run = simulate(
         ThesisPlant(),

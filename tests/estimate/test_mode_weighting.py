@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from edge_service.estimate.imm.mode_weighting import (
-    StreamingMovingAverage,
     causal_moving_average,
     centred_moving_average,
     mode_weights,
@@ -63,13 +62,9 @@ series = arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=
 
 
 @given(series, st.integers(1, 40))
-def test_causal_average_and_its_streaming_form_equal_the_definition(
-    values: np.ndarray, steps: int
-) -> None:
+def test_causal_average_equals_the_definition(values: np.ndarray, steps: int) -> None:
     expected = [values[max(0, k - steps + 1) : k + 1].mean(axis=0) for k in range(len(values))]
     np.testing.assert_allclose(causal_moving_average(values, steps), expected, atol=1e-12)
-    stream = StreamingMovingAverage(steps, 3)
-    np.testing.assert_allclose([stream.push(row) for row in values], expected, atol=1e-12)
 
 
 @given(series, st.integers(1, 40))
@@ -87,14 +82,6 @@ def test_centred_average_of_a_line_has_no_delay_and_the_causal_one_has() -> None
     np.testing.assert_allclose(causal_moving_average(line, 11)[10:], line[10:] - 5.0)
 
 
-def test_streaming_average_can_start_again() -> None:
-    stream = StreamingMovingAverage(3, 1)
-    for value in (5.0, 6.0, 7.0, 8.0):
-        stream.push(np.array([value]))
-    stream.reset()
-    assert stream.push(np.array([2.0])).tolist() == [2.0]
-
-
 def test_windows_in_seconds() -> None:
     assert window_steps(2.0, 0.1) == 20
     assert window_steps(0.01, 0.1) == 1
@@ -104,5 +91,3 @@ def test_windows_in_seconds() -> None:
 def test_empty_windows_are_refused(average: object) -> None:
     with pytest.raises(ValueError, match="at least one step"):
         average(np.zeros(3), 0)  # type: ignore[operator]
-    with pytest.raises(ValueError, match="at least one step"):
-        StreamingMovingAverage(0, 2)

@@ -7,7 +7,6 @@ from scipy.linalg import fractional_matrix_power
 from edge_service.estimate.imm.mode_transition import (
     THESIS_MODE_TRANSITION,
     scaled_mode_transition,
-    scaled_process_noise,
     transition_rates,
 )
 
@@ -89,8 +88,3 @@ def test_impossible_matrices_are_refused(matrix: np.ndarray, problem: str) -> No
 def test_impossible_steps_are_refused(step_s: float) -> None:
     with pytest.raises(ValueError, match="step_s"):
         scaled_mode_transition(THESIS_MODE_TRANSITION, step_s)
-
-
-def test_process_noise_adds_up_over_steps() -> None:
-    noise = np.diag([1e-3, 1e-2])
-    np.testing.assert_allclose(10 * scaled_process_noise(noise, 0.01), noise, rtol=1e-14)
