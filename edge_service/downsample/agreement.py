@@ -1,6 +1,6 @@
 """Agreement of the linear encoder with the way of the screw, within the limits of a sound axis."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -114,9 +114,9 @@ class AgreementState:
         anchors: earlier pieces by name.
     """
 
-    contact: Annotated[Contact, Packed()]
-    closed: bool
-    anchors: dict[str, Annotated[Chunk, Packed()]]
+    contact: Annotated[Contact, Packed()] = field(default_factory=Contact)
+    closed: bool = False
+    anchors: dict[str, Annotated[Chunk, Packed()]] = field(default_factory=dict)
 
 
 class Agreement:
@@ -129,11 +129,11 @@ class Agreement:
 
     def __init__(self, limits: ChannelLimits, state: AgreementState | None = None) -> None:
         self._limits = limits
-        self.state = state or AgreementState(Contact(), closed=False, anchors={})
+        self.state = state or AgreementState()
 
     def forget(self) -> None:
         """Forget all earlier pieces."""
-        self.state = AgreementState(Contact(), closed=False, anchors={})
+        self.state = AgreementState()
 
     def interrupt(self) -> None:
         """Take a gap: the present push may have ended."""

@@ -4,7 +4,7 @@ A channel that fails is doubted at once; the linear encoder is believed again af
 the screw for a while, and its level counts as new then.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -86,8 +86,8 @@ class _Trial:
 class _Runs:
     """Runs of repeated values in which the channels end."""
 
-    table: OpenRun
-    angle: OpenRun
+    table: OpenRun = field(default_factory=OpenRun)
+    angle: OpenRun = field(default_factory=OpenRun)
 
 
 @dataclass(slots=True)
@@ -126,7 +126,7 @@ class ChannelCheck:
         """Begin anew, as on a new clock."""
         self._agreement, self._level = Agreement(self._limits), Agreement(self._limits)
         self._resolution, self._trial = EncoderResolution.unknown(), _Trial()
-        self._runs, self._torque = _Runs(OpenRun(), OpenRun()), _Torque()
+        self._runs, self._torque = _Runs(), _Torque()
 
     def interrupt(self) -> None:
         """Take a gap: nothing that continues from row to row is known."""

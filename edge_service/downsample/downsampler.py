@@ -165,7 +165,7 @@ class Downsampler:
         if len(frame) == 0:
             return []
         if self._screen is None:
-            self._screen = RowScreen.fresh(has_torque=TORQUE in frame.channels)
+            self._screen = RowScreen(has_torque=TORQUE in frame.channels)
             if not {ANGLE, TABLE_POSITION} <= set(frame.channels):
                 self._expected_faults = ~_OF_TABLE  # one encoder only: nothing is missing
         self._note_doubts(frame)

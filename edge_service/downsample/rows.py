@@ -1,6 +1,6 @@
 """Sample frames as rows of one table, and the faults of time that part them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -82,14 +82,9 @@ class RowScreen:
     """
 
     has_torque: bool
-    newest_s: Since
-    pending: int
-    counters: RowCounters
-
-    @classmethod
-    def fresh(cls, has_torque: bool) -> "RowScreen":
-        """Screen before the first row."""
-        return cls(has_torque, -np.inf, 0, RowCounters())
+    newest_s: Since = -np.inf
+    pending: int = 0
+    counters: RowCounters = field(default_factory=RowCounters)
 
     @property
     def _required(self) -> list[int]:

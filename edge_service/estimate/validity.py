@@ -55,16 +55,16 @@ class _State:
         stuck: a channel was stuck, and no motion has shown since that it is free again.
     """
 
-    informative_s: float
-    time_s: float | None
-    last_informative_s: float | None
-    last_usable_s: float | None
-    first_s: float | None
-    fault_names: tuple[str, ...]
-    channels: tuple[str, ...]
-    stuck: bool
-    surprise: float
-    disagreeing: bool
+    informative_s: float = 0.0
+    time_s: float | None = None
+    last_informative_s: float | None = None
+    last_usable_s: float | None = None
+    first_s: float | None = None
+    fault_names: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()
+    stuck: bool = False
+    surprise: float = 0.0
+    disagreeing: bool = False
 
 
 _STORED: Stored[_State] = Stored(_State)
@@ -81,18 +81,7 @@ class Validity:
     def __init__(self, settings: ValiditySettings, hold_s: float) -> None:
         self._settings = settings
         self._hold_s = hold_s
-        self._now = _State(
-            informative_s=0.0,
-            time_s=None,
-            last_informative_s=None,
-            last_usable_s=None,
-            first_s=None,
-            fault_names=(),
-            channels=(),
-            stuck=False,
-            surprise=0.0,
-            disagreeing=False,
-        )
+        self._now = _State()
 
     @property
     def informative_s(self) -> float:

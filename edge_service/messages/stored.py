@@ -4,7 +4,7 @@ JSON has no NaN and no infinity: a field that may hold one says by its type what
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
 from typing import Annotated, Any, Generic, TypeVar, get_type_hints
@@ -31,8 +31,8 @@ class Stored(Generic[T]):
     """Round trip of one type, chiefly a dataclass.
 
     Args:
-        of: its fields have the types of this module, or plain ones, and no defaults: a value that
-            is missing is an error.
+        of: its fields have the types of this module, or plain ones. A default is that of a new
+            state; a value that is missing where one is stored is an error.
     """
 
     def __init__(self, of: Any) -> None:
@@ -45,11 +45,14 @@ class Stored(Generic[T]):
     def load(self, values: Any) -> T:
         """State of such values. Raises ValueError if they are of another type or damaged."""
         try:
-            return self._adapter.validate_python(values)
+            state = self._adapter.validate_python(values)
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"]))
             raise ValueError(f"a damaged snapshot: {place}: {first['msg']}") from None
+        if isinstance(values, Mapping) and (missing := set(self.dump(state)) - set(values)):
+            raise ValueError(f"a damaged snapshot: {', '.join(sorted(missing))} missing")
+        return state
 
 
 class Packed:
@@ -74,7 +77,9 @@ def _numbers(record: Any) -> Iterator[float]:
         yield from _numbers(value) if is_dataclass(value) else (value,)
 
 
-def _unpacked(of: type[Any], text: str) -> Any:
+def _unpacked(of: type[Any], text: object) -> Any:
+    if not isinstance(text, str):
+        raise ValueError("expected text")
     numbers = iter(decoded(text, np.float64).tolist())
     record = _record(of, numbers)
     if next(numbers, None) is not None:
@@ -97,6 +102,12 @@ def _logs(array: Floats) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in array]
 
 
+def _logarithms(values: object) -> Floats:
+    if not isinstance(values, list):
+        raise ValueError("expected a list")
+    return _array([-np.inf if value is None else value for value in values])
+
+
 def _array(values: Any) -> Floats:
     return np.array(values, dtype=np.float64)
 
@@ -117,7 +128,7 @@ Decimals = Annotated[Floats, PlainValidator(_array), PlainSerializer(lambda arra
 """Array of finite numbers as nested lists."""
 Logarithms = Annotated[
     Floats,
-    PlainValidator(lambda values: _array([-np.inf if x is None else x for x in values])),
+    PlainValidator(_logarithms),
     PlainSerializer(_logs),
 ]
 """Array (n,) of logarithms, that of zero as None."""

@@ -61,13 +61,13 @@ class _State:
 
     state: Decimals
     covariance: Decimals
-    noise_var: float
-    greatest_nm: float
-    last_innovation: float
-    haste: float
-    surprises: int
-    count: int
-    nis: Number
+    noise_var: float = 0.0
+    greatest_nm: float = 0.0
+    last_innovation: float = 0.0
+    haste: float = 1.0
+    surprises: int = 0
+    count: int = 0
+    nis: Number = float("nan")
 
 
 _STORED: Stored[_State] = Stored(_State)
@@ -90,17 +90,7 @@ class DragFilter:
         """Forget everything."""
         model = self._machine.model
         mean = [0.0, 0.0, model.viscous_nm_s_per_rad.value, 0.0, model.inertia_kg_m2.value]
-        self._now = _State(
-            state=np.array(mean),
-            covariance=np.zeros((_STATES, _STATES)),
-            noise_var=0.0,
-            greatest_nm=0.0,
-            last_innovation=0.0,
-            haste=1.0,
-            surprises=0,
-            count=0,
-            nis=float("nan"),
-        )
+        self._now = _State(np.array(mean), np.zeros((_STATES, _STATES)))
 
     def update(self, block: FeatureBlock, elapsed_s: float) -> None:
         """Take an informative interval, `elapsed_s` after the one before."""

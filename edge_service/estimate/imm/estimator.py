@@ -75,10 +75,10 @@ class _State:
     """
 
     probability: Decimals
-    recent: list[tuple[float, Decimals]]
-    last_end_s: float | None
-    stopped_s: float
-    nis: Number
+    recent: list[tuple[float, Decimals]] = field(default_factory=list)
+    last_end_s: float | None = None
+    stopped_s: float = 0.0
+    nis: Number = float("nan")
 
 
 _STORED: Stored[_State] = Stored(_State)
@@ -114,8 +114,7 @@ class ImmPreloadEstimator:
         if self._per_percent is not None:
             self._bank.restore({})
         self._validity = Validity(self._settings.validity, self._settings.excitation.hold_s)
-        alike = np.full(len(self._levels), 1.0 / len(self._levels))
-        self._now = _State(alike, [], last_end_s=None, stopped_s=0.0, nis=float("nan"))
+        self._now = _State(np.full(len(self._levels), 1.0 / len(self._levels)))
 
     def interrupt(self) -> None:
         """Withdraw the number until motion comes: no data for longer than a number may stand."""

@@ -51,9 +51,9 @@ _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
 class _Last:
     """End of the last interval, s, its stretch, m, and its normalised innovation squared."""
 
-    last_s: float | None
-    stretch_m: float | None
-    nis: Number
+    last_s: float | None = None
+    stretch_m: float | None = None
+    nis: Number = math.nan
 
 
 _STORED: Stored[_Last] = Stored(_Last)
@@ -86,7 +86,7 @@ class FusedPreloadEstimator:
         """Forget everything."""
         self._validity = Validity(self._validity_settings, self._hold_s)
         self._bank = initial_bank(self._start, self._settings)
-        self._last = _Last(None, None, math.nan)
+        self._last = _Last()
         self._gathering = Gathering()
 
     def interrupt(self) -> None:

@@ -1,0 +1,34 @@
+"""States that an earlier version has stored are read, and written again with the same bytes."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from edge_service.config import DownsampleConfig, EstimatorConfig
+from edge_service.estimate.registry import make_estimator
+from edge_service.messages.estimate import EstimateStatus
+from edge_service.nodes.pipeline import make_downsampler
+
+from ..bench.estimator.axis import OwnAxis
+
+STATES = Path(__file__).parent / "states"
+
+
+def stored(name: str) -> str:
+    return (STATES / f"{name}.json").read_text("utf-8").strip()
+
+
+@pytest.mark.parametrize("method", ["fused", "kf-imm", "sif-imm"])
+def test_a_stored_estimator_goes_on(method: str) -> None:
+    machine = OwnAxis(1, one_encoder=True).commissioned()
+    estimator = make_estimator(method, machine, EstimatorConfig(method=method))
+    estimator.restore(json.loads(stored(method)))
+    assert json.dumps(estimator.snapshot(), allow_nan=False) == stored(method)
+    assert estimator.estimate().status is EstimateStatus.ESTIMATED
+
+
+def test_a_stored_downsampler_goes_on() -> None:
+    downsampler = make_downsampler(DownsampleConfig(), OwnAxis(1).commissioned())
+    downsampler.restore(json.loads(stored("downsampler")))
+    assert json.dumps(downsampler.snapshot(), allow_nan=False) == stored("downsampler")
