@@ -38,7 +38,7 @@ if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv/bin/ed
   echo "setup: compiling the numeric kernels" >&2
   .venv/bin/python -c 'from pathlib import Path
 from edge_service.config import load_machine
-from edge_service.nodes.pipeline import warm_up
+from edge_service.nodes.wiring.stages import warm_up
 warm_up()
 warm_up(machines=[load_machine(Path("deploy/commissioned.toml"))])'
   echo "$wanted" >"$stamp"

@@ -1,6 +1,7 @@
 """The house keeps its layout, and what a user can set or ask is documented."""
 
 import ast
+import importlib
 import re
 import subprocess
 import tomllib
@@ -283,3 +284,12 @@ def test_an_effect_is_named_in_its_own_file_only() -> None:
 def test_an_effect_that_is_named_elsewhere_is_found() -> None:
     text = 'KNOWN = {"delay": 1, f"warmup:{2}": 2}  # backlash'
     assert named_effects(text) == {"delay", "warmup"}
+
+
+def test_the_scripts_import_what_is_there() -> None:
+    """A module that moves takes the scripts of `deploy/` with it."""
+    scripts = "\n".join(path.read_text("utf-8") for path in ROOT.glob("deploy/*.sh"))
+    named = re.findall(r"from (edge_service[\w.]*) import (\w+)", scripts)
+    assert named
+    for module, name in named:
+        assert hasattr(importlib.import_module(module), name)

@@ -18,11 +18,11 @@ from edge_service.config import EstimatorConfig
 from edge_service.downsample.statistics import absent_block
 from edge_service.estimate.interface import PreloadEstimator, UnsuitableMachineError
 from edge_service.estimate.registry import AUTO, ESTIMATORS, make_estimator
-from edge_service.messages.codec import decode_features, encode_features
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import Fault, FeatureBlock, Phase
 from edge_service.messages.header import Header
 from edge_service.messages.samples import SampleFrame
+from edge_service.messages.topics import FEAT
 from edge_service.models.machine import Machine
 from edge_service.nodes.stores.estimate_store import DAMAGED
 
@@ -213,7 +213,7 @@ def test_live_is_replay(method: str, one_encoder: bool) -> None:
     live, other = made(method, one_encoder), made(method, one_encoder)
     said = []
     for block in downsampled(pieces, machine(one_encoder)):
-        _, _, heard = decode_features(encode_features("X", header, block))
+        _, _, heard = FEAT.decode(FEAT.encode("X", header, block))
         said.append(fed(live, heard).model_dump_json())
         other.update(replace(block, torque_mean_nm=2.0 * block.torque_mean_nm))
     assert said == replayed
