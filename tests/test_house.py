@@ -293,3 +293,39 @@ def test_the_scripts_import_what_is_there() -> None:
     assert named
     for module, name in named:
         assert hasattr(importlib.import_module(module), name)
+
+
+def folder_graph(graph: Mapping[str, set[str]]) -> dict[str, set[str]]:
+    """Folders of a room and those beside them that they use; modules above both are of neither."""
+    folders: dict[str, set[str]] = {}
+    for name, used in graph.items():
+        for other in used:
+            mine, its = name.split("."), other.split(".")
+            shared = next(k for k, (a, b) in enumerate(zip(mine, its, strict=False)) if a != b)
+            if shared >= 2 and len(mine) > shared + 1 and len(its) > shared + 1:
+                user = ".".join(mine[: shared + 1])
+                folders.setdefault(user, set()).add(".".join(its[: shared + 1]))
+    return folders
+
+
+def test_no_folders_of_a_room_use_each_other_in_a_circle() -> None:
+    """Stages have an order: what comes first knows nothing of what comes after."""
+    product = {name: path for name, path in modules().items() if not name.startswith("tests")}
+    packages = {name for name, path in product.items() if path.stem == "__init__"}
+    graph = {
+        name: {each for each in used if each not in packages}
+        for name, used in import_graph(product).items()
+        if name not in packages
+    }
+    try:
+        TopologicalSorter(folder_graph(graph)).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_a_circle_of_folders_is_found() -> None:
+    graph = {"room.a.b.one": {"room.a.c.two"}, "room.a.c.three": {"room.a.b.four"}}
+    with pytest.raises(CycleError):
+        TopologicalSorter(folder_graph(graph)).prepare()
+    graph["room.a.c.three"] = {"room.a.five"}
+    TopologicalSorter(folder_graph(graph)).prepare()

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..messages.channels import CHANNELS
 from ..models.effects.registry import parse_effect
+from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
 from ..models.motion import MotionLimits, motion_limits
-from ..models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..trace.columns import TraceError
 from ..trace.writer import TraceFormat, TraceWriter

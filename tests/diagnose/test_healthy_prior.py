@@ -8,10 +8,10 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import load_machine
-from edge_service.diagnose.session.healthy_prior import (
+from edge_service.diagnose.candidates.healthy_prior import healthy_priors
+from edge_service.diagnose.session.tolerance import (
     INTERPOLATION_M,
     TOLERANCE_OF_FLOOR,
-    healthy_priors,
     parameter_tolerances,
     stated_tolerance,
 )

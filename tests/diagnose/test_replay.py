@@ -16,9 +16,9 @@ from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import active_effect, effects, get_effect
 from edge_service.models.effects.signature import transmission_signature
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.plant.encoders import Sensors
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
 from .conftest import frame_of, recorded, runs, session_of
 from .test_diagnosis import diagnosed

@@ -15,9 +15,9 @@ from edge_service.messages.channels import ANGLE, TORQUE
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
 MACHINE = load_machine(DEFAULT_MACHINE)
 RATE_HZ = 1000.0

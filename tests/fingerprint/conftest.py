@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Segment, Setpoints, motion_limits
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
 BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 GUIDE_FORCE_N = 40.0

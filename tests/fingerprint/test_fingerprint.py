@@ -22,9 +22,9 @@ from edge_service.fingerprint.result import Section, Status, mean_of, rounded_rp
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Dwell, Move, Segment, motion_limits
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.ball_screw import ball_pass_orders
 

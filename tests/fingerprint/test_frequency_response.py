@@ -16,9 +16,9 @@ from edge_service.fingerprint.response.frequency_response import (
 from edge_service.fingerprint.response.two_mass_fit import TwoMassFit, fit_two_mass
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motion import MOTIONS, motion_limits
-from edge_service.models.plant.feed_drive import FeedDriveSettings
 from edge_service.models.plant.two_mass import axial_compliance
 
 from .conftest import FRESH, run_axis, setpoints_of

@@ -18,8 +18,8 @@ from edge_service.fingerprint.transmission.stiffness_fit import StiffnessFit, fi
 from edge_service.fingerprint.transmission.stiffness_point import StiffnessPoint, backlash
 from edge_service.messages.channels import ANGLE, TABLE_POSITION
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.plant.feed_drive import FeedDriveSettings
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.nut_law import nut_stiffness
 

@@ -11,10 +11,10 @@ from edge_service.messages import channels
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.forward import put_into
 from edge_service.models.effects.registry import effect_names, parse_effect
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motion import Dwell, Move, Setpoints
 from edge_service.models.plant.encoders import Sensors
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.plant.tables import find_friction, misreading, nut_shift
 from edge_service.models.plant.two_mass import (
     MOTOR_FRICTION,

@@ -13,10 +13,10 @@ from edge_service.messages.samples import Floats
 from edge_service.models.effects.baseline import Baseline, Motion
 from edge_service.models.effects.registry import effect_names, parse_effect
 from edge_service.models.effects.signature import torque_signature, transmission_signature
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import Dwell, Move, Setpoints
 from edge_service.models.plant.encoders import Sensors
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
 IDEAL = Sensors(*[0.0] * len(Sensors._fields))
 HOME_M, RATE_HZ = 0.2, 1000.0

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motion import (
     MOTIONS,
@@ -23,7 +24,6 @@ from edge_service.models.motion import (
     Setpoints,
     motion_limits,
 )
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 
 RATE_HZ = 1000.0
 BENCH = MotionLimits(0.04, 0.76)

@@ -11,9 +11,9 @@ from edge_service.messages.samples import Floats
 from edge_service.models.effects.contribution import HOUSING_LAG_S, lagged_warming
 from edge_service.models.effects.library.warmup import WARM_RISE_K
 from edge_service.models.effects.registry import parse_effect
+from edge_service.models.feed_drive import AMBIENT_C, FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import Dwell, Move, Setpoints
-from edge_service.models.plant.feed_drive import AMBIENT_C, FeedDrive, FeedDriveSettings
 
 HOME_M = 0.04
 

@@ -18,8 +18,8 @@ from edge_service.config import (
     HttpConfig,
     load_machine,
 )
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.nodes.service import PIPELINE, NodeName, run_nodes
 from edge_service.nodes.wiring.context import NodeContext
 from edge_service.trace.writer import TraceWriter

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Effect
-from ..session.healthy_prior import HealthyPrior
 from ..session.session import Integers, Session
 from .empirical_shapes import empirical_shapes
+from .healthy_prior import HealthyPrior
 from .normal_equations import Columns, NormalEquations
 from .regressor import CandidateRegressor, regressors_of
 

@@ -9,14 +9,14 @@ import numpy as np
 from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ...messages.samples import SampleFrame
 from ...models.effects.registry import get_effect
+from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import Machine
 from ...models.motion import MOTIONS, Setpoints, motion_limits
-from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from ..candidates.design_matrix import DesignMatrix
+from ..candidates.healthy_prior import healthy_priors
 from ..selection.noise import Noise
 from ..selection.problem import Fit, SelectionProblem
 from ..selection.stepwise import select_stepwise
-from ..session.healthy_prior import healthy_priors
 from ..session.recordings import runs_of
 from ..session.session import Rows, Session
 from ..session.twin import rigid_baseline, rigid_plant

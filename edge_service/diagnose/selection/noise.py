@@ -9,8 +9,8 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.machine import Machine
 from ..residual.noise_floor import Floor, noise_floor
-from ..session.healthy_prior import stated_tolerance
 from ..session.session import Session
+from ..session.tolerance import stated_tolerance
 
 MOST_EFFECTIVE = 400.0
 """Independent observations that a channel counts for at most: the library is an approximation."""

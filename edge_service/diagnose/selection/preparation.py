@@ -8,9 +8,9 @@ from ...models.effects.effect import Effect
 from ...models.machine import Machine
 from ..candidates.design_matrix import DesignMatrix
 from ..candidates.force_pulses import FORCE, ForcePulse, pulses_of_session
+from ..candidates.healthy_prior import HealthyPrior, healthy_priors, parameter_priors
 from ..candidates.null_shapes import null_shapes
 from ..candidates.regressor import CandidateRegressor
-from ..session.healthy_prior import HealthyPrior, healthy_priors, parameter_priors
 from ..session.session import TORQUE_GAP, Session
 from .noise import Noise, noise_of_gap
 from .observability import is_too_slow

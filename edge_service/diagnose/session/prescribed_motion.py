@@ -19,8 +19,8 @@ from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.forward import Forward, TimeLoad, put_into
 from ...models.effects.registry import machine_effects
+from ...models.feed_drive import SUBSTEP_RATE_HZ
 from ...models.machine import Machine
-from ...models.plant.feed_drive import SUBSTEP_RATE_HZ
 from ...models.plant.from_machine import plant_of
 from ...models.plant.prescribed_motion import (
     STRETCH,

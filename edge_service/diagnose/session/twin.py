@@ -19,13 +19,13 @@ from ...models.effects.registry import (
     get_effect,
     machine_effects,
 )
+from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import Machine
 from ...models.plant.encoders import Sensors
-from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.plant.two_mass import Plant
-from .healthy_prior import parameter_tolerances
 from .recordings import EDGE_S, Run, runs_of
 from .session import Session
+from .tolerance import parameter_tolerances
 
 LONGEST_RUN_S = 60.0
 """Of each healthy run; the beginning of a longer recording stands for the rest."""

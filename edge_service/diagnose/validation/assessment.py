@@ -13,8 +13,8 @@ from ..estimation.contributions import Contributions, contributions_of
 from ..result import NamedEffect
 from ..selection.posterior import without
 from ..selection.selected_model import SelectedModel
-from ..session.healthy_prior import parameter_tolerances
 from ..session.session import TORQUE_GAP, rms
+from ..session.tolerance import parameter_tolerances
 from .cross_validation import Fold, folds_of
 from .misattribution import Attribution, attributions
 from .shrink import shrink_of

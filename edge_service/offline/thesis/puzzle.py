@@ -21,9 +21,9 @@ from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import SampleFrame
 from ...models.effects.registry import get_effect, machine_effects, parse_effect
 from ...models.effects.signature import transmission_signature
+from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import EffectConfig, Machine, Quantity
 from ...models.motion import MOTIONS, Setpoints, motion_limits
-from ...models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from ..report.pictures import write_png
 from .puzzle_picture import CHANNELS, Step, draw_puzzle
 

@@ -12,9 +12,9 @@ from edge_service.messages.channels import EXTERNAL_FORCE, TABLE_POSITION, TABLE
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motion import MOTIONS, Dwell, Segment, Setpoints, motion_limits
-from edge_service.models.plant.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.nodes.wiring.stages import make_downsampler
 
 from .scores import Recorded

@@ -1,13 +1,11 @@
-"""Deviations that a healthy axis may have: parameters within tolerance, a trace of everything."""
+"""Tolerances of a machine: of the model's parameters, and of the gap that nobody acts on."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
-from ...models.effects.effect import Effect, Kind, Term
-from ...models.effects.registry import effects, error_of, get_effect
+from ...models.effects.effect import Term
+from ...models.effects.registry import error_of
 from ...models.machine import DEFAULT_TOLERANCE, Machine
-from ..candidates.regressor import EntryRegressor, entry_regressor
 from .session import TORQUE_GAP, TRANSMISSION_GAP
 
 TOLERANCE_OF_FLOOR = 1.0
@@ -18,15 +16,6 @@ TOLERANCE_OF_TORQUE = 1e-3
 """The same over the greatest torque: drives state their torque in such steps."""
 INTERPOLATION_M = 5e-8
 """Error of interpolation within a signal period of a good linear encoder (assumption)."""
-
-
-@dataclass(frozen=True, slots=True)
-class HealthyPrior:
-    """Nuisance effect of a healthy axis: its coefficient is normal with `mean` and `sigma`."""
-
-    regressor: EntryRegressor
-    mean: float
-    sigma: float
 
 
 def parameter_tolerances(machine: Machine) -> dict[str, float]:
@@ -43,32 +32,6 @@ def parameter_tolerances(machine: Machine) -> dict[str, float]:
         Term.GAIN: min(model.inertia_kg_m2.tolerance, DEFAULT_TOLERANCE),
     }
     return {error_of(term): sigma for term, sigma in tolerances.items()}
-
-
-def healthy_priors(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[HealthyPrior]:
-    """Parameters within their tolerance, and traces of what no axis is free of."""
-    known = [
-        HealthyPrior(_one(get_effect(name), {}), 0.0, sigma)
-        for name, sigma in parameter_tolerances(machine).items()
-        if sigma > 0.0
-    ]
-    traces = [
-        HealthyPrior(_one(effect, trace.shape), *trace.prior(period_s, coulomb_nm))
-        for effect in sorted(effects().values(), key=_parameters_first)
-        for trace in (effect.trace,)
-        if trace.prior
-    ]
-    return known + traces
-
-
-def _parameters_first(effect: Effect) -> tuple[bool, int, str]:
-    """Order of columns, on which the last digits of an answer depend."""
-    return effect.term is None, list(Kind).index(effect.kind), effect.name
-
-
-def _one(effect: Effect, shape: Mapping[str, float]) -> EntryRegressor:
-    amounts = [p.name for p in effect.parameters if p.role.value == "amount"]
-    return entry_regressor(effect, amounts[0] if amounts else "", shape)
 
 
 def stated_tolerance(
@@ -96,13 +59,4 @@ def stated_tolerance(
         name: stated[name]
         or max(min(TOLERANCE_OF_FLOOR * rms, most.get(name, math.inf)), least[name])
         for name, rms in floor.items()
-    }
-
-
-def parameter_priors(prior: Sequence[HealthyPrior]) -> dict[str, tuple[float, float]]:
-    """Effect -> healthy mean and tolerance, where its amount is all that it has."""
-    return {
-        each.regressor.name: (each.mean, each.sigma)
-        for each in prior
-        if not each.regressor.shape and len(each.regressor.effect.parameters) == 1
     }

@@ -6,16 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...messages import channels
-from ...messages.samples import Floats, SampleFrame
-from ..effects.effect import ActiveEffect
-from ..effects.forward import Forward, TimeLoad, put_into
-from ..effects.registry import machine_effects
-from ..machine import Machine
-from ..screw.friction import Number
-from .closed_loop import LOOP_STATE_SIZE, Inputs, Loop, advance_loop
-from .controller import MAX_TORQUE_NM, Gains, gains_for
-from .encoders import (
+from ..messages import channels
+from ..messages.samples import Floats, SampleFrame
+from .effects.effect import ActiveEffect
+from .effects.forward import Forward, TimeLoad, put_into
+from .effects.registry import machine_effects
+from .machine import Machine
+from .plant.closed_loop import LOOP_STATE_SIZE, Inputs, Loop, advance_loop
+from .plant.controller import MAX_TORQUE_NM, Gains, gains_for
+from .plant.encoders import (
     ANGLE,
     FORCE,
     MOTOR_SPEED,
@@ -29,9 +28,9 @@ from .encoders import (
     TORQUE,
     Sensors,
 )
-from .from_machine import plant_of, screw_drag
-from .tables import misreading, nut_shift
-from .two_mass import (
+from .plant.from_machine import plant_of, screw_drag
+from .plant.tables import misreading, nut_shift
+from .plant.two_mass import (
     MOTOR_FRICTION,
     MOTOR_TRAVEL,
     STATE_SIZE,
@@ -42,6 +41,7 @@ from .two_mass import (
     axial_compliance,
     resistance,
 )
+from .screw.friction import Number
 
 SUBSTEP_RATE_HZ = 16_000.0
 AMBIENT_C = 20.0
