@@ -246,7 +246,8 @@ def _diagnosis_plant(seed: int, quick: bool, out: Path | None) -> str:
 
 def _real_machines(seed: int, out: Path | None) -> str:
     from .diagnose.cases import BenchError
-    from .diagnose.seeded_errors import DATA, run_seeded_errors
+    from .diagnose.seeded_errors import run_seeded_errors
+    from .real_machines import DATA
 
     try:
         return run_seeded_errors(DATA, seed, out, say=progress)

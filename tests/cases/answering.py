@@ -24,7 +24,7 @@ from .recipes import Store
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a case ended: status, what stood on stderr, and the answer as plain objects."""
+    """End of a case: status, what stood on stderr, and the answer as plain objects."""
 
     status: int
     stderr: str
@@ -88,7 +88,7 @@ def _words(line: str, named: dict[str, list[Path]]) -> Iterator[str]:
 
 
 def _with_placeholders(text: str, named: dict[str, list[Path]]) -> str:
-    """What was said, with `{trace}` for the path of the trace."""
+    """Line on stderr, with `{trace}` for the path of the trace."""
     for name, paths in named.items():
         if name != "folder":
             text = text.replace(str(paths[0]), f"{{{name}}}")
@@ -96,7 +96,7 @@ def _with_placeholders(text: str, named: dict[str, list[Path]]) -> str:
 
 
 def _answer(command: str, out: Path, stdout: io.StringIO, case: Case) -> Any:
-    """What the command left, or its JSON on stdout; None where there is neither."""
+    """File that the command left, or its JSON on stdout; None where there is neither."""
     if command == "estimate" and out.exists():
         return estimates(out, case.windows)
     if command == "commission" and out.exists():

@@ -89,7 +89,7 @@ class Window(Strict):
 
 
 class Case(Strict):
-    """What `case.toml` says."""
+    """Content of `case.toml`."""
 
     wrong: str = Field(description="one sentence: the false answer that must not come again")
     run: list[str] = Field([], description="commands, one after another; the last one answers")
@@ -109,7 +109,7 @@ class Case(Strict):
 
 
 class Refusal(Strict):
-    """What `expected.err` says: the exit status and the line on stderr."""
+    """Content of `expected.err`: the exit status and the line on stderr."""
 
     status: int = 2
     line: str | None = None
@@ -146,7 +146,7 @@ class Assertion(Strict):
 
 
 class Answer(Strict):
-    """What `expected.json` says; `or_refused`: such a line with status 2 would do as well."""
+    """Content of `expected.json`; `or_refused`: such a line with status 2 would do as well."""
 
     status: int = 0
     answer: list[Assertion] = []

@@ -1,4 +1,4 @@
-"""The seed's estimator on a closed-loop axis: follows the truth, and says when it cannot."""
+"""The thesis' estimator on a closed-loop axis: follows the truth, and says when it cannot."""
 
 import json
 from collections.abc import Callable, Iterable

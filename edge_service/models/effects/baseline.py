@@ -38,7 +38,7 @@ class Baseline:
 
     @classmethod
     def of_machine(cls, machine: Machine) -> Self:
-        """The baseline of a machine file, completed by the seed's bench where it is silent.
+        """The baseline of a machine file, completed by the thesis' bench where it is silent.
 
         Raises:
             ValueError: the table is heavier than the whole inertia.

@@ -21,22 +21,12 @@ from edge_service.offline.gap import BadDataError
 from edge_service.trace.conditioning import white_noise_rms
 
 from ..pool import in_processes
+from ..real_machines import ACTUATOR_TOML, SEQUENCES
 from .cases import BenchError
 from .table import BenchFigure, figures_as_text
 
-DATA = Path(__file__).parents[3].parent / "shared" / "data"
 MAGNITUDES = {"small": 0.1, "medium": 0.25, "large": 0.6}
 """Greatest torque of an error over the root mean square of the torque in motion."""
-_ACTUATOR = """
-[axis]
-name = "actuator"
-lead_m = 0.005
-
-[model]
-inertia_kg_m2 = { value = 3e-5, tolerance = 0.3 }
-viscous_nm_s_per_rad = { value = 1e-5, tolerance = 1.0 }
-preload_drag_nm = { value = 0.05, tolerance = 0.5 }
-"""
 _EMPS = """
 [axis]
 name = "EMPS"
@@ -48,7 +38,6 @@ viscous_nm_s_per_rad = 3.221751e-5
 preload_drag_nm = 8.1142e-3
 """
 _EMPS_RATIO, _EMPS_NM_PER_V = 0.0025 / (2.0 * math.pi), 0.0139859993
-_SEQUENCES = 10
 _CREEP, _SIGMAS = 0.002, 4.0
 """Of the greatest speed, below which an axis rests; a sensor's noise may make it more."""
 
@@ -211,8 +200,8 @@ def _of_cranfield(folder: Path) -> Iterator[Recording]:
         starts = np.flatnonzero(np.diff(rows["time"]) < 0.0) + 1
         every = np.split(rows, starts)
         parts = [
-            every[first : first + _SEQUENCES]
-            for first in range(0, len(every) - _SEQUENCES + 1, _SEQUENCES)
+            every[first : first + SEQUENCES]
+            for first in range(0, len(every) - SEQUENCES + 1, SEQUENCES)
         ]
         # one speed both ways, one sensor, and a current without a sign
         alike = frozenset({"drag_error", "viscous_error", "torque_gain_error", "load_friction"})
@@ -222,7 +211,7 @@ def _of_cranfield(folder: Path) -> Iterator[Recording]:
             name = f"cranfield {load} kgf {k}"
             commanded_m = 1e-3 * np.concatenate([each["set_point"] for each in parts[k]])
             columns = _one_actuator(parts[k])
-            yield Recording(name, _ACTUATOR, columns, commanded_m, reference, alike, told)
+            yield Recording(name, ACTUATOR_TOML, columns, commanded_m, reference, alike, told)
 
 
 def _one_actuator(sequences: Sequence[np.ndarray]) -> dict[str, Floats]:

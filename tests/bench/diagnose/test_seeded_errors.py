@@ -8,10 +8,10 @@ import pytest
 
 from edge_service.cli.entry import main
 
-from . import seeded_errors
+from .. import real_machines
+from ..real_machines import DATA
 from .cases import BenchError
 from .seeded_errors import (
-    DATA,
     KNOWN,
     MAGNITUDES,
     OPEN,
@@ -99,7 +99,7 @@ def test_without_recordings_there_is_one_line(
 ) -> None:
     with pytest.raises(BenchError, match="no recording"):
         recordings(tmp_path)
-    monkeypatch.setattr(seeded_errors, "DATA", tmp_path)
+    monkeypatch.setattr(real_machines, "DATA", tmp_path)
     assert main(["bench", "diagnose", "--real-machines"]) == 2
     assert (
         capsys.readouterr().err.strip().endswith(f"no recording of emps or cranfield in {tmp_path}")

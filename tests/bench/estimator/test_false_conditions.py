@@ -40,7 +40,7 @@ class Telling:
 
 
 def watched(shares: list[float]) -> WatchCount:
-    """What is said of an axis whose estimates are these shares of fresh, one each .1 s."""
+    """Conditions of an axis whose estimates are these shares of fresh, one each .1 s."""
     axis, count = OwnAxis(), len(shares)
     percent = np.full(100 * count + 200, axis.fresh_percent)
     blocks = downsampled(axis.frames("production", percent, 1), axis.nominal())[:count]

@@ -45,7 +45,7 @@ def _healthy_excess(_period_s: float, coulomb_nm: float) -> tuple[float, float]:
 EFFECT = Effect(
     name="stribeck",
     description="Friction rises at low speed and the axis breaks away hard: lubrication is thin.",
-    source="Armstrong-Helouvry (1991), the exponential form of the seed's (5.3.13)",
+    source="Armstrong-Helouvry (1991), the exponential form of the thesis' eq. 5.3.13",
     kind=Kind.FRICTION,
     parameters=(
         Parameter("excess_nm", "N m", "Breakaway above Coulomb level.", -5.0, 5.0, 0.0, 0.2),
