@@ -1,6 +1,7 @@
 """Frequency response and two-mass fit against the transfer function of the plant."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from edge_service.fingerprint.response.frequency_response import (
     drive_responses_along,
 )
 from edge_service.fingerprint.response.two_mass_fit import TwoMassFit, fit_two_mass
+from edge_service.fingerprint.transmission.sections import modes
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings
@@ -94,6 +96,16 @@ def test_below_the_resonance_there_is_no_resonance() -> None:
     assert found.table_share.holds(1.0 - RATIO**-2)
     assert found.antiresonance.holds(NOTCH_HZ)
     assert found.antiresonance.high == math.inf
+
+
+@pytest.mark.parametrize(("damping", "rings"), [(0.7, True), (0.72, False), (1.03, False)])
+def test_a_mode_without_a_peak_is_no_resonance(damping: float, rings: bool) -> None:
+    found = fit_two_mass(exact_response(10.0, 400.0))
+    damped = replace(found, resonance_damping=replace(found.resonance_damping, value=damping))
+    figures = modes(damped)
+    assert set(figures) == {"antiresonance_hz", "resonance_hz", "resonance_damping", "table_share"}
+    assert all(each.determined is rings for each in figures.values())
+    assert rings or all("no resonance" in each.note for each in figures.values())
 
 
 def test_a_held_torque_is_told_from_a_continuous_one() -> None:
