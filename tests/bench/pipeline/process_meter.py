@@ -144,6 +144,11 @@ class ServiceProcess:
         self.stop()
 
     @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
     def output(self) -> str:
         """Output that it has written so far."""
         return self._output.read_text("utf-8", "replace")
