@@ -1,31 +1,147 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, are on the disk then, and can be checked when read.
 
+Every file that is kept has the mode that the process' umask leaves it, and a damaged one is set
+aside under a name that nobody reads.
+"""
+
+import errno
+import hashlib
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO, TextIO
+
+PART, DAMAGED = ".part", ".damaged"
+_HEAD, _MIDDLE, _TAIL = b'{"sha256": "', b'", "content": ', b"}\n"
+_DIGEST = slice(len(_HEAD), len(_HEAD) + 64)
+_CONTENT = _DIGEST.stop + len(_MIDDLE)
+_NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES)
+_LOST = (errno.EISDIR, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EIO, errno.ELOOP)
+_MOST_ASIDE = 9
+
+
+class DamagedError(Exception):
+    """Reason why a kept file is not what was written."""
 
 
 @contextmanager
 def replaced_file(path: Path) -> Iterator[TextIO]:
-    """A text file that takes `path`'s place on success and leaves no trace on failure."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    """A text file that takes `path`'s place on success and leaves no trace on failure. OSError."""
+    with (
+        _part(path) as handle,
+        os.fdopen(handle, "w", encoding="utf-8", newline="", closefd=False) as file,
+    ):
+        yield file
+
+
+@contextmanager
+def replaced_bytes(path: Path) -> Iterator[BinaryIO]:
+    """The same for bytes."""
+    with _part(path) as handle, os.fdopen(handle, "wb", closefd=False) as file:
+        yield file
+
+
+def write_checked(path: Path, content: str) -> None:
+    """Write JSON text with its digest, `{"sha256": ..., "content": ...}`. Raises OSError."""
+    text = content.encode()
+    with replaced_bytes(path) as file:
+        file.write(_HEAD + _digest(text) + _MIDDLE + text + _TAIL)
+
+
+def read_checked(path: Path) -> str | None:
+    """JSON text kept in a file of `write_checked`; None if there is no file.
+
+    A file of a version that wrote no digests is given as it is: the caller must doubt its content.
+
+    Raises:
+        DamagedError: it is not what was written.
+        OSError: it cannot be read now.
+    """
+    content = read_kept_bytes(path)
+    if content is None:
+        return None
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).chmod(0o666 & ~_umask())
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
+        return _checked(content).decode()
+    except UnicodeDecodeError as error:
+        raise DamagedError(f"no text ({error.reason})") from None
+
+
+def read_kept_bytes(path: Path) -> bytes | None:
+    """All of a file; None if there is none. DamagedError if it is gone for good, else OSError."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        if error.errno in _LOST:
+            raise DamagedError(f"it cannot be read ({error.strerror})") from None
         raise
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def set_aside(path: Path) -> Path:
+    """Keep a damaged file beside its place, under a name of its own; returns it. OSError."""
+    numbers = ("", *(f".{number}" for number in range(2, _MOST_ASIDE + 1)))
+    names = [path.with_name(f"{path.name}{number}{DAMAGED}") for number in numbers]
+    aside = next((name for name in names if not name.exists()), names[-1])
+    path.replace(aside)
+    sync_folder(path.parent)
+    return aside
+
+
+def made_folder(folder: Path) -> None:
+    """Make a folder with those above it, so that they outlive a power failure. OSError."""
+    if folder.is_dir():
+        return
+    made_folder(folder.parent)
+    with suppress(FileExistsError):
+        folder.mkdir()
+    sync_folder(folder.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the names in a folder on the disk; file systems that cannot do that are left alone."""
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
+
+
+@contextmanager
+def _part(path: Path) -> Iterator[int]:
+    """A descriptor of a new file that is on the disk, and takes `path`'s place, on success."""
+    made_folder(path.parent)
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
+    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    try:
+        try:
+            yield handle
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
+
+
+def _checked(content: bytes) -> bytes:
+    """Content behind its digest, where there is one. Raises DamagedError."""
+    head, middle = content[: _DIGEST.start], content[_DIGEST.stop : _CONTENT]
+    if head != _HEAD and middle != _MIDDLE:
+        return content
+    text = content[_CONTENT : -len(_TAIL)]
+    if content != _HEAD + _digest(text) + _MIDDLE + text + _TAIL:
+        raise DamagedError("its checksum is wrong")
+    return text
