@@ -228,10 +228,10 @@ def test_the_command_starts_without_what_it_does_not_need() -> None:
 
 
 @pytest.mark.parametrize(("stated", "alone"), [({}, True), ({"OPENBLAS_NUM_THREADS": "2"}, False)])
-def test_linear_algebra_keeps_to_one_thread_unless_told(
+def test_linear_algebra_keeps_to_one_thread_unless_asked(
     stated: dict[str, str], alone: bool
 ) -> None:
-    """It must be said before numpy is loaded."""
+    """The number must be set before numpy is loaded."""
     if not alone and (os.cpu_count() or 1) == 1:
         pytest.skip("one core has one thread")
     script = (

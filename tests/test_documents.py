@@ -1,4 +1,4 @@
-"""What documents say is so: links, pictures, modules, commands, options, blocks, figures."""
+"""Documents say what is so: links, pictures, modules, commands, options, blocks, figures."""
 
 import ast
 import hashlib

@@ -307,7 +307,7 @@ def test_the_force_sensor_reports_the_push() -> None:
     assert "external_force_n" not in simulate(axis_case(duration_s=1.0)).columns
 
 
-def test_machine_files_say_what_each_judge_is_told() -> None:
+def test_machine_files_say_what_each_judge_is_reported() -> None:
     estimator = tomllib.loads(nominal_machine_toml(Machine(), tolerance=0.02))["model"]
     assert estimator["preload_n"] == 510.0
     assert estimator["preload_drag_nm"] == {"value": 0.146, "tolerance": 0.02}
@@ -354,7 +354,7 @@ def test_commissioning_and_production_stay_on_the_stroke_and_jogs_stay_small() -
     assert np.ptp(motions.jogs(np.random.default_rng(1), 20.0)) < 2.1e-4
 
 
-def test_a_part_program_repeats_its_own_places_and_pauses_when_told() -> None:
+def test_a_part_program_repeats_its_own_places_and_pauses_when_asked() -> None:
     programs = [
         part_programme(np.random.default_rng(seed), 90.0, 0.8, ((20.0, 12.0),)) for seed in (1, 2)
     ]

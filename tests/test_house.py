@@ -273,7 +273,7 @@ def named_effects(text: str) -> set[str]:
 
 
 def test_an_effect_is_named_in_its_own_file_only() -> None:
-    """What others need to know of an effect is a property of it."""
+    """Anything that others need to know of an effect is a property of it."""
     library = ROOT / "edge_service" / "models" / "effects" / "library"
     for path in [*ROOT.glob("edge_service/**/*.py"), *ROOT.glob("drivers/**/*.py")]:
         known = OTHER_MEANINGS.get(str(path.relative_to(ROOT)), set())

@@ -1,4 +1,4 @@
-"""What is no fit recording for `gap` and `diagnose`: a clear line or verdict, never a traceback."""
+"""Recordings unfit for `gap` and `diagnose`: a clear line or verdict, never a traceback."""
 
 import json
 import resource

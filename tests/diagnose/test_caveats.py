@@ -1,4 +1,4 @@
-"""Bounds of a verdict are told: noise that hides faults, and a remainder beside the causes."""
+"""Bounds of a verdict are stated: noise that hides faults, and a remainder beside the causes."""
 
 import json
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("verdict", "after", "told"),
+    ("verdict", "after", "stated"),
     [
         (Verdict.EXPLAINED, 0.05, True),
         (Verdict.AMBIGUOUS, 0.05, True),
@@ -57,11 +57,11 @@ def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> Non
         (Verdict.UNKNOWN, 0.05, False),
     ],
 )
-def test_a_remainder_that_matters_is_told(verdict: Verdict, after: float, told: bool) -> None:
+def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, stated: bool) -> None:
     gap = {"torque_nm": ChannelGap(0.2, after, 0.018, 0.014, "recording", "N m")}
     found = caveats_of(gap, {"torque_nm": after}, 1.0, verdict)
-    assert bool(found) == told
-    if told:
+    assert bool(found) == stated
+    if stated:
         assert found[0].startswith("torque: 0.0466 N m beyond the floor are left")
 
 

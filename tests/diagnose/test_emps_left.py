@@ -1,4 +1,4 @@
-"""What is left of a real axis once its published friction is in the model (EMPS, 2019)."""
+"""Remainder of a real axis once its published friction is in the model (EMPS, 2019)."""
 
 from functools import cache
 from pathlib import Path
@@ -24,7 +24,7 @@ INERTIA_KG_M2 = 95.1089 * RATIO**2
 
 @cache
 def session_of_record(name: str) -> Session:
-    """What the published friction leaves of a record."""
+    """Remainder of a record beside the published friction."""
     effects = [
         EffectConfig(
             name="drag_error", parameters={"change_nm": Quantity(value=COULOMB_N * RATIO)}

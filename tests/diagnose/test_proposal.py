@@ -1,4 +1,4 @@
-"""Which motion decides, how sure that would be, and what a motion can show at all."""
+"""Motion that decides, how sure it would be, and all that a motion can show."""
 
 import json
 import math
@@ -113,8 +113,8 @@ def test_the_weaker_the_fault_the_less_evidence(bench: Machine) -> None:
 @pytest.mark.parametrize("ratio", [0.01, 1.0, 30.0])
 def test_the_strength_that_shows_follows_from_the_evidence(ratio: float) -> None:
     """One channel, 400 observations: 200 ln(1 + (k r)^2) = DECISIVE."""
-    told = least_strength(Separation("a", None, 0.0, (ratio,), 0.0))
-    assert told == pytest.approx(math.sqrt(math.expm1(DECISIVE / 200.0)) / ratio, rel=1e-6)
+    strength = least_strength(Separation("a", None, 0.0, (ratio,), 0.0))
+    assert strength == pytest.approx(math.sqrt(math.expm1(DECISIVE / 200.0)) / ratio, rel=1e-6)
     strained = least_strength(Separation("a", None, 0.0, (0.0,), ratio))
     assert strained == pytest.approx(math.sqrt(2.0 * DECISIVE / ratio), rel=1e-6)
     assert least_strength(Separation("a", None, 0.0, (0.0,), 0.0)) == math.inf

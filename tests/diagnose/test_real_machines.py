@@ -1,6 +1,6 @@
 """Real machines with faults that others seeded, recorded as slowly as others record.
 
-Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned; faults are told beside
+Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned; faults are named beside
 recordings of the healthy actuator. Screw actuators: 100 Hz, a data sheet and no more.
 """
 

@@ -63,7 +63,7 @@ def test_one_axis_that_warms_up_grows_and_has_play_is_one_axis(
         ),
     ],
 )
-def test_another_axis_is_told_by_what_makes_it_another(
+def test_another_axis_is_named_by_what_makes_it_another(
     machine: Machine, changes: dict[str, float], lacking: str | None, says: str
 ) -> None:
     less = {lacking: None} if lacking else {}

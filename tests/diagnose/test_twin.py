@@ -1,4 +1,4 @@
-"""Which runs of a session its healthy twins repeat."""
+"""Runs of a session that its healthy twins repeat."""
 
 import itertools
 from dataclasses import replace

@@ -37,7 +37,7 @@ table_mass_kg = 30.0
 
 
 class Axis(NamedTuple):
-    """What is true of the axis; a fault is another value. SI units."""
+    """Truth about the axis; a fault is another value. SI units."""
 
     motor_kg_m2: float = 1.196e-3
     table_kg: float = 30.0

@@ -1,4 +1,4 @@
-"""Channels are told from each other's motion; nothing that a sound axis does is held against it."""
+"""Channels are checked by each other's motion; nothing that a sound axis does counts as a fault."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -103,12 +103,12 @@ def played(way: Floats, play_m: float) -> Floats:
     """Way of a table that is pushed by a nut with play."""
     if play_m == 0.0:
         return way.copy()
-    told = np.empty_like(way)
+    table = np.empty_like(way)
     at = way[0]
     for row, nut in enumerate(way):
         at = min(max(at, nut - 0.5 * play_m), nut + 0.5 * play_m)
-        told[row] = at
-    return told
+        table[row] = at
+    return table
 
 
 def blocks_of(axis: Axis, columns: dict[str, Floats]) -> list[FeatureBlock]:
@@ -121,7 +121,7 @@ def frame_of(columns: dict[str, Floats]) -> SampleFrame:
     return SampleFrame(columns["time_s"], {k: v for k, v in columns.items() if k != "time_s"})
 
 
-def told(blocks: list[FeatureBlock]) -> set[Fault]:
+def faults_of(blocks: list[FeatureBlock]) -> set[Fault]:
     """Every kind of fault of the channels in some block."""
     return {kind for block in blocks for kind in block.fault & OF_CHANNELS}
 
@@ -153,7 +153,7 @@ SOUND = {
 def test_nothing_that_a_sound_axis_does_is_a_fault(name: str) -> None:
     axis = SOUND[name]
     blocks = blocks_of(axis, recording(axis, moves(axis, EVERYDAY)))
-    assert told(blocks) == set()
+    assert faults_of(blocks) == set()
 
 
 @pytest.mark.parametrize("lead_m", [0.005, 0.02])
@@ -163,7 +163,7 @@ def test_jogs_rests_and_quick_growth_are_no_faults(lead_m: float) -> None:
     day = np.tile(np.concatenate([moves(axis, [0.05]), moves(axis, jog, 0.1)]), 60)
     assert 200.0 < len(day) / TRUE_HZ < 400.0  # an hour's growth within minutes
     blocks = blocks_of(axis, recording(axis, day))
-    assert told(blocks) == set()
+    assert faults_of(blocks) == set()
 
 
 SLOW_AND_FAST = [0.02, 0.3, 0.02, 0.02, 0.02, 0.02, 0.02]
@@ -203,7 +203,7 @@ def test_nothing_of_an_encoder_that_stands_still_is_believed(axis: Axis, start_s
     end_s = start_s + 2.0
     sound, broken = damaged(axis, start_s, end_s, stands)
     good, blocks = blocks_of(axis, sound), blocks_of(axis, broken)
-    assert told(between(blocks, 0.0, start_s - 0.1)) == set()
+    assert faults_of(between(blocks, 0.0, start_s - 0.1)) == set()
     moving = [block for block in between(blocks, start_s, end_s) if block.moving_fraction > 0.5]
     found = [block for block in moving if Fault.TABLE_STUCK in block.fault]
     assert found[0].time_s <= moving[0].time_s + 0.2
@@ -240,7 +240,7 @@ def test_an_encoder_is_believed_after_a_second_of_agreement_and_its_level_is_new
     assert 0.8 <= agreed_s <= 1.2
     assert Fault.TABLE_SHIFTED in block.fault
     after = [later for later in back if later.time_s > block.time_s]
-    assert told(after) == set()
+    assert faults_of(after) == set()
 
 
 def shifted(by_m: float) -> Callable[[Floats, Floats], Floats]:
@@ -249,7 +249,7 @@ def shifted(by_m: float) -> Callable[[Floats, Floats], Floats]:
 
 @pytest.mark.parametrize("axis", KINDS)
 @pytest.mark.parametrize("by_m", [0.5e-3, -0.1])
-def test_a_leap_is_told_at_once_and_the_new_level_too(axis: Axis, by_m: float) -> None:
+def test_a_leap_is_reported_at_once_and_the_new_level_too(axis: Axis, by_m: float) -> None:
     start_s = 0.93
     _, broken = damaged(axis, start_s, 99.0, shifted(by_m))
     blocks = blocks_of(axis, broken)
@@ -260,11 +260,13 @@ def test_a_leap_is_told_at_once_and_the_new_level_too(axis: Axis, by_m: float) -
 
 
 @pytest.mark.parametrize("axis", KINDS)
-def test_a_small_leap_is_told_while_the_nut_pushes(axis: Axis) -> None:
+def test_a_small_leap_is_reported_while_the_nut_pushes(axis: Axis) -> None:
     by_m = 0.004 * axis.lead_m + 20e-6
     start_s = 0.93
     _, broken = damaged(axis, start_s, 99.0, shifted(by_m))
-    assert Fault.TABLE_DISAGREES in told(between(blocks_of(axis, broken), start_s, start_s + 0.2))
+    assert Fault.TABLE_DISAGREES in faults_of(
+        between(blocks_of(axis, broken), start_s, start_s + 0.2)
+    )
 
 
 def scaled(_: Floats, table_m: Floats) -> Floats:
@@ -272,23 +274,25 @@ def scaled(_: Floats, table_m: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("axis", KINDS)
-def test_another_scale_is_told(axis: Axis) -> None:
+def test_another_scale_is_reported(axis: Axis) -> None:
     _, broken = damaged(axis, 0.5, 99.0, scaled)
     blocks = blocks_of(axis, broken)
-    assert Fault.TABLE_DISAGREES in told(between(blocks, 0.5, 1.0))
+    assert Fault.TABLE_DISAGREES in faults_of(between(blocks, 0.5, 1.0))
 
 
 @pytest.mark.parametrize("axis", KINDS)
 @pytest.mark.parametrize(("lag_s", "found"), [(0.008, True), (0.0015, False)])
-def test_a_lag_is_told_when_it_is_more_than_a_skew(axis: Axis, lag_s: float, found: bool) -> None:
+def test_a_lag_is_reported_when_it_is_more_than_a_skew(
+    axis: Axis, lag_s: float, found: bool
+) -> None:
     sound = recording(axis, moves(axis, SLOW_AND_FAST))
     time_s = sound["time_s"]
     late = np.interp(time_s - lag_s, time_s, sound[TABLE_POSITION])
     blocks = blocks_of(axis, {**sound, TABLE_POSITION: late})
-    assert (Fault.TABLE_DISAGREES in told(blocks)) == found
+    assert (Fault.TABLE_DISAGREES in faults_of(blocks)) == found
 
 
-def test_a_torque_that_stands_is_told_until_it_moves_again() -> None:
+def test_a_torque_that_stands_is_reported_until_it_moves_again() -> None:
     axis = Axis()
     columns = recording(axis, moves(axis, SLOW_AND_FAST))
     bad = (columns["time_s"] >= 0.55) & (columns["time_s"] < 0.93)
@@ -307,8 +311,8 @@ def test_an_angle_that_stands_is_not_held_against_the_linear_encoder() -> None:
     angle[bad] = angle[bad][0]
     columns = {name: values for name, values in columns.items() if name != ANGLE} | {ANGLE: angle}
     blocks = between(blocks_of(axis, columns), 0.6, 0.9)
-    assert Fault.ANGLE_STUCK in told(blocks)
-    assert Fault.TABLE_STUCK not in told(blocks)
+    assert Fault.ANGLE_STUCK in faults_of(blocks)
+    assert Fault.TABLE_STUCK not in faults_of(blocks)
 
 
 def test_a_channel_that_was_away_for_long_goes_on_trial() -> None:
@@ -317,8 +321,8 @@ def test_a_channel_that_was_away_for_long_goes_on_trial() -> None:
     blocks = blocks_of(axis, broken)
     assert Fault.TABLE_DOUBTED in between(blocks, 2.1, 2.2)[0].fault
     _, holed = damaged(axis, 0.5, 0.51, lambda _, table_m: table_m * np.nan)
-    assert told(blocks_of(axis, holed)) == {Fault.NO_TABLE}
-    assert told(between(blocks_of(axis, holed), 0.7, 99.0)) == set()
+    assert faults_of(blocks_of(axis, holed)) == {Fault.NO_TABLE}
+    assert faults_of(between(blocks_of(axis, holed), 0.7, 99.0)) == set()
 
 
 @pytest.mark.parametrize("cut_s", [0.7, 1.2, 2.5])
@@ -344,7 +348,7 @@ def test_one_encoder_lacks_nothing() -> None:
     axis = Axis()
     columns = recording(axis, moves(axis, [0.02, 0.3]))
     del columns[TABLE_POSITION]
-    assert told(blocks_of(axis, columns)) == set()
+    assert faults_of(blocks_of(axis, columns)) == set()
 
 
 def test_a_commissioned_machine_is_held_to_its_own_compliance() -> None:
@@ -363,12 +367,12 @@ def test_a_coarse_angle_that_starts_late_in_an_interval_is_not_stuck() -> None:
     coarse = 2.0 * np.pi / 1024
     columns[ANGLE] = np.round(columns[ANGLE] / coarse) * coarse
     columns["position_setpoint_m"] = np.cumsum(moves(axis, [0.3]))[::2] / TRUE_HZ
-    assert told(blocks_of(axis, columns)) == set()
+    assert faults_of(blocks_of(axis, columns)) == set()
 
 
 @pytest.mark.parametrize("start_s", np.arange(1.205, 1.295, 0.01).tolist())
 def test_an_encoder_that_stops_while_the_axis_brakes_is_left_out_at_once(start_s: float) -> None:
-    """What is left of the way is less than play could hide: no fault yet, and nothing believed."""
+    """The rest of the way is less than play could hide: no fault yet, and nothing believed."""
     axis = Axis(lead_m=0.01)
     ramp = np.linspace(0.0, 0.02, 2 * TRUE_HZ // 5)
     rest = np.zeros(TRUE_HZ // 5)
@@ -380,4 +384,4 @@ def test_an_encoder_that_stops_while_the_axis_brakes_is_left_out_at_once(start_s
     good = blocks_of(axis, sound)
     blocks = blocks_of(axis, {**sound, TABLE_POSITION: table})
     assert believed_error_m(axis, good, blocks) < NEITHER_BELIEVED_NOR_FAR_OFF_M
-    assert Fault.TABLE_STUCK in told(blocks)
+    assert Fault.TABLE_STUCK in faults_of(blocks)

@@ -146,7 +146,7 @@ def at(blocks: list[FeatureBlock], time_s: float) -> FeatureBlock:
     return min(blocks, key=lambda block: abs(block.time_s - time_s))
 
 
-def test_faults_of_time_are_told_where_they_are_and_nowhere_else() -> None:
+def test_faults_of_time_are_reported_where_they_are_and_nowhere_else() -> None:
     blocks = blocks_of(faulty_trace())
     assert at(blocks, 0.2).fault == Fault.REPEAT
     assert at(blocks, 0.2).usable
@@ -158,8 +158,8 @@ def test_faults_of_time_are_told_where_they_are_and_nowhere_else() -> None:
     assert at(blocks, 0.7).fault == Fault.TIME_BACKWARDS  # its speed at the start leans on it
     gap = [block for block in blocks if Fault.GAP in block.fault]
     assert [block.usable for block in gap] == [False]
-    told = {block.time_s for block in blocks if block.fault}
-    assert len(told) == 6  # the five above and the hole of missing values
+    times_s = {block.time_s for block in blocks if block.fault}
+    assert len(times_s) == 6  # the five above and the hole of missing values
 
 
 def test_a_hole_is_bridged_and_a_longer_one_is_a_gap() -> None:
@@ -213,7 +213,7 @@ def test_a_wild_value_spoils_no_good_interval_wherever_it_stands(row: int) -> No
     ("channel", "fault"), [(TORQUE, Fault.NO_TORQUE), (ANGLE, Fault.NO_POSITION)]
 )
 @pytest.mark.parametrize("cuts", [[], [250, 333, 420, 480, 555, 700]])
-def test_rows_without_a_needed_value_are_told_interval_by_interval(
+def test_rows_without_a_needed_value_are_reported_interval_by_interval(
     channel: str, fault: Fault, cuts: list[int]
 ) -> None:
     columns = {name: values.copy() for name, values in trace(1.0).items()}
@@ -298,7 +298,7 @@ def test_a_wild_step_is_implausible() -> None:
     assert at(blocks, 0.8).usable
 
 
-def test_saturation_is_told() -> None:
+def test_saturation_is_reported() -> None:
     limits = PlausibilitySettings(max_torque_nm=1.0)
     columns = trace(1.0)
     columns[TORQUE] = np.clip(columns[TORQUE], -1.0, 1.0)

@@ -45,12 +45,12 @@ def test_a_stuck_channel_is_still_found(rate_hz: float) -> None:
     torque = moving.channels[TORQUE].copy()
     torque[int(rate_hz) : int(2 * rate_hz)] = 0.3
     stuck = SampleFrame(moving.time_s, {**moving.channels, TORQUE: torque})
-    told = [b.time_s for b in blocks_of(stuck) if Fault.STUCK in b.fault]
-    assert told == pytest.approx(np.arange(11, 21) / 10.0, abs=0.11)
+    times_s = [b.time_s for b in blocks_of(stuck) if Fault.STUCK in b.fault]
+    assert times_s == pytest.approx(np.arange(11, 21) / 10.0, abs=0.11)
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 100.0, 1000.0])
-def test_a_gap_is_told_at_every_rate(rate_hz: float) -> None:
+def test_a_gap_is_reported_at_every_rate(rate_hz: float) -> None:
     before = frame(np.arange(int(3.0 * rate_hz)) / rate_hz)
     after = frame(5.0 + np.arange(int(3.0 * rate_hz)) / rate_hz)
     blocks = blocks_of(before, after)
@@ -60,14 +60,14 @@ def test_a_gap_is_told_at_every_rate(rate_hz: float) -> None:
     assert not gaps[0].usable
 
 
-def test_samples_that_their_source_doubts_are_told() -> None:
+def test_samples_that_their_source_doubts_are_reported() -> None:
     whole = frame(np.arange(3000) / 1000.0)
     codes = np.zeros(3000, dtype=np.uint8)
     codes[1010:1020] = Quality.SOURCE_UNCERTAIN
     codes[2000] = Quality.OVERFLOW
     doubted = SampleFrame(whole.time_s, whole.channels, {TORQUE: codes})
-    told = {round(b.time_s, 1) for b in blocks_of(doubted) if Fault.DOUBTED in b.fault}
-    assert told == {1.1, 2.1}
+    times_s = {round(b.time_s, 1) for b in blocks_of(doubted) if Fault.DOUBTED in b.fault}
+    assert times_s == {1.1, 2.1}
 
 
 def test_a_doubt_about_a_channel_that_no_estimate_rests_on_is_none() -> None:

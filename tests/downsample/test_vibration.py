@@ -95,7 +95,7 @@ def test_a_damaged_raceway_taps_at_the_ball_pass_in_the_envelope() -> None:
 
 
 @pytest.mark.parametrize("case", ["rest", "turns round", "unknown angle"])
-def test_orders_are_not_told_without_turning(case: str) -> None:
+def test_orders_are_not_reported_without_turning(case: str) -> None:
     time_s = np.arange(30_000) / RATE_HZ
     values = np.sin(2.0 * math.pi * 80.0 * time_s)
     slow_s = time_s[::10]
@@ -117,11 +117,11 @@ def test_a_signal_that_breaks_off_tells_only_whole_intervals() -> None:
     values = np.ones(15_000)
     values[::2] = -1.0
     assert len(reducer.push(Waveform("a", "V", 0.0, 1e-4, values))) == 1
-    told = reducer.push(Waveform("a", "V", 2.2, 1e-4, values))
+    blocks = reducer.push(Waveform("a", "V", 2.2, 1e-4, values))
     assert reducer.gaps == 1
-    told += reducer.push(Waveform("a", "V", 3.7, 1e-4, values))
-    assert [each.time_s for each in told] == pytest.approx([4.0])
-    assert told[0].rms == pytest.approx(1.0)
+    blocks += reducer.push(Waveform("a", "V", 3.7, 1e-4, values))
+    assert [each.time_s for each in blocks] == pytest.approx([4.0])
+    assert blocks[0].rms == pytest.approx(1.0)
 
 
 def test_pieces_of_any_size_give_the_same_features() -> None:

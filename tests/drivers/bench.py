@@ -1,4 +1,4 @@
-"""What the behaviour suite needs of a driver's own folder, and sources that need no plant."""
+"""Contract of a driver's own folder with the behaviour suite, and sources that need no plant."""
 
 import asyncio
 import socket
@@ -78,7 +78,7 @@ def free_port() -> int:
 
 
 def truth(number: int) -> dict[str, float]:
-    """What `counting_source` says in its sample `number`, in SI units."""
+    """Values of `counting_source` in its sample `number`, in SI units."""
     return {
         TORQUE: 0.25 + 0.001 * (number % 100),
         ANGLE: 0.5 * (number % 1000),

@@ -1,4 +1,4 @@
-"""What the bus says of an axis while a test goes on."""
+"""Payloads of an axis on the bus while a test goes on."""
 
 import asyncio
 
@@ -10,7 +10,7 @@ from edge_service.messages.topics import FEAT, STATUS
 
 
 class Heard:
-    """What the bus says of the axis."""
+    """Payloads of the axis on the bus."""
 
     def __init__(self, bus: Bus, keys: MachineKeys) -> None:
         self.features: list[FeatureBlock] = []

@@ -1,4 +1,4 @@
-"""How every driver behaves; a driver enrols by being installed.
+"""Behaviour of every driver; one enrols by being installed.
 
 Its folder here has a `bench.py` with one function, `bench(folder)`: an asynchronous context manager
 that yields a `DriverBench`.
@@ -65,7 +65,7 @@ async def take(driver: Driver, count: int) -> list[SampleFrame]:
 
 
 def open_files() -> set[str]:
-    """What this process holds open: files and sockets."""
+    """Files and sockets that this process holds open."""
     gc.collect()
     held = set()
     for name in Path("/proc/self/fd").iterdir():
@@ -77,7 +77,7 @@ def open_files() -> set[str]:
 
 
 async def settle(before: set[str]) -> set[str]:
-    """What is open beyond `before`, once the event loop has closed what it was told to."""
+    """Files open beyond `before`, once the event loop has closed what it was asked to."""
     for _ in range(50):
         left = open_files() - before
         if not left:
@@ -87,7 +87,7 @@ async def settle(before: set[str]) -> set[str]:
 
 
 async def settle_tasks(before: set["asyncio.Task[object]"]) -> set["asyncio.Task[object]"]:
-    """Which tasks run beyond `before`, once the source has seen that its reader is gone."""
+    """Tasks that run beyond `before`, once the source has seen that its reader is gone."""
     for _ in range(50):
         left = asyncio.all_tasks() - before
         if not left:

@@ -90,7 +90,7 @@ def parts(one_encoder: bool = False) -> tuple[AxisModel, Start, Process]:
 
 @dataclass
 class Truth:
-    """What the axis is like; frictions as changes of what was commissioned."""
+    """Truth about the axis; frictions as changes of the commissioned ones."""
 
     percent: float = FRESH
     nut: float = 0.0

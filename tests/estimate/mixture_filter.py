@@ -124,10 +124,10 @@ def corrected(
     innovation squared is above USUAL, S is scaled by their ratio. The state is then projected onto
     a preload that a nut can have; no joint is stiffer than when it was new.
     """
-    told, slopes, compliance = expected(model, x, r)
-    seen = np.array([r.torque_nm, r.stretch_m])[: len(told)]
-    error = seen - told
-    s = slopes @ p @ slopes.T + noise_of(model, process, x, r, compliance, len(told))
+    foreseen, slopes, compliance = expected(model, x, r)
+    seen = np.array([r.torque_nm, r.stretch_m])[: len(foreseen)]
+    error = seen - foreseen
+    s = slopes @ p @ slopes.T + noise_of(model, process, x, r, compliance, len(foreseen))
     nis = float(error @ np.linalg.solve(s, error))
     s *= max(1.0, nis / USUAL)
     gain = np.linalg.solve(s, slopes @ p).T

@@ -12,7 +12,7 @@ from edge_service.models.machine import Machine
 
 @dataclass(frozen=True)
 class PlainAxis:
-    """What it is made of, how it moves and how it is sampled.
+    """Parameters of the axis, its motion and its sampling.
 
     Attributes:
         screw_nm: the fresh screw's own drag, beside which are guides and bearings.

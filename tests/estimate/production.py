@@ -56,16 +56,16 @@ def run(
 def numbers(estimates: Sequence[PreloadEstimate]) -> Floats:
     """Time, preload, low, high of those that have a number, (n, 4)."""
     rows = [(e.time_s, e.preload_percent, e.low, e.high) for e in estimates]
-    told = [row for row in rows if row[1] is not None]
-    return np.array(told, dtype=np.float64).reshape(-1, 4)
+    answers = [row for row in rows if row[1] is not None]
+    return np.array(answers, dtype=np.float64).reshape(-1, 4)
 
 
-def held(told: Floats, percent: float) -> float:
+def held(answers: Floats, percent: float) -> float:
     """Share of numbers whose interval holds a preload."""
-    return float(np.mean((told[:, 2] <= percent) & (told[:, 3] >= percent)))
+    return float(np.mean((answers[:, 2] <= percent) & (answers[:, 3] >= percent)))
 
 
-def misled(told: Floats, percent: float) -> float:
+def misled(answers: Floats, percent: float) -> float:
     """Share of numbers whose interval misses a preload by more than `MISLEADING_PERCENT`."""
-    away = np.maximum(told[:, 2] - percent, percent - told[:, 3])
-    return float(np.mean(away > MISLEADING_PERCENT)) if len(told) else 0.0
+    away = np.maximum(answers[:, 2] - percent, percent - answers[:, 3])
+    return float(np.mean(away > MISLEADING_PERCENT)) if len(answers) else 0.0

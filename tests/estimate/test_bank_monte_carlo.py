@@ -35,14 +35,14 @@ SETTLED = [
 
 
 def bounds(freedom: int) -> tuple[float, float]:
-    """What a chi-square variable over its degrees of freedom keeps to."""
+    """Bounds of a chi-square variable over its degrees of freedom."""
     low, high = chi2.ppf([0.5 * SIGNIFICANCE, 1.0 - 0.5 * SIGNIFICANCE], freedom) / freedom
     return float(low), float(high)
 
 
 @dataclass(frozen=True)
 class BankTruth:
-    """What happened in one run of the bank's own model, and what the bank said."""
+    """One run of the bank's own model, and the answers of the bank."""
 
     modes: np.ndarray  # (N,)
     states: Floats  # (N, n)

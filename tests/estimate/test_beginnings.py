@@ -35,10 +35,10 @@ def estimates(of: Machine, blocks: Sequence[FeatureBlock]) -> list[PreloadEstima
 
 def assert_held(said: Sequence[PreloadEstimate], percent: float) -> None:
     """Numbers come, they hold the truth, and once learnt they are near it."""
-    told = numbers(said)
-    assert len(told) > 0.9 * len(said)
-    assert held(told, percent) > 0.9
-    assert np.abs(told[told[:, 0] > LEARNT_S, 1] - percent).mean() < 0.7
+    answers = numbers(said)
+    assert len(answers) > 0.9 * len(said)
+    assert held(answers, percent) > 0.9
+    assert np.abs(answers[answers[:, 0] > LEARNT_S, 1] - percent).mean() < 0.7
 
 
 FOLLOWED = ("inertia_error:change_kg_m2=1e-4", "torque_gain_error:excess_share=0.1")
@@ -57,12 +57,12 @@ def test_what_is_there_from_the_first_sample_is_no_loss(effect: str) -> None:
 @pytest.mark.parametrize("effect", NOT_FOLLOWED)
 def test_what_the_model_does_not_know_is_not_taken_for_a_loss(effect: str) -> None:
     """Either no number, or one whose interval holds the truth."""
-    told = numbers(estimates(machine(), blocks_with(effect)))
-    assert misled(told[told[:, 0] > LEARNT_S], FRESH) < 0.05
+    answers = numbers(estimates(machine(), blocks_with(effect)))
+    assert misled(answers[answers[:, 0] > LEARNT_S], FRESH) < 0.05
 
 
 @pytest.mark.parametrize("share", [0.5, 0.25])
-def test_preload_that_was_lost_before_the_first_sample_is_told(share: float) -> None:
+def test_preload_that_was_lost_before_the_first_sample_is_reported(share: float) -> None:
     percent = share * FRESH
     frames = AXIS.frames("production", np.full(40_000, percent), 7)
     said = estimates(machine(), downsampled(frames, AXIS.nominal()))
@@ -92,5 +92,5 @@ WRONG = ("torque constant +30 %", "torque constant -30 %", "saturated drive")
 def test_a_wrong_torque_does_not_mislead(name: str) -> None:
     """Not for long: the beginning may, until the second witness has spoken."""
     case = next(case for case in CASES if case.name == name)
-    told = numbers(estimates(machine(), spoiled(case, AXIS, machine(), 60.0).blocks))
-    assert misled(told[told[:, 0] > LEARNT_S], FRESH) < 0.05
+    answers = numbers(estimates(machine(), spoiled(case, AXIS, machine(), 60.0).blocks))
+    assert misled(answers[answers[:, 0] > LEARNT_S], FRESH) < 0.05

@@ -1,4 +1,4 @@
-"""What is wrong with a channel is said beside the number and without one."""
+"""A fault of a channel is named beside the number and without one."""
 
 import math
 from dataclasses import replace
@@ -66,12 +66,12 @@ def blocks() -> list[FeatureBlock]:
 
 def test_a_number_goes_on_and_says_which_channel_it_lacks() -> None:
     estimator = ImmPreloadEstimator(MACHINE, ImmSettings())
-    told = []
+    answers = []
     for block in blocks():
         estimator.update(block)
-        told.append(estimator.estimate())
-    before = [each for each in told if 2.0 < each.time_s < 2.95]
-    after = [each for each in told if each.time_s > 3.15]
+        answers.append(estimator.estimate())
+    before = [each for each in answers if 2.0 < each.time_s < 2.95]
+    after = [each for each in answers if each.time_s > 3.15]
     assert {each.status for each in (*before, *after)} == {EstimateStatus.ESTIMATED}
     assert {each.reasons for each in before} == {()}
     assert {each.reasons[0].partition(":")[0] for each in after} == {"table_stuck"}

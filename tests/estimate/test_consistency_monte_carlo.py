@@ -32,7 +32,7 @@ RUNS, PHASES = 60, 150
 
 
 def bounds(freedom: int) -> tuple[float, float]:
-    """What a chi-square variable over its degrees of freedom keeps to."""
+    """Bounds of a chi-square variable over its degrees of freedom."""
     low, high = chi2.ppf([0.5 * SIGNIFICANCE, 1.0 - 0.5 * SIGNIFICANCE], freedom) / freedom
     return float(low), float(high)
 
@@ -62,7 +62,7 @@ def errors(one_encoder: bool) -> Errors:
     model, start, process = parts(one_encoder)
     process, size = never(process), len(start.mean)
     left_out = {SPEED_ERROR_START, SPEED_ERROR_END, *CONSIDERED}
-    told = [i for i in range(size) if i not in left_out]
+    kept = [i for i in range(size) if i not in left_out]
     for seed in range(RUNS):
         rng = np.random.default_rng((seed, one_encoder))
         bank = alone(start, PRELOAD_SIGMA)
@@ -78,11 +78,11 @@ def errors(one_encoder: bool) -> Errors:
             r = r._replace(torque_nm=values[0], stretch_m=values[-1] if len(values) > 1 else np.nan)
             nis.append(step(bank, model, process, r, elapsed_s))
         error, covariance = x - bank.mean[STEADY], bank.covariance[STEADY]
-        sigma = np.sqrt(np.diag(covariance)[told])
-        unit = covariance[np.ix_(told, told)] / np.outer(sigma, sigma)
-        nees.append((error[told] / sigma) @ np.linalg.solve(unit, error[told] / sigma))
+        sigma = np.sqrt(np.diag(covariance)[kept])
+        unit = covariance[np.ix_(kept, kept)] / np.outer(sigma, sigma)
+        nees.append((error[kept] / sigma) @ np.linalg.solve(unit, error[kept] / sigma))
         preload_nees.append(error[PRELOAD] ** 2 / covariance[PRELOAD, PRELOAD])
-    return Errors(np.array(nees), np.array(preload_nees), np.array(nis), len(told))
+    return Errors(np.array(nees), np.array(preload_nees), np.array(nis), len(kept))
 
 
 @pytest.mark.parametrize("one_encoder", [False, True])

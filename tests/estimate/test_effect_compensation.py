@@ -113,10 +113,10 @@ def test_an_effect_that_comes_after_commissioning_is_known(effect: str) -> None:
     recorded = blocks(effect, 40.0, 7)
     truth = Recorded(recorded, np.array([0.0, 40.0]), np.full(2, AXIS.fresh_percent))
     estimator = FusedPreloadEstimator(with_effects(AXIS.commissioned(), effect))
-    told = score(follow(estimator, truth).since(100))
-    assert told.told == told.moments
-    assert told.mae < 0.7
-    assert told.coverage > 0.85
+    found = score(follow(estimator, truth).since(100))
+    assert found.answered == found.moments
+    assert found.mae < 0.7
+    assert found.coverage > 0.85
 
 
 def test_commissioning_sees_the_axis_without_what_is_known() -> None:

@@ -87,7 +87,7 @@ def test_filterpy_agrees_on_random_problems(seed: int, make_problem: Callable[..
 
 
 def test_modes_far_from_the_truth_do_not_underflow() -> None:
-    """Where filterpy reads one half each, the odds are the difference of the log-likelihoods."""
+    """The odds are the difference of the log-likelihoods where filterpy reads one half each."""
     step = LinearStep(
         transition=np.eye(2),
         drive=np.array([[100.0, 0.0], [200.0, 0.0]]),

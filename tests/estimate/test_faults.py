@@ -1,4 +1,4 @@
-"""Changes beside the preload: each is told with its probability, and not read as a loss."""
+"""Changes beside the preload: each is named with its probability, and not read as a loss."""
 
 from dataclasses import replace
 from functools import cache
@@ -17,7 +17,7 @@ PAYLOAD = "10 kg on the table"
 
 
 @cache
-def told(effect: str | None) -> PreloadEstimate:
+def answer_to(effect: str | None) -> PreloadEstimate:
     """Production, healthy at first; then, after a stop, the axis has the effect."""
     machine = AXIS.commissioned()
     percent = np.full(round(1000 * CHANGED_S), AXIS.fresh_percent)
@@ -42,8 +42,8 @@ def told(effect: str | None) -> PreloadEstimate:
         (PAYLOAD, "payload"),
     ],
 )
-def test_each_change_is_told_by_its_name(effect: str, fault: str) -> None:
-    said = told(effect)
+def test_each_change_is_named_by_its_name(effect: str, fault: str) -> None:
+    said = answer_to(effect)
     assert said.fault_probability[fault] > 0.9
     assert said.fault_probability["preload_loss"] < 0.5
     assert said.low is not None
@@ -52,7 +52,7 @@ def test_each_change_is_told_by_its_name(effect: str, fault: str) -> None:
 
 
 def test_a_healthy_axis_has_none() -> None:
-    said = told(None)
+    said = answer_to(None)
     assert set(said.fault_probability) == {
         "preload_loss",
         "lubrication",

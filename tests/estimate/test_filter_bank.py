@@ -1,4 +1,4 @@
-"""What every filter bank must do, whatever the engine and the filter."""
+"""Behaviour of every filter bank, whatever the engine and the filter."""
 
 import json
 from collections.abc import Callable

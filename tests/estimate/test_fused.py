@@ -50,19 +50,23 @@ def test_a_snapshot_of_another_axis_is_refused_and_changes_nothing() -> None:
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda told: told["bank"]["arrays"].update(mean=""),
-        lambda told: told["bank"]["arrays"].update(mean=told["bank"]["arrays"]["force"]),
-        lambda told: told["bank"]["arrays"].update(alive=zeros(told, "alive")),
-        lambda told: told["bank"]["arrays"].update(moments=not_finite(told, "moments")),
-        lambda told: told["bank"]["arrays"].update(covariance=not_finite(told, "covariance")),
-        lambda told: told["bank"].update(size=12),
-        lambda told: told["bank"]["layout"].update(PRELOAD=1),
-        lambda told: told.update(schema="fused-preload/3"),
-        lambda told: told["bank"].pop("arrays"),
-        lambda told: told.pop("bank"),
-        lambda told: told.pop("validity"),
-        lambda told: told.pop("nis"),
-        lambda told: told.update(last_s="long"),
+        lambda document: document["bank"]["arrays"].update(mean=""),
+        lambda document: document["bank"]["arrays"].update(
+            mean=document["bank"]["arrays"]["force"]
+        ),
+        lambda document: document["bank"]["arrays"].update(alive=zeros(document, "alive")),
+        lambda document: document["bank"]["arrays"].update(moments=not_finite(document, "moments")),
+        lambda document: document["bank"]["arrays"].update(
+            covariance=not_finite(document, "covariance")
+        ),
+        lambda document: document["bank"].update(size=12),
+        lambda document: document["bank"]["layout"].update(PRELOAD=1),
+        lambda document: document.update(schema="fused-preload/3"),
+        lambda document: document["bank"].pop("arrays"),
+        lambda document: document.pop("bank"),
+        lambda document: document.pop("validity"),
+        lambda document: document.pop("nis"),
+        lambda document: document.update(last_s="long"),
     ],
 )
 def test_a_damaged_snapshot_is_refused_and_changes_nothing(
@@ -71,19 +75,21 @@ def test_a_damaged_snapshot_is_refused_and_changes_nothing(
     estimator = FusedPreloadEstimator(machine())
     run(production("healthy")[:60], estimator)
     before = estimator.snapshot()
-    told = json.loads(json.dumps(begun(False)))
-    spoil(told)
+    document = json.loads(json.dumps(begun(False)))
+    spoil(document)
     with pytest.raises((ValueError, KeyError)):
-        estimator.restore(told)
+        estimator.restore(document)
     assert estimator.snapshot() == before
 
 
-def zeros(told: dict[str, Any], name: str) -> str:
-    return str(encoded(np.zeros_like(decoded(told["bank"]["arrays"][name], np.dtype(np.int64)))))
+def zeros(document: dict[str, Any], name: str) -> str:
+    return str(
+        encoded(np.zeros_like(decoded(document["bank"]["arrays"][name], np.dtype(np.int64))))
+    )
 
 
-def not_finite(told: dict[str, Any], name: str) -> str:
-    values = decoded(told["bank"]["arrays"][name], np.dtype(np.float64))
+def not_finite(document: dict[str, Any], name: str) -> str:
+    values = decoded(document["bank"]["arrays"][name], np.dtype(np.float64))
     return str(encoded(np.full_like(values, np.nan)))
 
 
@@ -140,8 +146,8 @@ def test_garbage_never_yields_a_number_that_is_none(
         for number, (phase, direction, force) in enumerate(garbage)
     ]
     for estimate in run([*dirty, *good[47:55]], estimator):
-        told = (estimate.preload_percent, estimate.low, estimate.high, estimate.nis)
-        assert all(value is None or math.isfinite(value) for value in told)
+        figures = (estimate.preload_percent, estimate.low, estimate.high, estimate.nis)
+        assert all(value is None or math.isfinite(value) for value in figures)
         if estimate.preload_percent is not None:
             assert 0.0 <= estimate.low <= estimate.preload_percent <= estimate.high  # type: ignore[operator]
     living = estimator._bank.alive > 0

@@ -1,4 +1,4 @@
-"""What the fused estimator must see, and what it must not."""
+"""Events that the fused estimator must see, and those that it must not."""
 
 from dataclasses import replace
 
@@ -13,29 +13,29 @@ from .production import AXIS, FRESH, held, machine, misled, numbers, production,
 
 
 def test_the_truth_lies_in_the_interval_of_a_healthy_axis() -> None:
-    told = numbers(run(production("healthy")))
-    assert len(told) > 550
-    inside = (told[:, 2] <= FRESH) & (told[:, 3] >= FRESH)
+    answers = numbers(run(production("healthy")))
+    assert len(answers) > 550
+    inside = (answers[:, 2] <= FRESH) & (answers[:, 3] >= FRESH)
     assert inside.mean() > 0.94
-    late = told[told[:, 0] > 30.0]
+    late = answers[answers[:, 0] > 30.0]
     assert np.abs(late[:, 1] - FRESH).max() < 0.8
     assert (late[:, 3] - late[:, 2]).mean() < 2.0
 
 
 def test_a_one_point_step_is_found() -> None:
-    told = numbers(run(production("step")))
-    before = told[(told[:, 0] > 25.0) & (told[:, 0] < 30.0)]
-    after = told[told[:, 0] > 45.0]
+    answers = numbers(run(production("step")))
+    before = answers[(answers[:, 0] > 25.0) & (answers[:, 0] < 30.0)]
+    after = answers[answers[:, 0] > 45.0]
     assert before[:, 1].mean() - after[:, 1].mean() == pytest.approx(1.0, abs=0.6)
     assert held(after, FRESH - 1.0) > 0.9
-    late = told[told[:, 0] > 55.0]
+    late = answers[answers[:, 0] > 55.0]
     assert late[:, 3].mean() < before[:, 3].mean()
 
 
 def test_a_full_drop_is_seen_within_two_seconds_of_motion() -> None:
-    told = numbers(run(production("drop")))
-    assert (told[told[:, 0] < 30.0, 1] > 0.5 * FRESH).all()
-    assert (told[(told[:, 0] > 32.0), 1] < 0.5 * FRESH).all()
+    answers = numbers(run(production("drop")))
+    assert (answers[answers[:, 0] < 30.0, 1] > 0.5 * FRESH).all()
+    assert (answers[(answers[:, 0] > 32.0), 1] < 0.5 * FRESH).all()
 
 
 @pytest.mark.parametrize("seed", [6, 7])
@@ -45,8 +45,8 @@ def test_part_of_a_loss_is_not_read_as_all_of_it(one_encoder: bool, left: float,
     axis = replace(AXIS, one_encoder=one_encoder)
     percent = np.where(np.arange(80_000) < 40_000, FRESH, left * FRESH)
     blocks = downsampled(axis.frames("production", percent, seed), axis.nominal())
-    told = numbers(run(blocks, FusedPreloadEstimator(machine(one_encoder))))
-    after = told[told[:, 0] > 46.0]
+    answers = numbers(run(blocks, FusedPreloadEstimator(machine(one_encoder))))
+    after = answers[answers[:, 0] > 46.0]
     assert len(after) > 300
     assert misled(after, left * FRESH) == 0.0
     assert after[-1, 1] < 0.95 * FRESH
@@ -62,17 +62,17 @@ def test_a_load_and_a_lubricant_that_change_in_motion_are_no_loss() -> None:
         lubricant=np.where(time_s < 40.0, 1.0, 0.8),
         added_mass_kg=np.where(time_s < 30.0, 0.0, 5.0),
     )
-    told = numbers(run(downsampled(frames, AXIS.nominal())))
-    assert misled(told, FRESH) == 0.0
-    late = told[told[:, 0] > 60.0]
+    answers = numbers(run(downsampled(frames, AXIS.nominal())))
+    assert misled(answers, FRESH) == 0.0
+    late = answers[answers[:, 0] > 60.0]
     assert held(late, FRESH) > 0.94
 
 
 def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
     """Torque cannot tell a lost preload from a lubricated axis: no number misses the truth."""
     estimator = FusedPreloadEstimator(machine(one_encoder=True))
-    told = numbers(run(production("drop", one_encoder=True), estimator))
-    before, after = told[told[:, 0] < 30.0], told[told[:, 0] > 35.0]
+    answers = numbers(run(production("drop", one_encoder=True), estimator))
+    before, after = answers[answers[:, 0] < 30.0], answers[answers[:, 0] > 35.0]
     assert held(before, FRESH) > 0.94
     assert len(after) > 100
     assert misled(after, 0.0) == 0.0
@@ -93,8 +93,8 @@ def test_a_relubrication_is_no_loss_and_not_the_end_of_numbers(
     estimates = run(
         downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder))
     )
-    told = numbers(estimates)
-    late = told[told[:, 0] > 50.0]
+    answers = numbers(estimates)
+    late = answers[answers[:, 0] > 50.0]
     assert len(late) > 400
     assert misled(late, FRESH) < 0.02
     assert held(late, FRESH) > 0.9
@@ -109,10 +109,10 @@ def test_process_forces_are_no_loss(one_encoder: bool, force_n: float) -> None:
     time_s = np.arange(60_000) / 1e3
     cut = np.where((time_s > 10.0) & (time_s % 6.0 < 3.0), force_n, 0.0)
     frames = axis.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
-    told = numbers(
+    answers = numbers(
         run(downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder)))
     )
-    late = told[told[:, 0] > 20.0]
+    late = answers[answers[:, 0] > 20.0]
     assert len(late) > 300
     assert held(late, FRESH) > 0.94
 
@@ -132,17 +132,17 @@ def test_a_cut_of_a_minute_ends_without_a_loss(force_n: float) -> None:
     time_s = np.arange(100_000) / 1e3
     cut = np.where((time_s > 25.0) & (time_s < 90.0), force_n, 0.0)
     frames = AXIS.frames("production", np.full(len(time_s), FRESH), 3, external_force_n=cut)
-    told = numbers(run(downsampled(frames, AXIS.nominal())))
-    late = told[told[:, 0] > 90.0]
+    answers = numbers(run(downsampled(frames, AXIS.nominal())))
+    late = answers[answers[:, 0] > 90.0]
     assert len(late) > 30
     assert misled(late, FRESH) == 0.0
     assert late[:, 1].min() > 0.85 * FRESH
 
 
 def test_a_payload_is_no_loss() -> None:
-    told = numbers(run(production("payload")))
-    before = told[(told[:, 0] > 25.0) & (told[:, 0] < 30.0), 1].mean()
-    assert before - told[told[:, 0] > 30.0, 1].min() < 0.5
+    answers = numbers(run(production("payload")))
+    before = answers[(answers[:, 0] > 25.0) & (answers[:, 0] < 30.0), 1].mean()
+    assert before - answers[answers[:, 0] > 30.0, 1].min() < 0.5
 
 
 def test_warm_up_is_no_wear() -> None:
@@ -157,8 +157,8 @@ def test_warm_up_is_no_wear() -> None:
     )
     percent = np.full(round(seconds * 1e3), FRESH)
     frames = AXIS.frames("production", percent, 8, effects)
-    told = numbers(run(downsampled(frames, AXIS.nominal())))
-    late = told[told[:, 0] > 60.0]
+    answers = numbers(run(downsampled(frames, AXIS.nominal())))
+    late = answers[answers[:, 0] > 60.0]
     assert FRESH - late[:, 1].min() < 0.7
     assert np.mean(late[:, 3] >= FRESH) > 0.94
 

@@ -1,4 +1,4 @@
-"""When no number of the fused estimator may stand, and when one may."""
+"""Status of the fused estimator: where no number may stand, and where one may."""
 
 import math
 from collections.abc import Callable
@@ -110,9 +110,9 @@ HARMLESS = ("5 % of all values missing", "linear encoder stuck", "rotary encoder
 @pytest.mark.parametrize("name", HARMLESS)
 def test_what_is_spoiled_misleads_nobody(name: str) -> None:
     case = next(case for case in CASES if case.name == name)
-    told = numbers(run(spoiled(case, AXIS, machine(), 60.0).blocks))
-    assert len(told) > 100
-    assert np.mean((told[:, 2] <= FRESH) & (told[:, 3] >= FRESH)) > 0.94
+    answers = numbers(run(spoiled(case, AXIS, machine(), 60.0).blocks))
+    assert len(answers) > 100
+    assert np.mean((answers[:, 2] <= FRESH) & (answers[:, 3] >= FRESH)) > 0.94
 
 
 def without_table(block: FeatureBlock) -> FeatureBlock:
@@ -133,9 +133,9 @@ def shifted(block: FeatureBlock, by_m: float) -> FeatureBlock:
 def test_it_goes_on_while_the_linear_encoder_is_missing_and_when_it_is_back() -> None:
     blocks = production("healthy")
     blocks = [without_table(b) if 20.0 < b.time_s < 40.0 else b for b in blocks]
-    told = numbers(run(blocks))
-    assert len(told) > 550
-    assert held(told, FRESH) > 0.94
+    answers = numbers(run(blocks))
+    assert len(answers) > 550
+    assert held(answers, FRESH) > 0.94
 
 
 @pytest.mark.parametrize("by_m", [5e-5, -1e-3])
@@ -145,15 +145,15 @@ def test_a_linear_encoder_that_comes_back_elsewhere_is_no_loss(by_m: float) -> N
     moved = [without_table(b) for b in blocks[back - 20 : back]]
     moved += [shifted(b, by_m) for b in blocks[back:]]
     moved[20] = replace(moved[20], fault=moved[20].fault | Fault.TABLE_SHIFTED)
-    told = numbers(run([*blocks[: back - 20], *moved]))
-    assert len(told) > 550
-    assert held(told[told[:, 0] > 30.0], FRESH) > 0.94
+    answers = numbers(run([*blocks[: back - 20], *moved]))
+    assert len(answers) > 550
+    assert held(answers[answers[:, 0] > 30.0], FRESH) > 0.94
 
 
 def test_an_axis_with_both_encoders_can_begin_without_its_table() -> None:
-    told = numbers(run([without_table(block) for block in production("healthy")]))
-    assert len(told) > 550
-    assert held(told, FRESH) > 0.94
+    answers = numbers(run([without_table(block) for block in production("healthy")]))
+    assert len(answers) > 550
+    assert held(answers, FRESH) > 0.94
 
 
 def test_it_goes_on_after_an_interrupt_once_motion_is_seen() -> None:

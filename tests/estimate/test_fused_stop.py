@@ -1,4 +1,4 @@
-"""What a stop that nobody saw leaves of what was known."""
+"""Knowledge that a stop which nobody saw leaves."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -38,8 +38,8 @@ def after_a_night(
     rows = []
     for block in after:
         estimator.update(block)
-        told = estimator.estimate()
-        rows.append((told.time_s, told.preload_percent, told.low, told.high))
+        answer = estimator.estimate()
+        rows.append((answer.time_s, answer.preload_percent, answer.low, answer.high))
     return np.array([row for row in rows if row[1] is not None], dtype=np.float64)
 
 
@@ -47,15 +47,15 @@ def after_a_night(
 def test_preload_does_not_come_back_over_night_on_a_cold_axis(one_encoder: bool) -> None:
     """Friction is a fifth higher; on torque alone that is 3.6 points of preload."""
     worn = production(WORN, 6, one_encoder=one_encoder)
-    told = after_a_night(worn, production(WORN, 7, COLD, one_encoder), one_encoder)
-    assert np.mean((told[:, 2] <= WORN) & (told[:, 3] >= WORN)) > 0.9
-    assert told[:, 1].max() < 0.5 * (WORN + FRESH)
+    answers = after_a_night(worn, production(WORN, 7, COLD, one_encoder), one_encoder)
+    assert np.mean((answers[:, 2] <= WORN) & (answers[:, 3] >= WORN)) > 0.9
+    assert answers[:, 1].max() < 0.5 * (WORN + FRESH)
 
 
 @pytest.mark.parametrize("percent", [FRESH, 1.0])
 def test_another_screw_and_an_unseen_loss_are_found(percent: float) -> None:
-    told = after_a_night(production(WORN, 6), production(percent, 7))
-    late = told[told[:, 0] > 45.0]
+    answers = after_a_night(production(WORN, 6), production(percent, 7))
+    late = answers[answers[:, 0] > 45.0]
     assert np.mean((late[:, 2] <= percent) & (late[:, 3] >= percent)) > 0.9
 
 
@@ -70,9 +70,9 @@ def test_a_stop_leaves_less_known_the_longer_it_was() -> None:
         moving = next(i for i in range(300, 400) if blocks[i].phases)
         for block in blocks[300 : moving + 1]:
             estimator.update(block)
-        told = estimator.estimate()
-        assert told.low is not None
-        assert told.high is not None
-        widths.append(told.high - told.low)
+        answer = estimator.estimate()
+        assert answer.low is not None
+        assert answer.high is not None
+        widths.append(answer.high - answer.low)
     assert widths == sorted(widths)
     assert widths[0] < widths[-1]

@@ -65,7 +65,7 @@ def test_what_all_take_for_a_force_says_nothing_of_them() -> None:
 
 @pytest.mark.parametrize("left", [0.02, 0.3, 0.5])
 def test_a_drop_is_no_force_that_lasts(left: float) -> None:
-    """It does to torque and stretch what no force does: told within two seconds of motion."""
+    """A loss moves torque and stretch as no force does: recognised within 2 s of motion."""
     model, _, process = parts()
     bank = settled()
     for r in production(14, 2.0, Truth(percent=left * FRESH)):
@@ -81,8 +81,8 @@ def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
     model, _, process = parts()
     bank = settled()
     truth = Truth(nut=0.35, bearing=0.35, guide=0.35)
-    told = [step(bank, model, process, r, 0.1) for r in production(15, 60.0, truth)]
-    assert np.isfinite(told[-100:]).mean() > 0.9
+    innovations = [step(bank, model, process, r, 0.1) for r in production(15, 60.0, truth)]
+    assert np.isfinite(innovations[-100:]).mean() > 0.9
     assert abs(percent(bank) - FRESH) < 1.0
 
 

@@ -1,4 +1,4 @@
-"""Which hypotheses live, take over and begin."""
+"""Hypotheses that live, take over and begin."""
 
 import math
 from dataclasses import dataclass
@@ -155,7 +155,7 @@ def test_a_rival_about_as_likely_as_the_winner_goes_on(behind: float, goes_on: b
 
 
 def test_what_was_believed_before_can_win_back() -> None:
-    """It changes places with what is believed now, force and all."""
+    """The one before changes places with the accepted one, force and all."""
     bank = Challenger().bank()
     bank.alive[LOSS] = 0
     bank.log_weight[BEFORE], bank.age_s[BEFORE], bank.directions[BEFORE] = 3.0, 9.0, 3

@@ -141,10 +141,10 @@ def test_torques_and_forces_scale_with_the_friction_of_the_axis(larger: float) -
 
 def test_what_may_happen_is_what_the_encoders_can_tell() -> None:
     both, one = parts()[2], parts(one_encoder=True)[2]
-    told = (LOSS, TOTAL_LOSS, LUBRICATION)
+    seen = (LOSS, TOTAL_LOSS, LUBRICATION)
     per_motion, per_stop = math.log(SETTINGS.hazard), math.log(SETTINGS.stop_hazard)
     assert {k for k in range(HYPOTHESES) if both.priors[k] == per_motion} == set(CHALLENGERS)
-    assert {k for k in range(HYPOTHESES) if one.priors[k] == per_motion} == set(told)
+    assert {k for k in range(HYPOTHESES) if one.priors[k] == per_motion} == set(seen)
     assert {k for k in range(HYPOTHESES) if both.stop_priors[k] == per_stop} == {LUBRICATION, LOAD}
     assert {k for k in range(HYPOTHESES) if one.stop_priors[k] == per_stop} == {LUBRICATION}
     assert max(both.priors) == per_motion

@@ -1,4 +1,4 @@
-"""What a hypothesis expects of a phase, against the equations solved another way."""
+"""Expectation of a hypothesis for a phase, against the equations solved another way."""
 
 import math
 from dataclasses import replace

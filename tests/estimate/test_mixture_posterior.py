@@ -1,4 +1,4 @@
-"""What is read from a bank, held against a reading of another kind: vectors, scipy, quadrature."""
+"""Posterior of a bank, against one of another kind: vectors, scipy, quadrature."""
 
 import inspect
 import math
@@ -81,9 +81,15 @@ def read(bank: Bank, one_encoder: bool = False) -> Posterior:
     return posterior_of(bank, model, fault_limits(machine(one_encoder), model))
 
 
-def flat(told: Posterior) -> Floats:
-    stiffness = told.stiffness or ()
-    numbers = (*told.preload, *told.drag, *stiffness, *told.levels.values(), *told.faults.values())
+def flat(found: Posterior) -> Floats:
+    stiffness = found.stiffness or ()
+    numbers = (
+        *found.preload,
+        *found.drag,
+        *stiffness,
+        *found.levels.values(),
+        *found.faults.values(),
+    )
     return np.array(numbers)
 
 
@@ -164,13 +170,13 @@ class Another:
             BEARING_FRICTION: self.bearing_nm,
             GUIDE_FRICTION: self.guide_nm,
         }
-        told = [self.below((1.0 - LOST_SHARE) * FRESH)]
-        told += [self.above(frictions, SLICK_SHARE * COULOMB_NM), self.force]
+        found = [self.below((1.0 - LOST_SHARE) * FRESH)]
+        found += [self.above(frictions, SLICK_SHARE * COULOMB_NM), self.force]
         if not self.two:
-            return told
+            return found
         kg = PAYLOAD_SHARE * TABLE_KG
         load = self.above({PAYLOAD: 1.0}, kg) + self.above({PAYLOAD: -1.0}, kg)
-        return [*told, load, self.above({LOOSENESS: 1.0}, LOOSE_SHARE * COMPLIANCE)]
+        return [*found, load, self.above({LOOSENESS: 1.0}, LOOSE_SHARE * COMPLIANCE)]
 
     def numbers(self) -> Floats:
         edges = [0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT)]
@@ -188,14 +194,14 @@ def test_the_numbers_are_those_of_another_reading(seed: int, one_encoder: bool) 
 
 @pytest.mark.parametrize("seed", range(30))
 def test_a_value_lies_in_its_interval_and_levels_add_up(seed: int) -> None:
-    told = read(drawn(100 + seed))
-    for value, low, high in (told.preload, told.drag, told.stiffness or (0.0, 0.0, 0.0)):
+    found = read(drawn(100 + seed))
+    for value, low, high in (found.preload, found.drag, found.stiffness or (0.0, 0.0, 0.0)):
         assert low <= value <= high
-    assert told.preload[1] >= 0.0
-    assert told.preload[2] <= MOST_SHARE * FRESH * (1.0 + 1e-9)
-    assert list(told.levels) == ["10", "7.5", "5", "2.5", "0"]
-    assert sum(told.levels.values()) == pytest.approx(1.0)
-    assert all(0.0 <= share <= 1.0 for share in told.faults.values())
+    assert found.preload[1] >= 0.0
+    assert found.preload[2] <= MOST_SHARE * FRESH * (1.0 + 1e-9)
+    assert list(found.levels) == ["10", "7.5", "5", "2.5", "0"]
+    assert sum(found.levels.values()) == pytest.approx(1.0)
+    assert all(0.0 <= share <= 1.0 for share in found.faults.values())
 
 
 def single(percent: float, sigma: float) -> Bank:
@@ -215,7 +221,7 @@ def test_an_interval_near_none_reaches_down_to_none(percent: float) -> None:
 
 
 @pytest.mark.parametrize("percent", [4.0, 8.0, 12.0])
-def test_a_preload_is_told_as_no_more_than_the_fresh_screw_may_have(percent: float) -> None:
+def test_a_preload_is_reported_as_no_more_than_the_fresh_screw_may_have(percent: float) -> None:
     value, _, high = read(single(percent, 0.1)).preload
     assert high <= MOST_SHARE * FRESH * (1.0 + 1e-9)
     sample = np.exp(np.random.default_rng(1).normal(math.log(percent), 0.102, 4_000_000))

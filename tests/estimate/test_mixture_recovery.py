@@ -79,7 +79,7 @@ def test_a_loss_that_ends_by_itself_is_believed_and_given_up(
 @pytest.mark.parametrize("one_encoder", [False, True])
 @pytest.mark.parametrize("unseen", [False, True])
 @pytest.mark.parametrize("percent", [0.5, 2.0, 4.0])
-def test_a_new_nut_is_found_without_being_told(
+def test_a_new_nut_is_found_without_a_word_of_it(
     percent: float, unseen: bool, one_encoder: bool
 ) -> None:
     axis = Axis(one_encoder).moved(1, 120.0, Truth(percent=percent))
@@ -93,7 +93,7 @@ def test_a_new_nut_is_found_without_being_told(
 
 @pytest.mark.parametrize("percent", [6.0, 4.0, 2.0, 0.5])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_step_of_the_preload_is_told_by_both_witnesses(seed: int, percent: float) -> None:
+def test_a_step_of_the_preload_is_named_by_both_witnesses(seed: int, percent: float) -> None:
     axis = Axis(one_encoder=False).moved(seed, 60.0, FRESH_TRUTH)
     axis.moved(10 + seed, 40.0, Truth(percent=percent))
     assert axis.holds(percent), axis.said().preload
@@ -148,7 +148,7 @@ def test_a_loss_that_happens_at_a_stop_is_not_taken_for_grease(seed: int, stop_s
 @pytest.mark.parametrize("wind_up", [0.0, 0.15, 0.3])
 @pytest.mark.parametrize("percent", [0.6 * FRESH, FRESH])
 def test_a_screw_that_winds_up_is_read_as_one_that_does_not(wind_up: float, percent: float) -> None:
-    """How far the nut's drag winds up the screw no healthy axis tells."""
+    """No healthy axis shows how far the nut's drag winds up the screw."""
     truth = Truth(percent=percent, wind_up=wind_up, nut=-0.2, bearing=-0.2, guide=-0.2)
     axis = Axis(one_encoder=False).moved(3, 180.0, truth)
     value, low, high = axis.said().preload

@@ -1,4 +1,4 @@
-"""What a phase does to a hypothesis, against a filter by matrices."""
+"""Step of a hypothesis over a phase, against a filter by matrices."""
 
 import inspect
 import math
@@ -147,8 +147,8 @@ def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool, share:
         before, elapsed_s = bank.mean[STEADY].copy(), 0.1
         f, q = motion_of(model, process, r, elapsed_s, mean)
         mean, covariance, nis = corrected(model, process, f @ mean, f @ covariance @ f.T + q, r)
-        told = step.step(bank, model, process, r, elapsed_s)
-        assert told == pytest.approx(nis / (1 if one_encoder else 2), rel=1e-3), k
+        returned = step.step(bank, model, process, r, elapsed_s)
+        assert returned == pytest.approx(nis / (1 if one_encoder else 2), rel=1e-3), k
         unlikely += nis > USUAL
         bounded += mean[PRELOAD] == pytest.approx(math.log(MOST_SHARE * FRESH), abs=1e-9)
         sigma = np.sqrt(np.diag(covariance)) + 1e-30

@@ -23,7 +23,7 @@ def uneven(place_m: Floats, size_m: float) -> Floats:
 
 
 def taught(size_m: float, seed: int = 3) -> tuple[SeriesCompliance, Floats]:
-    """What is learned between LOW_M and HIGH_M, and the places of the maps' nodes, (k,)."""
+    """Fit learned between LOW_M and HIGH_M, and the places of the maps' nodes, (k,)."""
     rng = np.random.default_rng(seed)
     count = 3000
     table_m = rng.uniform(LOW_M, HIGH_M, count)

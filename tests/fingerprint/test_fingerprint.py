@@ -216,7 +216,7 @@ def test_a_document_comes_back_as_it_was(worn: AxisFingerprint, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("{", "not JSON"),
         ("[]", "schema None"),
@@ -224,10 +224,12 @@ def test_a_document_comes_back_as_it_was(worn: AxisFingerprint, tmp_path: Path) 
         ('{"schema": "fingerprint/1", "machine": "X", "sources": []}', "no whole"),
     ],
 )
-def test_a_baseline_that_is_none_is_told_in_one_line(tmp_path: Path, text: str, told: str) -> None:
+def test_a_baseline_that_is_none_is_named_in_one_line(
+    tmp_path: Path, text: str, expected: str
+) -> None:
     path = tmp_path / "old.json"
     path.write_text(text)
-    with pytest.raises(FingerprintError, match=told) as caught:
+    with pytest.raises(FingerprintError, match=expected) as caught:
         read_fingerprint(path)
     assert "\n" not in str(caught.value)
 
@@ -284,7 +286,7 @@ def cruise(revolutions_per_s: float, torque_nm: Floats, count: int = 20_000) -> 
     )
 
 
-def test_balls_that_pass_are_told_by_their_orders() -> None:
+def test_balls_that_pass_are_named_by_their_orders() -> None:
     """A ripple of 12 mN m at the screw's ball-pass order; none at the nut's."""
     balls = ball_pass_orders(3.175e-3, 0.0206, 0.02, math.radians(45.0))
     angle = 2.0 * np.pi * 2.0 * np.arange(60_000) / 1e3
@@ -302,12 +304,12 @@ def test_balls_that_pass_are_told_by_their_orders() -> None:
     assert "axis.ball_diameter_m" in unknown["ball_pass_nm"].note
 
 
-def test_orders_above_the_low_pass_are_not_told() -> None:
+def test_orders_above_the_low_pass_are_not_reported() -> None:
     """At 1500 rpm the 100 Hz low-pass begins at order 2.4; an order that it removes is no zero."""
     time_s = np.arange(20_000, dtype=np.float64) / 1e3
     run = cruise(25.0, 0.1 + 0.01 * np.sin(2.0 * np.pi * 25.0 * time_s))
     figures, (curve,) = measure_signature([run])
     assert max(curve.x) <= 2.4
     assert not [name for name in figures if name.startswith(("balls", "orders_3_to_8"))]
-    told = figures["once_per_rev_1500_rpm_nm"].value
-    assert told == pytest.approx(0.01 / math.sqrt(2.0), rel=0.01)
+    figure = figures["once_per_rev_1500_rpm_nm"].value
+    assert figure == pytest.approx(0.01 / math.sqrt(2.0), rel=0.01)

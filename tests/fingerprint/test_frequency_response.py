@@ -108,7 +108,7 @@ def test_a_mode_without_a_peak_is_no_resonance(damping: float, rings: bool) -> N
     assert rings or all("no resonance" in each.note for each in figures.values())
 
 
-def test_a_held_torque_is_told_from_a_continuous_one() -> None:
+def test_a_held_torque_is_distinguished_from_a_continuous_one() -> None:
     record = held_record(1, 20.0)
     measured = drive_response([record]).within(10.0, 400.0)
     assert_is_the_model(fit_two_mass(measured))

@@ -1,4 +1,4 @@
-"""What changes between friction tests, on points whose truth is a formula."""
+"""Changes between friction tests, on points whose truth is a formula."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What happens to a healthy axis in time: preload, warmth, payload, lubricant, cutting force."""
+"""Changes of a healthy axis in time: preload, warmth, payload, lubricant, cutting force."""
 
 from dataclasses import dataclass
 
@@ -87,7 +87,7 @@ class Relubrication:
 
 @dataclass(frozen=True, slots=True)
 class Lubricant:
-    """How well each part is lubricated in this session, as a factor of its friction."""
+    """Lubrication of each part in this session, as a factor of its friction."""
 
     guide: float = 1.0
     nut: float = 1.0

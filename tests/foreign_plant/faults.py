@@ -1,4 +1,4 @@
-"""What can be wrong with an axis: the effects of a library, each written in its own way.
+"""Faults that an axis can have: the effects of a library, each written in its own way.
 
 A fault edits a plan and returns its true parameters. Strength 1 is a typical case.
 """

@@ -1,4 +1,4 @@
-"""What the data sheet of the axis says, and its machine file."""
+"""Data sheet of the axis, and its machine file."""
 
 from dataclasses import dataclass
 

@@ -63,11 +63,11 @@ def test_the_balls_of_a_turn_are_those_that_fit_along_the_helix() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ball_m", "angle", "told"),
+    ("ball_m", "angle", "expected"),
     [(0.03, 0.7, "does not fit"), (3e-3, 1.6, "contact_angle_rad"), (-1.0, 0.7, "ball_diameter_m")],
 )
-def test_impossible_balls_are_refused(ball_m: float, angle: float, told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_impossible_balls_are_refused(ball_m: float, angle: float, expected: str) -> None:
+    with pytest.raises(ValueError, match=expected):
         ball_pass_orders(ball_m, 0.0206, 0.02, angle)
 
 

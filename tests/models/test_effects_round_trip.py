@@ -92,7 +92,7 @@ def run(*effects: str, warmest_c: float = 20.0) -> Run:
 
 
 def settled(motion: Motion) -> Floats:
-    """Where the axis has moved in one direction for 0.1 s before and after, (n,)."""
+    """Rows around which the axis moves in one direction for 0.1 s either way, (n,)."""
     turning = (np.abs(motion.speed_rad_s) < 0.5).astype(np.float64)
     return np.convolve(turning, np.ones(201), "same") < 0.5
 

@@ -171,7 +171,7 @@ def test_many_effects_agree_with_a_stiff_solver(machine: Machine, arrangement: s
 def test_work_is_kept_or_turned_to_heat_with_many_effects(
     machine: Machine, arrangement: str
 ) -> None:
-    """What is lost is lost where a flank of the play touches within a step: less with each step."""
+    """Energy is lost where a flank of the play touches within a step: less with each step."""
     axis = axis_of(machine, arrangement)
     lost = []
     for substeps in (16, 256):

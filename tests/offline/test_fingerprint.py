@@ -106,14 +106,14 @@ def test_bad_input_is_one_line_and_leaves_nothing(walked: Path, tmp_path: Path) 
     other.write_text(BENCH.read_text().replace('name = "X"', 'name = "Y"'))
     old = walked / "healthy" / "fingerprint.json"
     out = tmp_path / "out"
-    for machine_file, traces, baseline, told in (
+    for machine_file, traces, baseline, expected in (
         (BENCH, [], None, "no recording given"),
         (BENCH, [trace, trace], None, "two recordings are called"),
         (BENCH, [trace], tmp_path / "none.json", "cannot be read"),
         (BENCH, [trace], trace, "not JSON"),
         (other, [trace], old, "of axis X, expected axis Y"),
     ):
-        with pytest.raises(FingerprintError, match=told) as caught:
+        with pytest.raises(FingerprintError, match=expected) as caught:
             fingerprint(machine_file, traces, out, baseline)
         assert "\n" not in str(caught.value)
     with pytest.raises(TraceError, match="no such file"):
@@ -177,8 +177,8 @@ def test_the_warm_up_study_comes_out_of_the_fingerprint(rubbing: Path, tmp_path:
     runs = tmp_path / "runs"
     simulate_session(load_machine(rubbing), settings, motions, runs, TraceFormat.PARQUET)
     pictures = tmp_path / "pictures"
-    told = fingerprint(rubbing, sorted(runs.iterdir()), tmp_path, pictures_dir=pictures)
-    assert "Friction from test to test: change at 300 rpm -0.0" in told
+    summary = fingerprint(rubbing, sorted(runs.iterdir()), tmp_path, pictures_dir=pictures)
+    assert "Friction from test to test: change at 300 rpm -0.0" in summary
     section = read_fingerprint(tmp_path / "fingerprint.json").sections["friction_runs"]
     first, last = (runs / f"{k}_friction.parquet" for k in ("01", "05"))
     assert [curve.name for curve in section.curves] == [

@@ -57,7 +57,7 @@ class Service:
 
 
 def asked(services: dict[str, Service], address: str, left_s: float) -> Any:
-    """What one of the services answers; nobody waits."""
+    """Answers of one of the services; nobody waits."""
     assert left_s > 0.0
     host, _, path = address.partition("/api/")
     return services[host].answers[f"/api/{path}"]
@@ -136,7 +136,7 @@ def test_the_worst_comes_first() -> None:
         ("/api/v1/axes/X/preload", None),
     ],
 )
-def test_a_strange_answer_is_told_and_spoils_nothing(path: str, answer: object) -> None:
+def test_a_strange_answer_is_reported_and_spoils_nothing(path: str, answer: object) -> None:
     services = {"http://a": Service("a", 1.0), "http://b": Service("b", 1.0)}
     services["http://b"].answers[path] = answer
     rows = ask_fleet(fleet_of(*services), lambda address, left: asked(services, address, left))
@@ -182,7 +182,7 @@ class _Foreign(BaseHTTPRequestHandler):
         """Quiet."""
 
 
-def test_a_foreign_server_is_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_foreign_server_is_distinguished(capsys: pytest.CaptureFixture[str]) -> None:
     server = HTTPServer(("127.0.0.1", 0), _Foreign)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     address = f"http://127.0.0.1:{server.server_port}"

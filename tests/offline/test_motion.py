@@ -226,11 +226,11 @@ def test_the_list_names_each_motion_with_its_duration_on_this_axis(machine: Mach
     assert re.search(r"signature +refused .* asks for 0\.4051 m, the axis allows 0\.18 m", short)
 
 
-def test_progress_is_told(tmp_path: Path, machine: Machine) -> None:
-    told: list[str] = []
-    write_motion("friction", machine, tmp_path / "a.csv", progress=told.append)
-    assert told[-1] == "friction: 100 %"
-    assert len(told) == 3
+def test_progress_is_reported(tmp_path: Path, machine: Machine) -> None:
+    progress: list[str] = []
+    write_motion("friction", machine, tmp_path / "a.csv", progress=progress.append)
+    assert progress[-1] == "friction: 100 %"
+    assert len(progress) == 3
 
 
 def test_all_motions_are_drawn_and_refusals_say_why(

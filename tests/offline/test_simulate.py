@@ -101,7 +101,7 @@ def test_effects_of_the_machine_file_are_simulated_too(machine: Machine, tmp_pat
     assert np.median(change) == pytest.approx(0.5, abs=0.02)
 
 
-def test_progress_is_told_in_seconds(machine: Machine, tmp_path: Path) -> None:
+def test_progress_is_reported_in_seconds(machine: Machine, tmp_path: Path) -> None:
     lines: list[str] = []
     simulate(machine, replace(SHORT, duration_s=12.0), tmp_path / "a.csv", lines.append)
     assert lines == ["10 of 12 s", "12 of 12 s"]
@@ -140,11 +140,11 @@ SESSION = ("standstill", "warmup:duration_s=4", "standstill")
 
 
 def test_a_session_is_one_axis_and_one_clock(machine: Machine, tmp_path: Path) -> None:
-    told = simulate_session(machine, SimulationSettings(seed=3), SESSION, tmp_path / "runs")
+    summary = simulate_session(machine, SimulationSettings(seed=3), SESSION, tmp_path / "runs")
     paths = sorted((tmp_path / "runs").iterdir())
     names = ["01_standstill.csv", "02_warmup.csv", "03_standstill.csv"]
     assert [path.name for path in paths] == names
-    assert [line.split(":")[0] for line in told.splitlines()] == [str(path) for path in paths]
+    assert [line.split(":")[0] for line in summary.splitlines()] == [str(path) for path in paths]
     traces = [read(path) for path in paths]
     time_s = np.concatenate([trace[channels.TIME] for trace in traces])
     assert time_s == pytest.approx(np.arange(len(time_s)) / 1000.0)

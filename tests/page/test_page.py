@@ -1,4 +1,4 @@
-"""What a person sees: the page of the real service in a real browser."""
+"""The page that a person sees: of the real service, in a real browser."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ PAINT_MOST_MS = 1000.0
 
 
 def serious_faults(page: Any) -> list[tuple[str, list[str]]]:
-    """What axe-core finds that keeps people out."""
+    """Barriers for people that axe-core finds."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is missing")
     return [
         (fault["id"], [node["html"] for node in fault["nodes"]])
@@ -53,7 +53,7 @@ def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page
 
 
 @pytest.mark.slow
-def test_a_lost_connection_is_told_and_made_again(make_service: Any, open_page: Any) -> None:
+def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_page: Any) -> None:
     service = make_service(**HEALTHY)
     seen = open_page(service.address)
     page = seen.page
@@ -175,7 +175,7 @@ def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_pa
             name: [x] * 3 for name, x in zip(names, (commissioned, value, low, high), strict=True)
         }
 
-    told = {
+    stroke = {
         "axis": "X",
         "position_m": [0.0, 0.4, 0.8],
         "level": 0.95,
@@ -184,7 +184,7 @@ def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_pa
     }
     page = open_page(make_service(**HEALTHY).address).page
     page.wait_for_selector("#stroke :text('this axis is not commissioned') >> nth=0")
-    page.route("**/stroke", lambda route: route.fulfill(json=told))
+    page.route("**/stroke", lambda route: route.fulfill(json=stroke))
     page.wait_for_selector("#stroke :text('At mid-stroke 50 % of the commissioned one')")
     text = page.inner_text("#stroke")
     assert "(95 % sure: 40 to 60 %)" in text

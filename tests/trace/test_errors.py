@@ -35,7 +35,7 @@ VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}
         (b"Lorem ipsum dolor sit amet\n" * 20, "no column 'time_s'"),
     ],
 )
-def test_no_trace_is_told_in_one_line(tmp_path: Path, content: bytes, says: str) -> None:
+def test_no_trace_is_reported_in_one_line(tmp_path: Path, content: bytes, says: str) -> None:
     path = tmp_path / "trace.csv"
     path.write_bytes(content)
     with pytest.raises(TraceError) as caught:

@@ -253,7 +253,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("name", FOREIGN)
-def test_foreign_files_are_told_in_one_line(tmp_path: Path, name: str) -> None:
+def test_foreign_files_are_reported_in_one_line(tmp_path: Path, name: str) -> None:
     text, says = FOREIGN[name]
     path = write(tmp_path, text)
     with pytest.raises(TraceError) as caught:

@@ -30,7 +30,7 @@ def _remarks(position: np.ndarray, speed: np.ndarray, time_s: np.ndarray = TIME_
         (7.0, "check their scales"),
     ],
 )
-def test_a_wrong_unit_is_told_with_its_factor(factor: float, reason: str) -> None:
+def test_a_wrong_unit_is_reported_with_its_factor(factor: float, reason: str) -> None:
     (remark,) = _remarks(POSITION, SPEED / factor)
     assert f"{TABLE_SPEED} would have to be {factor:.3g} times" in remark
     assert reason in remark

@@ -125,7 +125,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         TraceWriter(tmp_path / "folder.csv", [TORQUE])
 
 
-def test_the_form_can_be_told_and_is_found_by_content(tmp_path: Path) -> None:
+def test_the_form_can_be_stated_and_is_found_by_content(tmp_path: Path) -> None:
     path = tmp_path / "trace.bin"
     with TraceWriter(path, [TORQUE, ANGLE], TraceFormat.PARQUET) as writer:
         writer.write(_frame(10))
@@ -136,7 +136,9 @@ def test_the_form_can_be_told_and_is_found_by_content(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_a_full_disk_is_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real_open = Path.open
 
     def full(path: Path, mode: str = "r") -> object:

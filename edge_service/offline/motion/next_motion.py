@@ -71,7 +71,7 @@ def next_motion(
     if not proposals:
         raise DiagnosisError("motion next: the axis allows none of the known motions")
     best = proposals[0]
-    lines = [_told(best)]
+    lines = [_described(best)]
     if not best.decides:
         lines += [f"  or {_shown(each)}" for each in proposals[1:_SHOWN]]
     if out is not None:
@@ -80,7 +80,7 @@ def next_motion(
     return "\n".join(lines)
 
 
-def _told(best: Proposal) -> str:
+def _described(best: Proposal) -> str:
     worst = min(best.separations, key=lambda each: each.evidence)
     if best.decides:
         return f"the shortest that decides: {_shown(best)}"

@@ -67,6 +67,6 @@ def session_of_frames(machine: Machine, frames: Sequence[SampleFrame]) -> Sessio
 
 
 def diagnosed(machine: Machine, session: Session, withheld: Sequence[str] = ()) -> Diagnosis:
-    """The answer to a session; what is there, and how strong, is not told."""
+    """The answer to a session; without a word on what is there, or how strong."""
     library = [each for each in effects().values() if each.name not in withheld]
     return diagnose_session(session, machine, library)

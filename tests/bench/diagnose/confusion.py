@@ -9,7 +9,7 @@ NOTHING, UNKNOWN = "nothing", "unknown"
 _LIKELY = 0.5
 
 
-def told(row: BenchRow) -> str:
+def named_first(row: BenchRow) -> str:
     """Name that leads an answer: the cause where it is tied with it, or that it is not known."""
     if is_first(row):
         first = max(row.named, key=lambda name: row.named[name])
@@ -26,7 +26,7 @@ def confusion(rows: Sequence[BenchRow]) -> dict[str, Counter[str]]:
     found: dict[str, Counter[str]] = {}
     for row in rows:
         if len(row.case.causes) < 2:
-            found.setdefault(_label(row), Counter())[told(row)] += 1
+            found.setdefault(_label(row), Counter())[named_first(row)] += 1
     return dict(sorted(found.items(), key=lambda item: (item[0].startswith("no "), item[0])))
 
 
@@ -47,7 +47,7 @@ def confusion_matrix(rows: Sequence[BenchRow]) -> list[str]:
     return lines
 
 
-def told_of_each(rows: Sequence[BenchRow]) -> list[str]:
+def verdicts_of_each(rows: Sequence[BenchRow]) -> list[str]:
     """Healthy, single and withheld causes -> verdicts with all names, one line each."""
     said: dict[str, Counter[str]] = {}
     for row in rows:

@@ -124,7 +124,7 @@ def weak_rows(rows: Iterable[BenchRow]) -> list[BenchRow]:
 
 
 def is_first(row: BenchRow) -> bool:
-    """Tell whether the cause, or one that is told to be tied with it, leads the list."""
+    """Tell whether the cause, or one that is named as tied with it, leads the list."""
     first = max(row.named, key=lambda name: row.named[name], default=None)
     if first is None:
         return False

@@ -52,19 +52,19 @@ def run_diagnosis_plant(
         make = [str(folder / MAKE), str(recordings), "--seed", str(seed), *extent]
         run_command(make, say)
         rows = [] if out is None else ["--rows", str(out)]
-        found = _scored(folder, recordings, rows, partial(_told, say, f"seed {seed}"))
+        found = _scored(folder, recordings, rows, partial(_reported, say, f"seed {seed}"))
         figures = figures_of(found["cases"], found["metrics"])
         for every in THINNED[1::2] if quick else THINNED:
             thinned = Path(home) / f"every{every}"
             thin(recordings, thinned, every)
             name = f"{RATE_HZ / every:g} Hz"
-            cases = _scored(folder, thinned, [], partial(_told, say, name))["cases"]
+            cases = _scored(folder, thinned, [], partial(_reported, say, name))["cases"]
             figures += slow_figures_of(cases, name)
     title = f"second plant beside the checkout, seed {seed}"
     return "\n".join([title, *figures_as_text(figures)])
 
 
-def _told(say: Progress, name: str, line: str) -> None:
+def _reported(say: Progress, name: str, line: str) -> None:
     say(f"{name}: {line}")
 
 

@@ -52,7 +52,7 @@ class Recording:
         place_m: position as it was commanded where the recorded one is too noisy to tell the
             direction, (n,).
         alike: effects that its motion cannot tell apart.
-        told: errors that it can show at all.
+        shown: errors that it can show at all.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Recording:
     place_m: Floats | None
     reference: tuple[Columns, ...]
     alike: frozenset[str]
-    told: frozenset[str]
+    shown: frozenset[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +186,8 @@ def _of_emps(folder: Path) -> Iterator[Recording]:
         for part in (slice(0, middle), slice(middle, None))
     ]
     for k, half in enumerate(halves):
-        told = frozenset(KNOWN) | frozenset(OPEN)
-        yield Recording(f"emps {k}", _EMPS, half, None, (halves[1 - k],), frozenset(), told)
+        shown = frozenset(KNOWN) | frozenset(OPEN)
+        yield Recording(f"emps {k}", _EMPS, half, None, (halves[1 - k],), frozenset(), shown)
 
 
 def _of_cranfield(folder: Path) -> Iterator[Recording]:
@@ -205,13 +205,13 @@ def _of_cranfield(folder: Path) -> Iterator[Recording]:
         ]
         # one speed both ways, one sensor, and a current without a sign
         alike = frozenset({"drag_error", "viscous_error", "torque_gain_error", "load_friction"})
-        told = frozenset({"drag_error", "load_offset", "position_friction"})
+        shown = frozenset({"drag_error", "load_offset", "position_friction"})
         for k in (len(parts) - 2, len(parts) - 1):
             reference = tuple(_one_actuator(each) for each in parts[: len(parts) - 2])
             name = f"cranfield {load} kgf {k}"
             commanded_m = 1e-3 * np.concatenate([each["set_point"] for each in parts[k]])
             columns = _one_actuator(parts[k])
-            yield Recording(name, ACTUATOR_TOML, columns, commanded_m, reference, alike, told)
+            yield Recording(name, ACTUATOR_TOML, columns, commanded_m, reference, alike, shown)
 
 
 def _one_actuator(sequences: Sequence[np.ndarray]) -> dict[str, Floats]:
@@ -274,7 +274,7 @@ def plan(found: Sequence[Recording]) -> list[SeededCase]:
         SeededCase(each.name, error, magnitude)
         for each in found
         for error in (*KNOWN, *OPEN)
-        if error in each.told
+        if error in each.shown
         for magnitude in MAGNITUDES
     ]
     return cases

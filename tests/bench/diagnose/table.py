@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from ..table import MISSING, markdown
-from .confusion import by_strength, confusion_matrix, told_of_each
+from .confusion import by_strength, confusion_matrix, verdicts_of_each
 from .rows import (
     LARGE,
     SURE,
@@ -35,7 +35,7 @@ class BenchFigure:
 
     @property
     def cells(self) -> tuple[str, str, str]:
-        """The line of the table; a share is told as a count of cases."""
+        """The line of the table; a share is written as a count of cases."""
         match self.unit:
             case "":
                 reached = f"{round(self.reached * self.count)} of {self.count}"
@@ -188,6 +188,6 @@ def as_text(rows: Sequence[BenchRow]) -> str:
         figures_as_text(figures_of(rows)),
         ["top-1 of single causes by strength", *by_strength(rows)],
         ["what is there (rows) against what leads the answer (columns)", *confusion_matrix(rows)],
-        ["verdict and names, by cause", *told_of_each(rows)],
+        ["verdict and names, by cause", *verdicts_of_each(rows)],
     ]
     return "\n\n".join("\n".join(part) for part in parts)

@@ -73,7 +73,7 @@ def reached(cases: list[dict[str, Any]], name: str) -> tuple[float, int]:
     )
 
 
-def test_its_commands_are_run_and_told_as_a_table(tmp_path: Path) -> None:
+def test_its_commands_are_run_and_shown_as_a_table(tmp_path: Path) -> None:
     (tmp_path / "make.py").write_text(MAKE)
     (tmp_path / "score.py").write_text(SCORE)
     said: list[str] = []

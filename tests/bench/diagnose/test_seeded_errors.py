@@ -86,12 +86,14 @@ def test_answers_are_counted_by_kind() -> None:
         row("droop", "unknown", (("saturation", 0.9),), False),
         SeededRow(SeededCase("swing", "", ""), "no_gap", (), {}, True),
     ]
-    told = {each.name: (round(each.reached * each.count), each.count) for each in figures_of(rows)}
-    assert told["large error of the library: named first"] == (1, 3)
-    assert told["an error is named, but a wrong one, above .5"] == (1, 3)
-    assert told["error that no entry has: unknown, or none above .5"] == (1, 2)
-    assert told["as it is: no_gap"] == (1, 1)
-    assert told["first name above .9 is right"] == (1, 2)
+    figures = {
+        each.name: (round(each.reached * each.count), each.count) for each in figures_of(rows)
+    }
+    assert figures["large error of the library: named first"] == (1, 3)
+    assert figures["an error is named, but a wrong one, above .5"] == (1, 3)
+    assert figures["error that no entry has: unknown, or none above .5"] == (1, 2)
+    assert figures["as it is: no_gap"] == (1, 1)
+    assert figures["first name above .9 is right"] == (1, 2)
 
 
 def test_without_recordings_there_is_one_line(
@@ -108,7 +110,7 @@ def test_without_recordings_there_is_one_line(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", ["", "drag_error", "load_offset", "hum"])
-def test_a_real_axis_with_an_error_is_told_right(error: str) -> None:
+def test_a_real_axis_with_an_error_is_named_rightly(error: str) -> None:
     if not (DATA / "emps").is_dir():
         pytest.skip("the recordings of emps are not here")
     first = recordings(DATA)[0]

@@ -120,7 +120,7 @@ def ties_as_text(rows: list[TieRow]) -> str:
         f"{len(ties)} (aim 95 %); {len(rows) - len(ties)} of {len(rows)} cases had no tie"
     ]
     for row in ties:
-        told = "resolved" if row.resolved else f"not resolved: {row.after}"
+        outcome = "resolved" if row.resolved else f"not resolved: {row.after}"
         motion = f"{row.motion}, {row.duration_s:.0f} s"
-        lines.append(f"  {row.case.label}: {' = '.join(row.tied)}; {motion}; {told}")
+        lines.append(f"  {row.case.label}: {' = '.join(row.tied)}; {motion}; {outcome}")
     return "\n".join(lines)

@@ -71,10 +71,10 @@ def _aims() -> dict[str, Aim]:
     aims: dict[str, Aim] = {}
     for simulation, limit in enumerate(late, start=1):
         seen_s = 0.2 if simulation == 4 else None
-        name = f"seed's simulation {simulation}"
+        name = f"thesis' simulation {simulation}"
         aims[f"{name}, open loop"] = Aim(mae=0.035, detection_s=seen_s)
         aims[f"{name}, after step 100"] = Aim(mae=limit)
-    aims["seed's one-point step, open loop"] = Aim(detection_s=0.5)
+    aims["thesis' one-point step, open loop"] = Aim(detection_s=0.5)
     aims["T = 0.1 s"] = Aim()
     aims |= {
         f"T = {interval} s": Aim(grown=0.1, reference="T = 0.1 s")

@@ -72,7 +72,7 @@ def run_estimator_bench(
     """Run the parts asked for, the same numbers in every run; then the speeds of this machine.
 
     Args:
-        progress: told what is done.
+        progress: called with what is done.
     """
     settings, say = settings or BenchSettings(), progress or (lambda _: None)
     found = _run(tasks_of(settings), settings.processes, say)

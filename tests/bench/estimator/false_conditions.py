@@ -173,8 +173,8 @@ def _false(part: ShiftPart) -> int:
 
 def _complaint(part: ShiftPart) -> str:
     """Line on what was said of one healthy axis."""
-    told = {name: n for name, n in part.count.conditions.items() if name in set(FALSE)}
-    each = ", ".join(f"{name} {n}" for name, n in (told | dict(part.count.alarms)).items())
+    answered = {name: n for name, n in part.count.conditions.items() if name in set(FALSE)}
+    each = ", ".join(f"{name} {n}" for name, n in (answered | dict(part.count.alarms)).items())
     return f"  {part.plant} {part.axis_seed}: {each}"
 
 
@@ -190,7 +190,7 @@ def _figures(parts: Sequence[ShiftPart]) -> tuple[object, ...]:
     false = sum(begun[each.value] for each in FALSE)
     return (
         together.wrong,
-        together.told,
+        together.answered,
         len(parts),
         round(minutes, 1),
         begun[AxisCondition.WARNING.value],

@@ -26,7 +26,7 @@ class Part:
 
     row: str
     ours: Score
-    seed: Score | None = None
+    thesis: Score | None = None
 
 
 def judged(

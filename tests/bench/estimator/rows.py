@@ -24,7 +24,7 @@ class BenchRow:
 
     row: str
     ours: Score | None
-    seed: Score | None
+    thesis: Score | None
     aim: str
     met: bool | None
     added: float | None
@@ -43,7 +43,7 @@ class BenchTable:
             "wrong",
             "rows",
             "cases",
-            "seed MAE",
+            "thesis MAE",
             "MAE",
             "worst",
             "drop",
@@ -61,9 +61,9 @@ class BenchTable:
     def _wrong(self) -> str:
         """Count of confidently wrong numbers; rows made of others' numbers are left out."""
         scores = [row.ours for row in self.rows if row.ours and not row.row.endswith(_AGAIN)]
-        told = sum(each.told for each in scores)
-        wrong = sum(round(each.wrong * each.told) for each in scores if each.wrong > 0.0)
-        return f"confidently wrong: {wrong} of {told} numbers in {_cases(scores)} cases"
+        answered = sum(each.answered for each in scores)
+        wrong = sum(round(each.wrong * each.answered) for each in scores if each.wrong > 0.0)
+        return f"confidently wrong: {wrong} of {answered} numbers in {_cases(scores)} cases"
 
     def as_json(self) -> str:
         """For a program; what is not a number is null."""
@@ -74,8 +74,8 @@ class BenchTable:
 def table_of(parts: Sequence[Part]) -> BenchTable:
     """Pool the parts of each row and hold them against the aims."""
     ours = _pooled_by_row(parts, lambda part: part.ours)
-    seed = _pooled_by_row(parts, lambda part: part.seed)
-    rows = [_row(name, aim, ours, seed) for name, aim in AIMS.items()]
+    thesis = _pooled_by_row(parts, lambda part: part.thesis)
+    rows = [_row(name, aim, ours, thesis) for name, aim in AIMS.items()]
     return BenchTable((*rows, _coverage_row(rows)))
 
 
@@ -91,23 +91,25 @@ def _pooled_by_row(parts: Sequence[Part], pick: Callable[[Part], Score | None]) 
     return {row: pooled(scores) for row, scores in found.items()}
 
 
-def _row(name: str, aim: Aim, ours: Mapping[str, Score], seed: Mapping[str, Score]) -> BenchRow:
+def _row(name: str, aim: Aim, ours: Mapping[str, Score], thesis: Mapping[str, Score]) -> BenchRow:
     mine, text = ours.get(name), aim.text()
     if mine is None:
         return BenchRow(name, None, None, text or "-", None, None)
     reference = ours.get(aim.reference or "")
     added = None if reference is None else mine.mae - reference.mae
     met = aim.met(mine, reference) if text else None
-    return BenchRow(name, mine, seed.get(name), text, met, added)
+    return BenchRow(name, mine, thesis.get(name), text, met, added)
 
 
 def _coverage_row(rows: Sequence[BenchRow]) -> BenchRow:
     """Count of rows with honest intervals, too wide ones counted as missed."""
-    told = [row.ours.coverage for row in rows if row.ours and not math.isnan(row.ours.coverage)]
+    shares = [row.ours.coverage for row in rows if row.ours and not math.isnan(row.ours.coverage)]
     low, high = COVERAGE
-    honest = sum(low <= each <= high for each in told)
-    name = f"coverage: {honest} rows of {len(told)} within, {sum(c > high for c in told)} above"
-    return BenchRow(name, None, None, f"each within {low:g} to {high:g}", honest == len(told), None)
+    honest = sum(low <= each <= high for each in shares)
+    name = f"coverage: {honest} rows of {len(shares)} within, {sum(c > high for c in shares)} above"
+    return BenchRow(
+        name, None, None, f"each within {low:g} to {high:g}", honest == len(shares), None
+    )
 
 
 def _cases(scores: Sequence[Score]) -> int:
@@ -115,12 +117,12 @@ def _cases(scores: Sequence[Score]) -> int:
 
 
 def _cells(row: BenchRow) -> tuple[str, ...]:
-    ours, seed = row.ours, row.seed
+    ours, thesis = row.ours, row.thesis
     if ours is None:
         return (row.row, *["-"] * 10)
-    counted = (cell(ours.wrong), str(ours.told), str(ours.cases))
+    counted = (cell(ours.wrong), str(ours.answered), str(ours.cases))
     figures = (
-        math.nan if seed is None else seed.mae,
+        math.nan if thesis is None else thesis.mae,
         ours.mae,
         ours.worst,
         ours.false_drop,

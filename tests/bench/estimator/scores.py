@@ -85,8 +85,8 @@ def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:
         status_count[said.status.value] += 1
         reasons |= dict.fromkeys(reason.partition(":")[0] for reason in said.reasons)
         numbers = (said.preload_percent, said.low, said.high)
-        told = (math.nan if value is None else value for value in numbers)
-        rows.append((block.time_s, block.duration_s, motion_s, *told))
+        values = (math.nan if value is None else value for value in numbers)
+        rows.append((block.time_s, block.duration_s, motion_s, *values))
     time_s, duration_s, moved_s, percent, low, high = np.array(rows).reshape(-1, 6).T
     truth = np.interp(time_s - 0.5 * duration_s, recorded.time_s, recorded.percent)
     return Track(time_s, truth, percent, low, high, moved_s, status_count, tuple(reasons))
@@ -97,7 +97,7 @@ class Score:
     """Errors in points of preload over all moments with a number; NaN without any.
 
     Attributes:
-        moments, told: how often it was asked, and gave a number.
+        moments, answered: how often it was asked, and gave a number.
         mae, worst: of the absolute error.
         false_drop: the most that an estimate lay below the truth after the event of the case.
         coverage: share of the intervals that hold the truth.
@@ -110,7 +110,7 @@ class Score:
     """
 
     moments: int
-    told: int
+    answered: int
     mae: float = math.nan
     worst: float = math.nan
     false_drop: float = math.nan
@@ -125,17 +125,17 @@ class Score:
 
 def score(track: Track, event_s: float = 0.0, detection_s: float = math.nan) -> Score:
     """Of one track; `event_s` is when what may look like a loss begins."""
-    told = np.isfinite(track.percent)
-    moments, count = len(told), int(told.sum())
+    answered = np.isfinite(track.percent)
+    moments, count = len(answered), int(answered.sum())
     if not count:
         return Score(moments, 0, detection_s=detection_s, notes=_notes(track))
-    truth, low, high = track.truth[told], track.low[told], track.high[told]
-    error = track.percent[told] - truth
+    truth, low, high = track.truth[answered], track.low[answered], track.high[answered]
+    error = track.percent[answered] - truth
     miss = np.maximum(np.maximum(low - truth, truth - high), 0.0)
-    drop = -error[track.time_s[told] >= event_s]
+    drop = -error[track.time_s[answered] >= event_s]
     return Score(
         moments=moments,
-        told=count,
+        answered=count,
         mae=float(np.abs(error).mean()),
         worst=float(np.abs(error).max()),
         false_drop=float(drop.max()) if len(drop) else math.nan,
@@ -168,18 +168,18 @@ def detection(track: Track, loss_s: float, below_percent: float) -> float:
 def pooled(parts: Iterable[Score]) -> Score:
     """All cases of one row together: means over moments, worst of all cases."""
     scores = list(parts)
-    told = np.array([each.told for each in scores], dtype=np.float64)
+    answered = np.array([each.answered for each in scores], dtype=np.float64)
     moments = np.array([each.moments for each in scores], dtype=np.float64)
 
     def mean(values: Iterable[float]) -> float:
-        there = told > 0
+        there = answered > 0
         if not there.any():
             return math.nan
-        return float(np.average(np.array(list(values))[there], weights=told[there]))
+        return float(np.average(np.array(list(values))[there], weights=answered[there]))
 
     return Score(
         moments=int(moments.sum()),
-        told=int(told.sum()),
+        answered=int(answered.sum()),
         mae=mean(each.mae for each in scores),
         worst=_most(each.worst for each in scores),
         false_drop=_most(each.false_drop for each in scores),

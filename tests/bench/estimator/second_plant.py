@@ -37,7 +37,7 @@ HEADS: tuple[str, ...] = (
     "rise",
     "end",
 )
-HEADS += ("seen s", "told", "failed")
+HEADS += ("seen s", "answered", "failed")
 
 
 class SecondPlantError(Exception):
@@ -95,7 +95,7 @@ def run_second_plant(
             answers = Path(home) / ANSWERS
             command = [str(folder / SCORE), str(out), "--tool", tool_command()]
             command += ["--json", str(answers), *(["--sheet"] if sheet else [])]
-            run_command(command, partial(_told, say, name))
+            run_command(command, partial(_reported, say, name))
             parts += read_answers(json.loads(answers.read_text("utf-8")), out, seed, sheet)
     return parts
 
@@ -116,7 +116,7 @@ def make_recordings(
     run_command([str(folder / MAKE), str(out), "--seed", str(seed), *extent], say)
 
 
-def _told(say: Progress, name: str, line: str) -> None:
+def _reported(say: Progress, name: str, line: str) -> None:
     say(f"{name}: {line}")
 
 
@@ -136,8 +136,10 @@ def _track(row: Mapping[str, Any], truth_file: Path) -> Track | None:
     with np.load(truth_file) as known:
         truth = known["truth"]
     time_s, percent, low, high = curve.T
-    told = np.interp(time_s, truth[:, 0], truth[:, 1])
-    return Track(time_s, told, percent, low, high, np.interp(time_s, truth[:, 0], truth[:, 3]))
+    true_percent = np.interp(time_s, truth[:, 0], truth[:, 1])
+    return Track(
+        time_s, true_percent, percent, low, high, np.interp(time_s, truth[:, 0], truth[:, 3])
+    )
 
 
 def run_command(command: Sequence[str], say: Progress) -> None:

@@ -13,7 +13,7 @@ from .parts import FIRST_SEED, PARTS, PROCESSES
 from .production_cases import SHIFT_S
 from .second_plant import BESIDE
 from .spoiled import hostile
-from .thesis import seed_runs
+from .thesis import thesis_runs
 from .wear_rates import rate_session
 
 SHIFTS_AT_ONCE = 3
@@ -86,7 +86,7 @@ def _table_tasks(settings: BenchSettings) -> Iterator[Task]:
         yield Task("own", ERRORS[which][0], calibration, (which, quick))
     runs = 1 if quick else 2
     for first in range(0, 1 if quick else 8, runs):
-        yield Task("thesis", f"seed's simulations {first}", seed_runs, (first, runs))
+        yield Task("thesis", f"thesis' simulations {first}", thesis_runs, (first, runs))
 
 
 def _foreign_tasks(quick: bool) -> Iterator[Task]:

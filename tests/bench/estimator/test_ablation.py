@@ -62,7 +62,7 @@ def test_the_variants_follow_the_foreign_plant(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(ablation, "scenarios", lambda *_: short)
     parts = on_foreign_axis(3, True)
     assert [part.variant for part in parts] == ["none", "much"]
-    assert all(part.score.told > 20 for part in parts)
+    assert all(part.score.answered > 20 for part in parts)
     assert parts[0].score.interval_score < parts[1].score.interval_score
 
 
@@ -74,7 +74,7 @@ def test_the_variants_follow_a_life_with_the_state_kept(monkeypatch: pytest.Monk
     monkeypatch.setattr(life_bench, "QUICK_SESSION_S", 12.0)
     parts = on_life(4, "healthy", True)
     assert [(part.plant, part.variant) for part in parts] == [("lives", "usual"), ("lives", "wide")]
-    assert all(part.score.told > 20 for part in parts)
+    assert all(part.score.answered > 20 for part in parts)
     assert parts[0].score.interval_score < parts[1].score.interval_score
 
 

@@ -26,15 +26,15 @@ def axes() -> list[tuple[Bank, AxisModel, Process]]:
 
 def test_a_batch_gives_the_bits_of_its_axes_one_by_one() -> None:
     """Each loses its preload at another time, with noise of its own; in random order."""
-    told = [
+    phases = [
         [*production(seed, 25.0 + seed, Truth()), *production(9, 10.0, Truth(percent=1.0))]
         for seed in range(AXES)
     ]
     order = np.random.default_rng(5).permutation(
-        np.repeat(np.arange(AXES), [len(each) for each in told])
+        np.repeat(np.arange(AXES), [len(each) for each in phases])
     )
     turn = np.array([np.count_nonzero(order[:k] == axis) for k, axis in enumerate(order)])
-    readings = [told[axis][k] for axis, k in zip(order, turn, strict=True)]
+    readings = [phases[axis][k] for axis, k in zip(order, turn, strict=True)]
     elapsed_s = np.random.default_rng(6).choice([0.1, 0.2, 3.0], len(order), p=[0.9, 0.09, 0.01])
     together, alone = axes(), axes()
     table = np.array([[float(value) for value in r] for r in readings])

@@ -19,7 +19,7 @@ from .parts import PARTS
 from .rows import table_of
 from .scores import Score, Track, detection, pooled, score
 from .tasks import BenchSettings, tasks_of
-from .thesis import edge_noise_var, seed_runs, thesis_machine, torque_noise_var
+from .thesis import edge_noise_var, thesis_machine, thesis_runs, torque_noise_var
 
 
 def track(percent: Floats, truth: Floats, half_width: float = 0.5) -> Track:
@@ -30,7 +30,7 @@ def track(percent: Floats, truth: Floats, half_width: float = 0.5) -> Track:
 def test_a_score_is_what_its_names_say() -> None:
     percent = np.array([5.0, 5.2, math.nan, 4.0])
     one = score(track(percent, np.full(4, 5.0)))
-    assert (one.moments, one.told) == (4, 3)
+    assert (one.moments, one.answered) == (4, 3)
     assert one.mae == pytest.approx((0.0 + 0.2 + 1.0) / 3.0)
     assert one.worst == pytest.approx(1.0)
     assert one.false_drop == pytest.approx(1.0)
@@ -74,7 +74,7 @@ def test_pooling_weighs_by_moments_and_keeps_the_worst() -> None:
     both = pooled([first, second, silent])
     assert both.mae == pytest.approx(0.25)
     assert both.worst == pytest.approx(1.0)
-    assert (both.moments, both.told) == (8, 4)
+    assert (both.moments, both.answered) == (8, 4)
 
 
 def test_an_unmeasured_figure_meets_no_aim() -> None:
@@ -98,7 +98,7 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
 
 def test_the_table_counts_each_confidently_wrong_number_once() -> None:
     one = replace(score(track(np.array([3.9, 5.0]), np.full(2, 5.0))), misleading=0.0)
-    rows = ("closed loop: constant", f"{ROW}healthy", "seed's simulation 1, after step 100")
+    rows = ("closed loop: constant", f"{ROW}healthy", "thesis' simulation 1, after step 100")
     table = table_of([Part(row, one) for row in rows])
     assert "confidently wrong: 2 of 4 numbers in 2 cases" in table.as_text()
     line = next(line for line in table.as_text().splitlines() if line.startswith(rows[0]))
@@ -124,16 +124,16 @@ def test_every_scenario_of_the_second_plant_has_a_row() -> None:
     assert named <= set(AIMS)
 
 
-def test_the_seeds_rows_are_among_the_aims_and_beat_its_own_filter() -> None:
-    parts = list(seed_runs(7, 1))
+def test_the_rows_of_the_thesis_are_among_the_aims_and_beat_its_own_filter() -> None:
+    parts = list(thesis_runs(7, 1))
     assert {part.row for part in parts} <= set(AIMS)
-    compared = [(part.ours, part.seed) for part in parts if part.seed is not None]
+    compared = [(part.ours, part.thesis) for part in parts if part.thesis is not None]
     assert len(compared) == 4
     for ours, theirs in compared:
         assert ours.mae < 0.5 * theirs.mae
 
 
-def test_the_noise_of_the_seeds_plant_is_that_of_its_angle() -> None:
+def test_the_noise_of_the_plant_of_the_thesis_is_that_of_its_angle() -> None:
     """Euler: the second difference errs by two of the angle, T of the speed, (1, -2, 1) read.
 
     Neighbouring steps share what the angle errs by: 30 of them err by no more than the ends.

@@ -18,7 +18,7 @@ from .scores import Recorded, Score, Track, follow, score
 
 
 class Telling:
-    """An estimator that says what it is told to say, in order."""
+    """An estimator that gives prepared answers, in order."""
 
     def __init__(self, percent: list[float]) -> None:
         self._percent = iter(percent)
@@ -45,8 +45,8 @@ def watched(shares: list[float]) -> WatchCount:
     percent = np.full(100 * count + 200, axis.fresh_percent)
     blocks = downsampled(axis.frames("production", percent, 1), axis.nominal())[:count]
     assert len(blocks) == count
-    told = [share * axis.fresh_percent for share in shares]
-    seen = Watched(Telling(told), axis.nominal())  # type: ignore[arg-type]
+    percents = [share * axis.fresh_percent for share in shares]
+    seen = Watched(Telling(percents), axis.nominal())  # type: ignore[arg-type]
     follow(seen, Recorded(blocks, np.arange(len(percent)) / 1e3, percent))
     return seen.count()
 
@@ -124,13 +124,13 @@ def test_the_own_axis_stands_still_in_its_pauses() -> None:
 def test_a_short_shift_is_watched(plant: str) -> None:
     (part,) = shifts(plant, 1, 1, 60.0)
     assert sum(part.count.condition_s.values()) == pytest.approx(60.0, abs=0.3)
-    assert part.score.told > 300
+    assert part.score.answered > 300
     assert "healthy production" in healthy_section([part]).as_text()
 
 
 def test_a_screw_that_is_warm_beside_its_bearing_misleads_nobody() -> None:
     """Four waves along the stroke do not follow its growth there: read 1.5 points too low once."""
     machine, recorded = produced(replace(draw_shift("foreign", 22), duration_s=60.0))
-    told = score(follow(FusedPreloadEstimator(machine), recorded))
-    assert told.told > 300
-    assert told.wrong == 0.0
+    found = score(follow(FusedPreloadEstimator(machine), recorded))
+    assert found.answered > 300
+    assert found.wrong == 0.0

@@ -72,7 +72,7 @@ def test_its_commands_are_run_with_and_without_a_data_sheet(tmp_path: Path) -> N
     assert "slow loss, sheet" in text
 
 
-def test_a_command_that_fails_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_command_that_fails_is_reported_in_one_line(tmp_path: Path) -> None:
     folder = benchmark(tmp_path, "raise SystemExit('no room left')")
     with pytest.raises(SecondPlantError, match=r"preload_make\.py ended with 1: no room left"):
         run_second_plant(folder, 1, True, 1, lambda _: None)
@@ -93,16 +93,16 @@ def test_figures_are_means_but_the_worst_of_false_changes() -> None:
         part_of(machine=1, state="exit 2", detected=False, delay_motion_s=None),
     ]
     figures = figures_of(parts)
-    told = dict(zip((*names, "seen", "told", "failed"), figures, strict=True))
-    assert told["mae"] == pytest.approx(2.0)
-    assert told["wrong"] == pytest.approx(0.25)
-    assert (told["rows"], told["machines"], told["failed"]) == (300, 2, 1)
-    assert told["drop"] == pytest.approx(0.9)
-    assert told["end"] == pytest.approx(0.3)
-    assert told["seen"] == (3.0, math.inf, math.inf)
+    row = dict(zip((*names, "seen", "answered", "failed"), figures, strict=True))
+    assert row["mae"] == pytest.approx(2.0)
+    assert row["wrong"] == pytest.approx(0.25)
+    assert (row["rows"], row["machines"], row["failed"]) == (300, 2, 1)
+    assert row["drop"] == pytest.approx(0.9)
+    assert row["end"] == pytest.approx(0.3)
+    assert row["seen"] == (3.0, math.inf, math.inf)
     assert "failed: seed 1, machine 1, sudden_drop: exit 2" in plant_section(parts).as_text()
-    assert isinstance(told["rise"], float)
-    assert math.isnan(told["rise"])
+    assert isinstance(row["rise"], float)
+    assert math.isnan(row["rise"])
 
 
 def test_a_folder_without_it_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -116,10 +116,10 @@ def test_the_parts_end_up_in_one_document(tmp_path: Path) -> None:
     command = ["bench", "estimator", "--only", "second-plant", "--quick", "--json", "--seed", "9"]
     folders = ["--second-plant", str(benchmark(tmp_path)), "--plots", str(tmp_path / "plots")]
     done = CliRunner().invoke(cli, [*command, *folders], catch_exceptions=False)
-    told = json.loads(done.stdout)
-    assert set(told) == {"schema", "unmeasured", "second-plant"}
-    assert told["unmeasured"] == []
-    assert told["second-plant"]["rows"][0]["wrong"] == pytest.approx(0.75)
+    document = json.loads(done.stdout)
+    assert set(document) == {"schema", "unmeasured", "second-plant"}
+    assert document["unmeasured"] == []
+    assert document["second-plant"]["rows"][0]["wrong"] == pytest.approx(0.75)
     drawn = {file.name for file in (tmp_path / "plots").iterdir()}
     assert drawn == {
         "second-plant.png",
@@ -128,7 +128,7 @@ def test_the_parts_end_up_in_one_document(tmp_path: Path) -> None:
     }
 
 
-def test_what_cannot_be_measured_beside_others_is_told(tmp_path: Path) -> None:
+def test_what_cannot_be_measured_beside_others_is_reported(tmp_path: Path) -> None:
     settings = BenchSettings(parts=("second-plant",), second_plant=tmp_path)
     found = run_estimator_bench(settings)
     assert found.sections == ()

@@ -46,7 +46,7 @@ SETTINGS = MixtureSettings(
 """The thesis' plant has no friction but the screw's, and no process."""
 STUCK_MARGIN_NM = 0.05
 """Torque this close to the highest drag says nothing: the axis may stick."""
-SEED_WINDOW_STEPS = 20
+THESIS_WINDOW_STEPS = 20
 LATE_STEP = 100
 ONE_POINT = 6
 """Number of the one-point step beside the thesis' simulations 1 to 4."""
@@ -102,10 +102,10 @@ def thesis_blocks(run: ThesisRun) -> list[FeatureBlock]:
     surely_slides = np.abs(run.torque_nm) > FRESH_PERCENT * DRAG_PER_PERCENT_NM + STUCK_MARGIN_NM
     blocks = []
     for k in range(len(angle)):
-        told = k >= 2 and bool(surely_slides[k - 1])
+        informative = k >= 2 and bool(surely_slides[k - 1])
         phase = Phase()
         direction = 0.0
-        if told:
+        if informative:
             bend = angle[k] - 2.0 * angle[k - 1] + angle[k - 2]
             speed = float(angle[k - 1] - angle[k - 2]) / step_s
             direction = float(np.sign(run.torque_nm[k - 1]))
@@ -150,7 +150,7 @@ def _block(step: int, direction: float, phase: Phase) -> FeatureBlock:
     )
 
 
-def seed_runs(first: int, runs: int) -> Iterator[Part]:
+def thesis_runs(first: int, runs: int) -> Iterator[Part]:
     """Simulations 1 to 4 and a one-point step, `runs` seeds each."""
     machine = thesis_machine()
     for seed in range(first, first + runs):
@@ -162,10 +162,10 @@ def seed_runs(first: int, runs: int) -> Iterator[Part]:
             ours = _scored(simulation, track)
             theirs = None if simulation == ONE_POINT else _published(simulation, seed)
             name = "one-point step" if simulation == ONE_POINT else f"simulation {simulation}"
-            yield Part(f"seed's {name}, open loop", ours, theirs)
+            yield Part(f"thesis' {name}, open loop", ours, theirs)
             if simulation != ONE_POINT:
                 late = score(track.since(LATE_STEP))
-                yield Part(f"seed's {name}, after step {LATE_STEP}", late)
+                yield Part(f"thesis' {name}, after step {LATE_STEP}", late)
 
 
 def _simulated(simulation: int, seed: int) -> ThesisRun:
@@ -187,7 +187,7 @@ def _scored(simulation: int, track: Track) -> Score:
 def _published(simulation: int, seed: int) -> Score:
     """The thesis' method with the causal window of 20 steps; it gives no intervals."""
     run, bank = run_case(ThesisCase(simulation), seed)
-    percent = smoothed_preload(bank.mode_probability, SEED_WINDOW_STEPS)
+    percent = smoothed_preload(bank.mode_probability, THESIS_WINDOW_STEPS)
     time_s: Floats = run.time_s + PRINTED_STEP_S
     truth = run.preload_percent
     return _scored(simulation, Track(time_s, truth, percent, percent, percent, time_s))

@@ -85,17 +85,17 @@ def loss_seen(track: Track, fresh_percent: float) -> tuple[float, bool]:
     Seen: the whole interval lies below what was lost by half of that, `HELD` numbers in a row.
     NaN where so much was never lost; inf where it was lost and not seen.
     """
-    told = np.isfinite(track.high)
-    below = track.high[told] < fresh_percent - 0.5 * LOSS_PERCENT
+    answered = np.isfinite(track.high)
+    below = track.high[answered] < fresh_percent - 0.5 * LOSS_PERCENT
     runs = np.convolve(below, np.ones(HELD), "valid") == HELD if len(below) >= HELD else below[:0]
     seen = np.flatnonzero(runs)
     lost = np.flatnonzero(track.truth <= fresh_percent - LOSS_PERCENT)
-    early = bool(len(seen)) and bool(track.truth[told][seen[0]] >= fresh_percent - 1e-9)
+    early = bool(len(seen)) and bool(track.truth[answered][seen[0]] >= fresh_percent - 1e-9)
     if not len(lost):
         return math.nan, early
     if not len(seen):
         return math.inf, early
-    moved_s = float(track.motion_s[told][seen[0]] - track.motion_s[lost[0]])
+    moved_s = float(track.motion_s[answered][seen[0]] - track.motion_s[lost[0]])
     return max(moved_s, 0.0), early
 
 
@@ -121,8 +121,8 @@ def scored(
     track: Track, rate_per_min: float, warming: bool, axis_seed: int, fresh_percent: float
 ) -> RatePart:
     """Figures of one session."""
-    told = np.isfinite(track.percent)
-    error, at_s = (track.percent - track.truth)[told], track.time_s[told]
+    answered = np.isfinite(track.percent)
+    error, at_s = (track.percent - track.truth)[answered], track.time_s[answered]
     late = at_s >= track.time_s[-1] - END_S
     seen_s, early = loss_seen(track, fresh_percent)
     return RatePart(
@@ -131,7 +131,7 @@ def scored(
         axis_seed=axis_seed,
         score=score(track, detection_s=seen_s),
         end_error=mean_of(error[late].tolist()),
-        fresh_mae=mean_of(np.abs(fresh_percent - track.truth[told]).tolist()),
+        fresh_mae=mean_of(np.abs(fresh_percent - track.truth[answered]).tolist()),
         seen_s=seen_s,
         early=early,
         track=track,
@@ -167,7 +167,7 @@ def _figures(parts: Sequence[RatePart]) -> tuple[object, ...]:
     together = pooled(part.score for part in parts)
     return (
         together.wrong,
-        together.told,
+        together.answered,
         len({part.axis_seed for part in parts}),
         together.mae,
         mean_of([part.fresh_mae for part in parts]),

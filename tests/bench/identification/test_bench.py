@@ -79,10 +79,10 @@ def test_one_axis_finds_every_parameter_near_its_truth() -> None:
 def test_the_command_refuses_no_axes_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "identification", "--seeds", "0"]) == 2
     assert main(["bench", "--json", "identification"]) == 2
-    told = capsys.readouterr().err.splitlines()
-    assert len(told) == 2
-    assert "--seeds" in told[0]
-    assert "come after its name" in told[1]
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert "--seeds" in lines[0]
+    assert "come after its name" in lines[1]
 
 
 @pytest.mark.slow

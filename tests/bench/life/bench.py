@@ -132,8 +132,8 @@ def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[str, tupl
     axes = len({part.life.axis_seed for part in parts})
     for start, scores in sorted(found.items()):
         rows = pooled(scores)
-        silent = sum(each.told == 0 for each in scores)
-        counted = (rows.wrong, rows.told, axes, len(scores), silent, None, None, rows.mae, None)
+        silent = sum(each.answered == 0 for each in scores)
+        counted = (rows.wrong, rows.answered, axes, len(scores), silent, None, None, rows.mae, None)
         yield f"{label} {start}", (*counted, rows.coverage, rows.interval_score, *[None] * 3)
 
 
@@ -154,7 +154,7 @@ def _figures(parts: Sequence[LifePart]) -> tuple[object, ...]:
     rows = pooled(each.rows for each in scores)
     return (
         rows.wrong,
-        rows.told,
+        rows.answered,
         len({part.life.axis_seed for part in parts}),
         sum(each.sessions for each in scores),
         sum(each.silent for each in scores),

@@ -59,7 +59,7 @@ class Session:
 
     @property
     def duration_s(self) -> float:
-        """Its length."""
+        """Length of the session."""
         return self.time_s[-1]
 
     @property

@@ -29,8 +29,8 @@ def session_ends(life: Life, tracks: Sequence[Track]) -> SessionEnds:
     """Of one track for each session."""
     rows = []
     for session, track in zip(life.sessions, tracks, strict=True):
-        told = np.flatnonzero(np.isfinite(track.percent))
-        last = int(told[-1]) if len(told) else -1
+        answered = np.flatnonzero(np.isfinite(track.percent))
+        last = int(answered[-1]) if len(answered) else -1
         day = session.day + (float(track.time_s[last]) - session.clock_s) / DAY_S
         numbers = (track.percent[last], track.low[last], track.high[last])
         rows.append((day, float(track.truth[last]), *(float(each) for each in numbers)))
@@ -62,8 +62,8 @@ def crossing_day(day: Floats, percent: Floats, level: float) -> float:
 
     The next point must lie below as well, where there is one. NaN are left out.
     """
-    told = np.isfinite(percent)
-    day, percent = day[told], percent[told]
+    answered = np.isfinite(percent)
+    day, percent = day[answered], percent[answered]
     below = percent < level
     firm = below & np.append(below[1:], True)
     if not firm.any():
@@ -111,16 +111,16 @@ class LifeScore:
 def life_score(life: Life, tracks: Sequence[Track]) -> LifeScore:
     """Of one track for each session."""
     ends = session_ends(life, tracks)
-    told = np.isfinite(ends.percent)
+    answered = np.isfinite(ends.percent)
     level = LIMIT_SHARE * life.fresh_percent
     found, true = crossing_day(ends.day, ends.percent, level), life.crossing_day()
-    fresh = np.abs(life.fresh_percent - ends.truth[told])
+    fresh = np.abs(life.fresh_percent - ends.truth[answered])
     return LifeScore(
         sessions=len(tracks),
-        silent=int((~told).sum()),
+        silent=int((~answered).sum()),
         rows=score(joined(life, tracks)),
         each=tuple(score(track) for track in tracks),
-        ends_mae=mean_of(np.abs(ends.percent - ends.truth)[told].tolist()),
+        ends_mae=mean_of(np.abs(ends.percent - ends.truth)[answered].tolist()),
         fresh_mae=mean_of(fresh.tolist()),
         rank=rank_correlation(ends.percent, ends.truth),
         crossing=math.nan if math.isnan(true) else abs(found - true) / life.days,

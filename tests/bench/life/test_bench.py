@@ -68,7 +68,7 @@ def test_a_life_is_scored_by_the_ends_of_its_sessions() -> None:
     lost = [FRESH - session.percent[-1] for session in life.sessions]
     assert found.fresh_mae == pytest.approx(sum(lost[k] for k in (0, 1, 2, 4)) / 4.0)
     assert (found.sessions, found.silent) == (5, 1)
-    assert (found.rows.moments, found.rows.told) == (15, 12)
+    assert (found.rows.moments, found.rows.answered) == (15, 12)
     assert found.rows.wrong == pytest.approx(3.0 / 12.0)  # 1.5 off, 1.0 outside
     assert found.rows.coverage == pytest.approx(9.0 / 12.0)
 
@@ -204,9 +204,9 @@ def test_a_section_is_an_aligned_table_and_rows_for_a_program() -> None:
     assert len({len(line) for line in lines[:2]}) == 1
     assert lines[1].split() == ["first", "0.250", "3", "-"]
     assert lines[-1] == "a note"
-    told = section.as_dict()["rows"]
-    assert told[0] == {"row": "first", "mae_ends": 0.25, "rows": 3, "seen_s": None}
-    assert told[1]["seen_s"] == [1.0, "never"]
+    rows = section.as_dict()["rows"]
+    assert rows[0] == {"row": "first", "mae_ends": 0.25, "rows": 3, "seen_s": None}
+    assert rows[1]["seen_s"] == [1.0, "never"]
     assert cell(()) == "-"
     assert mean_of([1.0, math.inf, math.nan, 3.0]) == pytest.approx(2.0)
 
@@ -232,7 +232,7 @@ def test_a_short_life_is_lived_in_both_ways(plant: str) -> None:
     parts = list(live(plant, "replaced nut", 3, True))
     assert [part.way for part in parts] == [KEPT, NEW]
     for part in parts:
-        assert part.score.rows.told > 0.5 * part.score.rows.moments
+        assert part.score.rows.answered > 0.5 * part.score.rows.moments
         assert asdict(part.score)["sessions"] == len(part.life.sessions)
     table = life_section(parts).as_text()
     assert f"{plant}, replaced nut, kept" in table
@@ -244,10 +244,10 @@ def test_a_worn_screw_is_not_read_as_fresh_where_its_growth_is_large() -> None:
     plant = plant_of("foreign", 5)
     worn = drawn_life(plant, "linear", 5, False).sessions[-1]
     assert worn.warmth > 0.9
-    told = score(follow(plant.estimator(), plant.recorded(worn)).since(20))
-    assert told.told > 1000
-    assert told.wrong == 0.0
-    assert told.mae < 1.0
+    found = score(follow(plant.estimator(), plant.recorded(worn)).since(20))
+    assert found.answered > 1000
+    assert found.wrong == 0.0
+    assert found.mae < 1.0
 
 
 @pytest.mark.slow

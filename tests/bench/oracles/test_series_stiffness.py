@@ -53,7 +53,7 @@ def spring(value: float, tolerance: float = 0.0) -> Quantity:
         (100.0, 76.923, -0.69),  # printed 70 %
     ],
 )
-def test_four_springs_of_the_seed(odd_one: float, expected: float, change: float) -> None:
+def test_four_springs_of_the_thesis(odd_one: float, expected: float, change: float) -> None:
     series = in_series([spring(odd_one), *[spring(1000.0)] * 3])
     assert series.value == pytest.approx(expected, rel=1e-5)
     assert series.value / 250.0 - 1.0 == pytest.approx(change, abs=0.005)
@@ -139,7 +139,7 @@ def test_plant_by_hand(machine: Machine, arrangement: str, ends: int, position_m
 
 
 def test_stiffness_of_the_bench_falls_modestly_along_the_stroke(machine: Machine) -> None:
-    """The seed on its Figure 5.5: one end to the other changes little, many springs share."""
+    """The thesis on its Figure 5.5: one end to the other changes little, many springs share."""
     curve = series_stiffness(springs_of(machine, spring(6.85)), np.linspace(0.05, 0.85, 17))
     assert np.all(np.diff(curve.stiffness_n_per_m) < 0.0)
     assert 0.5 < curve.stiffness_n_per_m[-1] / curve.stiffness_n_per_m[0] < 0.9

@@ -120,7 +120,7 @@ def stamp_lateness_s(firsts: Sequence[tuple[int, int]], interval_s: float) -> Fl
 
     The service stamps a sample when the driver hands it over; what it is late by then does not
     show in the other delays. The typical phase within an interval is the mean direction on its
-    circle; a quarter of an interval early to three quarters late can be told.
+    circle; a quarter of an interval early to three quarters late can be read.
     """
     interval_ns = round(interval_s * _NS_PER_S)
     phase = np.array([measured_ns % interval_ns for measured_ns, _ in firsts]) / interval_ns

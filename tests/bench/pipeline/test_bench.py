@@ -147,7 +147,7 @@ def test_count_of_estimates(output: str) -> None:
     assert estimate_count(output) == 2999
 
 
-def test_output_without_a_count_is_told() -> None:
+def test_output_without_a_count_is_reported() -> None:
     with pytest.raises(PipelineBenchError, match="gave no interval"):
         estimate_count("axis X: the recording gave no interval")
 
@@ -208,16 +208,16 @@ def test_recording_has_a_row_per_period(tmp_path: Path) -> None:
     assert frame.time_s == pytest.approx(np.arange(2000) / 1000.0)
 
 
-def test_a_failed_process_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_failed_process_is_reported_in_one_line(tmp_path: Path) -> None:
     arguments = ["check-config", str(tmp_path / "missing.toml")]
     with (
         ServiceProcess(arguments, tmp_path, tmp_path) as process,
-        pytest.raises(PipelineBenchError) as told,
+        pytest.raises(PipelineBenchError) as caught,
     ):
         process.wait_for_end(60.0)
-    assert str(told.value).startswith("edge-service check-config ended with exit status 2: ")
-    assert "missing.toml: no such file" in str(told.value)
-    assert "\n" not in str(told.value)
+    assert str(caught.value).startswith("edge-service check-config ended with exit status 2: ")
+    assert "missing.toml: no such file" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @needs_proc
@@ -292,7 +292,7 @@ def test_the_poller_survives_a_connection_that_the_server_ends() -> None:
     assert len(connections) == 3
 
 
-def test_an_answer_without_a_preload_is_told() -> None:
+def test_an_answer_without_a_preload_is_reported() -> None:
     with (
         _answering({"status": 404, "title": "Not Found"}, []) as address,
         closing(PreloadPoller(*address, "B7")) as poller,

@@ -162,7 +162,7 @@ async def test_what_still_holds_a_whole_reply_is_read(
 async def test_generated_replies_never_become_a_wrong_value(
     count: int, peer: Peer, link: ModbusLink
 ) -> None:
-    """What is believed is, byte by byte, a reply to the request with the values that it holds."""
+    """A reply that is believed answers the request, byte by byte, with the values that it holds."""
     dice = random.Random(11)
     believed = 0
     sent = right = b""

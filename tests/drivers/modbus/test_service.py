@@ -59,7 +59,7 @@ async def test_the_axis_of_a_hanging_device_goes_stale_in_time_and_comes_back() 
         try:
             async with asyncio.timeout(20.0):
                 await heard.more(5)
-            told = len(heard.features)
+            count = len(heard.features)
             stub.fault = Fault(FaultKind.HANG)
             start_s = time.monotonic()
             async with asyncio.timeout(10.0):
@@ -70,7 +70,7 @@ async def test_the_axis_of_a_hanging_device_goes_stale_in_time_and_comes_back() 
             async with asyncio.timeout(10.0):
                 await heard.status(ComponentStatus.OK)
                 await heard.more(5)
-            assert any(Flaw.GAP in block.fault for block in heard.features[told:])
+            assert any(Flaw.GAP in block.fault for block in heard.features[count:])
         finally:
             heard.close()
     await stub.close()

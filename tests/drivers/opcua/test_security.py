@@ -117,7 +117,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-async def test_who_is_refused_is_told_the_key(name: str, secured: OpcuaConfig) -> None:
+async def test_who_is_refused_is_reported_the_key(name: str, secured: OpcuaConfig) -> None:
     changes, expected = REFUSED[name]
     config = OpcuaConfig.model_validate(secured.model_dump() | changes)
     with pytest.raises(DriverMisconfiguredError, match=expected):

@@ -80,7 +80,7 @@ def _healthy_level(_period_s: float, _coulomb_nm: float) -> tuple[float, float]:
 EFFECT = Effect(
     name="compliance",
     description="The drive train gives more under load: a loose coupling, bearing or nut.",
-    source="seed (5.3.1), (5.3.9): x - R theta = -(c_0 + c_1 x) T_load / R",
+    source="thesis (5.3.1), (5.3.9): x - R theta = -(c_0 + c_1 x) T_load / R",
     kind=Kind.LOST_MOTION,
     parameters=(
         Parameter(

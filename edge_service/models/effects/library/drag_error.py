@@ -11,7 +11,7 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 EFFECT = Effect(
     name="drag_error",
     description="The constant part of the friction has changed; preload loss lowers it.",
-    source="seed (4.3.6), (5.3.14): torque s(v) dF_c, wind-up where the level acts on the table",
+    source="thesis (4.3.6), (5.3.14): torque s(v) dF_c, wind-up where the level acts on the table",
     kind=Kind.FRICTION,
     parameters=(
         Parameter("change_nm", "N m", "Coulomb level at the motor, more.", -5.0, 5.0, 0.0, 0.06),

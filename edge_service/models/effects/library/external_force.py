@@ -19,7 +19,7 @@ def _pulse(force_n: float, start_s: float, duration_s: float) -> Curve:
 EFFECT = Effect(
     name="external_force",
     description="Something pushes the table for a while: a cut, a hose, a person.",
-    source="seed, Figure 5.14 (disturbance force): torque -R F(t), x - R theta by F(t) / K",
+    source="thesis, Figure 5.14 (disturbance force): torque -R F(t), x - R theta by F(t) / K",
     kind=Kind.DISTURBANCE,
     parameters=(
         Parameter("force_n", "N", "Force, positive along the axis.", -1e5, 1e5, 0.0, 200.0),

@@ -11,7 +11,7 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 EFFECT = Effect(
     name="inertia_error",
     description="The axis carries more or less mass than the model knows, such as a workpiece.",
-    source="seed (4.3.2): dJ = dm (h_p / 2 pi)^2; torque dJ a, wind-up -R dJ a / K",
+    source="thesis (4.3.2): dJ = dm (h_p / 2 pi)^2; torque dJ a, wind-up -R dJ a / K",
     kind=Kind.LOAD,
     parameters=(
         Parameter(

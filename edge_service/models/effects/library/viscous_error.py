@@ -11,7 +11,7 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 EFFECT = Effect(
     name="viscous_error",
     description="Friction grows faster with speed than the model knows, as with stiffer grease.",
-    source="seed (5.3.15): torque dD v",
+    source="thesis (5.3.15): torque dD v",
     kind=Kind.FRICTION,
     parameters=(
         Parameter(

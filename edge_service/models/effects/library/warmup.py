@@ -75,7 +75,7 @@ EFFECT = Effect(
     name="warmup",
     description="A cold axis rubs harder at first, and eases while its lubricant warms up.",
     source=(
-        "seed, Figure 5.11: s(v) F exp(-t / tau), less F where the model is of the cold axis; "
+        "thesis, Figure 5.11: s(v) F exp(-t / tau), less F where the model is of the cold axis; "
         "viscous friction fades alike; a lubricant that is T warmer is thinner by exp(-T / T0) "
         "(Reynolds, 1886), and where a temperature is recorded it tells more than time does"
     ),
