@@ -5,30 +5,23 @@ from pathlib import Path
 
 import click
 
-from .options import AXIS_NUMBER, MACHINE, Greedy
+from .options import AXIS_NUMBER, MACHINE, OUT_FOLDER, PATH, TRACES, Greedy, json_option
 from .terminal import progress
 
 
 @click.command(
     epilog="Example: edge-service fingerprint friction.csv acceleration.csv --out out/now"
 )
-@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@TRACES
 @MACHINE
 @AXIS_NUMBER
-@click.option(
-    "--baseline", type=click.Path(path_type=Path), help="Compare with this older fingerprint.json."
-)
+@click.option("--baseline", type=PATH, help="Compare with this older fingerprint.json.")
 @click.option(
     "--pictures",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Also write the pictures as PNG files into this folder.",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="Folder that the answer is written to.",
-)
+@OUT_FOLDER
 def fingerprint(
     traces: tuple[Path, ...],
     machine: Path,
@@ -47,12 +40,10 @@ def fingerprint(
 
 
 @click.command(epilog="Example: edge-service gap --machine m.toml trace.csv --json")
-@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@TRACES
 @MACHINE
 @AXIS_NUMBER
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object: channel -> RMS of the gap."
-)
+@json_option("Print one JSON object: channel -> RMS of the gap.")
 def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_json: bool) -> None:
     """Measure the gap between model and machine: torque in motion, and table against motor."""
     from ..offline.gap import gap as measure_gap
@@ -69,20 +60,15 @@ def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_jso
     cls=Greedy,
     epilog="Example: edge-service diagnose --machine m.toml trace.csv --out out/diagnosis",
 )
-@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@TRACES
 @MACHINE
 @AXIS_NUMBER
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="Folder that the answer is written to.",
-)
+@OUT_FOLDER
 @click.option(
     "--reference",
     multiple=True,
     metavar="FILE...",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Recordings of the healthy machine: what they have beyond the model is no fault.",
 )
 def diagnose(
@@ -105,7 +91,7 @@ def diagnose(
 @click.argument("study", type=click.Choice(["thesis", "puzzle"]), default="thesis")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=Path("out/reproduce"),
     show_default=True,
     help="Folder that the report is written to.",

@@ -9,23 +9,19 @@ from pydantic import ValidationError
 
 from ..config import explain, load_fleet
 from ..config_tables import FleetConfig, FleetServiceConfig
-from .options import InputError
+from .options import PATH, InputError, json_option
 
 
 @click.command(epilog="Example: edge-service fleet http://127.0.0.1:8080 --services fleet.toml")
 @click.argument("addresses", nargs=-1)
-@click.option(
-    "--services",
-    type=click.Path(path_type=Path),
-    help="TOML file that lists the services as [[services]].",
-)
+@click.option("--services", type=PATH, help="TOML file that lists the services as [[services]].")
 @click.option(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0.1, 60.0),
     help="Wait this many seconds for all answers [default: 5].",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON, one line per round.")
+@json_option("Print the rows as JSON, one line per round.")
 @click.option(
     "--watch", "period_s", type=click.FloatRange(1.0), help="Ask again after so many seconds."
 )

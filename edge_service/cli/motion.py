@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..config import load_machine
-from .options import MACHINE, InputError
+from .options import MACHINE, PATH, InputError, out_option
 from .terminal import progress
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @click.command(epilog="Example: edge-service motion next out/diagnosis.json --out setpoints.csv")
 @click.argument("name", required=False)
-@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, type=PATH)
 @MACHINE
 @click.option(
     "--list", "list_all", is_flag=True, help="List every motion; --out FILE.png draws them."
@@ -41,11 +41,7 @@ if TYPE_CHECKING:
     help="With `next`: an effect to tell apart; give it twice or more.",
 )
 @click.option("--motion", "rehearsed", help="With `isolability`: the motion to examine.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="File to write: setpoints as .csv or an NC program as .mpf.",
-)
+@out_option("File to write: setpoints as .csv or an NC program as .mpf.", required=False)
 def motion(
     name: str | None,
     files: tuple[Path, ...],

@@ -1,15 +1,21 @@
 """Options and arguments that several commands share, and the error for bad input."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
 from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
 
-CONFIG = click.argument("config", type=click.Path(path_type=Path), required=False)
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+PATH = click.Path(path_type=Path)
+CONFIG = click.argument("config", type=PATH, required=False)
+TRACE = click.argument("trace", type=PATH)
+TRACES = click.argument("traces", nargs=-1, required=True, type=PATH)
 MACHINE = click.option(
     "--machine",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=DEFAULT_MACHINE,
     show_default="the thesis' test bench, deploy/machine.toml",
     help="Machine file with the baseline model of the axis.",
@@ -24,6 +30,24 @@ PORT = click.option(
     "--port", type=click.IntRange(0, 65535), help="HTTP port to serve on; 0 takes a free one."
 )
 BUS = click.option("--bus", "endpoint", help="Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.")
+
+
+def out_option(text: str, *, required: bool = True) -> Decorator:
+    """Option `--out`: the file or folder that a command writes."""
+    return click.option("--out", type=PATH, required=required, help=text)
+
+
+def service_config_option(text: str) -> Decorator:
+    """Option `--config`: the configuration of the service, for commands that work beside it."""
+    return click.option("--config", type=PATH, help=text)
+
+
+def json_option(text: str) -> Decorator:
+    """Flag `--json`: the answer for a program."""
+    return click.option("--json", "as_json", is_flag=True, help=text)
+
+
+OUT_FOLDER = out_option("Folder that the answer is written to.")
 
 
 class Greedy(click.Command):

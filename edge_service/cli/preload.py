@@ -5,23 +5,25 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, load_config
-from .options import AXIS_NUMBER, MACHINE
+from .options import (
+    AXIS_NUMBER,
+    MACHINE,
+    PATH,
+    TRACE,
+    TRACES,
+    out_option,
+    service_config_option,
+)
 
 
 @click.command(
     epilog="Example: edge-service commission --machine m.toml healthy.csv --out commissioned.toml"
 )
-@click.argument("traces", nargs=-1, required=True, type=click.Path(path_type=Path))
+@TRACES
 @MACHINE
 @AXIS_NUMBER
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Machine file to write."
-)
-@click.option(
-    "--config",
-    type=click.Path(path_type=Path),
-    help="Service configuration that gives the length of the intervals.",
-)
+@out_option("Machine file to write.")
+@service_config_option("Service configuration that gives the length of the intervals.")
 def commission(
     traces: tuple[Path, ...],
     machine: Path,
@@ -39,23 +41,14 @@ def commission(
 @click.command(
     epilog="Example: edge-service estimate --machine m.toml trace.csv --out estimates.csv"
 )
-@click.argument("trace", type=click.Path(path_type=Path))
+@TRACE
 @MACHINE
 @AXIS_NUMBER
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="CSV file to write, a row per block.",
-)
-@click.option(
-    "--config",
-    type=click.Path(path_type=Path),
-    help="Service configuration with the estimator's settings.",
-)
+@out_option("CSV file to write, a row per block.")
+@service_config_option("Service configuration with the estimator's settings.")
 @click.option(
     "--state",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Continue from the state in this file if it exists; write the new state to it.",
 )
 def estimate(

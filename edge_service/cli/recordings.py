@@ -7,7 +7,16 @@ from pathlib import Path
 import click
 
 from ..config import load_machine
-from .options import AXIS_NUMBER, BUS, CONFIG, MACHINE, InputError, configured
+from .options import (
+    AXIS_NUMBER,
+    BUS,
+    CONFIG,
+    MACHINE,
+    PATH,
+    InputError,
+    configured,
+    out_option,
+)
 from .terminal import progress
 
 
@@ -15,9 +24,7 @@ from .terminal import progress
 @CONFIG
 @click.option("--axis", help="Axis to record; the first configured one by default.")
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True))
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="File to write, .csv or .parquet."
-)
+@out_option("File to write, .csv or .parquet.")
 @BUS
 def record(
     config: Path | None, axis: str | None, duration_s: float | None, out: Path, endpoint: str | None
@@ -32,14 +39,9 @@ def record(
 
 
 @click.command(epilog="Example: edge-service convert trace.xml --axis-number 7 --out trace.parquet")
-@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("source", type=PATH)
 @MACHINE
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="File to write; its name ends in .csv, .parquet or .mcap.",
-)
+@out_option("File to write; its name ends in .csv, .parquet or .mcap.")
 @AXIS_NUMBER
 @click.option(
     "--torque-constant",
@@ -141,12 +143,7 @@ def convert(
     type=click.Choice(["csv", "parquet"]),
     help="Format of the files in a folder; csv by default.",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="File to write, .csv or .parquet; a folder for 01_NAME.csv, ... with several motions.",
-)
+@out_option("File to write, .csv or .parquet; a folder for 01_NAME.csv, ... with several motions.")
 def simulate(
     machine: Path,
     motions: tuple[str, ...],

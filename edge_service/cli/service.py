@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import click
 
 from ..config import DEFAULT_CONFIG, EdgeConfig, load_config
-from .options import AXIS_NUMBER, BUS, CONFIG, MACHINE, PORT, InputError, configured
+from .options import (
+    AXIS_NUMBER,
+    BUS,
+    CONFIG,
+    MACHINE,
+    PORT,
+    TRACE,
+    InputError,
+    configured,
+    service_config_option,
+)
 from .terminal import announce, log_to_stderr
 
 if TYPE_CHECKING:
@@ -90,7 +100,7 @@ def _history(settings: EdgeConfig) -> str:
 @click.command(
     epilog="Example: edge-service replay --machine deploy/emps.toml trace.csv --speed 10"
 )
-@click.argument("trace", type=click.Path(path_type=Path))
+@TRACE
 @MACHINE
 @AXIS_NUMBER
 @click.option(
@@ -101,11 +111,7 @@ def _history(settings: EdgeConfig) -> str:
 )
 @click.option("--loop", is_flag=True, help="Begin again at the end of the recording.")
 @click.option("--hold", is_flag=True, help="Keep serving after the end of the recording.")
-@click.option(
-    "--config",
-    type=click.Path(path_type=Path),
-    help="Service configuration; its axes are not used.",
-)
+@service_config_option("Service configuration; its axes are not used.")
 @PORT
 @BUS
 def replay(

@@ -6,19 +6,23 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, load_config
-from .options import AXIS_NUMBER, CONFIG, MACHINE, InputError
+from .options import (
+    AXIS_NUMBER,
+    CONFIG,
+    MACHINE,
+    PATH,
+    InputError,
+    json_option,
+    service_config_option,
+)
 from .terminal import announce, log_to_stderr
 
 
 @click.command(epilog="Example: edge-service doctor --config deploy/drivers/modbus.toml")
-@click.argument("traces", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("traces", nargs=-1, type=PATH)
 @MACHINE
 @AXIS_NUMBER
-@click.option(
-    "--config",
-    type=click.Path(path_type=Path),
-    help="Listen to the drivers of this configuration instead.",
-)
+@service_config_option("Listen to the drivers of this configuration instead.")
 @click.option("--axis", help="Examine this axis of --config alone; all by default.")
 @click.option(
     "--seconds",
@@ -27,9 +31,7 @@ from .terminal import announce, log_to_stderr
     show_default=True,
     help="How long to listen to the drivers of --config.",
 )
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print the findings as JSON, one object per axis."
-)
+@json_option("Print the findings as JSON, one object per axis.")
 def doctor(
     traces: tuple[Path, ...],
     machine: Path,
@@ -71,7 +73,7 @@ def doctor(
 )
 @click.option(
     "--nodesets",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="OPC UA: folder of companion specifications for the Machine Tool address space.",
 )
 @click.option(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from edge_service.cli.options import InputError
+from edge_service.cli.options import PATH, InputError, json_option
 from edge_service.cli.terminal import progress
 
 from .estimator.parts import FIRST_SEED, PARTS, PROCESSES
@@ -17,9 +17,13 @@ if TYPE_CHECKING:
     from .identification.bench import IdentificationBench
 
 
+JSON = json_option("Print the figures as JSON.")
+QUICK = click.option("--quick", is_flag=True, help="Measure for a shorter time.")
+
+
 @click.group(invoke_without_command=True, epilog="Example: edge-service bench identification")
-@click.option("--quick", is_flag=True, help="Measure for a shorter time.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@QUICK
+@JSON
 @click.pass_context
 def bench(context: click.Context, quick: bool, as_json: bool) -> None:
     """Measure speed and size: start, CPU, memory, delay, replay, estimator steps.
@@ -47,7 +51,7 @@ def _print_report(report: "PipelineBench | IdentificationBench", as_json: bool) 
     show_default=True,
     help="Number of simulated axes.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@JSON
 def bench_identification(seeds: int, as_json: bool) -> None:
     """Hold identified parameters against the truth."""
     from .identification.bench import run
@@ -84,7 +88,7 @@ def bench_identification(seeds: int, as_json: bool) -> None:
 )
 @click.option(
     "--second-plant",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Folder with the commands of a second plant [default: shared/bench beside the checkout].",
 )
 @click.option(
@@ -94,13 +98,11 @@ def bench_identification(seeds: int, as_json: bool) -> None:
     show_default=True,
     help="Number of processes that share the work.",
 )
-@click.option(
-    "--plots", type=click.Path(path_type=Path), help="Draw lives and rates into this folder."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.option("--plots", type=PATH, help="Draw lives and rates into this folder.")
+@JSON
 @click.option(
     "--pictures",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Draw the rows into this folder instead of measuring.",
 )
 def bench_estimator(
@@ -179,12 +181,12 @@ def _require_second_plant(folder: Path) -> None:
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write each case to this file, a line of JSON each.",
 )
 @click.option(
     "--pictures",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Draw reliability and confusion into this folder.",
 )
 @click.option(
@@ -256,8 +258,8 @@ def _real_machines(seed: int, out: Path | None) -> str:
 
 
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")
-@click.option("--quick", is_flag=True, help="Measure for a shorter time.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@QUICK
+@JSON
 def bench_drivers(quick: bool, as_json: bool) -> None:
     """Measure polls and notifications, many devices in one process, and one that hangs."""
     from .pipeline.drivers import DriversBenchSettings, run_drivers_bench
