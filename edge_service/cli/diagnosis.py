@@ -46,7 +46,7 @@ def fingerprint(
 @json_option("Print one JSON object: channel -> RMS of the gap.")
 def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_json: bool) -> None:
     """Measure the gap between model and machine: torque in motion, and table against motor."""
-    from ..offline.gap import gap as measure_gap
+    from ..offline.diagnosis.gap import gap as measure_gap
 
     found = measure_gap(machine, traces, progress, axis_number)
     if as_json:
@@ -82,7 +82,7 @@ def diagnose(
 
     Ends with status 3 where the recordings are unfit for it; the report says why.
     """
-    from ..offline.diagnose import diagnose as run_diagnosis
+    from ..offline.diagnosis.diagnose import diagnose as run_diagnosis
 
     click.echo(run_diagnosis(machine, traces, out, progress, reference, axis_number))
 

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _explain(error: Exception) -> int:
-    from ..offline.gap import BadDataError
+    from ..offline.diagnosis.sessions import BadDataError
 
     if isinstance(error, BadDataError):
         return _complain(str(error), BAD_DATA)
@@ -59,7 +59,7 @@ def _is_bad_input(error: Exception) -> bool:
     from ..fingerprint.document import FingerprintError
     from ..http_api.serve import AddressError
     from ..models.motion import MotionError
-    from ..offline.gap import DiagnosisError
+    from ..offline.diagnosis.sessions import DiagnosisError
     from ..offline.simulate import SimulationError
     from ..trace.columns import TraceError
 

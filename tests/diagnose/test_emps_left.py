@@ -9,7 +9,7 @@ import pytest
 from edge_service.config import load_machine
 from edge_service.diagnose.session.session import TORQUE_GAP, Session
 from edge_service.models.machine import EffectConfig, Quantity
-from edge_service.offline.gap import read_runs, session_of
+from edge_service.offline.diagnosis.sessions import read_runs, session_of
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "emps"

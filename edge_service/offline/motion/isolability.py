@@ -16,7 +16,7 @@ from ...models.effects.effect import Effect, Role
 from ...models.effects.registry import effect_names, get_effect
 from ...models.machine import Machine
 from ...models.motion import MOTIONS
-from ..gap import DiagnosisError, read_runs
+from ..diagnosis.sessions import DiagnosisError, read_runs
 
 _NEVER = 1e3
 

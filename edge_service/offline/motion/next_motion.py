@@ -9,7 +9,7 @@ from pathlib import Path
 from ...diagnose.experiment.proposal import Proposal, propose
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
-from ..gap import DiagnosisError
+from ..diagnosis.sessions import DiagnosisError
 from .motion_file import MotionFileSettings, write_motion
 
 LONGEST_S = 300.0

@@ -16,8 +16,8 @@ import numpy as np
 from scipy import signal
 
 from edge_service.messages.samples import Floats
-from edge_service.offline.diagnose import diagnose
-from edge_service.offline.gap import BadDataError
+from edge_service.offline.diagnosis.diagnose import diagnose
+from edge_service.offline.diagnosis.sessions import BadDataError
 from edge_service.trace.conditioning import white_noise_rms
 
 from ..pool import in_processes

@@ -6,22 +6,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..atomic import replaced_file
-from ..config import ConfigError, load_machine
-from ..diagnose.experiment.proposal import propose
-from ..diagnose.pipeline import Diagnosis, Verdict, diagnose_session
-from ..diagnose.residual.reference import Reference, healthy_machine, healthy_model
-from ..diagnose.selection.observability import unobservable
-from ..diagnose.session.data_check import check_data
-from ..diagnose.session.session import Session
-from ..diagnose.session.twin import rigid_baseline
-from ..models.effects.registry import machine_effects
-from ..models.machine import Machine
-from ..models.motion import MotionError
-from .diagnosis_checks import beside_doubts, doubts
-from .gap import BadDataError, DiagnosisError, read_runs, session_of
-from .report.diagnosis_document import augmented_toml, bad_data_document, to_document
-from .report.diagnosis_page import render, render_bad_data
+from ...atomic import replaced_file
+from ...config import ConfigError, load_machine
+from ...diagnose.experiment.proposal import propose
+from ...diagnose.pipeline import Diagnosis, Verdict, diagnose_session
+from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
+from ...diagnose.selection.observability import unobservable
+from ...diagnose.session.data_check import check_data
+from ...diagnose.session.session import Session
+from ...diagnose.session.twin import rigid_baseline
+from ...models.effects.registry import machine_effects
+from ...models.machine import Machine
+from ...models.motion import MotionError
+from ..report.diagnosis_document import augmented_toml, bad_data_document, to_document
+from ..report.diagnosis_page import render, render_bad_data
+from .doubts import beside_doubts, doubts
+from .sessions import BadDataError, DiagnosisError, read_runs, session_of
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")
 

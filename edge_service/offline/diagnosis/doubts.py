@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..diagnose.pipeline import Diagnosis, NamedEffect, Verdict
-from ..diagnose.session.run import Run
-from ..fingerprint.checks.check_result import CheckResult
-from ..fingerprint.checks.check_result import Verdict as Check
-from ..fingerprint.checks.plausibility import check_plausibility
-from ..messages.channels import ANGLE, TABLE_POSITION
-from ..messages.samples import SampleFrame
-from ..models.effects.registry import effects, get_effect
-from ..models.machine import Machine
+from ...diagnose.pipeline import Diagnosis, NamedEffect, Verdict
+from ...diagnose.session.run import Run
+from ...fingerprint.checks.check_result import CheckResult
+from ...fingerprint.checks.check_result import Verdict as Check
+from ...fingerprint.checks.plausibility import check_plausibility
+from ...messages.channels import ANGLE, TABLE_POSITION
+from ...messages.samples import SampleFrame
+from ...models.effects.registry import effects, get_effect
+from ...models.machine import Machine
 
 _TRUST = 0.5
 """Of the probability of an effect, where one that it resembles is seen and not among the causes."""

@@ -6,7 +6,7 @@ from edge_service.diagnose.pipeline import Verdict, diagnose_session
 from edge_service.fingerprint.checks.check_result import CheckResult
 from edge_service.fingerprint.checks.check_result import Verdict as Check
 from edge_service.models.machine import Machine
-from edge_service.offline.diagnosis_checks import beside_doubts, doubts
+from edge_service.offline.diagnosis.doubts import beside_doubts, doubts
 
 from .conftest import frame_of, recorded, runs, session_of
 

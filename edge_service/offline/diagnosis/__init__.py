@@ -1,0 +1,1 @@
+"""Gap of a model to its machine, and the diagnosis of it, from recordings."""

@@ -1,0 +1,75 @@
+"""Recordings of a machine as runs and as one session to be compared with its model."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ...diagnose.session.recordings import Run, runs_of
+from ...diagnose.session.session import Session
+from ...diagnose.session.twin import rigid_baseline
+from ...messages.samples import SampleFrame
+from ...models.effects.registry import machine_effects
+from ...models.machine import Machine
+from ...trace.reader import TraceReader
+from ..recordings import open_recording
+
+NOTHING_TO_COMPARE = (
+    "nothing to compare: expected a second or more of motion with a torque or both encoders"
+)
+
+
+class DiagnosisError(Exception):
+    """Recordings or a machine that cannot be compared; the text is one line."""
+
+
+class BadDataError(Exception):
+    """Recordings that can be read but not diagnosed; the text is one line."""
+
+
+def read_runs(
+    machine: Machine, traces: Sequence[Path], progress: Callable[[str], None] = lambda _line: None
+) -> list[Run]:
+    """Filtered runs of all recordings, read in bounded pieces, one file at a time."""
+    if not traces:
+        raise DiagnosisError("no recording given; expected one trace or more")
+    with one_line():
+        return runs_of(opened_recordings(machine, traces, progress), rigid_baseline(machine))
+
+
+@contextmanager
+def one_line() -> Iterator[None]:
+    """Raise what the rooms below find wrong as a DiagnosisError."""
+    try:
+        yield
+    except ValueError as error:
+        raise DiagnosisError(str(error)) from error
+
+
+def opened_recordings(
+    machine: Machine, traces: Sequence[Path], progress: Callable[[str], None]
+) -> Iterator[Iterator[SampleFrame]]:
+    """Each recording in turn; it is closed when the next is asked for."""
+    for number, path in enumerate(traces, start=1):
+        with open_recording(machine, path) as reader:
+            yield _reporting(reader, f"{path.name}, {number} of {len(traces)}", progress)
+
+
+def _reporting(
+    reader: TraceReader, name: str, progress: Callable[[str], None]
+) -> Iterator[SampleFrame]:
+    """The frames of a recording; each tenth that is read is reported."""
+    reported = -1
+    for frame in reader:
+        tenth = int(10.0 * reader.fraction_read)
+        if tenth > reported:
+            reported = tenth
+            progress(f"reading {name}: {10 * tenth} %")
+        yield frame
+
+
+def session_of(machine: Machine, runs: Sequence[Run]) -> Session:
+    """The session of runs that hold motion."""
+    session = Session.of_runs(runs, rigid_baseline(machine), machine_effects(machine))
+    if not session.channels or not all(len(rows.gap) for rows in session.channels.values()):
+        raise DiagnosisError(NOTHING_TO_COMPARE)
+    return session
