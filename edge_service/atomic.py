@@ -1,7 +1,7 @@
 """Files that appear whole or not at all, are on the disk then, and can be checked when read.
 
-Every file that is kept has the mode that the process' umask leaves it, and a damaged one is set
-aside under a name that nobody reads.
+Every file that is kept has the mode that the process' umask leaves it, secrets are for their owner
+alone, and a damaged file is set aside under a name that nobody reads.
 """
 
 import errno
@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import BinaryIO, TextIO
 
 PART, DAMAGED = ".part", ".damaged"
+PRIVATE = 0o600
+"""Mode of files that their owner alone may read."""
 _HEAD, _MIDDLE, _TAIL = b'{"sha256": "', b'", "content": ', b"}\n"
 _DIGEST = slice(len(_HEAD), len(_HEAD) + 64)
 _CONTENT = _DIGEST.stop + len(_MIDDLE)
@@ -27,10 +29,14 @@ class DamagedError(Exception):
 
 
 @contextmanager
-def replaced_file(path: Path) -> Iterator[TextIO]:
-    """A text file that takes `path`'s place on success and leaves no trace on failure. OSError."""
+def replaced_file(path: Path, mode: int = 0o666) -> Iterator[TextIO]:
+    """A text file that takes `path`'s place on success and leaves no trace on failure. OSError.
+
+    Args:
+        mode: of the file, less what the umask takes; PRIVATE for secrets.
+    """
     with (
-        _part(path) as handle,
+        _part(path, mode) as handle,
         os.fdopen(handle, "w", encoding="utf-8", newline="", closefd=False) as file,
     ):
         yield file
@@ -114,11 +120,11 @@ def sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def _part(path: Path) -> Iterator[int]:
+def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
     """A descriptor of a new file that is on the disk, and takes `path`'s place, on success."""
     made_folder(path.parent)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
-    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         try:
             yield handle

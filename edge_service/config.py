@@ -18,7 +18,7 @@ from .config_tables import (
     WebhookConfig,
 )
 from .estimate.registry import AUTO, ESTIMATORS
-from .messages.addresses import is_loopback, split_endpoint
+from .messages.addresses import Security, is_loopback, split_endpoint
 from .messages.keys import MachineKeys, check_part
 from .models.machine import Machine
 
@@ -47,15 +47,46 @@ class ServiceConfig(Table):
 
 
 class BusConfig(Table):
-    """`[bus]`: the loopback endpoint at which the bus listens."""
+    """`[bus]`: where the bus listens, and who may do what there.
+
+    Attributes:
+        endpoint: `tcp/<loopback address>:<port>`, where any process of this machine may read.
+        security: `readers`: only with a certificate of a node may one publish; `tls`: only with a
+            certificate may one read; `open`: whoever connects to `endpoint` may publish anything.
+        certificates: folder that `edge-service certs` has made; without it there are no nodes in
+            processes of their own but in an open bus.
+        tls_endpoint: where those with certificates take part.
+    """
 
     endpoint: str = "tcp/127.0.0.1:7447"
+    security: Security = "readers"
+    certificates: Path | None = None
+    tls_endpoint: str = "tls/127.0.0.1:7448"
 
     @field_validator("endpoint")
     @classmethod
     def _loopback(cls, value: str) -> str:
-        split_endpoint(value)
-        return value
+        return _endpoint(value, "tcp")
+
+    @field_validator("tls_endpoint")
+    @classmethod
+    def _encrypted(cls, value: str) -> str:
+        return _endpoint(value, "tls")
+
+    @model_validator(mode="after")
+    def _certified(self) -> "BusConfig":
+        if self.security == "tls" and self.certificates is None:
+            raise ValueError('certificates: missing, security = "tls" needs them')
+        if self.security == "open" and self.certificates is not None:
+            raise ValueError('certificates: without meaning with security = "open"')
+        return self
+
+
+def _endpoint(value: str, protocol: str) -> str:
+    split_endpoint(value)
+    if not value.startswith(f"{protocol}/"):
+        raise ValueError(f"{value!r}: expected an endpoint of the form {protocol}/127.0.0.1:7447")
+    return value
 
 
 class HttpConfig(Table):
@@ -183,6 +214,7 @@ def load_config(path: Path) -> EdgeConfig:
         "history": _placed(config.history, folder, "folder"),
         "webhook": _placed(config.webhook, folder, "secret_file"),
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
+        "bus": _placed(config.bus, folder, "certificates"),
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     return config.model_copy(update=placed)

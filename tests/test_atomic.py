@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from edge_service.atomic import (
+    PRIVATE,
     DamagedError,
     read_checked,
     read_kept_bytes,
@@ -43,6 +44,20 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
         raise RuntimeError
     assert target.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["file.txt"]
+
+
+@pytest.mark.parametrize("old", [None, 0o644])
+def test_a_secret_is_for_its_owner_alone_from_the_first_byte(
+    tmp_path: Path, old: int | None
+) -> None:
+    target = tmp_path / "secret"
+    if old is not None:
+        target.touch(old)
+    with replaced_file(target, PRIVATE) as file:
+        file.write("secret")
+        (part,) = set(tmp_path.iterdir()) - {target}
+        assert part.stat().st_mode & 0o777 == PRIVATE
+    assert target.stat().st_mode & 0o777 == PRIVATE
 
 
 WRITERS: list[Callable[[Path], None]] = [

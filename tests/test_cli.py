@@ -107,7 +107,45 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "public bus address": (
         lambda p: ["run", "--bus", "tcp/0.0.0.0:7447", write(p, "a.toml", AXIS)],
-        "only loopback addresses are allowed",
+        "tcp is for loopback addresses; others need tls and certificates",
+    ),
+    "a bus with tls but without certificates": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + '[bus]\nsecurity = "tls"')],
+        "bus: certificates: missing",
+    ),
+    "an open bus with certificates": (
+        lambda p: [
+            "check-config",
+            write(p, "a.toml", AXIS + '[bus]\nsecurity = "open"\ncertificates = "c"'),
+        ],
+        "bus: certificates: without meaning",
+    ),
+    "a plain endpoint for tls": (
+        lambda p: [
+            "check-config",
+            write(p, "a.toml", AXIS + '[bus]\ntls_endpoint = "tcp/127.0.0.1:1"'),
+        ],
+        "bus.tls_endpoint: 'tcp/127.0.0.1:1': expected an endpoint of the form tls/",
+    ),
+    "an encrypted endpoint for all": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + '[bus]\nendpoint = "tls/1.2.3.4:1"')],
+        "bus.endpoint: 'tls/1.2.3.4:1': expected an endpoint of the form tcp/",
+    ),
+    "a folder without certificates": (
+        lambda p: ["run", write(p, "a.toml", AXIS + '[bus]\ncertificates = "none"')],
+        "ca.pem: No such file or directory",
+    ),
+    "a node without certificates": (
+        lambda p: ["node", "estimate", write(p, "a.toml", AXIS)],
+        "bus.certificates: missing; nodes in processes of their own prove by certificates",
+    ),
+    "a certificate for a name that is none": (
+        lambda p: ["certs", "--out", str(p / "new"), "--name", "http://box"],
+        "'http://box' is no host name and no address",
+    ),
+    "certificates into a file": (
+        lambda p: ["certs", "--out", write(p, "file", "")],
+        "file: ",
     ),
     "port that is none": (lambda p: ["run", "--port", "99999"], "99999"),
     "wrong unit": (

@@ -1,10 +1,9 @@
-"""One Zenoh session: opened on loopback, multicast scouting off."""
+"""One Zenoh session: opened on loopback or with TLS, multicast scouting off."""
 
 import asyncio
-import json
 import socket
-from dataclasses import dataclass
-from typing import Any, Literal, Self
+from dataclasses import replace
+from typing import Any, Self
 
 import zenoh
 
@@ -12,6 +11,7 @@ from ..messages.addresses import split_endpoint
 from ..messages.codec.interface import T
 from ..messages.topics import Topic
 from .publisher import Publisher
+from .settings import BusSettings, zenoh_config
 from .subscriber import Subscriber
 
 _EPHEMERAL_TRIES = 5
@@ -25,26 +25,13 @@ class BusConfigurationError(Exception):
     """The bus cannot be set up as asked."""
 
 
-@dataclass(frozen=True, slots=True)
-class BusSettings:
-    """Settings with which a process takes part in the bus.
-
-    Attributes:
-        endpoint: `tcp/<loopback address>:<port>`; port 0 takes any free one.
-        role: `router` listens there and passes on between all who connect; `client` connects
-            there, to a process with the role `router` or to any other Zenoh router.
-    """
-
-    endpoint: str
-    role: Literal["router", "client"]
-
-
 class Bus:
     """A session with its publishers and subscribers; close it to undeclare them all."""
 
-    def __init__(self, session: zenoh.Session, endpoint: str) -> None:
+    def __init__(self, session: zenoh.Session, settings: BusSettings) -> None:
         self._session = session
-        self.endpoint = endpoint
+        self.endpoint = settings.endpoint if settings.security != "tls" else settings.there
+        self.tls_endpoint = settings.tls.endpoint if settings.tls else None
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[zenoh.LivelinessToken] = []
@@ -57,25 +44,21 @@ class Bus:
             BusConfigurationError: the endpoint is not loopback, or in use (`router`).
             BusUnavailableError: nobody answers at the endpoint (`client`).
         """
-        try:
-            host, port = split_endpoint(settings.endpoint)
-        except ValueError as error:
-            raise BusConfigurationError(str(error)) from None
-        tries = _EPHEMERAL_TRIES if port == 0 and settings.role == "router" else 1
+        endpoints = (settings.endpoint, settings.tls.endpoint if settings.tls else "")
+        free = settings.role == "router" and any(each.endswith(":0") for each in endpoints)
+        tries = _EPHEMERAL_TRIES if free else 1
         for attempt in range(tries):
-            real_port = port or _free_port(host)
-            endpoint = f"tcp/{host}:{real_port}"
-            if settings.role == "router":
-                _check_free(host, real_port, endpoint)
+            placed = _placed(settings)
             try:
-                session = await asyncio.to_thread(zenoh.open, _zenoh_config(settings, endpoint))
+                session = await asyncio.to_thread(zenoh.open, zenoh_config(placed))
             except zenoh.ZError as error:
                 if attempt + 1 < tries:
                     continue
                 if settings.role == "client":
-                    raise BusUnavailableError(f"no bus answers at {endpoint}") from error
-                raise BusConfigurationError(f"cannot open the bus at {endpoint}") from error
-            return cls(session, endpoint)
+                    doubt = ", or it refuses our certificate" if placed.tls else ""
+                    raise BusUnavailableError(f"no bus answers at {placed.there}{doubt}") from error
+                raise BusConfigurationError(f"cannot open the bus at {placed.there}") from error
+            return cls(session, placed)
         raise AssertionError("unreachable")
 
     def publisher(self, key: str, topic: Topic[T], axis: str | None) -> Publisher[T]:
@@ -105,22 +88,30 @@ class Bus:
         await asyncio.to_thread(self._session.close)
 
 
-def _zenoh_config(settings: BusSettings, endpoint: str) -> zenoh.Config:
+def _placed(settings: BusSettings) -> BusSettings:
+    """The settings with real ports, which nobody listens on yet if it is us who will."""
     router = settings.role == "router"
-    config = zenoh.Config()
-    for key, value in {
-        "mode": settings.role,
-        "listen/endpoints": [endpoint] if router else [],
-        "connect/endpoints": [] if router else [endpoint],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "scouting/delay": 0,
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
-        "transport/link/tx/queue/size/data": 16,
-        "timestamping/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
+    endpoint = settings.endpoint
+    if settings.tls is None or (router and settings.security != "tls"):
+        endpoint = _real(endpoint, "tcp", router)
+    tls = settings.tls and replace(
+        settings.tls, endpoint=_real(settings.tls.endpoint, "tls", router)
+    )
+    return replace(settings, endpoint=endpoint, tls=tls)
+
+
+def _real(endpoint: str, protocol: str, router: bool) -> str:
+    """The endpoint with a real port."""
+    try:
+        host, port = split_endpoint(endpoint)
+    except ValueError as error:
+        raise BusConfigurationError(str(error)) from None
+    if not endpoint.startswith(f"{protocol}/"):
+        raise BusConfigurationError(f"{endpoint!r} is no endpoint of the form {protocol}/host:port")
+    real = f"{protocol}/{host}:{port or _free_port(host)}"
+    if router:
+        _check_free(real)
+    return real
 
 
 def _free_port(host: str) -> int:
@@ -129,7 +120,8 @@ def _free_port(host: str) -> int:
         return int(probe.getsockname()[1])
 
 
-def _check_free(host: str, port: int, endpoint: str) -> None:
+def _check_free(endpoint: str) -> None:
+    host, port = split_endpoint(endpoint)
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -16,6 +16,7 @@ from .motion import motion
 from .options import InputError
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
+from .security import certs
 from .service import check_config, node, replay, run
 from .sources import doctor, stub
 
@@ -56,6 +57,7 @@ def _explain(error: Exception) -> int:
 
 def _is_bad_input(error: Exception) -> bool:
     from ..bus.session import BusConfigurationError, BusUnavailableError
+    from ..certificates import CertificateError
     from ..fingerprint.document import FingerprintError
     from ..http_api.serve import AddressError
     from ..models.motion import MotionError
@@ -65,7 +67,7 @@ def _is_bad_input(error: Exception) -> bool:
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
     twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
-    return isinstance(error, (InputError, ConfigError, TraceError, *bus, *twin))
+    return isinstance(error, (InputError, ConfigError, TraceError, CertificateError, *bus, *twin))
 
 
 def _complain(line: str, status: int) -> int:
@@ -80,7 +82,7 @@ def cli() -> None:
 
 
 for _command in (
-    *(run, node, check_config, replay, doctor, stub, record, convert, simulate),
+    *(run, node, check_config, certs, replay, doctor, stub, record, convert, simulate),
     *(commission, estimate, motion, fingerprint, gap, diagnose, reproduce, fleet, bench),
 ):
     cli.add_command(_command)

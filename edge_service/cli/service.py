@@ -40,7 +40,7 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
     asyncio.run(run_service(configured(config, port, endpoint), announce))
 
 
-@click.command(epilog="Example: edge-service node bus & edge-service node http deploy/edge.toml")
+@click.command(epilog="Example: edge-service node bus edge.toml & edge-service node http edge.toml")
 @click.argument(
     "name",
     type=click.Choice(
@@ -51,7 +51,10 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 @PORT
 @BUS
 def node(name: "NodeName", config: Path | None, port: int | None, endpoint: str | None) -> None:
-    """Run one node alone. `bus` listens at the endpoint; every other node joins it there."""
+    """Run one node alone. `bus` is the router; every other node joins it there.
+
+    Nodes prove with certificates (`edge-service certs`) who they are, unless the bus is open.
+    """
     from ..nodes.service import run_node
 
     log_to_stderr()

@@ -1,8 +1,12 @@
-"""Addresses that stay on this machine."""
+"""Addresses, of which those that leave this machine need TLS."""
 
 import ipaddress
 import re
+from typing import Literal
 from urllib.parse import urlsplit
+
+Security = Literal["readers", "tls", "open"]
+"""Who may do what at the TCP endpoint of the bus: read, nothing, anything."""
 
 
 def is_loopback(host: str) -> bool:
@@ -14,14 +18,17 @@ def is_loopback(host: str) -> bool:
 
 
 def split_endpoint(endpoint: str) -> tuple[str, int]:
-    """Host and port of a loopback endpoint `tcp/host:port`; ValueError says what is wrong."""
+    """Host and port of `tcp/host:port` on loopback, or `tls/host:port`; ValueError if it is none.
+
+    What is not encrypted stays on this machine.
+    """
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
-    if protocol != "tcp" or not host or not port.isdigit() or int(port) > 65535:
+    if protocol not in ("tcp", "tls") or not host or not port.isdigit() or int(port) > 65535:
         raise ValueError(f"{endpoint!r} is no endpoint of the form tcp/127.0.0.1:7447")
-    if not is_loopback(host):
+    if protocol == "tcp" and not is_loopback(host):
         raise ValueError(
-            f"{endpoint!r}: only loopback addresses are allowed until TLS and roles exist"
+            f"{endpoint!r}: tcp is for loopback addresses; others need tls and certificates"
         )
     return host, int(port)
 

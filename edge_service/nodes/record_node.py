@@ -5,10 +5,11 @@ import signal
 from contextlib import suppress
 from pathlib import Path
 
-from ..bus.session import Bus, BusSettings
+from ..bus.session import Bus
 from ..config import ConfigError, EdgeConfig
 from ..messages.topics import RAW
 from ..trace.writer import TraceWriter
+from .wiring.bus_rights import reader_settings
 
 FIRST_FRAME_S = 5.0
 
@@ -24,7 +25,7 @@ async def record_axis(
     Raises:
         ConfigError: nothing is published for the axis. BusUnavailableError: no service runs.
     """
-    bus = await Bus.open(BusSettings(config.bus.endpoint, "client"))
+    bus = await Bus.open(reader_settings(config))
     try:
         subscriber = bus.subscribe(config.keys.key(axis, RAW), RAW, depth=4096)
         loop = asyncio.get_running_loop()

@@ -11,9 +11,11 @@ from typing import Any, Literal
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
-from ..bus.session import Bus, BusSettings, BusUnavailableError
+from ..bus.session import Bus, BusUnavailableError
+from ..bus.settings import BusSettings
 from ..config import ConfigError, EdgeConfig
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
+from .wiring.bus_rights import node_settings, router_settings
 from .wiring.context import NodeContext
 
 log = logging.getLogger(__name__)
@@ -33,7 +35,7 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     The process is the bus' router: others connect to its endpoint.
     """
     await check_service(config)
-    bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+    bus = await Bus.open(router_settings(config))
     optional = (name for name in OPTIONAL if getattr(config, name) is not None)
     names = (*optional, *PIPELINE)
     await _run_on(bus, config, names, on_http_ready)
@@ -44,19 +46,20 @@ async def run_node(
 ) -> None:
     """One node alone: `bus` is the router, every other node waits for it and joins it."""
     await check_service(config)
+    settings = node_settings(config, name)
     if name == "bus":
-        bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+        bus = await Bus.open(settings)
         log.info("bus at %s", bus.endpoint)
     else:
-        bus = await _join(config.bus.endpoint)
+        bus = await _join(settings)
     await _run_on(bus, config, (name,), on_http_ready)
 
 
-async def _join(endpoint: str) -> Bus:
+async def _join(settings: BusSettings) -> Bus:
     waiting = False
     while True:
         try:
-            return await Bus.open(BusSettings(endpoint, "client"))
+            return await Bus.open(settings)
         except BusUnavailableError as error:
             if not waiting:
                 log.warning("%s; waiting for it", error)

@@ -4,12 +4,13 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from ..bus.session import Bus, BusSettings
+from ..bus.session import Bus
 from ..bus.subscriber import Subscriber
 from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.topics import PRELOAD
 from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
+from ..nodes.wiring.bus_rights import router_settings
 from ..nodes.wiring.context import NodeContext
 
 FLAT_OUT_FRAME_S = 0.5
@@ -43,7 +44,7 @@ async def replay_trace(
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)
     config = config.model_copy(update={"axes": (axis,)})
     await check_service(config)
-    bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
+    bus = await Bus.open(router_settings(config))
     try:
         bus.declare_alive(config.keys.alive)
         answers = bus.subscribe(config.keys.key(name, PRELOAD), PRELOAD)

@@ -31,9 +31,8 @@ RATE_HZ = 1000.0
 def config_of(driver: str, settings: dict[str, Any], **changes: Any) -> EdgeConfig:
     """A configuration with one axis X, free ports."""
     axis = AxisConfig(name="X", machine=DEFAULT_MACHINE, driver=driver, settings=settings)
-    return EdgeConfig(
-        bus=BusConfig(endpoint="tcp/127.0.0.1:0"), http=HttpConfig(port=0), axes=(axis,), **changes
-    )
+    places = {"bus": BusConfig(endpoint="tcp/127.0.0.1:0"), "http": HttpConfig(port=0)}
+    return EdgeConfig.model_validate(places | {"axes": (axis,)} | changes)
 
 
 class Running:

@@ -12,14 +12,17 @@ import httpx
 import numpy as np
 import pytest
 
-from edge_service.bus.session import Bus, BusSettings
-from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.bus.access import PUTS, client_name
+from edge_service.bus.session import Bus
+from edge_service.certificates import make_certificates
+from edge_service.config import DEFAULT_MACHINE, BusConfig, load_machine
 from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
-from edge_service.messages.topics import PRELOAD, STATUS
+from edge_service.messages.topics import HEALTH, PRELOAD, STATUS
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import NodeName, run_nodes
+from edge_service.nodes.wiring.bus_rights import node_settings, reader_settings
 from edge_service.nodes.wiring.context import NodeContext
 from edge_service.offline.estimate import estimates
 from edge_service.offline.replay import replay_trace
@@ -106,28 +109,51 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
     assert live == offline
 
 
-async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path) -> None:
-    config = config_of("replay", {"path": str(trace_path), "speed": 50.0})
-    router = await Bus.open(BusSettings(config.bus.endpoint, "router"))
-    buses = [await Bus.open(BusSettings(router.endpoint, "client")) for _ in range(4)]
+@pytest.fixture(params=["certificates", "open"])
+def bus_config(request: pytest.FixtureRequest, tmp_path: Path) -> BusConfig:
+    """A bus that nodes in processes of their own can join: with certificates, or open to all."""
+    if request.param == "open":
+        return BusConfig(endpoint="tcp/127.0.0.1:0", security="open")
+    make_certificates(tmp_path, (), {role: client_name(role) for role in PUTS}, 1)
+    return BusConfig(
+        endpoint="tcp/127.0.0.1:0", tls_endpoint="tls/127.0.0.1:0", certificates=tmp_path
+    )
+
+
+async def test_nodes_on_sessions_of_their_own_work_alike(
+    trace_path: Path, bus_config: BusConfig
+) -> None:
+    config = config_of("replay", {"path": str(trace_path), "speed": 50.0}, bus=bus_config)
+    router = await Bus.open(node_settings(config, "bus"))
+    there = {"endpoint": router.endpoint, "tls_endpoint": router.tls_endpoint}
+    config = config.model_copy(update={"bus": bus_config.model_copy(update=there)})
+    names: tuple[NodeName, ...] = ("estimate", "downsample", "acquire", "health", "http")
+    buses = [await Bus.open(node_settings(config, name)) for name in names]
+    reader = await Bus.open(reader_settings(config))
     stop = asyncio.Event()
+    reports = reader.subscribe(config.keys.all_components(STATUS), STATUS)
+    healths = reader.subscribe(config.keys.all_axes(HEALTH), HEALTH)
+    subscriber = reader.subscribe(config.keys.all_axes(PRELOAD), PRELOAD)
     try:
-        subscriber = buses[3].subscribe(config.keys.all_axes(PRELOAD), PRELOAD)
-        names: tuple[NodeName, ...] = ("estimate", "downsample", "acquire")
         tasks = [
             asyncio.create_task(run_nodes(NodeContext(config, bus), (name,), stop))
-            for name, bus in zip(names, buses, strict=False)
+            for name, bus in zip(names, buses, strict=True)
         ]
         async with asyncio.timeout(30.0):
             heard = aiter(subscriber)
             axis, _, estimate = await anext(heard)
             while estimate.status is not EstimateStatus.ESTIMATED:
                 axis, _, estimate = await anext(heard)
+            await anext(aiter(healths))
+            unheard = set(names)
+            while unheard:
+                _, _, report = await anext(aiter(reports))
+                unheard -= {report.component}
         assert axis == "X"
         stop.set()
         await asyncio.gather(*tasks)
     finally:
-        for bus in (*buses, router):
+        for bus in (*buses, reader, router):
             await bus.close()
 
 

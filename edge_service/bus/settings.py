@@ -1,0 +1,106 @@
+"""How a process takes part in the bus, and what Zenoh is told of it."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import zenoh
+
+from ..messages.addresses import Security
+from .access import access_control
+
+
+@dataclass(frozen=True, slots=True)
+class TlsSettings:
+    """Mutual TLS: both sides prove by certificates of one authority who they are.
+
+    Attributes:
+        endpoint: `tls/<address>:<port>`; listened at by the router, connected to by clients.
+        authority, certificate, key: files in PEM.
+    """
+
+    endpoint: str
+    authority: Path
+    certificate: Path
+    key: Path
+
+    @classmethod
+    def of_folder(cls, endpoint: str, folder: Path, name: str) -> Self:
+        """What `name` needs of a folder with certificates. Raises OSError if a file is missing."""
+        settings = cls(endpoint, folder / "ca.pem", folder / f"{name}.pem", folder / f"{name}.key")
+        for path in (settings.authority, settings.certificate, settings.key):
+            path.read_bytes()
+        return settings
+
+
+@dataclass(frozen=True, slots=True)
+class BusSettings:
+    """Settings with which a process takes part in the bus.
+
+    Attributes:
+        endpoint: `tcp/<loopback address>:<port>`; port 0 takes any free one.
+        role: `router` listens there and passes on between all who connect; `client` connects
+            there, to a process with the role `router` or to any other Zenoh router.
+        security: of a router. `readers`: who connects to `endpoint` may only read; `tls`: nobody
+            connects there; `open`: whoever connects may do anything.
+        tls: how nodes with certificates take part; a client with it connects there instead.
+    """
+
+    endpoint: str
+    role: Literal["router", "client"]
+    security: Security = "readers"
+    tls: TlsSettings | None = None
+
+    @property
+    def there(self) -> str:
+        """The endpoint at which a client takes part, and a router with certificates is found."""
+        return self.tls.endpoint if self.tls else self.endpoint
+
+
+def zenoh_config(settings: BusSettings) -> zenoh.Config:
+    """Configuration of the session; the endpoints' ports are real ones."""
+    config = zenoh.Config()
+    place = _router(settings) if settings.role == "router" else _client(settings)
+    for key, value in (_COMMON | place | _tls(settings)).items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+_COMMON: dict[str, Any] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "scouting/delay": 0,
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+    "transport/link/tx/queue/size/data": 16,
+    "timestamping/enabled": False,
+}
+
+
+def _router(settings: BusSettings) -> dict[str, Any]:
+    plain = [] if settings.security == "tls" else [settings.endpoint]
+    secure = [settings.tls.endpoint] if settings.tls else []
+    place: dict[str, Any] = {"mode": "router", "listen/endpoints": plain + secure}
+    if settings.security != "open":
+        place["access_control"] = access_control()
+    return place
+
+
+def _client(settings: BusSettings) -> dict[str, Any]:
+    return {"mode": "client", "listen/endpoints": [], "connect/endpoints": [settings.there]}
+
+
+def _tls(settings: BusSettings) -> dict[str, Any]:
+    if settings.tls is None:
+        return {}
+    side = "listen" if settings.role == "router" else "connect"
+    return {
+        "transport/link/tls": {
+            "root_ca_certificate": str(settings.tls.authority),
+            f"{side}_certificate": str(settings.tls.certificate),
+            f"{side}_private_key": str(settings.tls.key),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            "close_link_on_expiration": True,
+        }
+    }

@@ -1,0 +1,43 @@
+"""How each process takes part in the bus, as the configuration asks for it."""
+
+from ...bus.access import READER
+from ...bus.settings import BusSettings, TlsSettings
+from ...config import BusConfig, ConfigError, EdgeConfig
+
+_NODES_NEED = (
+    "bus.certificates: missing; nodes in processes of their own prove by certificates who they are"
+    " (`edge-service certs`), unless [bus] security is 'open'"
+)
+
+
+def router_settings(config: EdgeConfig) -> BusSettings:
+    """Settings of the process that is the bus' router. Raises ConfigError."""
+    bus = config.bus
+    tls = None if bus.certificates is None else _tls(bus, "server")
+    return BusSettings(bus.endpoint, "router", bus.security, tls)
+
+
+def node_settings(config: EdgeConfig, name: str) -> BusSettings:
+    """Settings of one node in a process of its own; `bus` is the router. Raises ConfigError."""
+    bus = config.bus
+    if bus.certificates is None and bus.security != "open":
+        raise ConfigError(_NODES_NEED)
+    if name == "bus":
+        return router_settings(config)
+    tls = None if bus.certificates is None else _tls(bus, name)
+    return BusSettings(bus.endpoint, "client", bus.security, tls)
+
+
+def reader_settings(config: EdgeConfig) -> BusSettings:
+    """Settings of a process that only reads. Raises ConfigError."""
+    bus = config.bus
+    tls = _tls(bus, READER) if bus.security == "tls" else None
+    return BusSettings(bus.endpoint, "client", bus.security, tls)
+
+
+def _tls(bus: BusConfig, name: str) -> TlsSettings:
+    assert bus.certificates is not None
+    try:
+        return TlsSettings.of_folder(bus.tls_endpoint, bus.certificates, name)
+    except OSError as error:
+        raise ConfigError(f"bus.certificates: {error.filename}: {error.strerror}") from None
