@@ -94,6 +94,7 @@ class HttpConfig(Table):
 
     host: str = "127.0.0.1"
     port: int = Field(8080, ge=0, le=65535)
+    connections: int = Field(256, ge=4, le=10_000)
 
     @field_validator("host")
     @classmethod

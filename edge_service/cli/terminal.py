@@ -6,12 +6,26 @@ import sys
 
 import click
 
+from .log_rate import LogRate
+
 
 def log_to_stderr() -> None:
+    """Log for people, at a bounded rate; an operating system's error is one line."""
     logging.getLogger("uvicorn").setLevel(logging.WARNING)
-    logging.basicConfig(
-        level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s"
-    )
+    handler = logging.StreamHandler(sys.stderr)
+    handler.addFilter(LogRate())
+    handler.setFormatter(_Lines("%(asctime)s %(levelname)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
+class _Lines(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        """A record as text; what the system refused needs no traceback."""
+        error = record.exc_info[1] if record.exc_info else None
+        if not isinstance(error, OSError):
+            return super().format(record)
+        record.exc_info, record.exc_text = None, None
+        return f"{super().format(record)} ({error})"
 
 
 def announce(address: str) -> None:

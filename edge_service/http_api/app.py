@@ -1,5 +1,6 @@
 """The application."""
 
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from ..health.service_state import ServiceState
 from .context import Clock
 from .guard import LOOPBACK_HOSTS, Guard
 from .jobs import JobDesk, RefusedError
+from .limits.bodies import BodyLimits
+from .limits.settings import HttpLimits
 from .metrics import metrics_router
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
 from .routes.axis import SendCommand, work_router
@@ -48,6 +51,7 @@ def create_app(
     hosts: Iterable[str] = LOOPBACK_HOSTS,
     send_command: SendCommand | None = None,
     desk: JobDesk | None = None,
+    limits: HttpLimits | None = None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -57,6 +61,7 @@ def create_app(
         hosts: Host names, without port, under which the service may be addressed.
         send_command: Passes on what a person asks of an axis; None: nothing is taken.
         desk: Keeps recordings and runs jobs; None: there are none.
+        limits: Bounds of what is taken from a client.
     """
     app = _Application(
         title="edge-service",
@@ -70,6 +75,7 @@ def create_app(
     app.state.clock = clock
     app.state.send_command = send_command
     app.state.desk = desk
+    app.state.readers_of = Counter[str]()
     app.add_exception_handler(RefusedError, on_refused)
     answer_with_problems(app)
     for router in (
@@ -86,5 +92,6 @@ def create_app(
     ):
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    app.add_middleware(BodyLimits, limits=limits or HttpLimits())
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app

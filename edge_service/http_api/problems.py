@@ -9,6 +9,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 PROBLEM_TYPE = "application/problem+json"
 
@@ -85,6 +86,7 @@ def answer_with_problems(app: FastAPI) -> None:
     """Let the application answer every error with a problem document."""
     app.add_exception_handler(HTTPException, _on_http_error)
     app.add_exception_handler(RequestValidationError, _on_bad_request)
+    app.add_exception_handler(ClientDisconnect, _on_gone)
     app.add_exception_handler(Exception, _on_failure)
 
 
@@ -106,6 +108,11 @@ async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse
     ]
     detail = "; ".join(f"{each.parameter}: {each.detail}" for each in errors)
     return problem_response(request.url.path, 422, detail, errors=errors)
+
+
+async def _on_gone(request: Request, _error: Exception) -> ProblemResponse:
+    """An answer that nobody waits for."""
+    return problem_response(request.url.path, 400, "the client left before the end of its request")
 
 
 async def _on_failure(request: Request, _error: Exception) -> ProblemResponse:

@@ -4,12 +4,19 @@ import asyncio
 import contextlib
 import errno
 import ipaddress
+import logging
 import socket
 from collections.abc import Callable, Iterator
 
 import uvicorn
 from starlette.types import ASGIApp
 
+from .limits.connections import Connections
+from .limits.descriptors import affordable_connections, open_descriptors, raise_limit
+from .limits.protocol import bounded_protocol
+from .limits.settings import HttpLimits
+
+log = logging.getLogger(__name__)
 _GRACE_S = 2
 
 
@@ -37,6 +44,7 @@ async def serve(
     stop: asyncio.Event,
     on_bound: Callable[[str, int], None] = lambda _host, _port: None,
     before_stop: Callable[[], None] = lambda: None,
+    limits: HttpLimits | None = None,
 ) -> None:
     """Serve until `stop` is set or the task is cancelled; both end it in good order.
 
@@ -48,14 +56,21 @@ async def serve(
         on_bound: Called with the address and the real port as soon as connections are taken.
         before_stop: Called before the server waits for its connections to end: end the live streams
             here (`ServiceState.close`), or they are cut off after a short grace.
+        limits: Bounds of connections, heads and times.
 
     Raises:
         AddressError: Before anything is served: the address is no loopback address (PortInUseError:
             or taken).
     """
+    limits = limits or HttpLimits()
+    places = places_for(limits)
     listener = bind(host, port)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, limits.send_buffer_bytes)
     config = uvicorn.Config(
         app,
+        http=bounded_protocol(limits, places),
+        backlog=min(limits.backlog, max(places.most // 2, 1)),
+        h11_max_incomplete_event_size=limits.head_bytes,
         lifespan="off",
         log_config=None,
         access_log=False,
@@ -77,6 +92,20 @@ async def serve(
         server.should_exit = True
         await serving
         listener.close()
+
+
+def places_for(limits: HttpLimits) -> Connections:
+    """As many places for connections as are wanted, and as there are descriptors for."""
+    limit, opened = raise_limit(), open_descriptors()
+    most = affordable_connections(limit, limits.connections, limits.reserve, opened)
+    if most < limits.connections:
+        log.warning(
+            "%d connections at once, not %d: the limit of open files is %d",
+            most,
+            limits.connections,
+            limit,
+        )
+    return Connections(most, limits.connections_of_one)
 
 
 def bind(host: str, port: int) -> socket.socket:

@@ -1,5 +1,6 @@
 """The live stream: server-sent events, resumable, with a bounded backlog per reader."""
 
+from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from typing import Annotated
 
@@ -16,9 +17,10 @@ from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .answers import EventAnswer
 from .compose import health_answer, live_answer, preload_answer, service_answer
 from .context import AxisFilterDep, Clock, StateDep, clock_of
+from .limits.connections import is_loopback
 from .problems import documented
 
-MOST_READERS = 64
+MOST_READERS, MOST_READERS_OF_ONE = 64, 16
 REFRESH_S = 1.0
 """Every value is sent again after this long, so that a reader sees it grow old."""
 RETRY_MS = 2000
@@ -34,7 +36,23 @@ class LostAnswer(BaseModel):
     reason: str
 
 
-async def reader(state: StateDep, axis: AxisFilterDep) -> AsyncIterator[Subscription]:
+async def place_of(request: Request) -> AsyncIterator[None]:
+    """A place among the readers of the client's address; loopback may stand for many people."""
+    address = request.client.host if request.client else ""
+    held: Counter[str] = request.app.state.readers_of
+    if held[address] >= MOST_READERS_OF_ONE and not is_loopback(address):
+        raise HTTPException(429, f"{MOST_READERS_OF_ONE} live readers of {address} are connected")
+    held[address] += 1
+    try:
+        yield
+    finally:
+        held[address] -= 1
+        held += Counter()  # forgets addresses without readers
+
+
+async def reader(
+    state: StateDep, axis: AxisFilterDep, _place: Annotated[None, Depends(place_of)]
+) -> AsyncIterator[Subscription]:
     """A place among the live readers, until the response has ended."""
     if len(state.readers) >= MOST_READERS:
         raise HTTPException(503, f"{MOST_READERS} live readers are connected, no more are taken")

@@ -7,6 +7,7 @@ from time import time_ns
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
+from ..http_api.limits.settings import HttpLimits
 from ..http_api.serve import serve
 from ..messages.alarm import Command
 from ..messages.estimate import PreloadEstimate
@@ -113,6 +114,7 @@ async def run(context: NodeContext) -> None:
                 stop=asyncio.Event(),
                 on_bound=bound,
                 before_stop=state.close,
+                limits=HttpLimits(connections=config.http.connections),
             )
         finally:
             for follower in followers:

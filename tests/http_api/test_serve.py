@@ -11,7 +11,7 @@ import pytest
 
 from edge_service.health.state_settings import StateSettings
 from edge_service.http_api.serve import AddressError, PortInUseError, bind, serve
-from edge_service.http_api.stream import MOST_READERS
+from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
 
 @asynccontextmanager
@@ -180,6 +180,18 @@ async def test_number_of_readers_is_bounded(scene, client):
         for _ in range(MOST_READERS):
             held.enter_context(scene.state.readers.subscribe())
         assert (await client.get("/api/v1/events")).status_code == 503
+
+
+async def test_readers_of_one_address_are_bounded_unless_it_is_loopback(scene):
+    for address, status in (("192.0.2.1", 429), ("127.0.0.1", 503)):
+        transport = httpx.ASGITransport(app=scene.app, client=(address, 1))
+        scene.app.state.readers_of[address] = MOST_READERS_OF_ONE
+        with ExitStack() as held:
+            for _ in range(MOST_READERS):
+                held.enter_context(scene.state.readers.subscribe())
+            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as one:
+                assert (await one.get("/api/v1/events")).status_code == status
+        assert scene.app.state.readers_of[address] == MOST_READERS_OF_ONE
 
 
 async def test_port_in_use_is_named(scene):

@@ -69,8 +69,13 @@ async def test_only_plain_names_of_traces_are_taken(jobs, name):
 
 
 async def test_an_upload_is_whole_or_not_at_all(jobs, monkeypatch):
-    monkeypatch.setattr("edge_service.nodes.jobs.job_desk.MOST_BYTES", 10)
-    assert (await jobs.client.put("recordings/big.csv", content=b"x" * 11)).status_code == 413
+    assert (await jobs.client.put("recordings/big.csv", content=b"x" * 51)).status_code == 413
+
+    async def endless() -> AsyncIterator[bytes]:
+        while True:
+            yield b"x" * 20
+
+    assert (await jobs.client.put("recordings/big.csv", content=endless())).status_code == 413
     with monkeypatch.context() as full:
         full.setattr("edge_service.nodes.jobs.job_desk.MOST_KEPT_BYTES", 5)
         assert (await jobs.client.put("recordings/more.csv", content=b"1")).status_code == 507
@@ -154,10 +159,7 @@ async def test_a_second_diagnosis_waits_for_the_first_or_its_end(jobs):
         (b"x", "image/png", 415),
     ],
 )
-async def test_what_is_no_request_for_a_diagnosis_is_refused(
-    jobs, monkeypatch, content, kind, status
-):
-    monkeypatch.setattr("edge_service.http_api.routes.diagnose.MOST_UPLOADED_BYTES", 50)
+async def test_what_is_no_request_for_a_diagnosis_is_refused(jobs, content, kind, status):
     headers = {"content-type": kind}
     answer = await jobs.client.post("axes/X/diagnose", content=content, headers=headers)
     assert answer.status_code == status

@@ -1,7 +1,6 @@
 """Diagnosis of why model and axis disagree: asked for with a trace, answered by a job."""
 
 import json
-from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 from typing import Any
 
@@ -11,13 +10,11 @@ from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 
 from ..context import AxisDep, NowDep
-from ..jobs import DiagnoseBody, JobAnswer, JobBody, JobKind, JobState, RefusedError
+from ..jobs import DiagnoseBody, JobAnswer, JobBody, JobKind, JobState
+from ..limits.bodies import TRACE_TYPES, content_type
 from ..problems import documented
 from .jobs import DeskDep
 
-MOST_UPLOADED_BYTES = 300_000_000
-_MOST_NAMES_BYTES = 100_000
-_SUFFIXES = {"text/csv": "csv", "application/vnd.apache.parquet": "parquet"}
 _BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _EXAMPLE = {"recordings": ["disagreement_X_20261121T081530Z.parquet"]}
 _BODY = {
@@ -28,7 +25,7 @@ _BODY = {
             "schema": DiagnoseBody.model_json_schema(),
             "example": _EXAMPLE,
         },
-        **dict.fromkeys(_SUFFIXES, _BYTES),
+        **dict.fromkeys(TRACE_TYPES, _BYTES),
     },
 }
 
@@ -53,15 +50,15 @@ async def diagnose(
     its progress, and `GET /api/v1/axes/{axis}/diagnosis` the newest answer.
     """
     desk.check_free()
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if kind in _SUFFIXES:
+    kind = content_type(request.scope)
+    if kind in TRACE_TYPES:
         stamp = datetime.fromtimestamp(now_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
-        name = f"upload_{axis}_{stamp}.{_SUFFIXES[kind]}"
-        names = [(await desk.receive(name, _bounded(request, MOST_UPLOADED_BYTES))).name]
+        name = f"upload_{axis}_{stamp}.{TRACE_TYPES[kind]}"
+        names = [(await desk.receive(name, request.stream())).name]
     elif kind == "application/json":
         names = await _names(request)
     else:
-        expected = ", ".join(("application/json", *_SUFFIXES))
+        expected = ", ".join(("application/json", *TRACE_TYPES))
         raise HTTPException(415, f"content type {kind!r}: expected {expected}")
     job = await desk.start(JobBody(kind=JobKind.DIAGNOSE, axis=axis, recordings=names))
     response.headers["location"] = f"/api/v1/jobs/{job.id}"
@@ -81,18 +78,8 @@ async def diagnosis(axis: AxisDep, desk: DeskDep) -> FileResponse:
 
 
 async def _names(request: Request) -> list[str]:
-    raw = b"".join([chunk async for chunk in _bounded(request, _MOST_NAMES_BYTES)])
     try:
-        return DiagnoseBody.model_validate(json.loads(raw)).recordings
+        return DiagnoseBody.model_validate(json.loads(await request.body())).recordings
     except (ValidationError, ValueError, RecursionError):
         expected = json.dumps(_EXAMPLE)
         raise HTTPException(422, f"the body is no request: expected {expected}") from None
-
-
-async def _bounded(request: Request, most_bytes: int) -> AsyncIterator[bytes]:
-    size = 0
-    async for chunk in request.stream():
-        size += len(chunk)
-        if size > most_bytes:
-            raise RefusedError(413, f"the body is longer than {most_bytes / 1e6:g} MB")
-        yield chunk

@@ -19,7 +19,6 @@ from ...http_api.jobs import JobAnswer, JobBody, JobKind, JobState, RecordingAns
 from ...http_api.times import rfc3339_s
 from .job_records import forget_job, known_jobs, save_job
 
-MOST_BYTES = 1_000_000_000
 MOST_KEPT_BYTES = 5_000_000_000
 MOST_JOBS = 20
 _LINES = 40
@@ -126,8 +125,6 @@ class ProcessJobDesk:
             with part.open("wb") as file:
                 async for chunk in chunks:
                     size += len(chunk)
-                    if size > MOST_BYTES:
-                        raise RefusedError(413, f"{name}: longer than {MOST_BYTES / 1e9:g} GB")
                     file.write(chunk)
             if size == 0:
                 raise RefusedError(422, f"{name}: empty")

@@ -1,0 +1,1 @@
+"""Bounds of what strangers may ask: bodies, connections, times, descriptors."""
