@@ -19,7 +19,8 @@ from .config_tables import (
 )
 from .estimate.registry import AUTO, ESTIMATORS
 from .messages.addresses import Security, is_loopback, split_endpoint
-from .messages.keys import MachineKeys, check_part
+from .messages.keys import MachineKeys
+from .messages.names import check_part
 from .models.machine import Machine
 
 DEFAULT_CONFIG = Path(__file__).parent / "defaults" / "edge.toml"

@@ -1,6 +1,7 @@
 """Publishing payloads of one key, and answering for the last of them."""
 
 import time
+from collections.abc import Iterator
 from typing import Generic
 
 import zenoh
@@ -12,9 +13,23 @@ from ..messages.topics import Keep, Topic
 
 
 class Publisher(Generic[T]):
-    """Numbers, stamps and puts payloads; never waits for a reader."""
+    """Numbers, stamps and puts payloads; never waits for a reader.
 
-    def __init__(self, session: zenoh.Session, key: str, topic: Topic[T], axis: str | None) -> None:
+    Args:
+        boot_epoch: UNIX time at which the numbering began, ns.
+        numbers: Sequence numbers, which all publishers of the key in this process share: where one
+            takes the place of another, readers see one.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        topic: Topic[T],
+        axis: str | None,
+        boot_epoch: int,
+        numbers: Iterator[int],
+    ) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
         self._key, self._topic, self._axis = key, topic, axis
@@ -33,8 +48,8 @@ class Publisher(Generic[T]):
             if topic.keep is Keep.LAST
             else None
         )
-        self.boot_epoch = time.time_ns()
-        self.sequence = 0
+        self.boot_epoch = boot_epoch
+        self._numbers = numbers
 
     def publish(self, payload: T, source_time_ns: int) -> Header:
         """Encode with the next header and put; returns the header that went out.
@@ -42,10 +57,10 @@ class Publisher(Generic[T]):
         Args:
             source_time_ns: UNIX time of the newest sample that the payload rests on, ns.
         """
-        header = Header(self.sequence, self.boot_epoch, source_time_ns, time.monotonic_ns())
+        sequence = next(self._numbers)
+        header = Header(sequence, self.boot_epoch, max(source_time_ns, 0), time.monotonic_ns())
         self._last = self._topic.encode(self._axis, header, payload)
         self._publisher.put(self._last)
-        self.sequence += 1
         return header
 
     def _answer(self, query: zenoh.Query) -> None:

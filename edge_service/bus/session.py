@@ -2,7 +2,10 @@
 
 import asyncio
 import socket
+import time
+from collections.abc import Collection
 from dataclasses import replace
+from itertools import count
 from typing import Any, Self
 
 import zenoh
@@ -32,6 +35,8 @@ class Bus:
         self._session = session
         self.endpoint = settings.endpoint if settings.security != "tls" else settings.there
         self.tls_endpoint = settings.tls.endpoint if settings.tls else None
+        self._boot_epoch = time.time_ns()
+        self._numbers: dict[str, count[int]] = {}
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[zenoh.LivelinessToken] = []
@@ -63,13 +68,25 @@ class Bus:
 
     def publisher(self, key: str, topic: Topic[T], axis: str | None) -> Publisher[T]:
         """Declare a publisher; it answers queries for its last payload if the topic keeps it."""
-        publisher = Publisher(self._session, key, topic, axis)
+        numbers = self._numbers.setdefault(key, count())
+        publisher = Publisher(self._session, key, topic, axis, self._boot_epoch, numbers)
         self._publishers.append(publisher)
         return publisher
 
-    def subscribe(self, key_expr: str, topic: Topic[T], *, depth: int = 256) -> Subscriber[T]:
-        """Subscribe with a ring of `depth` payloads; when it is full the oldest goes, counted."""
-        subscriber = Subscriber(self._session, key_expr, topic, depth)
+    def subscribe(
+        self,
+        key_expr: str,
+        topic: Topic[T],
+        *,
+        depth: int = 256,
+        keys: Collection[str] | None = None,
+    ) -> Subscriber[T]:
+        """Subscribe with a ring of `depth` payloads per key; when it is full the oldest goes.
+
+        Args:
+            keys: payloads of other keys are refused; None hears all that the expression means.
+        """
+        subscriber = Subscriber(self._session, key_expr, topic, depth, keys)
         self._subscribers.append(subscriber)
         return subscriber
 

@@ -1,8 +1,12 @@
-"""Receiving payloads through a ring that never blocks the bus."""
+"""Receiving payloads through rings that never block the bus; nothing that is read may be believed.
+
+What is passed on is short enough, well formed, from the one publisher of its key, newer than what
+came before, and of the axis that its key names. Everything else is refused, counted by its key.
+"""
 
 import asyncio
-from collections import deque
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Collection
 from dataclasses import asdict, dataclass
 from typing import Generic
 
@@ -10,7 +14,16 @@ import zenoh
 
 from ..messages.codec.interface import CodecError, T
 from ..messages.header import Header
+from ..messages.keys import axis_of
 from ..messages.topics import Topic
+from .refusals import Refusal, Refusals
+from .rings import Arrival, KeyRings
+from .sender import Sender
+
+_PATIENCE_SHARE = 0.25
+"""Of the time after which a topic is stale: after so much silence another publisher is heard."""
+_TURN = 32
+"""Payloads after which everybody else gets a turn."""
 
 
 @dataclass(slots=True)
@@ -23,6 +36,7 @@ class ReceiveCounters:
         lost_payloads: payloads that never arrived, by holes in the sequence numbers
             (those pushed out of the ring included).
         malformed: payloads that could not be decoded.
+        refused: payloads that were not passed on for any reason.
         publisher_restarts: changes of a boot epoch.
     """
 
@@ -30,21 +44,32 @@ class ReceiveCounters:
     ring_overruns: int = 0
     lost_payloads: int = 0
     malformed: int = 0
+    refused: int = 0
     publisher_restarts: int = 0
-
-    def as_dict(self) -> dict[str, int]:
-        """The counts by name."""
-        return asdict(self)
 
 
 class Subscriber(Generic[T]):
-    """An asynchronous iterator of `(axis, header, payload)`; ends when it is closed."""
+    """An asynchronous iterator of `(axis, header, payload)`; ends when it is closed.
 
-    def __init__(self, session: zenoh.Session, key_expr: str, topic: Topic[T], depth: int) -> None:
-        self.counters = ReceiveCounters()
-        self._decode = topic.decode
-        self._ring: deque[tuple[str, bytes]] = deque(maxlen=depth)
-        self._expected: dict[str, tuple[int, int]] = {}
+    Args:
+        depth: Payloads that may wait on each key.
+        keys: The keys that are heard; None hears every key of the expression, up to a number.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key_expr: str,
+        topic: Topic[T],
+        depth: int,
+        keys: Collection[str] | None = None,
+    ) -> None:
+        self.refusals = Refusals()
+        self._topic = topic
+        self._keys = keys
+        self._received = 0
+        self._rings = KeyRings(depth, topic.most_hz)
+        self._senders: dict[str, Sender] = {}
         self._loop = asyncio.get_running_loop()
         self._wake = asyncio.Event()
         self._waiting = False
@@ -53,44 +78,78 @@ class Subscriber(Generic[T]):
             key_expr, zenoh.handlers.Callback(self._on_sample, indirect=False)
         )
 
+    @property
+    def counters(self) -> ReceiveCounters:
+        """The counts so far."""
+        senders = self._senders.values()
+        return ReceiveCounters(
+            received=self._received,
+            ring_overruns=self._rings.overruns,
+            lost_payloads=sum(sender.lost for sender in senders),
+            malformed=self.refusals.total(Refusal.MALFORMED),
+            refused=self.refusals.counts().total(),
+            publisher_restarts=sum(sender.restarts for sender in senders),
+        )
+
+    def counts(self) -> dict[str, int]:
+        """The counts so far, by name."""
+        return asdict(self.counters)
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Runs in a thread of Zenoh: takes the bytes, nothing else."""
-        ring = self._ring
-        if len(ring) == ring.maxlen:
-            self.counters.ring_overruns += 1
-        self.counters.received += 1
-        ring.append((str(sample.key_expr), sample.payload.to_bytes()))
+        key, now_s = str(sample.key_expr), time.monotonic()
+        self._received += 1
+        refusal = self._refusal(key, len(sample.payload), now_s)
+        if refusal is not None:
+            self.refusals.add(key, refusal)
+            return
+        self._rings.put(Arrival(key, sample.payload.to_bytes(), now_s))
         if self._waiting and not self._loop.is_closed():
             self._waiting = False
             self._loop.call_soon_threadsafe(self._wake.set)
 
+    def _refusal(self, key: str, size: int, now_s: float) -> Refusal | None:
+        known = self._rings.knows(key) if self._keys is None else key in self._keys
+        if not known:
+            return Refusal.FOREIGN
+        if size > self._topic.most_bytes:
+            return Refusal.OVERSIZED
+        return None if self._rings.admits(key, now_s) else Refusal.FLOODED
+
     async def __aiter__(self) -> AsyncIterator[tuple[str, Header, T]]:
+        turns = 0
         while True:
-            while self._ring:
-                key, payload = self._ring.popleft()
-                try:
-                    axis, header, value = self._decode(payload)
-                except CodecError:
-                    self.counters.malformed += 1
-                    continue
-                self._follow(key, header)
-                yield axis, header, value
+            while (arrival := self._rings.take()) is not None:
+                heard = self._heard(arrival)
+                if not isinstance(heard, Refusal):
+                    yield heard
+                else:
+                    self.refusals.add(arrival.key, heard)
+                turns += 1
+                if turns % _TURN == 0:
+                    await asyncio.sleep(0)
             if self._closed:
                 return
             self._wake.clear()
             self._waiting = True  # before the last look: the other thread appends, then asks
-            if not self._ring:
+            if not self._rings:
                 await self._wake.wait()
             self._waiting = False
 
-    def _follow(self, key: str, header: Header) -> None:
-        """Count the holes in a key's sequence numbers."""
-        boot_epoch, expected = self._expected.get(key, (header.boot_epoch, header.sequence))
-        if boot_epoch != header.boot_epoch:
-            self.counters.publisher_restarts += 1
-        elif header.sequence > expected:
-            self.counters.lost_payloads += header.sequence - expected
-        self._expected[key] = (header.boot_epoch, header.sequence + 1)
+    def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
+        """Axis, header and payload; or why they must not be read."""
+        try:
+            axis, header, value = self._topic.decode(arrival.payload)
+        except CodecError:
+            return Refusal.MALFORMED
+        if axis != axis_of(arrival.key):
+            return Refusal.MISPLACED
+        refusal = self._sender(arrival.key).judge(header, arrival.arrival_s)
+        return (axis, header, value) if refusal is None else refusal
+
+    def _sender(self, key: str) -> Sender:
+        patience_s = _PATIENCE_SHARE * self._topic.stale_after_s if self._topic.rate_hz else 0.0
+        return self._senders.setdefault(key, Sender(patience_s))
 
     def close(self) -> None:
         """Undeclare; what is in the ring can still be read, then the iteration ends."""

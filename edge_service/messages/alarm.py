@@ -1,12 +1,13 @@
 """Alarms that call for a person, and the commands with which a person answers."""
 
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from .estimate import Frozen
 from .event import Severity
+from .names import check_recording
 
 
 class AlarmKind(StrEnum):
@@ -59,3 +60,9 @@ class Command(Frozen):
     user: str = Field(min_length=1, max_length=100)
     note: str = Field("", max_length=1000)
     duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0)
+
+    @model_validator(mode="after")
+    def _own_recording(self) -> Self:
+        if self.action == "recorded":
+            check_recording(self.note)
+        return self

@@ -1,8 +1,12 @@
 """Something that happened and that people or programs may want to hear of."""
 
 from enum import StrEnum
+from typing import Self
+
+from pydantic import model_validator
 
 from .estimate import Frozen
+from .names import Kind, check_recording
 
 
 class Severity(StrEnum):
@@ -19,12 +23,19 @@ class Event(Frozen):
     Attributes:
         kind: e.g. `condition_changed`, `status_changed`, `component_changed`, `data_fault`.
         time_ns: UNIX time in ns.
-        data: the values that changed.
+        data: the values that changed; `recording` names a trace that the service keeps.
     """
 
     axis: str
-    kind: str
+    kind: Kind
     severity: Severity
     message: str
     time_ns: int
     data: dict[str, str | float | int | None] = {}
+
+    @model_validator(mode="after")
+    def _own_recording(self) -> Self:
+        name = self.data.get("recording")
+        if name is not None:
+            check_recording(str(name), self.axis)
+        return self

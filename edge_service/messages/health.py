@@ -1,6 +1,9 @@
 """Two healths, never mixed: the condition of an axis and the status of a component."""
 
 from enum import StrEnum
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 from .alarm import Alarm
 from .estimate import Frozen
@@ -27,17 +30,28 @@ class ComponentStatus(StrEnum):
     STOPPED = "stopped"
 
 
+COMPONENTS = frozenset({"acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"})
+"""Every part of the service that reports on itself; a report of any other is refused."""
+
+
+def check_component(name: str) -> str:
+    """Return `name` if a part of the service has it; raise ValueError if none has."""
+    if name not in COMPONENTS:
+        raise ValueError(f"{name!r:.60} is none of {', '.join(sorted(COMPONENTS))}")
+    return name
+
+
 class ComponentHealth(Frozen):
     """Status of one component, with the counters worth looking at.
 
     Attributes:
-        component: `acquire`, `downsample`, `estimate`, `health` or `http`.
+        component: one of `COMPONENTS`.
         axis: the axis it works for, or None if it serves all.
         counters: monotonic counts since start, e.g. `samples`, `lost_payloads`, `ring_overruns`.
         readings: values that it wants seen, e.g. the simulated drive's `true_preload_percent`.
     """
 
-    component: str
+    component: Annotated[str, AfterValidator(check_component)]
     axis: str | None = None
     status: ComponentStatus
     reason: str = ""

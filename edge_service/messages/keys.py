@@ -1,22 +1,33 @@
 """Key expressions of the service: `feeddrive/v1/{site}/{machine}/{axis}/{topic}`."""
 
-import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from .health import COMPONENTS
 from .topics import Topic
 
 ROOT = "feeddrive/v1"
 ALIVE = "@alive"
 COMPONENT = "@component"
-_PART = re.compile(r"[A-Za-z0-9_.\-]+")
 
 
-def check_part(part: str) -> str:
-    """Return `part` if it can stand between two slashes of a key; raise ValueError if not."""
-    if not _PART.fullmatch(part):
-        raise ValueError(f"{part!r} is no key part: use letters, digits, '_', '-' and '.'")
-    return part
+_ROOT_PARTS = 4
+
+
+def axis_of(key: str) -> str:
+    """Axis that a key names; empty if it serves all axes.
+
+    >>> axis_of("feeddrive/v1/site/machine/X/raw")
+    'X'
+    >>> axis_of("feeddrive/v1/site/machine/@component/http/status")
+    ''
+    """
+    match key.split("/")[_ROOT_PARTS:]:
+        case [axis, _topic] | [_, _, axis, _topic] if not axis.startswith("@"):
+            return axis
+        case _:
+            return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +59,18 @@ class MachineKeys:
         """Key of a component's report; `@` keeps it out of the wildcards for axes."""
         parts = [self.root, COMPONENT, component, *([axis] if axis else []), topic.name]
         return "/".join(parts)
+
+    def of_axes(self, axes: Iterable[str], topic: Topic[Any]) -> frozenset[str]:
+        """Keys of one topic of some axes."""
+        return frozenset(self.key(axis, topic) for axis in axes)
+
+    def of_components(self, axes: Iterable[str], topic: Topic[Any]) -> frozenset[str]:
+        """Keys of the reports that components make, on themselves or on some axes."""
+        return frozenset(
+            self.component(component, axis, topic)
+            for component in COMPONENTS
+            for axis in (None, *axes)
+        )
 
     def all_components(self, topic: Topic[Any]) -> str:
         """Key expression of the reports of every component."""

@@ -32,6 +32,8 @@ class Topic(Generic[T]):
         rate_hz: nominal rate on the wire.
         stale_after_s: without a new payload for this long, a reader must treat it as missing.
         keep: what is answered to a query.
+        most_bytes: a longer payload is refused unread.
+        most_hz: more payloads of one key than this, over a second, are refused unread.
     """
 
     name: str
@@ -39,6 +41,8 @@ class Topic(Generic[T]):
     rate_hz: float
     stale_after_s: float
     keep: Keep
+    most_bytes: int
+    most_hz: float
 
     @property
     def payload(self) -> str:
@@ -62,17 +66,17 @@ class Topic(Generic[T]):
 _NEVER = float("inf")
 _ESTIMATES = JsonCodec("preload/1", PreloadEstimate)
 _VIBRATION = JsonCodec("vibration/1", VibrationFeatures)
-_COMMANDS = JsonCodec("command/1", Command)
+_COMMANDS = JsonCodec("command/1", Command, strict=False)  # as people's programs may send it
 
-RAW = Topic("raw", SampleCodec("samples/1"), 50.0, 2.0, Keep.LAST)
-FEAT = Topic("feat", FeatureCodec("features/1"), 10.0, 2.0, Keep.LAST)
-PRELOAD = Topic("preload", _ESTIMATES, 10.0, 2.0, Keep.LAST)
-HEALTH = Topic("health", JsonCodec("health/1", AxisHealth), 1.0, 5.0, Keep.LAST)
-EVENT = Topic("event", JsonCodec("event/1", Event), 0.0, _NEVER, Keep.LAST)
-COMMAND = Topic("command", _COMMANDS, 0.0, _NEVER, Keep.NONE)
-STATUS = Topic("status", JsonCodec("status/1", ComponentHealth), 1.0, 5.0, Keep.LAST)
-WAVE = Topic("wave", WaveformCodec("waveform/1"), 50.0, 2.0, Keep.NONE)
-VIB = Topic("vib", _VIBRATION, 1.0, 5.0, Keep.LAST)
+RAW = Topic("raw", SampleCodec("samples/1"), 50.0, 2.0, Keep.LAST, 2_000_000, 5000.0)
+FEAT = Topic("feat", FeatureCodec("features/1"), 10.0, 2.0, Keep.LAST, 10_000, 5000.0)
+PRELOAD = Topic("preload", _ESTIMATES, 10.0, 2.0, Keep.LAST, 20_000, 5000.0)
+HEALTH = Topic("health", JsonCodec("health/1", AxisHealth), 1.0, 5.0, Keep.LAST, 100_000, 200.0)
+EVENT = Topic("event", JsonCodec("event/1", Event), 0.0, _NEVER, Keep.LAST, 20_000, 100.0)
+COMMAND = Topic("command", _COMMANDS, 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
+STATUS = Topic("status", JsonCodec("status/1", ComponentHealth), 1.0, 5.0, Keep.LAST, 20_000, 50.0)
+WAVE = Topic("wave", WaveformCodec("waveform/1"), 50.0, 2.0, Keep.NONE, 2_000_000, 5000.0)
+VIB = Topic("vib", _VIBRATION, 1.0, 5.0, Keep.LAST, 50_000, 500.0)
 
 TOPICS: dict[str, Topic[Any]] = {
     topic.name: topic for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, VIB)

@@ -1,6 +1,7 @@
 """Features that are left of a fast sensor's signal at the edge."""
 
 from .estimate import Frozen
+from .names import Column
 
 
 class OrderPeak(Frozen):
@@ -32,7 +33,7 @@ class VibrationFeatures(Frozen):
         envelope_orders: the same of the envelope of the highest band: what taps again and again.
     """
 
-    sensor: str
+    sensor: Column
     unit: str
     time_s: float
     duration_s: float

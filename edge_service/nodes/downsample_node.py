@@ -17,7 +17,7 @@ async def run(context: NodeContext) -> None:
     publishers = {axis: context.publisher(axis, FEAT) for axis in machines}
     subscriber = context.subscribe(RAW)
     reporter = Reporter(context, "downsample")
-    reporter.counters = lambda: subscriber.counters.as_dict() | _fault_counts(downsamplers)
+    reporter.counters = lambda: subscriber.counts() | _fault_counts(downsamplers)
     async with reporter.running():
         reporter.to(ComponentStatus.OK)
         async for axis, header, frame in subscriber:

@@ -77,7 +77,7 @@ async def run(context: NodeContext) -> None:
     features = context.subscribe(FEAT, depth=1024)
     commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "estimate")
-    reporter.counters = features.counters.as_dict
+    reporter.counters = features.counts
 
     async def follow_features() -> None:
         async for axis, header, block in features:

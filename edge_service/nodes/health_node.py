@@ -15,7 +15,7 @@ from ..health.settings import HealthSettings
 from ..health.trend.usage import ScrewGeometry
 from ..messages.event import Event
 from ..messages.health import ComponentStatus
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD
 from ..models.machine import Machine
 from .stores.watch_store import load_snapshot, save_snapshot
 from .wiring.context import NodeContext, Reporter
@@ -104,10 +104,10 @@ async def run(context: NodeContext) -> None:
     monitors = _Monitors(context)
     axes = monitors.axes
     preloads, features = context.subscribe(PRELOAD), context.subscribe(FEAT)
-    reports = context.bus.subscribe(context.config.keys.all_components(STATUS), STATUS)
+    reports = context.subscribe_to_components()
     commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "health")
-    reporter.counters = preloads.counters.as_dict
+    reporter.counters = preloads.counts
 
     async def follow_preloads() -> None:
         async for axis, header, estimate in preloads:

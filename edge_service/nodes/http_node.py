@@ -13,7 +13,7 @@ from ..messages.alarm import Command
 from ..messages.estimate import PreloadEstimate
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW
 from ..models.screw.stroke_profile import stroke_profile
 from .health_node import health_settings
 from .jobs.job_desk import ProcessJobDesk
@@ -51,11 +51,11 @@ async def run(context: NodeContext) -> None:
     preloads, healths = context.subscribe(PRELOAD), context.subscribe(HEALTH)
     features, events = context.subscribe(FEAT), context.subscribe(EVENT)
     samples = context.subscribe(RAW, depth=1024)
-    reports = context.bus.subscribe(config.keys.all_components(STATUS), STATUS)
+    reports = context.subscribe_to_components()
     outputs = [make(config) for make in OUTPUTS]
     desk = ProcessJobDesk(config.history.folder, {axis.name: axis.machine for axis in config.axes})
     reporter = Reporter(context, "http")
-    reporter.counters = preloads.counters.as_dict
+    reporter.counters = preloads.counts
 
     def take_preload(axis: str, header: Header, estimate: PreloadEstimate) -> None:
         state.on_preload(axis, header, estimate, time_ns())

@@ -111,7 +111,7 @@ async def run(context: NodeContext) -> None:
     waves = context.subscribe(WAVE, depth=1024)
     samples, events = context.subscribe(RAW), context.subscribe(EVENT)
     reporter = Reporter(context, "vibration")
-    reporter.counters = lambda: waves.counters.as_dict() | sensors.counts | {"gaps": sensors.gaps}
+    reporter.counters = lambda: waves.counts() | sensors.counts | {"gaps": sensors.gaps}
 
     async def follow_samples() -> None:
         async for axis, _, frame in samples:

@@ -85,16 +85,15 @@ async def test_a_reader_that_sleeps_loses_the_oldest_and_the_count_is_exact(rout
     assert subscriber.counters.ring_overruns == 6
 
 
-async def test_holes_restarts_and_foreign_bytes_are_counted(router: Bus) -> None:
+async def test_holes_and_foreign_bytes_are_counted(router: Bus) -> None:
     subscriber = router.subscribe(KEYS.all_axes(RAW), RAW)
     raw = router._session.declare_publisher(KEYS.key("X", RAW))
-    for boot, sequence in ((1, 0), (1, 1), (1, 5), (2, 0), (2, 1)):
-        raw.put(encode(Header(sequence, boot, 0, 0)))
+    for sequence in (0, 1, 5):
+        raw.put(encode(Header(sequence, 1, 0, 0)))
     raw.put(b"no block")
     subscriber.close()
-    assert len([item async for item in subscriber]) == 5
+    assert len([item async for item in subscriber]) == 3
     assert subscriber.counters.lost_payloads == 3
-    assert subscriber.counters.publisher_restarts == 1
     assert subscriber.counters.malformed == 1
 
 
@@ -111,7 +110,7 @@ async def test_a_stalled_foreign_reader_never_blocks_the_publisher(router: Bus) 
         KEYS.key("X", RAW), zenoh.handlers.FifoChannel(1)
     )  # nobody reads it
     publisher = router.publisher(KEYS.key("X", RAW), RAW, "X")
-    big = SampleFrame(np.zeros(20_000), {TORQUE: np.zeros(20_000)})
+    big = SampleFrame(np.zeros(5_000), {TORQUE: np.zeros(5_000)})
     near = router.subscribe(KEYS.key("X", RAW), RAW, depth=1000)
     try:
         async with asyncio.timeout(60.0):

@@ -20,7 +20,11 @@ from edge_service.trace.reader import read_trace
 RATE_HZ = 100.0
 
 
-def event(since_s: float, name: str = "disagreement_X_1.parquet") -> Event:
+def name_of(number: int) -> str:
+    return f"disagreement_X_20260101T00000{number}Z.parquet"
+
+
+def event(since_s: float, name: str = name_of(1)) -> Event:
     return Event(
         axis="X",
         kind="model_disagrees",
@@ -54,8 +58,8 @@ async def test_the_seconds_around_it_are_kept(tmp_path: Path) -> None:
     await scene.run(AFTER_S - 1.0)
     assert scene.kept == []
     await scene.run(2)
-    assert scene.kept == [("X", "disagreement_X_1.parquet")]
-    trace = read_trace(tmp_path / "disagreement_X_1.parquet")
+    assert scene.kept == [("X", name_of(1))]
+    trace = read_trace(tmp_path / name_of(1))
     assert trace.time_s[0] == pytest.approx(80.0 - BEFORE_S)
     assert trace.time_s[-1] == pytest.approx(100.0 + AFTER_S, abs=0.1)
     np.testing.assert_allclose(np.diff(trace.time_s), 1.0 / RATE_HZ, rtol=1e-6)
@@ -67,7 +71,7 @@ async def test_memory_holds_no_more_than_it_should(tmp_path: Path) -> None:
     await scene.run(1000)
     scene.recorder.note(event(since_s=10.0))
     await scene.run(AFTER_S + 2.0)
-    trace = read_trace(tmp_path / "disagreement_X_1.parquet")
+    trace = read_trace(tmp_path / name_of(1))
     assert trace.time_s[0] == pytest.approx(1000.0 - KEEP_S, abs=1.0)
 
 
@@ -76,12 +80,21 @@ async def test_only_the_newest_stay(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.run(50)
     for number in range(MOST_KEPT + 3):
-        name = f"disagreement_X_{number}.parquet"
-        scene.recorder.note(event(since_s=scene.now_s - 5.0, name=name))
+        scene.recorder.note(event(since_s=scene.now_s - 5.0, name=name_of(number)))
         await scene.run(AFTER_S + 2.0)
     left = sorted(path.name for path in tmp_path.iterdir())
     newest = range(3, MOST_KEPT + 3)
-    assert left == [*(f"disagreement_X_{number}.parquet" for number in newest), "other.csv"]
+    assert left == [*map(name_of, newest), "other.csv"]
+
+
+async def test_a_recording_that_is_there_is_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / name_of(1)).write_text("mine")
+    scene = Scene(tmp_path)
+    await scene.run(50)
+    scene.recorder.note(event(since_s=45.0))
+    await scene.run(AFTER_S + 5.0)
+    assert scene.kept == []
+    assert (tmp_path / name_of(1)).read_text() == "mine"
 
 
 async def test_a_clock_that_begins_anew_ends_the_recording(tmp_path: Path) -> None:

@@ -11,12 +11,18 @@ import numpy as np
 from ..channels import CHANNELS, TIME
 from ..features import FEATURE_FIELDS, PHASE_FIELDS, PHASES, Fault, FeatureBlock, Phase
 from ..quality import Qualities
+from ..row_faults import WILDEST
 from ..samples import Floats, SampleFrame
 from ..waveform import Waveform
 from .edge_block import BlockCodec
 from .interface import CodecError
 
+LONGEST_S = 1e11
+"""No clock of an axis shows more, s: some three thousand years."""
+PERIOD_S = (1e-7, 10.0)
+"""Shortest and longest time between two values of a fast sensor, s."""
 _QUALITY = ".quality"
+_EVERY_FAULT, _MOST_COUNT = int(~Fault.NONE), 2**31
 _INTEGER_FEATURES = frozenset({"sample_count", "reversal_count"})
 _PHASE_COLUMNS = {(phase, field): f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS}
 _FEATURE_UNITS = {"s": "s", "nm": "N m", "rad": "rad", "m": "m", "c": "degC", "n": "N"}
@@ -49,6 +55,8 @@ class SampleCodec(BlockCodec[SampleFrame]):
         if TIME not in columns:
             raise CodecError("a block of samples without time_s")
         time_s = columns.pop(TIME)
+        if not time_s.size or not _is_within(time_s, LONGEST_S):
+            raise CodecError("a block of samples without rows, or at an impossible time")
         quality = {
             name.removesuffix(_QUALITY): _codes(columns.pop(name))
             for name in [name for name in columns if name.endswith(_QUALITY)]
@@ -57,6 +65,11 @@ class SampleCodec(BlockCodec[SampleFrame]):
             return SampleFrame(time_s, columns, quality)
         except ValueError as error:
             raise CodecError(f"a block of samples: {error}") from None
+
+
+def _is_within(values: Floats, most: float) -> bool:
+    """Tell whether all values are finite and within [-most, most]."""
+    return bool((np.abs(values) <= most).all())
 
 
 def _codes(column: Floats) -> Qualities:
@@ -76,11 +89,21 @@ class WaveformCodec(BlockCodec[Waveform]):
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> Waveform:
         """Signal of columns. Raises CodecError."""
         time_s = columns.pop(TIME, None)
-        if time_s is None or len(columns) != 1 or len(time_s) < 2 or not time_s[-1] > time_s[0]:
+        if time_s is None or len(columns) != 1 or len(time_s) < 2:
             raise CodecError("a waveform without a clock and one sensor")
         ((sensor, values),) = columns.items()
         period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+        if not _is_within(time_s, LONGEST_S) or not PERIOD_S[0] <= period_s <= PERIOD_S[1]:
+            raise CodecError("a waveform with an impossible clock")
+        if not _is_within(np.nan_to_num(values, posinf=np.inf, neginf=-np.inf), WILDEST):
+            raise CodecError("a waveform with values that no sensor has")
         return Waveform(sensor, units[sensor], float(time_s[0]), period_s, values)
+
+
+def _whole(value: float, most: int) -> int:
+    if not (0.0 <= value <= most and value.is_integer()):
+        raise CodecError("a count that is none")
+    return int(value)
 
 
 class FeatureCodec(BlockCodec[FeatureBlock]):
@@ -100,8 +123,10 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
         if set(columns) != set(self.units) or any(len(c) != 1 for c in columns.values()):
             raise CodecError("a block of features with other columns than this version's")
         values: dict[str, float] = {name: float(column[0]) for name, column in columns.items()}
-        integers = {name: int(values.pop(name)) for name in _INTEGER_FEATURES}
-        fault = Fault(int(values.pop("fault")))
+        if not (0.0 < values["duration_s"] <= LONGEST_S and abs(values["time_s"]) <= LONGEST_S):
+            raise CodecError("an interval at an impossible time")
+        integers = {name: _whole(values.pop(name), _MOST_COUNT) for name in _INTEGER_FEATURES}
+        fault = Fault(_whole(values.pop("fault"), _EVERY_FAULT))
         phases = {
             phase: Phase(
                 **{field: values.pop(_PHASE_COLUMNS[phase, field]) for field in PHASE_FIELDS}

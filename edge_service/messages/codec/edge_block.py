@@ -19,11 +19,14 @@ from typing import Any, ClassVar, Generic
 import numpy as np
 
 from ..header import Header
+from ..names import check_column
 from ..samples import Floats
-from .interface import CodecError, T, header_members, header_schema, take_header
+from .bounded_json import parse_bounded
+from .interface import CodecError, T, checked_axis, header_members, header_schema, take_header
 
 BLOCK_ENCODING = "application/octet-stream;edge-block/1"
 MAGIC = b"EDB1"
+MOST_COLUMNS, MOST_UNIT = 256, 32
 _PREFIX = struct.Struct("<4sI")
 
 
@@ -64,9 +67,10 @@ class BlockCodec(ABC, Generic[T]):
 
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis, header and payload. Raises CodecError."""
-        members, columns = self._parsed(payload)
-        units = {str(name): str(unit) for name, unit in members["columns"]}
-        return str(members["axis"]), take_header(members), self.from_columns(columns, units)
+        members, body = self._parsed(payload)
+        units = _units(members.get("columns"))
+        columns = _columns(members.get("rows"), list(units), body)
+        return checked_axis(members), take_header(members), self.from_columns(columns, units)
 
     def description(self) -> dict[str, Any]:
         """Header and columns of a block."""
@@ -77,24 +81,49 @@ class BlockCodec(ABC, Generic[T]):
             "columns": dict(self.units),
         }
 
-    def _parsed(self, payload: bytes) -> tuple[dict[str, Any], dict[str, Floats]]:
-        """Header and columns of a block of this schema. Raises CodecError."""
+    def _parsed(self, payload: bytes) -> tuple[dict[str, Any], Floats]:
+        """Header and numbers of a block of this schema. Raises CodecError."""
         try:
             magic, length = _PREFIX.unpack_from(payload)
             if magic != MAGIC:
                 raise CodecError("no edge block: wrong first four bytes")
             start = _PREFIX.size + length
-            members = json.loads(payload[_PREFIX.size : start])
-            if members["schema"] != self.schema:
-                raise CodecError(f"a {members['schema']} block where {self.schema} was expected")
-            names = [str(name) for name, _unit in members["columns"]]
-            rows, _ = int(members["rows"]), members["axis"]
-            table = np.frombuffer(payload, dtype="<f8", offset=start)
-            if rows < 0 or table.size != rows * len(names) or len(set(names)) != len(names):
-                raise CodecError("an edge block whose size contradicts its header")
-            table = table.reshape(len(names), rows).astype(np.float64)
-            return members, dict(zip(names, table, strict=True))
+            members = parse_bounded(payload[_PREFIX.size : start])
+            if members.get("schema") != self.schema:
+                raise CodecError(
+                    f"{members.get('schema')!r:.40} block where {self.schema} was expected"
+                )
+            return members, np.frombuffer(payload, dtype="<f8", offset=start)
         except CodecError:
             raise
-        except (ValueError, KeyError, TypeError, RecursionError, struct.error) as error:
+        except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error
+
+
+def _units(columns: object) -> dict[str, str]:
+    """Units by the names of the columns. Raises CodecError."""
+    units: dict[str, str] = {}
+    for column in columns if isinstance(columns, list) else ():
+        match column:
+            case [str(name), str(unit)] if name not in units and len(unit) <= MOST_UNIT:
+                units[_checked(name)] = unit
+            case _:
+                raise CodecError("a column that is no name with its unit")
+    if not 0 < len(units) <= MOST_COLUMNS:
+        raise CodecError("an edge block without columns, or with too many")
+    return units
+
+
+def _checked(name: str) -> str:
+    try:
+        return check_column(name)
+    except ValueError as error:
+        raise CodecError(f"an edge block with a column: {error}") from None
+
+
+def _columns(rows: object, names: list[str], body: Floats) -> dict[str, Floats]:
+    """Columns (rows,) by name. Raises CodecError."""
+    if type(rows) is not int or rows < 0 or body.size != rows * len(names):
+        raise CodecError("an edge block whose size contradicts its header")
+    table = body.reshape(len(names), rows).astype(np.float64)
+    return dict(zip(names, table, strict=True))

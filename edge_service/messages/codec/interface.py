@@ -1,11 +1,13 @@
-"""Interface of the codecs, and the header that every payload carries."""
+"""Interface of the codecs, and what every payload carries: its axis and its header."""
 
 from dataclasses import fields
 from typing import Any, Protocol, TypeVar
 
 from ..header import Header
+from ..names import check_part
 
 HEADER_KEYS = tuple(field.name for field in fields(Header))
+MOST_HEADER = 2**63
 T = TypeVar("T")
 
 
@@ -53,7 +55,18 @@ def header_schema() -> dict[str, Any]:
 def take_header(members: dict[str, Any]) -> Header:
     """Remove the header from the members of a message. Raises CodecError."""
     values = [members.pop(key, None) for key in HEADER_KEYS]
-    numbers = [each for each in values if isinstance(each, int) and not isinstance(each, bool)]
+    numbers = [each for each in values if type(each) is int and 0 <= each < MOST_HEADER]
     if len(numbers) < len(HEADER_KEYS):
-        raise CodecError("a header without its four integers")
+        raise CodecError("a header without its four integers of 63 bits")
     return Header(*numbers)
+
+
+def checked_axis(members: dict[str, Any]) -> str:
+    """Axis of a message, empty if none. Raises CodecError."""
+    axis = members.get("axis", 0)
+    if axis is None or axis == "":
+        return ""
+    try:
+        return check_part(axis)
+    except (TypeError, ValueError):
+        raise CodecError("an axis that is no name") from None

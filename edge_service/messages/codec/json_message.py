@@ -6,7 +6,8 @@ from typing import Any, Generic, TypeVar
 
 from ..estimate import Frozen
 from ..header import Header
-from .interface import CodecError, header_members, header_schema, take_header
+from .bounded_json import parse_bounded
+from .interface import CodecError, checked_axis, header_members, header_schema, take_header
 
 JSON_ENCODING = "application/json"
 _Payload = TypeVar("_Payload", bound=Frozen)
@@ -14,10 +15,15 @@ _Payload = TypeVar("_Payload", bound=Frozen)
 
 @dataclass(frozen=True, slots=True)
 class JsonCodec(Generic[_Payload]):
-    """Codec of one model."""
+    """Codec of one model.
+
+    Attributes:
+        strict: refuse values of another type even where they could be converted.
+    """
 
     schema: str
     model: type[_Payload]
+    strict: bool = True
 
     @property
     def encoding(self) -> str:
@@ -32,15 +38,17 @@ class JsonCodec(Generic[_Payload]):
     def decode(self, payload: bytes) -> tuple[str, Header, _Payload]:
         """Axis (empty if none), header and payload. Raises CodecError."""
         try:
-            members = json.loads(payload)
-            if not isinstance(members, dict) or members.pop("schema", None) != self.schema:
+            members = parse_bounded(payload)
+            if members.pop("schema", None) != self.schema:
                 raise CodecError(f"no {self.schema} message")
-            header = take_header(members)
-            axis = members["axis"] if "axis" in self.model.model_fields else members.pop("axis")
-            return axis or "", header, self.model.model_validate_json(json.dumps(members))
+            header, axis = take_header(members), checked_axis(members)
+            if "axis" not in self.model.model_fields:
+                del members["axis"]
+            text = json.dumps(members)
+            return axis, header, self.model.model_validate_json(text, strict=self.strict)
         except CodecError:
             raise
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:
             raise CodecError(f"no {self.schema} message: {error}") from error
 
     def description(self) -> dict[str, Any]:

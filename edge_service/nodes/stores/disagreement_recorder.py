@@ -72,8 +72,10 @@ class DisagreementRecorder:
                 self._on_kept(axis, cut.name)
 
     def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
-        """Write a recording; a full disk is logged and stops nothing."""
+        """Write a recording; one that is there stays; a full disk is logged and stops nothing."""
         path = self._folder / name
+        if path.exists():
+            return False
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with TraceWriter(path, tuple(frames[0].channels)) as writer:

@@ -13,7 +13,7 @@ from ...config import EdgeConfig
 from ...health.condition.component import ComponentStatusMachine
 from ...messages.codec.interface import T
 from ...messages.header import Header
-from ...messages.health import ComponentStatus
+from ...messages.health import ComponentHealth, ComponentStatus
 from ...messages.topics import STATUS, Topic
 
 REPORT_PERIOD_S = 1.0
@@ -38,8 +38,16 @@ class NodeContext:
         return self.bus.publisher(self.config.keys.key(axis, topic), topic, axis)
 
     def subscribe(self, topic: Topic[T], *, depth: int = 256) -> Subscriber[T]:
-        """Subscribe to one topic of every axis."""
-        return self.bus.subscribe(self.config.keys.all_axes(topic), topic, depth=depth)
+        """Subscribe to one topic of every configured axis."""
+        names = self.config.keys
+        keys = names.of_axes((axis.name for axis in self.config.axes), topic)
+        return self.bus.subscribe(names.all_axes(topic), topic, depth=depth, keys=keys)
+
+    def subscribe_to_components(self) -> Subscriber[ComponentHealth]:
+        """Subscribe to the reports of every component."""
+        names = self.config.keys
+        keys = names.of_components(tuple(axis.name for axis in self.config.axes), STATUS)
+        return self.bus.subscribe(names.all_components(STATUS), STATUS, keys=keys)
 
 
 async def each(subscriber: Subscriber[T], take: Callable[[str, Header, T], None]) -> None:

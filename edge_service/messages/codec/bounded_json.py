@@ -1,0 +1,58 @@
+"""JSON from anybody: parsed only where every part of it keeps within bounds.
+
+What has passed holds finite numbers, integers of 64 bits, and texts and lists of limited length, so
+that whoever reads it may count on that.
+"""
+
+import json
+import math
+from typing import Any, NoReturn
+
+INT64 = range(-(2**63), 2**63)
+MOST_DEPTH = 8
+MOST_TEXT = 4096
+"""Characters of one text."""
+MOST_ENTRIES = 1024
+"""Values in one list, or keys in one object."""
+
+
+def parse_bounded(text: bytes) -> dict[str, Any]:
+    """Members of a JSON object. Raises ValueError, RecursionError."""
+    members = json.loads(text, parse_constant=_refuse)
+    if not isinstance(members, dict):
+        raise ValueError("no object")
+    _check(members, MOST_DEPTH)
+    return members
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is no number of JSON")
+
+
+def _check(value: Any, depth: int) -> None:
+    """Raise ValueError for whatever lies outside the bounds."""
+    if isinstance(value, str):
+        if len(value) > MOST_TEXT:
+            raise ValueError(f"a text of more than {MOST_TEXT} characters")
+        value.encode()  # a lone surrogate cannot be written anywhere
+    elif isinstance(value, int):
+        if value not in INT64:
+            raise ValueError("an integer of more than 64 bits")
+    elif isinstance(value, float):
+        if not math.isfinite(value):  # 1e999
+            raise ValueError("a number beyond all bounds")
+    elif value is not None:
+        _check_entries(value, depth)
+
+
+def _check_entries(value: list[Any] | dict[str, Any], depth: int) -> None:
+    if depth == 0:
+        raise ValueError(f"nested deeper than {MOST_DEPTH}")
+    if len(value) > MOST_ENTRIES:
+        raise ValueError(f"more than {MOST_ENTRIES} entries")
+    for each in value.items() if isinstance(value, dict) else value:
+        if isinstance(each, tuple):
+            _check(each[0], depth)
+            _check(each[1], depth - 1)
+        else:
+            _check(each, depth - 1)
