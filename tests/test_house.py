@@ -17,7 +17,7 @@ from drivers.registry import driver_names, load_driver
 from edge_service.cli.entry import cli
 from edge_service.config import EdgeConfig, load_config
 from edge_service.estimate.mixture import state
-from edge_service.estimate.mixture.force import FORCED, OUTLIER
+from edge_service.estimate.mixture.filter.force import FORCED, OUTLIER
 from edge_service.estimate.mixture.model import CLEARANCE_M, MixtureSettings
 from edge_service.messages.topics import TOPICS
 from edge_service.models.effects.registry import effect_names, get_effect

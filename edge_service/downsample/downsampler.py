@@ -13,8 +13,8 @@ from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.quality import is_uncertain
 from ..messages.samples import Floats, SampleFrame
 from ..messages.stored import Stored
-from .channel_check import ChannelCheck
-from .channel_limits import ChannelLimits
+from .channels.channel_check import ChannelCheck
+from .channels.channel_limits import ChannelLimits
 from .rows import RowScreen, Screened, T, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 

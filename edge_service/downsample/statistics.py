@@ -14,9 +14,9 @@ from ..messages.row_faults import (
     run_starts,
 )
 from ..messages.samples import Floats
-from .channel_check import ChannelCheck
+from .channels.channel_check import ChannelCheck
+from .channels.repeats import LEAST_ROWS
 from .phases import PhaseSettings, steady_phases
-from .repeats import LEAST_ROWS
 from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
 
 

@@ -10,8 +10,8 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..trace.columns import TraceError
 from ..trace.reader import TraceReader
+from ..trace.signals.speed_check import SpeedCheck
 from ..trace.sinumerik.controller_axis import ControllerAxis
-from ..trace.speed_check import SpeedCheck
 from ..trace.writer import TraceFormat, TraceWriter, format_of
 from .recordings import open_recording
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from edge_service.estimate.imm.filter_bank import LinearStep
-from edge_service.estimate.imm.kalman import BankStart
+from edge_service.estimate.imm.bank.filter_bank import LinearStep
+from edge_service.estimate.imm.bank.kalman import BankStart
 from edge_service.messages.samples import Floats
 
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from edge_service.estimate.imm.filter_bank import BankOutput, LinearStep
-from edge_service.estimate.imm.kalman import BankStart, run_kalman_bank
+from edge_service.estimate.imm.bank.filter_bank import BankOutput, LinearStep
+from edge_service.estimate.imm.bank.kalman import BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
 from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 

@@ -7,17 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.estimate.imm import general, kernel
-from edge_service.estimate.imm.engines import make_filter_bank
-from edge_service.estimate.imm.filter_bank import BankOutput, LinearStep
-from edge_service.estimate.imm.kalman import (
+from edge_service.estimate.imm.bank import general, kernel
+from edge_service.estimate.imm.bank.engines import make_filter_bank
+from edge_service.estimate.imm.bank.filter_bank import BankOutput, LinearStep
+from edge_service.estimate.imm.bank.kalman import (
     BankStart,
     run_bank,
     run_kalman_bank,
     start_state,
 )
-from edge_service.estimate.imm.mode_transition import THESIS_MODE_TRANSITION, scaled_mode_transition
-from edge_service.estimate.imm.sliding_innovation import run_sliding_innovation_bank
+from edge_service.estimate.imm.bank.mode_transition import (
+    THESIS_MODE_TRANSITION,
+    scaled_mode_transition,
+)
+from edge_service.estimate.imm.bank.sliding_innovation import run_sliding_innovation_bank
 from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 
 LOG_SMALLEST = -700.0

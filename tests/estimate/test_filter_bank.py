@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.estimate.imm.engines import make_filter_bank
-from edge_service.estimate.imm.filter_bank import BankOutput, FilterBank
+from edge_service.estimate.imm.bank.engines import make_filter_bank
+from edge_service.estimate.imm.bank.filter_bank import BankOutput, FilterBank
 
 KINDS = ("kf-imm compiled", "kf-imm filterpy", "sif-imm compiled")
 SIZES = ((2, 2), (3, 2), (2, 1))

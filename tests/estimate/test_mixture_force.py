@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.force import FORCED
+from edge_service.estimate.mixture.filter.force import FORCED
 from edge_service.estimate.mixture.hypotheses import leader_of
 from edge_service.estimate.mixture.initial import initial_bank
 from edge_service.estimate.mixture.state import LOSS, PRELOAD, STEADY, TOTAL_LOSS, Bank, Reading

@@ -6,15 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture import (
-    correction,
-    drift,
-    force,
-    hypotheses,
-    innovation,
-    physics,
-    step,
-)
+from edge_service.estimate.mixture import hypotheses, step
+from edge_service.estimate.mixture.filter import correction, drift, force, innovation, physics
 from edge_service.estimate.mixture.hypotheses import leader_of
 from edge_service.estimate.mixture.initial import initial_bank
 from edge_service.estimate.mixture.state import (

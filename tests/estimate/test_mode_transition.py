@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import fractional_matrix_power
 
-from edge_service.estimate.imm.mode_transition import (
+from edge_service.estimate.imm.bank.mode_transition import (
     THESIS_MODE_TRANSITION,
     scaled_mode_transition,
     transition_rates,

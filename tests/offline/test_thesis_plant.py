@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from edge_service.estimate.imm.kalman import run_kalman_bank
+from edge_service.estimate.imm.bank.kalman import run_kalman_bank
 from edge_service.offline.thesis.plant import (
     ThesisPlant,
     net_torque,

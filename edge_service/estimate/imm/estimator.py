@@ -20,10 +20,10 @@ from ...messages.stored import Decimals, Number, Stored
 from ...models.machine import Machine
 from ..interface import EstimatorOptions
 from ..validity import Validity, ValiditySettings
+from .bank.engines import make_filter_bank
+from .bank.mode_transition import LEVELS_PERCENT, THESIS_MODE_TRANSITION, scaled_mode_transition
 from .drag import DragFilter, DragSettings
-from .engines import make_filter_bank
 from .excitation import ExcitationSettings, informative
-from .mode_transition import LEVELS_PERCENT, THESIS_MODE_TRANSITION, scaled_mode_transition
 from .mode_weighting import mode_weights
 from .momentum_balance import MomentumBalance, MomentumBalanceSettings
 

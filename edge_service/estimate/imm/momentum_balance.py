@@ -7,7 +7,7 @@ import numpy as np
 from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
 from ...models.machine import Machine
-from .filter_bank import LinearStep
+from .bank.filter_bank import LinearStep
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ answer is contested for as long as it stands.
 import math
 
 from ...models.compiled import compiled
-from .force import FORCED
+from .filter.force import FORCED
 from .state import (
     BEFORE,
     CHALLENGERS,

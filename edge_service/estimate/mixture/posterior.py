@@ -11,7 +11,7 @@ from ...messages.samples import Floats
 from ...models.compiled import compiled
 from ...models.machine import Machine
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
-from ..imm.mode_transition import LEVELS_PERCENT
+from ..imm.bank.mode_transition import LEVELS_PERCENT
 from .state import (
     BEARING_FRICTION,
     GUIDE_FRICTION,

@@ -9,11 +9,11 @@ import math
 import numpy as np
 
 from ...models.compiled import compiled, inlined
-from .correction import correct
-from .drift import drift
-from .force import FORCED, OUTLIER, Assessments, assess, empty_assessments, force_begins
+from .filter.correction import correct
+from .filter.drift import drift
+from .filter.force import FORCED, OUTLIER, Assessments, assess, empty_assessments, force_begins
+from .filter.innovation import Innovation, innovate, noise_of
 from .hypotheses import adapt_hypotheses, leader_of, normalise
-from .innovation import Innovation, innovate, noise_of
 from .state import (
     FORCED_S,
     INERTIA_ERROR,

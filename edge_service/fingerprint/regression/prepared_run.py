@@ -26,7 +26,7 @@ from ...messages.channels import (
     TORQUE,
 )
 from ...messages.samples import Booleans, Floats, SampleFrame
-from ...trace.conditioning import (
+from ...trace.signals.conditioning import (
     CUTOFF_SHARE,
     anti_alias,
     central_difference,
@@ -36,7 +36,7 @@ from ...trace.conditioning import (
     white_noise_rms,
     with_angle,
 )
-from ...trace.screening import UniformRun, uniform_runs
+from ...trace.signals.screening import UniformRun, uniform_runs
 
 OPTIONAL = (TORQUE, ANGLE, TABLE_POSITION, SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
 _REACH_PERIODS = 2.0

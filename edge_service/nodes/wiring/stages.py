@@ -13,7 +13,7 @@ from ...config import (
     load_machine,
 )
 from ...downsample import Downsampler, DownsampleSettings
-from ...downsample.channel_limits import channel_limits
+from ...downsample.channels.channel_limits import channel_limits
 from ...downsample.phases import PhaseSettings
 from ...downsample.statistics import PlausibilitySettings
 from ...estimate import registry

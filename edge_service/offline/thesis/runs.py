@@ -6,15 +6,15 @@ from typing import Literal
 
 import numpy as np
 
-from ...estimate.imm.filter_bank import BankOutput, LinearStep
-from ...estimate.imm.kalman import BankStart, run_kalman_bank
-from ...estimate.imm.mode_transition import (
+from ...estimate.imm.bank.filter_bank import BankOutput, LinearStep
+from ...estimate.imm.bank.kalman import BankStart, run_kalman_bank
+from ...estimate.imm.bank.mode_transition import (
     LEVELS_PERCENT,
     THESIS_MODE_TRANSITION,
     scaled_mode_transition,
 )
+from ...estimate.imm.bank.sliding_innovation import run_sliding_innovation_bank
 from ...estimate.imm.mode_weighting import PUBLISHED_EXPONENT, causal_moving_average, weighted_level
-from ...estimate.imm.sliding_innovation import run_sliding_innovation_bank
 from ...messages.samples import Floats
 from .plant import (
     DRAG_PER_PERCENT_NM,

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import median
 
-from edge_service.estimate.imm.engines import make_filter_bank
-from edge_service.estimate.imm.filter_bank import FilterBank, LinearStep
-from edge_service.estimate.imm.kalman import BankStart, run_kalman_bank
+from edge_service.estimate.imm.bank.engines import make_filter_bank
+from edge_service.estimate.imm.bank.filter_bank import FilterBank, LinearStep
+from edge_service.estimate.imm.bank.kalman import BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
 from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from ...messages.samples import Floats
+from ....messages.samples import Floats
 from .filter_bank import FilterBank
 
 

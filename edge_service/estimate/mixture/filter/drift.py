@@ -2,10 +2,9 @@
 
 import math
 
-from ...messages.samples import Floats
-from ...models.compiled import inlined
-from .physics import mapped
-from .state import (
+from ....messages.samples import Floats
+from ....models.compiled import inlined
+from ..state import (
     ENCODER_OFFSET,
     ENCODER_SLOPE,
     GUIDE_VISCOUS,
@@ -26,6 +25,7 @@ from .state import (
     Process,
     Reading,
 )
+from .physics import mapped
 
 
 @inlined

@@ -3,16 +3,16 @@
 import math
 from typing import NamedTuple
 
-from ...messages.samples import Floats
-from ...models.compiled import inlined
-from .physics import expected_stretch, expected_torque, stribeck, stroke_factor
-from .state import (
+from ....messages.samples import Floats
+from ....models.compiled import inlined
+from ..state import (
     PRELOAD,
     AxisModel,
     Bank,
     Process,
     Reading,
 )
+from .physics import expected_stretch, expected_torque, stribeck, stroke_factor
 
 _STRAIGHT = 0.05
 _FARTHEST = 1.5

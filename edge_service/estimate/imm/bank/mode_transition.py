@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...messages.samples import Floats
+from ....messages.samples import Floats
 from .filter_bank import check_mode_transition
 
 LEVELS_PERCENT = (10.0, 7.5, 5.0, 2.5, 0.0)

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from ..models.machine import Machine
-from ..models.screw.stiffness import STEEL_MODULUS_PA, screw_area
+from ...models.machine import Machine
+from ...models.screw.stiffness import STEEL_MODULUS_PA, screw_area
 
 LEAST_PLAY_M = 50e-6
 PLAY_PER_LEAD = 0.01

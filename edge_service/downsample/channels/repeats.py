@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.row_faults import run_starts
-from ..messages.samples import Floats
+from ...messages.row_faults import run_starts
+from ...messages.samples import Floats
 
 LEAST_ROWS = 4
 """Rows from which a value counts as repeated; a slow channel holds each for long."""

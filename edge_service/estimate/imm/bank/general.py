@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.samples import Floats
-from ...messages.stored import Decimals, Logarithms
+from ....messages.samples import Floats
+from ....messages.stored import Decimals, Logarithms
 from .filter_bank import BankOutput, LinearStep
 
 LOG_2PI = float(np.log(2.0 * np.pi))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..messages.row_faults import CLOCK_RESET_S, WILDEST, clock_parts
-from ..messages.samples import Floats, SampleFrame
+from ...messages.row_faults import CLOCK_RESET_S, WILDEST, clock_parts
+from ...messages.samples import Floats, SampleFrame
 from .stuck import stuck_rows
 
 LARGEST_HOLE = 4.5

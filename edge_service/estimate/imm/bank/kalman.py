@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...messages.samples import Floats
-from ...messages.stored import Stored
+from ....messages.samples import Floats
+from ....messages.stored import Stored
 from . import filter_bank, general, kernel
 from .filter_bank import BankOutput, LinearStep
 from .general import BankState

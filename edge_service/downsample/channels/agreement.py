@@ -6,10 +6,10 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.samples import Floats
-from ..messages.stored import Packed
+from ...messages.samples import Floats
+from ...messages.stored import Packed
+from ..rows import THETA, T, U, X
 from .channel_limits import ChannelLimits
-from .rows import THETA, T, U, X
 
 CHUNKS = 10
 """Pieces of an interval: the mean of each is free of chatter, and still tells a short fault."""

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from ..messages.row_faults import (
+from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
+from ...messages.row_faults import (
     LIMIT_SHARE,
     MOVED_ANGLE_RAD,
     MOVED_SETPOINT_M,
@@ -13,7 +13,7 @@ from ..messages.row_faults import (
     STUCK_S,
     run_starts,
 )
-from ..messages.samples import Booleans, Floats
+from ...messages.samples import Booleans, Floats
 
 LEAST_REPEATS = 10
 """A slow recording or a coarse encoder repeats a value a few times while the axis creeps."""

@@ -20,11 +20,11 @@ compiled; their plain Python (`.py_func`) gives the same numbers.
 
 import math
 
-from ...messages.samples import Floats
-from ...models.compiled import inlined
-from ...models.screw.friction import stribeck_decay
-from ...models.screw.nut_law import nut_deflection
-from .state import (
+from ....messages.samples import Floats
+from ....models.compiled import inlined
+from ....models.screw.friction import stribeck_decay
+from ....models.screw.nut_law import nut_deflection
+from ..state import (
     BEARING_FRICTION,
     CLOCK_SKEW,
     ENCODER_OFFSET,

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from scipy import ndimage, signal
 
-from ..messages.channels import ANGLE, TABLE_POSITION
-from ..messages.samples import Floats, SampleFrame
+from ...messages.channels import ANGLE, TABLE_POSITION
+from ...messages.samples import Floats, SampleFrame
 
 CUTOFF_SHARE = 0.2
 """Of the sampling rate; a low-pass above it has no samples to work with."""

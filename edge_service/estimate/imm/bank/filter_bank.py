@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...messages.samples import Floats
+from ....messages.samples import Floats
 
 PROBABILITY_TOLERANCE = 1e-9
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.samples import Floats
+from ...messages.samples import Floats
 
 _FORGET = 1.0 + 1.0 / 256.0
 """Growth of the least step per interval: a channel may become coarser."""

@@ -9,14 +9,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..messages.features import Fault
-from ..messages.samples import Floats
-from ..messages.stored import Packed, Stored
+from ...messages.features import Fault
+from ...messages.samples import Floats
+from ...messages.stored import Packed, Stored
+from ..rows import THETA, T, U, X
 from .agreement import Agreement, AgreementState, Chunk, Roughness, chunks_of, rests
 from .channel_limits import ChannelLimits
 from .encoder_resolution import EncoderResolution
 from .repeats import OpenRun, followed, standing
-from .rows import THETA, T, U, X
 
 TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times

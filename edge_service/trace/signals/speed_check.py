@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.channels import ANGLE, MOTOR_SPEED, TABLE_POSITION, TABLE_SPEED
-from ..messages.samples import SampleFrame
+from ...messages.channels import ANGLE, MOTOR_SPEED, TABLE_POSITION, TABLE_SPEED
+from ...messages.samples import SampleFrame
 
 PAIRS = ((ANGLE, MOTOR_SPEED), (TABLE_POSITION, TABLE_SPEED))
 _WINDOW_ROWS = 16

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...messages.samples import Floats
+from ....messages.samples import Floats
 from .filter_bank import BankOutput, LinearStep
 from .kalman import BankStart, CompiledBank, run_bank
 

@@ -2,10 +2,9 @@
 
 import math
 
-from ...messages.samples import Floats
-from ...models.compiled import inlined
-from .innovation import Innovation
-from .state import (
+from ....messages.samples import Floats
+from ....models.compiled import inlined
+from ..state import (
     GUIDE_VISCOUS,
     LOOSENESS,
     MOST_SHARE,
@@ -16,6 +15,7 @@ from .state import (
     AxisModel,
     Bank,
 )
+from .innovation import Innovation
 
 _LEAST_PERCENT = 0.02
 _LEAST_FRICTION, _MOST_FRICTION = -0.7, 3.0

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...messages.samples import Floats
-from ...models.compiled import compiled, inlined
+from ....messages.samples import Floats
+from ....models.compiled import compiled, inlined
+from ..state import FASTEST_RAD_S, AxisModel, Bank, Process, Reading
 from .innovation import Innovation
-from .state import FASTEST_RAD_S, AxisModel, Bank, Process, Reading
 
 FORCED = 0.2
 """Probability of a process force above which a phase corrects nothing."""

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...messages.samples import Floats
-from ...messages.stored import Decimals, Stored
+from ....messages.samples import Floats
+from ....messages.stored import Decimals, Stored
 from . import filter_bank
 from .filter_bank import BankOutput, LinearStep
 

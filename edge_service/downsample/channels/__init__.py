@@ -1,0 +1,1 @@
+"""Credibility of the channels: each held against the others, and against its own resolution."""

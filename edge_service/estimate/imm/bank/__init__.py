@@ -1,0 +1,1 @@
+"""Interacting bank of filters: one filter per mode, in several engines."""

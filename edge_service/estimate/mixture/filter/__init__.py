@@ -1,0 +1,1 @@
+"""Extended Kalman filter of one hypothesis: drift, innovation, process force, correction."""

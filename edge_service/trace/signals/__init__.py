@@ -1,0 +1,1 @@
+"""Recorded signals made fit for analysis: uniform runs, stuck channels, low-pass. Pure."""
