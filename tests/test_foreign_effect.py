@@ -10,7 +10,7 @@ import pytest
 from edge_service.cli.entry import main
 from edge_service.models.effects import registry
 
-from .models import test_effects_round_trip as round_trip
+from .models.effects import test_effects_round_trip as round_trip
 
 NAME = "spring_load"
 MODULE = Path(__file__).parent / "foreign_effect" / f"{NAME}.py"

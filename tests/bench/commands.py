@@ -124,7 +124,7 @@ def bench_estimator(
     benchmark that lies beside the checkout, ablation takes the estimator's parts away one by one.
     """
     from .estimator.bench import run_estimator_bench
-    from .estimator.second_plant import SecondPlantError
+    from .estimator.plants.second_plant import SecondPlantError
     from .estimator.tasks import BenchSettings
 
     if pictures is not None:
@@ -158,7 +158,7 @@ def bench_estimator(
 
 
 def _require_second_plant(folder: Path) -> None:
-    from .estimator.second_plant import MAKE, has_second_plant
+    from .estimator.plants.second_plant import MAKE, has_second_plant
 
     if not has_second_plant(folder):
         raise InputError(f"--second-plant {folder}: no {MAKE} in it")
@@ -236,7 +236,7 @@ def bench_diagnose(
 
 def _diagnosis_plant(seed: int, quick: bool, out: Path | None) -> str:
     from .diagnose.second_plant import MAKE, has_diagnosis_plant, run_diagnosis_plant
-    from .estimator.second_plant import BESIDE, SecondPlantError
+    from .estimator.plants.second_plant import BESIDE, SecondPlantError
 
     if not has_diagnosis_plant(BESIDE):
         raise InputError(f"--second-plant: no {MAKE} in {BESIDE}")
@@ -248,7 +248,7 @@ def _diagnosis_plant(seed: int, quick: bool, out: Path | None) -> str:
 
 def _real_machines(seed: int, out: Path | None) -> str:
     from .diagnose.cases import BenchError
-    from .diagnose.seeded_errors import run_seeded_errors
+    from .diagnose.real.seeded_errors import run_seeded_errors
     from .real_machines import DATA
 
     try:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..estimator.second_plant import run_command, tool_command
+from ..estimator.plants.second_plant import run_command, tool_command
 from ..pool import Progress
 from .table import BenchFigure, figures_as_text
 

@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.cli.entry import main
 
-from ..estimator.second_plant import BESIDE, SecondPlantError, run_command
+from ..estimator.plants.second_plant import BESIDE, SecondPlantError, run_command
 from .second_plant import (
     figures_of,
     has_diagnosis_plant,

@@ -27,9 +27,9 @@ from ..life.plants import plant_of
 from ..life.scores import life_score
 from ..pool import in_processes
 from ..table import Section
-from .foreign import commissioned_machine, recorded, scenarios
+from .plants.foreign import commissioned_machine, recorded, scenarios
+from .plants.second_plant import has_second_plant, make_recordings
 from .scores import Recorded, Score, follow, pooled, score
-from .second_plant import has_second_plant, make_recordings
 
 WHOLE = "the estimator as it is"
 _USUAL = MixtureSettings()

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
-from .foreign import ROW as _FOREIGN
-from .own import ERRORS
+from .plants.foreign import ROW as _FOREIGN
+from .plants.own import ERRORS
+from .plants.spoiled import CASES
 from .scores import Score
-from .spoiled import CASES
 
 _WORDS = {
     "mae": "MAE <= {:g}",

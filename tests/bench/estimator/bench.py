@@ -13,14 +13,14 @@ from ..life.bench import life_pictures, life_section
 from ..pool import Progress, in_processes
 from ..table import Drawn, PipelineBench, Section
 from .ablation import ablation_section, run_ablation
-from .false_alarms import count_false_alarms
-from .false_conditions import healthy_pictures, healthy_section
-from .fused_speed import speed_bench
+from .healthy.false_alarms import count_false_alarms
+from .healthy.false_conditions import healthy_pictures, healthy_section
 from .parts import TABLE
+from .plants.second_plant import has_second_plant, plant_pictures, plant_section, run_second_plant
 from .rows import BenchTable, table_of
-from .second_plant import has_second_plant, plant_pictures, plant_section, run_second_plant
+from .speed.fused_speed import speed_bench
 from .tasks import BenchSettings, Task, tasks_of
-from .wear_rates import rate_pictures, rate_section
+from .wear.wear_rates import rate_pictures, rate_section
 
 QUICK_RUNS, FULL_RUNS = 20, 1200
 """Of 1000 steps each, for false alarms."""

@@ -17,11 +17,11 @@ from edge_service.offline.thesis.runs import ThesisCase, run_case
 from ... import foreign_plant as plant
 from ..table import Drawn
 from .axis import OwnAxis, recorded
-from .foreign import ROW, commissioned_machine, scenarios
-from .foreign import recorded as foreign_recorded
-from .own import FULL_S, QUICK_S, long_case, losses
+from .plants.foreign import ROW, commissioned_machine, scenarios
+from .plants.foreign import recorded as foreign_recorded
+from .plants.own import FULL_S, QUICK_S, long_case, losses
+from .plants.thesis import SETTINGS, thesis_blocks, thesis_machine
 from .scores import Recorded, Track, follow
-from .thesis import SETTINGS, thesis_blocks, thesis_machine
 
 OVERVIEW = "estimator.png"
 COLUMNS = 3

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 
 from ..table import aligned, cell, plain
 from .aims import AIMS, Aim
-from .foreign import ROW as _FOREIGN
-from .own import Part
+from .plants.foreign import ROW as _FOREIGN
+from .plants.own import Part
+from .plants.spoiled import CASES
 from .scores import Score, pooled
-from .spoiled import CASES
 
 COVERAGE = (0.94, 0.96)
 ALL_FOREIGN = f"{_FOREIGN}all scenarios"

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..life.bench import live, shapes
-from .false_conditions import MINUTES, QUICK_MINUTES, shifts
-from .foreign import foreign, foreign_errors, foreign_one_encoder
-from .own import ERRORS, calibration, closed_loop, intervals, loads, long_run, warm_up
+from .healthy.false_conditions import MINUTES, QUICK_MINUTES, shifts
+from .healthy.production_cases import SHIFT_S
 from .parts import FIRST_SEED, PARTS, PROCESSES
-from .production_cases import SHIFT_S
-from .second_plant import BESIDE
-from .spoiled import hostile
-from .thesis import thesis_runs
-from .wear_rates import rate_session
+from .plants.foreign import foreign, foreign_errors, foreign_one_encoder
+from .plants.own import ERRORS, calibration, closed_loop, intervals, loads, long_run, warm_up
+from .plants.second_plant import BESIDE
+from .plants.spoiled import hostile
+from .plants.thesis import thesis_runs
+from .wear.wear_rates import rate_session
 
 SHIFTS_AT_ONCE = 3
 PLANTS = ("foreign", "own")

@@ -13,13 +13,13 @@ from edge_service.offline.thesis.plant import ThesisPlant
 
 from ... import foreign_plant
 from .aims import AIMS, Aim
-from .foreign import ROW, scenarios
-from .own import Part
 from .parts import PARTS
+from .plants.foreign import ROW, scenarios
+from .plants.own import Part
+from .plants.thesis import edge_noise_var, thesis_machine, thesis_runs, torque_noise_var
 from .rows import table_of
 from .scores import Score, Track, detection, pooled, score
 from .tasks import BenchSettings, tasks_of
-from .thesis import edge_noise_var, thesis_machine, thesis_runs, torque_noise_var
 
 
 def track(percent: Floats, truth: Floats, half_width: float = 0.5) -> Track:

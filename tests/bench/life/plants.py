@@ -12,9 +12,9 @@ from edge_service.models.machine import Machine
 
 from ... import foreign_plant
 from ..estimator import axis as estimator_axis
-from ..estimator import foreign as estimator_foreign
 from ..estimator.axis import RATE_HZ, OwnAxis
-from ..estimator.foreign import commissioned_machine
+from ..estimator.plants import foreign as estimator_foreign
+from ..estimator.plants.foreign import commissioned_machine
 from ..estimator.scores import Recorded
 from .cases import Session
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..estimator.speed import measure_estimator_speed
+from ..estimator.speed.speed import measure_estimator_speed
 from ..identification.simulated_axis import simulation_share
 from ..table import Figure, PipelineBench
 from .live_load import INTERVAL_S, POLL_PERIOD_S, axes_text, cold_start_figures, live_figures

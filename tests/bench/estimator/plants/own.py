@@ -1,0 +1,194 @@
+"""Cases of the estimator's bench on the library's own plant."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.validity import ValiditySettings
+from edge_service.messages.samples import Floats
+from edge_service.models.machine import Machine
+
+from ..axis import RATE_HZ, OwnAxis, StatedErrors, recorded
+from ..scores import Recorded, Score, Track, detection, follow, score
+
+UNDOUBTING = ImmSettings(validity=ValiditySettings(surprise_high=math.inf))
+"""The thesis' filter has no test of consistency: its numbers are taken as they come."""
+FULL_S, QUICK_S = 100.0, 40.0
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Contribution of one case to a row: the score of the fused estimator, and of the thesis'."""
+
+    row: str
+    ours: Score
+    thesis: Score | None = None
+
+
+def judged(
+    row: str,
+    machine: Machine,
+    nominal: Machine,
+    case: Recorded,
+    *,
+    loss: tuple[float, float] | None = None,
+    event_s: float = 0.0,
+    every: int = 1,
+) -> Part:
+    """Both estimators over one case; `loss` is (when, the level that sees it)."""
+
+    def scored(track: Track) -> Score:
+        seen_s = math.nan if loss is None else detection(track, *loss)
+        return score(track, event_s, seen_s)
+
+    ours = follow(FusedPreloadEstimator(machine), case, every)
+    theirs = follow(ImmPreloadEstimator(nominal, UNDOUBTING), case, every)
+    return Part(row, scored(ours), scored(theirs))
+
+
+def losses(fresh: float, duration_s: float) -> dict[str, tuple[Floats, tuple[float, float] | None]]:
+    """Preload of each sample and when a loss is to be seen, by the row's name."""
+    share = np.arange(round(duration_s * RATE_HZ)) / (duration_s * RATE_HZ)
+    half_s = 0.5 * duration_s
+    return {
+        "closed loop: constant": (np.full_like(share, fresh), None),
+        "closed loop: ramp to 0": (fresh * (1.0 - share), None),
+        "closed loop: ramp 75 to 25 %": (fresh * (0.75 - 0.5 * share), None),
+        "closed loop: full drop": (np.where(share < 0.5, fresh, 0.0), (half_s, 0.5 * fresh)),
+        "closed loop: one-point step": (
+            np.where(share < 0.5, fresh, fresh - 1.0),
+            (half_s, fresh - 0.5),
+        ),
+    }
+
+
+def closed_loop(seed: int, quick: bool) -> Iterator[Part]:
+    """The four scenarios and a one-point step."""
+    axis = OwnAxis(seed)
+    machine, nominal = axis.commissioned(), axis.nominal()
+    for row, (percent, loss) in losses(axis.fresh_percent, QUICK_S if quick else FULL_S).items():
+        case = recorded(axis.frames("production", percent, 5 + seed), nominal, percent)
+        yield judged(row, machine, nominal, case, loss=loss)
+
+
+def intervals(seed: int, quick: bool) -> Iterator[Part]:
+    """One recording with a ramp and a drop, cut into intervals of 0.1 s to 1 ms."""
+    axis = OwnAxis(seed)
+    machine, nominal = axis.commissioned(), axis.nominal()
+    count = round((20.0 if quick else 60.0) * RATE_HZ)
+    share = np.arange(count) / count
+    percent = axis.fresh_percent * np.where(share < 0.6, 1.0 - 0.5 * share, 0.0)
+    frames = list(axis.frames("production", percent, 31 + seed))
+    for interval_s in (0.1, 0.02, 0.005, 0.001):
+        case = recorded(frames, nominal, percent, interval_s)
+        track = follow(FusedPreloadEstimator(machine), case, every=round(0.1 / interval_s))
+        yield Part(f"T = {interval_s:g} s", score(track))
+
+
+def warm_up(seed: int, quick: bool) -> Iterator[Part]:
+    """All dry friction falls by 30 %, preload constant: with two encoders, and with one."""
+    time_constant_s = 300.0 if quick else 600.0
+    for one_encoder in (False, True):
+        axis = OwnAxis(seed, one_encoder=one_encoder)
+        percent = np.full(
+            round((0.5 if quick else 2.0) * time_constant_s * RATE_HZ), axis.fresh_percent
+        )
+        case = warm_case(axis, percent, time_constant_s)
+        row = "warm-up 30 %, one encoder" if one_encoder else "warm-up 30 %, own plant"
+        yield judged(row, axis.commissioned(), axis.nominal(), case, event_s=10.0, every=2)
+
+
+def warm_case(axis: OwnAxis, percent: Floats, time_constant_s: float, seed: int = 41) -> Recorded:
+    """Production while 30 % of the commissioned dry friction fades."""
+    machine = axis.commissioned()
+    assert machine.commissioned is not None
+    faded_nm = 0.3 * machine.commissioned.coulomb_nm
+    effects = (
+        f"drag_error:change_nm={-faded_nm}",
+        f"warmup:excess_nm={faded_nm},time_constant_s={time_constant_s}",
+    )
+    frames = axis.frames("production", percent, seed, effects)
+    return recorded(frames, axis.nominal(), percent)
+
+
+def long_case(axis: OwnAxis, quick: bool) -> tuple[Recorded, tuple[float, float]]:
+    """40 min: warm-up, slow loss of one point, a step of one point at 25 min; and that loss."""
+    duration_s = 240.0 if quick else 2400.0
+    share = np.arange(round(duration_s * RATE_HZ)) / (duration_s * RATE_HZ)
+    percent = axis.fresh_percent - share - (share >= 0.625)
+    before = axis.fresh_percent - 0.625
+    case = warm_case(axis, percent, 0.25 * duration_s, seed=51)
+    return case, (0.625 * duration_s, before - 0.5)
+
+
+def long_run(seed: int, quick: bool) -> Iterator[Part]:
+    """The long case."""
+    axis = OwnAxis(seed)
+    case, loss = long_case(axis, quick)
+    row = "40 min: warm-up, slow loss, step"
+    yield judged(row, axis.commissioned(), axis.nominal(), case, loss=loss, every=5)
+
+
+def loads(seed: int, quick: bool) -> Iterator[Part]:
+    """Payload, lubricant of the nut, process force; preload constant."""
+    axis = OwnAxis(seed)
+    machine, nominal = axis.commissioned(), axis.nominal()
+    count = round((QUICK_S if quick else 60.0) * RATE_HZ)
+    time_s = np.arange(count) / RATE_HZ
+    event_s = 0.5 * count / RATE_HZ
+    after = time_s >= event_s
+    percent = np.full(count, axis.fresh_percent)
+    bursts = np.sin(2.0 * np.pi * time_s / 7.0) > 0.3
+    untouched = np.ones(count)
+    for row, lubricant, load in (
+        ("payload +10 kg, own plant", untouched, {"added_mass_kg": np.where(after, 10.0, 0.0)}),
+        ("relubrication of the nut, own plant", np.where(after, 0.75, 1.0), {}),
+        (
+            "process force, own plant",
+            untouched,
+            {"external_force_n": np.where(after & bursts, -300.0, 0.0)},
+        ),
+    ):
+        frames = axis.frames("production", percent, 61 + seed, (), lubricant, **load)
+        case = recorded(frames, nominal, percent)
+        yield judged(row, machine, nominal, case, event_s=event_s)
+
+
+ERRORS: Sequence[tuple[str, tuple[OwnAxis, ...]]] = (
+    ("calibration exact", (OwnAxis(),)),
+    (
+        "torque gain +-2 %",
+        tuple(
+            OwnAxis(effects=(f"torque_gain_error:excess_share={share}",)) for share in (-0.02, 0.02)
+        ),
+    ),
+    (
+        "inertia and table mass +-5 %",
+        tuple(OwnAxis(stated=StatedErrors(inertia=share)) for share in (-0.05, 0.05)),
+    ),
+    (
+        "skew +-1 us",
+        tuple(OwnAxis(effects=(f"timestamp_skew:skew_s={skew}",)) for skew in (-1e-6, 1e-6)),
+    ),
+    (
+        "nut stiffness +-10 %",
+        tuple(OwnAxis(stated=StatedErrors(nut_stiffness=share)) for share in (-0.1, 0.1)),
+    ),
+)
+"""Errors unknown to the nominal machine file; commissioning and test share the true axis."""
+
+
+def calibration(which: int, quick: bool) -> Iterator[Part]:
+    """A loss of two points with one kind of calibration error."""
+    row, axes = ERRORS[which]
+    for axis in axes:
+        count = round((QUICK_S if quick else 60.0) * RATE_HZ)
+        after = np.arange(count) >= 0.5 * count
+        percent: Floats = np.where(after, axis.fresh_percent - 2.0, axis.fresh_percent)
+        nominal = axis.nominal()
+        case = recorded(axis.frames("production", percent, 71), nominal, percent)
+        yield judged(row, axis.commissioned(), nominal, case)

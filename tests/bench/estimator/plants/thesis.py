@@ -1,0 +1,193 @@
+"""The thesis' own open-loop simulations, given to the fused estimator step by step."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.model import MixtureSettings
+from edge_service.estimate.mixture.state import LUBRICATION
+from edge_service.messages.features import Fault, FeatureBlock, Phase
+from edge_service.messages.samples import Floats
+from edge_service.models.commissioned import CommissionedConfig
+from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
+from edge_service.offline.thesis.plant import (
+    DRAG_PER_PERCENT_NM,
+    DURATION_S,
+    PRINTED_STEP_S,
+    ThesisPlant,
+    ThesisRun,
+    preload_profile,
+    simulate,
+)
+from edge_service.offline.thesis.runs import ThesisCase, run_case, smoothed_preload
+
+from ..scores import Recorded, Score, Track, detection, follow, score
+from .own import Part
+
+FRESH_PERCENT = 10.0
+RATING_N = 7450.0
+SETTINGS = MixtureSettings(
+    together=0.0,
+    apart=0.0,
+    wear_rate=0.0,
+    rate_walk=0.0,
+    wander=0.0,
+    axial=0.0,
+    most_nats=1e3,
+    preload_walk=2e-4,
+    wear_walk=0.055,
+    evidence=1.0,
+    force_share=1e-6,
+    rapid_share=1e-6,
+    without=(LUBRICATION,),
+)
+"""The thesis' plant has no friction but the screw's, and no process."""
+STUCK_MARGIN_NM = 0.05
+"""Torque this close to the highest drag says nothing: the axis may stick."""
+THESIS_WINDOW_STEPS = 20
+LATE_STEP = 100
+ONE_POINT = 6
+"""Number of the one-point step beside the thesis' simulations 1 to 4."""
+
+
+def thesis_machine() -> Machine:
+    """The thesis' plant (Table 4.1) as a commissioned machine file, known exactly."""
+    plant = ThesisPlant()
+
+    def exact(value: float) -> Quantity:
+        return Quantity(value=value, tolerance=1e-4)
+
+    fresh_nm = DRAG_PER_PERCENT_NM * FRESH_PERCENT
+    return Machine(
+        axis=AxisConfig(lead_m=0.02, dynamic_load_rating_n=RATING_N),
+        model=ModelConfig(
+            inertia_kg_m2=exact(plant.inertia_kg_m2),
+            viscous_nm_s_per_rad=exact(plant.damping_nm_s_per_rad),
+            preload_drag_nm=exact(fresh_nm),
+            preload_n=exact(FRESH_PERCENT / 100.0 * RATING_N),
+        ),
+        commissioned=CommissionedConfig(
+            coulomb_nm=fresh_nm,
+            noise_density_nm2_s=torque_noise_var(plant) * PRINTED_STEP_S,
+            edge_noise_rad2_s2=edge_noise_var(plant),
+            motion_s=DURATION_S,
+        ),
+    )
+
+
+def torque_noise_var(plant: ThesisPlant) -> float:
+    """Variance of J times the speed's own noise over T, (N m)^2 (4.6.1)."""
+    return (plant.inertia_kg_m2 / PRINTED_STEP_S) ** 2 * plant.speed_noise_var_rad2_s2
+
+
+def edge_noise_var(plant: ThesisPlant) -> float:
+    """Variance of a first difference of the angle over T, rad^2/s^2 (4.6.1).
+
+    The angle's own noise, and the encoder's at both ends. Two neighbours share a reading of the
+    encoder; taking them as independent is on the safe side.
+    """
+    bend = plant.angle_noise_var_rad2 + 2.0 * plant.rotary_noise_var_rad2
+    return bend / PRINTED_STEP_S**2
+
+
+def thesis_blocks(run: ThesisRun) -> list[FeatureBlock]:
+    """A block per step: the second difference of the angle is what the torque of a step did.
+
+    The Euler plant moves the angle at k + 2 by the torque of step k; a step that the drag may
+    stop gives no phase.
+    """
+    step_s, angle = PRINTED_STEP_S, run.measurement[:, 0]
+    surely_slides = np.abs(run.torque_nm) > FRESH_PERCENT * DRAG_PER_PERCENT_NM + STUCK_MARGIN_NM
+    blocks = []
+    for k in range(len(angle)):
+        informative = k >= 2 and bool(surely_slides[k - 1])
+        phase = Phase()
+        direction = 0.0
+        if informative:
+            bend = angle[k] - 2.0 * angle[k - 1] + angle[k - 2]
+            speed = float(angle[k - 1] - angle[k - 2]) / step_s
+            direction = float(np.sign(run.torque_nm[k - 1]))
+            phase = Phase(
+                step_s, float(run.torque_nm[k - 1]), float(bend) / step_s**2, speed, 0.0, math.nan
+            )
+        blocks.append(_block(k, direction, phase))
+    return blocks
+
+
+def _block(step: int, direction: float, phase: Phase) -> FeatureBlock:
+    missing = math.nan
+    return FeatureBlock(
+        time_s=(step + 1) * PRINTED_STEP_S,
+        duration_s=PRINTED_STEP_S,
+        sample_count=1,
+        fault=Fault.NONE,
+        torque_mean_nm=missing,
+        torque_lever_nm=missing,
+        torque_min_nm=missing,
+        torque_max_nm=missing,
+        torque_std_nm=missing,
+        angle_start_rad=missing,
+        angle_end_rad=missing,
+        angle_mean_rad=missing,
+        speed_start_rad_s=missing,
+        speed_end_rad_s=missing,
+        speed_min_rad_s=missing,
+        speed_max_rad_s=missing,
+        direction_mean=direction,
+        direction_lever=0.5 * direction,
+        moving_fraction=1.0,
+        reversal_count=0,
+        since_reversal_s=missing,
+        table_start_m=missing,
+        table_end_m=missing,
+        table_mean_m=missing,
+        temperature_c=missing,
+        external_force_n=missing,
+        steady_direction=direction,
+        accelerating=phase,
+    )
+
+
+def thesis_runs(first: int, runs: int) -> Iterator[Part]:
+    """Simulations 1 to 4 and a one-point step, `runs` seeds each."""
+    machine = thesis_machine()
+    for seed in range(first, first + runs):
+        for simulation in (1, 2, 3, 4, ONE_POINT):
+            run = _simulated(simulation, seed)
+            estimator = FusedPreloadEstimator(machine, SETTINGS)
+            truth = Recorded(thesis_blocks(run), run.time_s, run.preload_percent)
+            track = follow(estimator, truth)
+            ours = _scored(simulation, track)
+            theirs = None if simulation == ONE_POINT else _published(simulation, seed)
+            name = "one-point step" if simulation == ONE_POINT else f"simulation {simulation}"
+            yield Part(f"thesis' {name}, open loop", ours, theirs)
+            if simulation != ONE_POINT:
+                late = score(track.since(LATE_STEP))
+                yield Part(f"thesis' {name}, after step {LATE_STEP}", late)
+
+
+def _simulated(simulation: int, seed: int) -> ThesisRun:
+    time_s = PRINTED_STEP_S * np.arange(round(DURATION_S / PRINTED_STEP_S), dtype=np.float64)
+    if simulation == ONE_POINT:
+        percent = np.where(time_s < 0.5 * DURATION_S, FRESH_PERCENT, FRESH_PERCENT - 1.0)
+    else:
+        percent = preload_profile(simulation, time_s)
+    return simulate(ThesisPlant(), percent, np.random.default_rng(seed))
+
+
+def _scored(simulation: int, track: Track) -> Score:
+    levels = {4: 0.5 * FRESH_PERCENT, ONE_POINT: FRESH_PERCENT - 0.5}
+    if simulation not in levels:
+        return score(track)
+    return score(track, detection_s=detection(track, 0.5 * DURATION_S, levels[simulation]))
+
+
+def _published(simulation: int, seed: int) -> Score:
+    """The thesis' method with the causal window of 20 steps; it gives no intervals."""
+    run, bank = run_case(ThesisCase(simulation), seed)
+    percent = smoothed_preload(bank.mode_probability, THESIS_WINDOW_STEPS)
+    time_s: Floats = run.time_s + PRINTED_STEP_S
+    truth = run.preload_percent
+    return _scored(simulation, Track(time_s, truth, percent, percent, percent, time_s))

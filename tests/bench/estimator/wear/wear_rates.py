@@ -1,0 +1,179 @@
+"""Wear of any rate within one session of the second plant, cold or while the axis warms up."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.messages.samples import Floats
+
+from .... import foreign_plant as plant
+from ...life.plants import foreign_machine
+from ...table import Drawn, Section, mean_of
+from ..plants.foreign import recorded
+from ..scores import Score, Track, follow, pooled, score
+
+RATES_PER_MIN = (0.0, 0.001, 0.01, 0.1, 1.0, math.inf)
+"""Points of preload lost per minute; infinite: all of it within one minute."""
+QUICK_RATES_PER_MIN = (0.0, 0.1, math.inf)
+SESSION_S, QUICK_SESSION_S = 480.0, 180.0
+BEGIN_S = 60.0
+LOSS_PERCENT = 0.5
+HELD = 10
+"""So many numbers in a row must see the loss."""
+END_S = 10.0
+HEADS: tuple[str, ...] = (
+    "wrong",
+    "rows",
+    "axes",
+    "MAE",
+    "fresh",
+    "end",
+    "cover",
+    "score",
+    "seen s",
+    "early",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RatePart:
+    """One session with one rate.
+
+    Attributes:
+        end_error: mean of the last `END_S`, estimate less truth, points.
+        fresh_mae: of saying `fresh` always, over the same moments, points.
+        seen_s: of motion, from half a point of loss until it was seen; 0 if sooner.
+        early: whether it was seen while nothing had been lost.
+    """
+
+    rate_per_min: float
+    warming: bool
+    axis_seed: int
+    score: Score
+    end_error: float
+    fresh_mae: float
+    seen_s: float
+    early: bool
+    track: Track
+
+    @property
+    def row(self) -> str:
+        """As printed."""
+        rate = (
+            "all within 1 min"
+            if math.isinf(self.rate_per_min)
+            else f"{self.rate_per_min:g} points/min"
+        )
+        return f"{rate}, {'warming up' if self.warming else 'cold'}"
+
+
+def preload(rate_per_min: float, fresh_percent: float, duration_s: float) -> tuple[Floats, Floats]:
+    """Times (3 or 4,) and percent: constant until `BEGIN_S`, then falling, never below 0."""
+    per_s = fresh_percent / 60.0 if math.isinf(rate_per_min) else rate_per_min / 60.0
+    gone_s = BEGIN_S + (fresh_percent / per_s if per_s > 0.0 else math.inf)
+    times = [0.0, BEGIN_S, *([gone_s] if gone_s < duration_s else []), duration_s]
+    time_s = np.array(times)
+    return time_s, np.maximum(fresh_percent - per_s * np.maximum(time_s - BEGIN_S, 0.0), 0.0)
+
+
+def loss_seen(track: Track, fresh_percent: float) -> tuple[float, bool]:
+    """Motion from half a point of loss until it was seen, s, and whether it was seen too early.
+
+    Seen: the whole interval lies below what was lost by half of that, `HELD` numbers in a row.
+    NaN where so much was never lost; inf where it was lost and not seen.
+    """
+    answered = np.isfinite(track.high)
+    below = track.high[answered] < fresh_percent - 0.5 * LOSS_PERCENT
+    runs = np.convolve(below, np.ones(HELD), "valid") == HELD if len(below) >= HELD else below[:0]
+    seen = np.flatnonzero(runs)
+    lost = np.flatnonzero(track.truth <= fresh_percent - LOSS_PERCENT)
+    early = bool(len(seen)) and bool(track.truth[answered][seen[0]] >= fresh_percent - 1e-9)
+    if not len(lost):
+        return math.nan, early
+    if not len(seen):
+        return math.inf, early
+    moved_s = float(track.motion_s[answered][seen[0]] - track.motion_s[lost[0]])
+    return max(moved_s, 0.0), early
+
+
+def rate_session(axis_seed: int, warming: bool, quick: bool) -> Iterator[RatePart]:
+    """All rates on one axis."""
+    fresh = float(plant.Machine().preload_percent)
+    duration_s = QUICK_SESSION_S if quick else SESSION_S
+    for number, rate in enumerate(QUICK_RATES_PER_MIN if quick else RATES_PER_MIN):
+        seed = 1000 * axis_seed + number
+        case = plant.axis_case(
+            preload(rate, fresh, duration_s),
+            setpoint_m=plant.part_programme(np.random.default_rng([seed, 37]), duration_s),
+            events=(plant.Warmup(),) if warming else (),
+            seed=seed,
+            axis_seed=axis_seed,
+        )
+        estimator = FusedPreloadEstimator(foreign_machine(axis_seed))
+        track = follow(estimator, recorded(case))
+        yield scored(track, rate, warming, axis_seed, fresh)
+
+
+def scored(
+    track: Track, rate_per_min: float, warming: bool, axis_seed: int, fresh_percent: float
+) -> RatePart:
+    """Figures of one session."""
+    answered = np.isfinite(track.percent)
+    error, at_s = (track.percent - track.truth)[answered], track.time_s[answered]
+    late = at_s >= track.time_s[-1] - END_S
+    seen_s, early = loss_seen(track, fresh_percent)
+    return RatePart(
+        rate_per_min=rate_per_min,
+        warming=warming,
+        axis_seed=axis_seed,
+        score=score(track, detection_s=seen_s),
+        end_error=mean_of(error[late].tolist()),
+        fresh_mae=mean_of(np.abs(fresh_percent - track.truth[answered]).tolist()),
+        seen_s=seen_s,
+        early=early,
+        track=track,
+    )
+
+
+def rate_section(parts: Sequence[RatePart]) -> Section:
+    """One row for each rate, cold and warming up, over all axes."""
+    rows = []
+    for name in dict.fromkeys(part.row for part in parts):
+        same = [part for part in parts if part.row == name]
+        rows.append((name, _figures(same)))
+    seeds = ", ".join(map(str, sorted({part.axis_seed for part in parts})))
+    return Section(
+        name="rates",
+        title=f"wear in one session, foreign plant (axis seeds {seeds})",
+        heads=HEADS,
+        rows=tuple(rows),
+        notes=(
+            "end: mean of the absolute errors of the last 10 s; seen: s of motion from half a "
+            "point of loss until the interval leaves the fresh level, the latest axis; early: "
+            "axes on which it did while nothing was lost",
+        ),
+    )
+
+
+def rate_pictures(parts: Sequence[RatePart]) -> list[Drawn]:
+    """Every session."""
+    return [Drawn(f"wear axis {part.axis_seed}: {part.row}", part.track) for part in parts]
+
+
+def _figures(parts: Sequence[RatePart]) -> tuple[object, ...]:
+    together = pooled(part.score for part in parts)
+    return (
+        together.wrong,
+        together.answered,
+        len({part.axis_seed for part in parts}),
+        together.mae,
+        mean_of([part.fresh_mae for part in parts]),
+        mean_of([abs(part.end_error) for part in parts]),
+        together.coverage,
+        together.interval_score,
+        together.detection_s,
+        sum(part.early for part in parts),
+    )

@@ -1,0 +1,44 @@
+"""A real axis with effects withheld: the baseline knows mass and viscous friction only.
+
+Published values: Janot, Gautier and Brunot, Data Set and Reference Models of EMPS, 2019.
+"""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from edge_service.cli.entry import main
+
+ROOT = Path(__file__).parents[3]
+DATA = ROOT.parent / "shared" / "data" / "emps"
+RATIO = 0.0025 / (2.0 * 3.141592653589793)
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the EMPS recordings are not here")
+
+
+@pytest.mark.slow
+def test_drag_and_asymmetry_are_found_and_help_on_the_validation_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    machine, out = str(ROOT / "deploy" / "emps.toml"), tmp_path / "out"
+    trace = str(DATA / "emps_estimation.csv")
+    assert main(["diagnose", "--machine", machine, trace, "--out", str(out)]) == 0
+    document = json.loads((out / "diagnosis.json").read_text())
+    named = {each["name"]: each for each in document["effects"]}
+    assert document["verdict"] == "explained"
+    assert min(named[name]["probability"] for name in ("drag_error", "load_offset")) > 0.9
+    assert not {"warmup", "thermal_growth"} & named.keys()
+    drag = named["drag_error"]["entries"][0]["change_nm"]
+    assert drag == pytest.approx(20.3935 * RATIO, rel=0.02)
+    offset = named["load_offset"]["entries"][0]
+    assert sum(offset.values()) == pytest.approx(-3.1648 * RATIO, rel=0.05)
+    assert {"backlash", "thermal_growth", "timestamp_skew"} <= set(document["not_judged"])
+    assert list(document["gap"]) == ["torque_nm"]
+    capsys.readouterr()
+    pulses = str(DATA / "emps_validation_pulses.csv")
+    gaps = []
+    for model in (machine, str(out / "augmented.toml")):
+        assert main(["gap", "--machine", model, pulses, "--json"]) == 0
+        gaps.append(json.loads(capsys.readouterr().out)["torque_nm"])
+    assert gaps[1] < 0.2 * gaps[0]

@@ -1,0 +1,113 @@
+"""Real machines with faults that others seeded, recorded as slowly as others record.
+
+Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned; faults are named beside
+recordings of the healthy actuator. Screw actuators: 100 Hz, a data sheet and no more.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from edge_service.cli.entry import main
+
+from ...bench.real_machines import (
+    ACTUATOR_TOML,
+    DATA,
+    SCREW_TOML,
+    milling_machine,
+    recordings,
+    screw_actuator,
+)
+
+FRICTION = {"drag_error", "viscous_error", "warmup", "load_friction", "torque_gain_error"}
+"""At one speed and without the sign of the current all of these are the same."""
+
+
+def needs(folder: str) -> None:
+    if not (DATA / folder).is_dir():
+        pytest.skip(f"the recordings of {folder} are not here")
+
+
+def diagnosed(
+    folder: Path, machine: str, trace: str, reference: Sequence[str] = ()
+) -> dict[str, object]:
+    (folder / "machine.toml").write_text(machine)
+    out = folder / "out"
+    given = ["diagnose", "--machine", str(folder / "machine.toml"), trace, "--out", str(out)]
+    status = main([*given, *(["--reference", *reference] if reference else [])])
+    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
+    assert status == (3 if document["verdict"] == "bad_data" else 0)
+    return document
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", ["20", "40", "-40"])
+def test_the_healthy_actuator_repeats_itself(tmp_path: Path, load: str) -> None:
+    needs("cranfield")
+    *reference, first, last = recordings(tmp_path, "normal", load)
+    for trace in (first, last):
+        assert diagnosed(tmp_path, ACTUATOR_TOML, trace, reference)["verdict"] == "no_gap"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", ["20", "40"])
+def test_a_lack_of_lubrication_is_friction(tmp_path: Path, load: str) -> None:
+    needs("cranfield")
+    reference = recordings(tmp_path, "normal", load)[:3]
+    for trace in recordings(tmp_path, "lackLubrication1", load)[:2]:
+        found = diagnosed(tmp_path, ACTUATOR_TOML, trace, reference)
+        assert found["verdict"] in ("explained", "ambiguous")
+        named = {name for each in found["effects"] for name in each["class"]}
+        assert "drag_error" in named
+        assert named - {"external_force"} <= FRICTION
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", ["20", "-40"])
+def test_play_behind_one_encoder_is_not_taken_for_something_else(tmp_path: Path, load: str) -> None:
+    needs("cranfield")
+    reference = recordings(tmp_path, "normal", load)[:3]
+    for trace in recordings(tmp_path, "backlash1", load)[:2]:
+        found = diagnosed(tmp_path, ACTUATOR_TOML, trace, reference)
+        assert all(each["probability"] < 0.9 for each in found["effects"])
+        assert "one encoder only" in found["not_judged_reasons"]["backlash"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        "LinA_no-load-square-wave-full-travel-0.5Hz",
+        "LinA_no-pp-sine-sweep-10mm-0.5Hz",
+        "LinA_pp-sine-sweep-10mm-0.5Hz",
+        "LinA_pp-square-wave-10mm-0.5Hz",
+    ],
+)
+def test_a_screw_actuator_with_a_data_sheet_has_an_answer(tmp_path: Path, name: str) -> None:
+    needs("screw_actuators")
+    found = diagnosed(tmp_path, SCREW_TOML, screw_actuator(tmp_path / "a.csv", name))
+    assert bool(found["reasons"]) == (found["verdict"] == "bad_data")
+    for each in found["effects"]:
+        assert each["shrink"]["high"] > 0.0
+        assert each["channel"] == "torque_nm"
+
+
+@pytest.mark.parametrize("command", [["gap"], ["diagnose", "--out", "out"]])
+def test_a_machine_of_several_axes_asks_for_the_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys, command: list[str]
+) -> None:
+    needs("kit_dmc60h")
+    monkeypatch.chdir(tmp_path)
+    Path("machine.toml").write_text(ACTUATOR_TOML)
+    milling_machine(Path("a.csv"))
+    given = [*command, "--machine", "machine.toml", "a.csv"]
+    assert main(given) == 2
+    said = capsys.readouterr().err
+    assert "axes there are: 1, 2, 3, 6" in said
+    assert said.count("\n") == 1
+    assert main([*given, "--axis-number", "9"]) == 2
+    assert "no signal of axis 9" in capsys.readouterr().err
+    assert main([*given, "--axis-number", "1"]) in (0, 2, 3)
+    assert "axes there are" not in capsys.readouterr().err

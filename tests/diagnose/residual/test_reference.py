@@ -1,0 +1,92 @@
+"""Beside recordings of the healthy machine only what changed since is a gap."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from edge_service.cli.entry import main
+from edge_service.config import load_machine
+
+from ... import foreign_plant
+from ..conftest import DURATION_S
+
+
+def trace(path: Path, causes: tuple[str, ...], seed: int) -> str:
+    """A recording of one and the same axis."""
+    effects = tuple((name, 1.0) for name in causes)
+    case = foreign_plant.case(effects, "production", seed=seed, axis_seed=3, duration_s=DURATION_S)
+    return str(foreign_plant.simulate(case).write_csv(path))
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder = tmp_path_factory.mktemp("healthy")
+    return [trace(folder / f"healthy{seed}.csv", (), seed) for seed in (11, 12, 13)]
+
+
+@pytest.fixture(scope="module")
+def crude(machine_file: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A machine file that takes the axis for twice as viscous, without any drag."""
+    text = machine_file.read_text()
+    viscous = load_machine(machine_file).model.viscous_nm_s_per_rad.value
+    text = re.sub("preload_drag_nm = .*", "preload_drag_nm = 1e-4", text)
+    text = re.sub("viscous_nm_s_per_rad = .*", f"viscous_nm_s_per_rad = {2.0 * viscous}", text)
+    path = tmp_path_factory.mktemp("crude") / "machine.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def diagnosed(machine: str, folder: Path, recording: str, *reference: str) -> dict[str, object]:
+    out = folder / "out"
+    given = ["diagnose", "--machine", machine, recording, "--out", str(out)]
+    if reference:
+        given[1:1] = ["--reference", *reference]
+    assert main(given) == 0
+    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
+    return document
+
+
+def test_without_them_a_crude_model_is_a_gap(crude: str, tmp_path: Path) -> None:
+    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21))
+    assert found["verdict"] != "no_gap"
+
+
+def test_another_healthy_recording_has_no_gap(
+    crude: str, tmp_path: Path, healthy: list[str]
+) -> None:
+    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), *healthy)
+    assert found["verdict"] == "no_gap"
+    assert {each["floor_source"] for each in found["gap"].values()} == {"reference"}
+    assert found["reference"] == [Path(each).name for each in healthy]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "beside the healthy machine in healthy11.csv" in page
+
+
+@pytest.mark.parametrize("cause", ["drag_error", "backlash"])
+def test_what_changed_since_is_named(
+    crude: str, tmp_path: Path, healthy: list[str], cause: str
+) -> None:
+    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (cause,), 21), *healthy)
+    assert found["effects"][0]["name"] == cause
+
+
+def test_one_recording_is_enough(crude: str, tmp_path: Path, healthy: list[str]) -> None:
+    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), healthy[0])
+    assert found["verdict"] == "no_gap"
+
+
+def test_a_reference_that_is_none_is_refused_in_a_line(
+    crude: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], healthy: list[str]
+) -> None:
+    still = tmp_path / "still.csv"
+    rows = "".join(f"{k / 1000},0.1,1.0\n" for k in range(3000))
+    still.write_text("time_s,torque_command_nm,motor_angle_rad\n" + rows)
+    out = tmp_path / "out"
+    given = ["diagnose", "--machine", crude, healthy[0], "--out", str(out)]
+    assert main([*given, "--reference", str(still)]) == 2
+    said = capsys.readouterr().err
+    assert "reference: the axis moves for 0 s" in said
+    assert said.count("\n") == 1
+    assert not (out / "report.html").exists()

@@ -1,0 +1,119 @@
+"""A gap is a matter of what is stated to matter, and priors are no excuses."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from edge_service.cli.entry import main
+from edge_service.config import load_machine
+from edge_service.diagnose.candidates.healthy_prior import healthy_priors
+from edge_service.diagnose.session.tolerance import (
+    INTERPOLATION_M,
+    TOLERANCE_OF_FLOOR,
+    parameter_tolerances,
+    stated_tolerance,
+)
+from edge_service.models.effects.effect import MATERIAL_TOLERANCES
+
+from ..conftest import recorded
+
+
+def diagnosed(machine_file: Path, folder: Path, cause: str, more: str = "") -> dict[str, object]:
+    stated = folder / "machine.toml"
+    stated.write_text(machine_file.read_text() + more)
+    trace = recorded((cause,), 3).write_csv(folder / "a.csv")
+    out = folder / "out"
+    given = ["diagnose", "--machine", str(stated), str(trace), "--out", str(out)]
+    assert main(given) == 0
+    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
+    return document
+
+
+def test_a_gap_within_the_stated_tolerance_is_none(machine_file: Path, tmp_path: Path) -> None:
+    found = diagnosed(
+        machine_file, tmp_path, "drag_error", "\n[tolerance]\ntorque_nm = 0.5\nposition_m = 1e-3\n"
+    )
+    assert found["verdict"] == "no_gap"
+    assert found["effects"] == []
+    gap = found["gap"]
+    assert gap["torque_nm"]["tolerance"] == 0.5
+    assert gap["torque_nm"]["before"] < 0.5
+    assert gap["torque_nm"]["floor_source"] == "recording"
+
+
+def test_without_one_it_is_a_part_of_the_floor(machine_file: Path, tmp_path: Path) -> None:
+    found = diagnosed(machine_file, tmp_path, "drag_error")
+    assert [each["name"] for each in found["effects"]] == ["drag_error"]
+    torque, position = found["gap"]["torque_nm"], found["gap"]["transmission_m"]
+    assert torque["tolerance"] == pytest.approx(TOLERANCE_OF_FLOOR * torque["noise_floor"])
+    assert position["tolerance"] == INTERPOLATION_M
+
+
+def test_a_thousandth_of_the_drives_torque_matters_to_nobody(machine_file: Path) -> None:
+    machine = load_machine(machine_file)
+    axis = machine.axis.model_copy(update={"max_torque_nm": 16.0})
+    found = stated_tolerance(machine.model_copy(update={"axis": axis}), {"torque_nm": 1e-3}, 1.0)
+    assert found == {"torque_nm": pytest.approx(0.016)}
+
+
+def test_noise_of_half_the_torque_is_no_tolerance(machine_file: Path) -> None:
+    found = stated_tolerance(load_machine(machine_file), {"torque_nm": 0.25}, 0.5)
+    assert found == {"torque_nm": pytest.approx(0.05)}
+
+
+@pytest.mark.parametrize("value", ["0.0", "-1.0", '"much"'])
+def test_a_tolerance_that_is_none_is_refused_in_a_line(
+    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], value: str
+) -> None:
+    wrong = tmp_path / "machine.toml"
+    wrong.write_text(machine_file.read_text() + f"\n[tolerance]\ntorque_nm = {value}\n")
+    assert main(["gap", "--machine", str(wrong), "none.csv"]) == 2
+    said = capsys.readouterr().err
+    assert "tolerance.torque_nm" in said
+    assert said.count("\n") == 1
+
+
+def test_an_inertia_hardly_known_says_nothing_of_the_torque(machine_file: Path) -> None:
+    machine = load_machine(machine_file)
+    loose = machine.model.inertia_kg_m2.model_copy(update={"tolerance": 0.3})
+    model = machine.model.model_copy(update={"inertia_kg_m2": loose})
+    sigma = parameter_tolerances(machine.model_copy(update={"model": model}))
+    assert sigma["torque_gain_error"] <= 0.01
+    assert sigma["inertia_error"] == pytest.approx(0.3 * loose.value)
+
+
+def test_a_torque_may_be_recorded_as_it_acts_or_as_it_is_commanded(machine_file: Path) -> None:
+    for period_s in (1e-3, 2e-3, 8e-3):
+        prior = {
+            each.regressor.name: each
+            for each in healthy_priors(load_machine(machine_file), period_s, 0.2)
+        }["delay"]
+        reach_s = MATERIAL_TOLERANCES * prior.sigma
+        assert prior.mean - reach_s < 0.0
+        assert prior.mean + reach_s > 0.5 * period_s + 3e-4
+
+
+def test_the_stated_tolerance_is_taken_channel_by_channel(machine_file: Path) -> None:
+    machine = load_machine(machine_file)
+    stated = machine.tolerance.model_copy(update={"position_m": 2e-6})
+    found = stated_tolerance(
+        machine.model_copy(update={"tolerance": stated}),
+        {"torque_nm": 0.1, "transmission_m": 1e-7},
+        2.0,
+    )
+    assert found == {"torque_nm": TOLERANCE_OF_FLOOR * 0.1, "transmission_m": 2e-6}
+
+
+def test_an_inertia_hardly_known_does_not_hide_friction(machine_file: Path, tmp_path: Path) -> None:
+    text = machine_file.read_text()
+    value = load_machine(machine_file).model.inertia_kg_m2.value
+    loose = re.sub(
+        "inertia_kg_m2 = .*", f"inertia_kg_m2 = {{ value = {value}, tolerance = 0.3 }}", text
+    )
+    path = tmp_path / "loose.toml"
+    path.write_text(loose)
+    found = diagnosed(path, tmp_path, "drag_error")
+    assert [each["name"] for each in found["effects"]] == ["drag_error"]
+    assert found["effects"][0]["probability"] > 0.9

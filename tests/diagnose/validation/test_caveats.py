@@ -1,0 +1,85 @@
+"""Bounds of a verdict are stated: noise that hides faults, and a remainder beside the causes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.cli.entry import main
+from edge_service.diagnose.result import ChannelGap, Verdict
+from edge_service.diagnose.validation.caveats import caveats_of
+
+from ...bench.real_machines import written
+from ..conftest import recorded
+
+CALM = ChannelGap(0.02, 0.02, 0.018, 0.014, "recording", "N m")
+
+
+def diagnosed(
+    machine_file: Path, folder: Path, noise_nm: float, causes: tuple[str, ...] = ()
+) -> dict[str, object]:
+    columns = dict(recorded(causes, 3).columns)
+    noise = np.random.default_rng(5).normal(0.0, noise_nm, len(columns["time_s"]))
+    # as slow as the comparison, so that its low-pass does not take it away
+    slow = np.convolve(noise, np.ones(40) / np.sqrt(40.0), "same")
+    columns["torque_command_nm"] = columns["torque_command_nm"] + slow
+    out = folder / "out"
+    trace = written(folder / "a.csv", columns)
+    assert main(["diagnose", "--machine", str(machine_file), trace, "--out", str(out)]) == 0
+    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
+    document["page"] = (out / "report.html").read_text()
+    return document
+
+
+def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_path: Path) -> None:
+    found = diagnosed(machine_file, tmp_path, 2.0)
+    assert found["verdict"] == "unknown"
+    assert all(each["probability"] <= 0.5 for each in found["effects"])
+    (line,) = found["caveats"]
+    assert "a fault of that size would not show" in line
+    assert "This recording cannot tell" in found["page"]
+    assert line[1:] in found["page"]
+
+
+def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> None:
+    found = diagnosed(machine_file, tmp_path, 1e-3)
+    assert found["verdict"] == "no_gap"
+    assert found["caveats"] == []
+
+
+@pytest.mark.parametrize(
+    ("verdict", "after", "stated"),
+    [
+        (Verdict.EXPLAINED, 0.05, True),
+        (Verdict.AMBIGUOUS, 0.05, True),
+        (Verdict.EXPLAINED, 0.02, False),
+        (Verdict.UNKNOWN, 0.05, False),
+    ],
+)
+def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, stated: bool) -> None:
+    gap = {"torque_nm": ChannelGap(0.2, after, 0.018, 0.014, "recording", "N m")}
+    found = caveats_of(gap, {"torque_nm": after}, 1.0, verdict)
+    assert bool(found) == stated
+    if stated:
+        assert found[0].startswith("torque: 0.0466 N m beyond the floor are left")
+
+
+def test_a_floor_is_held_against_the_torque_itself() -> None:
+    left = {"torque_nm": CALM.after}
+    assert caveats_of({"torque_nm": CALM}, left, 0.05, Verdict.NO_GAP) == ()
+    assert len(caveats_of({"torque_nm": CALM}, left, 0.03, Verdict.NO_GAP)) == 1
+
+
+def test_noise_in_the_torque_says_nothing_of_the_encoders(
+    machine_file: Path, tmp_path: Path
+) -> None:
+    found = diagnosed(machine_file, tmp_path, 2.0, ("backlash",))
+    (play,) = [each for each in found["effects"] if each["channel"] == "transmission_m"]
+    assert play["name"] == "backlash"
+    assert play["probability"] > 0.9
+    assert found["verdict"] in ("explained", "ambiguous")
+    assert all(
+        each["probability"] <= 0.5 for each in found["effects"] if each["channel"] == "torque_nm"
+    )
+    assert "a fault of that size would not show" in found["caveats"][0]

@@ -1,0 +1,121 @@
+"""An effect that leaves structure which other motion repeats is taken for a misattribution."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from edge_service.diagnose.candidates.null_shapes import UNKNOWN, null_shapes
+from edge_service.diagnose.residual.structure import predicted_structure
+from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
+from edge_service.diagnose.validation.misattribution import (
+    Attribution,
+    attributions,
+    is_misattributed,
+)
+from edge_service.messages.samples import Floats
+from edge_service.models.machine import Machine
+
+from ..conftest import frame_of, recorded, session_of
+
+EXACT = Attribution(gain=0.98, explained=0.98, missed=0.0, left=0.0, strain=0.98)
+
+
+@pytest.fixture(scope="module")
+def session(machine: Machine) -> Session:
+    return session_of(machine, frame_of(recorded((), 3)))
+
+
+def variable(session: Session, name: str, channel: str = TORQUE_GAP) -> Floats:
+    return session.channels[channel].variables[name]
+
+
+def noise(rows: Rows, rms: float = 1.0) -> Floats:
+    return np.random.default_rng(5).normal(0.0, rms, len(rows.gap))
+
+
+def energy(values: Floats) -> float:
+    return float(np.sum(values**2))
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        lambda s: np.sign(variable(s, "direction")),
+        lambda s: np.tanh(variable(s, "motor_speed_rad_s") / 30.0),
+        lambda s: np.sin(3.0 * variable(s, "motor_angle_rad")),
+        lambda s: np.exp(-(((variable(s, "table_position_m") - 0.4) / 0.15) ** 2)),
+    ],
+)
+def test_structure_is_foretold_on_other_motion(
+    session: Session, curve: Callable[[Session], Floats]
+) -> None:
+    gap = curve(session)
+    left = gap + noise(session.channels[TORQUE_GAP], 0.1 * float(np.std(gap)))
+    found = predicted_structure(session, {TORQUE_GAP: left})[TORQUE_GAP]
+    assert energy(gap - found) < 0.15 * energy(gap)
+
+
+def test_noise_is_not_foretold(session: Session) -> None:
+    left = noise(session.channels[TORQUE_GAP])
+    found = predicted_structure(session, {TORQUE_GAP: left})[TORQUE_GAP]
+    assert energy(left - found) > 0.98 * energy(left)
+
+
+def test_an_effect_that_explains_all_is_trusted() -> None:
+    assert EXACT.trust > 0.99
+
+
+@pytest.mark.parametrize(
+    "doubtful",
+    [
+        Attribution(gain=0.98, explained=0.98, missed=0.3, left=0.0, strain=0.98),
+        Attribution(gain=0.3, explained=0.3, missed=0.1, left=0.0, strain=0.98),
+        Attribution(gain=0.98, explained=0.98, missed=0.0, left=0.5, strain=0.98),
+        Attribution(gain=-0.1, explained=-0.1, missed=0.0, left=0.0, strain=0.98),
+    ],
+)
+def test_what_leaves_structure_is_more_likely_an_impostor(doubtful: Attribution) -> None:
+    assert doubtful.trust < 0.5
+    assert is_misattributed({"drag_error": doubtful}, {"drag_error": TORQUE_GAP})
+
+
+def test_effects_that_fit_each_other_are_doubted() -> None:
+    plain = Attribution(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=1.0)
+    strained = Attribution(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=40.0)
+    assert plain.trust > 0.9
+    assert strained.trust < 0.2
+
+
+def test_the_leader_of_a_channel_decides() -> None:
+    small = Attribution(gain=0.01, explained=0.01, missed=0.05, left=0.0, strain=0.98)
+    channels = {"drag_error": TORQUE_GAP, "stribeck": TORQUE_GAP}
+    assert small.trust < 0.5
+    assert not is_misattributed({"drag_error": EXACT, "stribeck": small}, channels)
+
+
+def test_claims_are_shares_of_the_gap(session: Session) -> None:
+    rows = session.channels[TORQUE_GAP]
+    mine = 0.8 * rows.gap
+    parts = {"drag_error": {TORQUE_GAP: mine, TRANSMISSION_GAP: np.zeros(0)}}
+    found = attributions(
+        session,
+        parts,
+        {TORQUE_GAP: rows.gap - mine},
+        {TORQUE_GAP: rows.gap - mine},
+        {TORQUE_GAP: 0.25},
+        {"drag_error": TORQUE_GAP},
+        {TORQUE_GAP: 0.0},
+    )["drag_error"]
+    assert found.gain == pytest.approx(1.0 - 0.04)
+    assert found.strain == pytest.approx(0.64)
+    assert 0.0 <= found.missed <= 0.04
+    assert found.left == 0.25
+
+
+def test_nameless_forms_claim_one_channel_each(session: Session) -> None:
+    forms = list(null_shapes(session))
+    assert {form.name for form in forms} == {UNKNOWN}
+    for form in forms:
+        shown = [name for name in session.channels if np.any(form.columns(session, name))]
+        assert shown == [TORQUE_GAP if form.curves.torque else TRANSMISSION_GAP]

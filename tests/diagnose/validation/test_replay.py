@@ -1,0 +1,175 @@
+"""A led axis makes what a controlled one makes, and says when it cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.session.prescribed_motion import PrescribedMotionAxis
+from edge_service.diagnose.session.recordings import Run, runs_of
+from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
+from edge_service.diagnose.session.twin import rigid_baseline, rigid_plant
+from edge_service.diagnose.validation import replay as replay_module
+from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.effects.effect import ActiveEffect
+from edge_service.models.effects.registry import active_effect, effects, get_effect
+from edge_service.models.effects.signature import transmission_signature
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.machine import Machine
+from edge_service.models.plant.encoders import Sensors
+
+from ..conftest import frame_of, recorded, runs, session_of
+from ..test_diagnosis import diagnosed
+
+QUIET = Sensors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+RATE_HZ = 1000.0
+BRISTLES = active_effect("presliding", {"reach_m": 2e-5})
+"""True sticking makes a controlled axis jerk at reversals; how is nobody's to foresee."""
+HELD = active_effect("delay", {"lag_s": 0.5 / RATE_HZ})
+"""A command that is held for a period acts half a period late."""
+REPLAYED = {
+    "drag_error": TORQUE_GAP,
+    "viscous_error": TORQUE_GAP,
+    "inertia_error": TORQUE_GAP,
+    "torque_gain_error": TORQUE_GAP,
+    "load_offset": TORQUE_GAP,
+    "torque_ripple": TORQUE_GAP,
+    "once_per_rev_friction": TORQUE_GAP,
+    "position_friction": TORQUE_GAP,
+    "stribeck": TORQUE_GAP,
+    "presliding": TORQUE_GAP,
+    "warmup": TORQUE_GAP,
+    "external_force": TORQUE_GAP,
+    "delay": TORQUE_GAP,
+    "load_friction": TORQUE_GAP,
+    "quadratic_friction": TORQUE_GAP,
+    "backlash": TRANSMISSION_GAP,
+    "compliance": TRANSMISSION_GAP,
+    "lead_error": TRANSMISSION_GAP,
+    "thermal_growth": TRANSMISSION_GAP,
+    "encoder_eccentricity": TRANSMISSION_GAP,
+    "timestamp_skew": TRANSMISSION_GAP,
+}
+
+
+def to_and_fro(duration_s: float = 8.0) -> Floats:
+    """Setpoints (n, 3) over half a metre, with some speeds and reversals."""
+    time_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
+    position = 0.3 - 0.2 * np.cos(1.1 * time_s) - 0.05 * np.cos(3.7 * time_s)
+    speed = np.gradient(position, 1.0 / RATE_HZ)
+    return np.column_stack((position, speed, np.gradient(speed, 1.0 / RATE_HZ)))
+
+
+def controlled(machine: Machine, effects_there: list[ActiveEffect]) -> Session:
+    """A noiseless recording of the stiff axis under its cascade."""
+    settings = FeedDriveSettings.of_machine(machine, RATE_HZ, [BRISTLES, *effects_there])
+    settings = replace(settings, plant=rigid_plant(settings.plant), sensors=QUIET)
+    setpoints = to_and_fro()
+    drive = FeedDrive(settings, float(setpoints[0, 0]), 7.0, 1)
+    frame = drive.advance(setpoints, np.full(len(setpoints), 7.0))
+    kept = {name: frame.channels[name] for name in (ANGLE, TORQUE, TABLE_POSITION)}
+    baseline = rigid_baseline(machine)
+    made = runs_of([SampleFrame(frame.time_s, kept)], baseline)
+    return Session.of_runs(made, baseline)
+
+
+def left(machine: Machine, session: Session, effects_there: list[ActiveEffect], name: str) -> float:
+    """Root mean square of controlled less led, after the first second."""
+    axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
+    variant = [axis.with_effects([BRISTLES, HELD, *effects_there])]
+    led = [
+        axis.simulated(run, variant, np.zeros(len(run.motion), dtype=np.int64))
+        for run in session.runs
+    ]
+    simulated = Session.of_runs(led, session.baseline).channels[name]
+    late = simulated.variables["time_s"] > 1.0
+    return float(np.sqrt(np.mean((session.channels[name].gap - simulated.gap)[late] ** 2)))
+
+
+def test_without_effects_the_torque_is_that_of_the_model(machine: Machine) -> None:
+    session = controlled(machine, [])
+    assert left(machine, session, [], TORQUE_GAP) < 1e-3
+    axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
+    run = session.runs[0]
+    led = axis.simulated(run, [axis.with_effects([])], np.zeros(len(run.motion), dtype=np.int64))
+    moving = np.abs(run.motion.speed_rad_s) > 2.0
+    off = (led.motion.torque_nm - run.motion.model_torque_nm)[moving][5:-5]
+    assert float(np.abs(off).max()) < 1e-3  # J a + D v + F sign(v), by the library's own formula
+
+
+@pytest.mark.parametrize(("name", "channel"), REPLAYED.items())
+def test_the_true_effect_takes_the_gap_away(machine: Machine, name: str, channel: str) -> None:
+    given = {"start_s": 3.0, "duration_s": 3.0} if name == "external_force" else {}
+    there = [active_effect(name, given)]
+    session = controlled(machine, there)
+    without, with_it = (left(machine, session, each, channel) for each in ([], there))
+    assert with_it < 0.1 * without
+
+
+def test_every_effect_is_replayed() -> None:
+    """But for a saturation: what a controller asks for beyond the limit is its own doing."""
+    assert set(effects()) - set(REPLAYED) == {"saturation"}
+
+
+def test_friction_that_one_side_lacks_is_the_other_sides(machine: Machine) -> None:
+    """All of this machine's friction counts as the guides'; the wavering one is the motor's."""
+    axis = PrescribedMotionAxis.of_machine(machine, rigid_baseline(machine))
+    plant = axis.with_effects([active_effect("once_per_rev_friction", {"amplitude_nm": 0.1})]).plant
+    ratio, before = plant.ratio_m_per_rad, axis.plant
+    assert plant.bearing_drag_nm + axis.screw_nm >= 0.1 - 1e-6
+    whole = [each.bearing_drag_nm + each.guide_force_n * ratio for each in (before, plant)]
+    assert whole[0] == pytest.approx(whole[1])
+
+
+def test_regression_and_replay_agree_on_a_foreign_axis(machine: Machine) -> None:
+    found, _ = diagnosed(machine, ("torque_ripple",), seed=3)
+    (named,) = found.effects
+    assert not found.replay.problem
+    replayed = found.replay.effects["torque_ripple"]
+    assert replayed.estimate == pytest.approx(named.shrink.estimate, abs=0.03)
+    gap = found.replay.gap[TORQUE_GAP]
+    assert gap.before_rms == pytest.approx(found.gap[TORQUE_GAP].before, rel=0.05)
+    assert gap.unexplained_rms**2 == pytest.approx(max(gap.after_rms**2 - gap.floor**2, 0.0))
+
+
+def test_one_encoder_is_enough(machine: Machine) -> None:
+    frame = frame_of(recorded(("drag_error",), 3), table_position_m=None)
+    library = [get_effect("drag_error")]
+    found = diagnose_session(session_of(machine, frame), machine, library)
+    assert set(found.replay.gap) == {TORQUE_GAP}
+    assert found.replay.effects["drag_error"].estimate > 0.8
+
+
+def test_a_plant_that_leaves_the_finite_numbers_is_a_reason(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_self: PrescribedMotionAxis, run: Run, *_rest: object) -> Run:
+        raise ValueError("cannot follow")
+
+    monkeypatch.setattr(replay_module.PrescribedMotionAxis, "simulated", broken)
+    frame = frame_of(recorded(("drag_error",), 3))
+    library = [get_effect("drag_error")]
+    found = diagnose_session(session_of(machine, frame), machine, library)
+    assert found.replay.problem == "cannot follow"
+    assert found.replay.gap == {}
+    assert found.effects[0].shrink.estimate > 0.8
+
+
+def test_no_mass_on_the_table_is_refused(machine: Machine) -> None:
+    axis = PrescribedMotionAxis.of_machine(machine, rigid_baseline(machine))
+    with pytest.raises(ValueError, match="expected more than 0"):
+        axis.with_effects([active_effect("inertia_error", {"change_kg_m2": -0.04})])
+
+
+def test_at_rest_the_spring_stays_as_the_guides_wound_it_up(machine: Machine) -> None:
+    motion = runs(machine, frame_of(recorded(("drag_error",), 3)))[0].motion
+    baseline = rigid_baseline(machine)
+    rest = motion.direction == 0.0
+    assert rest.any()
+    stretch = active_effect("compliance", {"level_m_per_n": 1e-8, "friction_share": 1.0})
+    wound = transmission_signature(stretch.effect, stretch.values, motion, baseline)[rest]
+    load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
+    load += baseline.table_coulomb_nm * motion.approach
+    assert np.allclose(wound, -1e-8 * load[rest] / baseline.ratio_m_per_rad, atol=1e-12)

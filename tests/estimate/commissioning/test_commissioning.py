@@ -1,0 +1,230 @@
+"""Commissioning recovers what the plant is made of, and refuses what cannot tell it."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.commissioning.identification import (
+    CommissioningError,
+    commissioned,
+    friction_shares,
+)
+from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from edge_service.messages.features import FeatureBlock
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.machine import Machine, Quantity
+from edge_service.models.plant.from_machine import plant_of
+from edge_service.models.plant.two_mass import axial_compliance
+
+from ...bench.estimator.axis import OwnAxis, downsampled, true_machine
+
+AXIS = OwnAxis(1)
+NOMINAL = AXIS.nominal()
+RATIO = NOMINAL.transmission_ratio_m_per_rad
+INERTIA, VISCOUS, COULOMB = 1.5e-3, 5e-3, 0.35
+
+
+@cache
+def recordings() -> tuple[list[FeatureBlock], list[FeatureBlock]]:
+    """Production and a friction test of the healthy, cold axis."""
+    percent = np.full(132_000, AXIS.fresh_percent)
+    return (
+        downsampled(AXIS.frames("production", percent[:60_000], 11), NOMINAL),
+        downsampled(AXIS.frames("friction", percent, 12), NOMINAL),
+    )
+
+
+@cache
+def learned() -> Machine:
+    return commissioned(recordings(), NOMINAL)
+
+
+def rigid(
+    speeds: tuple[float, ...], directions: tuple[float, ...] = (1.0, -1.0), ramp_s: float = 0.3
+) -> list[FeatureBlock]:
+    """Moves of a rigid axis, J a + D v + C sgn v with noise, at given speeds in rad/s."""
+    parts = []
+    for _ in range(3):
+        for speed in speeds:
+            for direction in directions:
+                up = np.linspace(0.0, speed, round(ramp_s * 1e3), endpoint=False)
+                parts += [direction * np.concatenate([up, np.full(1500, speed), up[::-1]])]
+                parts += [np.zeros(200)]
+    speed = np.concatenate(parts)
+    return downsampled([frame_of(speed, torque_of(speed))], NOMINAL)
+
+
+def torque_of(speed: Floats) -> Floats:
+    """Held from row to row, the speed rising evenly between rows."""
+    after = np.append(speed[1:], speed[-1])
+    mean = 0.5 * (speed + after)
+    return np.asarray(INERTIA * (after - speed) * 1e3 + VISCOUS * mean + COULOMB * np.sign(mean))
+
+
+def frame_of(speed: Floats, torque: Floats) -> SampleFrame:
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal((2, len(speed)))
+    angle = np.concatenate([[0.0], np.cumsum(0.5e-3 * (speed[1:] + speed[:-1]))])
+    channels = {TORQUE: torque + 0.02 * noise[0], ANGLE: angle + 5e-6 * noise[1]}
+    return SampleFrame(np.arange(len(speed)) / 1e3, channels)
+
+
+def sigmas(quantity: Quantity, truth: float) -> float:
+    return abs(quantity.value - truth) / quantity.sigma
+
+
+def test_a_rigid_axis_is_recovered_within_its_intervals() -> None:
+    machine = commissioned([rigid((10.0, 30.0, 60.0, 100.0))], NOMINAL)
+    taught = machine.commissioned
+    assert taught is not None
+    assert taught.transmission is None
+    assert sigmas(machine.model.inertia_kg_m2, INERTIA) < 3.0
+    assert sigmas(machine.model.viscous_nm_s_per_rad, VISCOUS) < 3.0
+    assert taught.coulomb_nm == pytest.approx(COULOMB, rel=0.005)
+    assert machine.model.inertia_kg_m2.tolerance < 0.01
+
+
+def test_the_plant_is_recovered() -> None:
+    """With Stribeck friction and cogging, which the balance has only in part: to half a percent."""
+    truth, machine = true_machine(AXIS.seed), learned()
+    taught, model = machine.commissioned, machine.model
+    assert taught is not None
+    assert model.inertia_kg_m2.value == pytest.approx(truth.model.inertia_kg_m2.value, rel=5e-3)
+    viscous = truth.model.viscous_nm_s_per_rad.value
+    assert model.viscous_nm_s_per_rad.value == pytest.approx(viscous, rel=5e-3)
+    drag = truth.model.preload_drag_nm
+    assert drag is not None
+    whole_nm = drag.value + truth.other_drag_nm.value
+    assert taught.coulomb_nm == pytest.approx(whole_nm, rel=5e-3)
+    guide_n = truth.model.guide_force_n
+    assert model.guide_force_n.value == pytest.approx(guide_n.value, rel=0.02)
+
+
+def test_the_series_stiffness_is_recovered_along_the_stroke() -> None:
+    taught = learned().commissioned
+    assert taught is not None
+    transmission = taught.transmission
+    assert transmission is not None
+    plant = plant_of(true_machine(AXIS.seed))
+    table = true_machine(AXIS.seed).model.table_mass_kg
+    assert table is not None
+    here = transmission.reference_m
+    for away in (-0.2, 0.0, 0.2):
+        stretch_s2 = transmission.stretch_per_acceleration_s2
+        stretch_s2 += away * transmission.stretch_slope_s2_per_m
+        compliance = axial_compliance(plant, here + away, AXIS.fresh_percent)
+        assert stretch_s2 == pytest.approx(table.value * compliance, rel=5e-3)
+    assert transmission.reversal_force_n == pytest.approx(
+        true_machine(AXIS.seed).model.guide_force_n.value, rel=0.02
+    )
+
+
+def test_the_stroke_map_of_the_preload_is_recovered() -> None:
+    """5 % and 3 % of the preload: its first two harmonics along the stroke."""
+    taught = learned().commissioned
+    assert taught is not None
+    amplitudes = [float(np.hypot(cosine, sine)) for cosine, sine in taught.stroke_map]
+    assert amplitudes[0] == pytest.approx(0.05, abs=0.005)
+    assert amplitudes[1] == pytest.approx(0.03, abs=0.005)
+    assert amplitudes[2] == pytest.approx(0.0, abs=0.005)
+
+
+def test_the_order_of_recordings_means_nothing() -> None:
+    turned = commissioned(recordings()[::-1], NOMINAL)
+    assert turned.model.inertia_kg_m2.value == pytest.approx(
+        learned().model.inertia_kg_m2.value, rel=1e-9
+    )
+    first, second = learned().commissioned, turned.commissioned
+    assert first is not None
+    assert second is not None
+    assert second.coulomb_nm == pytest.approx(first.coulomb_nm, rel=1e-9)
+    assert first.transmission is not None
+    assert second.transmission is not None
+    assert second.transmission.stretch_per_acceleration_s2 == pytest.approx(
+        first.transmission.stretch_per_acceleration_s2, rel=1e-6
+    )
+
+
+def test_one_encoder_is_enough_for_friction() -> None:
+    axis = OwnAxis(1, one_encoder=True)
+    percent = np.full(60_000, axis.fresh_percent)
+    machine = commissioned([downsampled(axis.frames("production", percent, 11), NOMINAL)], NOMINAL)
+    taught = machine.commissioned
+    assert taught is not None
+    assert taught.transmission is None
+    truth = true_machine(1)
+    drag = truth.model.preload_drag_nm
+    assert drag is not None
+    assert taught.coulomb_nm == pytest.approx(drag.value + truth.other_drag_nm.value, rel=0.01)
+
+
+def test_the_machine_file_content_survives_a_round_trip() -> None:
+    assert Machine.model_validate(learned().model_dump(mode="json")) == learned()
+
+
+@pytest.mark.parametrize(
+    ("blocks", "reason"),
+    [
+        ([], "steady motion"),
+        ([rigid((0.0,))], "steady motion"),
+        ([rigid((10.0, 40.0, 80.0), directions=(1.0,))], "negative direction"),
+        ([rigid((10.0, 40.0, 80.0), directions=(-1.0,))], "positive direction"),
+        ([rigid((40.0,), ramp_s=0.01)], "one speed"),
+        ([rigid((10.0, 20.0, 40.0), ramp_s=3.0)], "accelerations"),
+    ],
+    ids=["empty", "rest", "forward only", "backward only", "one speed", "no acceleration"],
+)
+def test_it_says_which_motion_is_missing(blocks: list[list[FeatureBlock]], reason: str) -> None:
+    with pytest.raises(CommissioningError, match=reason) as caught:
+        commissioned(blocks, NOMINAL)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("channel", [TORQUE, ANGLE])
+def test_a_swapped_sign_is_refused(channel: str) -> None:
+    percent = np.full(60_000, AXIS.fresh_percent)
+    frames = [
+        SampleFrame(frame.time_s, {**frame.channels, channel: -frame.channels[channel]})
+        for frame in AXIS.frames("production", percent, 11)
+    ]
+    with pytest.raises(CommissioningError, match="signs"):
+        commissioned([downsampled(frames, NOMINAL)], NOMINAL)
+
+
+def test_less_friction_than_the_fresh_screw_alone_is_refused() -> None:
+    drag = Quantity(value=1.2 * COULOMB)
+    model = NOMINAL.model.model_copy(update={"preload_drag_nm": drag})
+    with pytest.raises(CommissioningError, match="less than the fresh screw"):
+        commissioned([rigid((10.0, 30.0, 60.0))], NOMINAL.model_copy(update={"model": model}))
+
+
+@pytest.mark.parametrize("reversal_n", [math.inf, 1e3])
+def test_no_rounding_makes_friction_of_bearings_negative(reversal_n: float) -> None:
+    """A file with -3e-17 N m could be written and not read again."""
+    rng = np.random.default_rng(5)
+    for other_nm, ratio in rng.uniform(1e-3, 1.0, (1000, 2)) * (1.0, 1e-2):
+        guide_n, bearing_nm = friction_shares(other_nm, ratio, reversal_n)
+        assert guide_n >= 0.0
+        assert bearing_nm >= 0.0
+        assert ratio * guide_n + bearing_nm == pytest.approx(other_nm)
+
+
+def test_intervals_with_a_fault_teach_nothing() -> None:
+    """A second recording without the torque channel changes no number."""
+    good = rigid((10.0, 30.0, 60.0, 100.0))
+    dead = frame_of(np.full(3000, 50.0), np.full(3000, np.nan))
+    spoiled = downsampled([dead], NOMINAL)
+    assert spoiled
+    assert commissioned([good, spoiled], NOMINAL) == commissioned([good], NOMINAL)
+
+
+def test_a_linear_encoder_that_never_moves_is_no_transmission() -> None:
+    speed = np.tile(np.concatenate([np.linspace(0, 60, 400), np.linspace(60, 0, 400)]), 20)
+    speed *= np.repeat(np.resize([1.0, -1.0], 20), 800)
+    frame = frame_of(speed, torque_of(speed))
+    still = SampleFrame(frame.time_s, {**frame.channels, TABLE_POSITION: np.full(len(speed), 0.4)})
+    taught = commissioned([downsampled([still], NOMINAL)], NOMINAL).commissioned
+    assert taught is not None
+    assert taught.transmission is None

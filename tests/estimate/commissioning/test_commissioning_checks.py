@@ -1,0 +1,245 @@
+"""Commissioning refuses what the recordings cannot determine, and takes axes of any size."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.config import ConfigError, DownsampleConfig, load_config, load_machine
+from edge_service.estimate.commissioning.identification import CommissioningError, commissioned
+from edge_service.estimate.commissioning.steady_phases import SteadyPhases, observed_limits
+from edge_service.estimate.commissioning.torque_lag import torque_lag
+from edge_service.estimate.commissioning.wide_windows import wide_inertia
+from edge_service.messages.channels import TORQUE
+from edge_service.messages.features import FeatureBlock
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
+from edge_service.nodes.wiring.stages import make_downsampler
+from edge_service.offline.commission import commission_to_file
+
+from .plain_axis import PlainAxis
+
+ROOT = Path(__file__).parents[3]
+DATA = ROOT.parent / "shared" / "data"
+ACTUATORS = DATA / "screw_actuators"
+EMPS = DATA / "emps" / "emps_estimation.csv"
+CRANFIELD = DATA / "cranfield" / "lackLubrication1.csv"
+BENCH = PlainAxis()
+SMALL = PlainAxis(
+    lead_m=0.005,
+    table_kg=15.0,
+    rotor_kg_m2=2e-4,
+    viscous_nm_s=1e-3,
+    screw_nm=0.05,
+    bearing_nm=0.02,
+    guide_n=40.0,
+    stroke_m=0.3,
+    top_rad_s=300.0,
+    acceleration_rad_s2=2000.0,
+    rate_hz=2000.0,
+)
+HEAVY = PlainAxis(
+    lead_m=0.01,
+    table_kg=400.0,
+    rotor_kg_m2=3e-3,
+    screw_nm=0.4,
+    bearing_nm=0.1,
+    guide_n=200.0,
+    hanging_nm=1.0,
+    stiffness_n_per_m=1e8,
+    nut_n_per_m=4e8,
+    stroke_m=1.2,
+    top_rad_s=100.0,
+    acceleration_rad_s2=200.0,
+    rate_hz=500.0,
+    quantum_nm=0.01,
+)
+SLOW = replace(HEAVY, lead_m=0.02, hanging_nm=0.0, top_rad_s=8.0, acceleration_rad_s2=20.0)
+
+
+def cut(axis: PlainAxis, frame: SampleFrame | None = None) -> list[FeatureBlock]:
+    """Blocks of a recording, with the limits that its motion asks for."""
+    frame, machine = frame or axis.frame(), axis.machine()
+    blocks = make_downsampler(DownsampleConfig(), machine).push(frame)
+    limits = observed_limits([blocks])
+    return make_downsampler(DownsampleConfig(), machine, limits).push(frame)
+
+
+def learned(axis: PlainAxis, **stated: float) -> Machine:
+    blocks = cut(axis)
+    return commissioned([blocks], axis.machine(**stated), observed_limits([blocks]))
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [BENCH, SMALL, HEAVY, SLOW, replace(BENCH, hanging_nm=6.0)],
+    ids=["bench", "lead 5 at 2 kHz", "400 kg upright at 500 Hz", "slow", "hangs"],
+)
+def test_axes_of_any_size_are_recovered(axis: PlainAxis) -> None:
+    machine = learned(axis)
+    taught, model = machine.commissioned, machine.model
+    assert taught is not None and taught.transmission is not None
+    assert model.inertia_kg_m2.value == pytest.approx(axis.inertia_kg_m2, rel=0.003)
+    assert taught.coulomb_nm == pytest.approx(axis.coulomb_nm, rel=0.003)
+    assert taught.torque_offset_nm == pytest.approx(axis.hanging_nm, abs=0.003 * axis.coulomb_nm)
+    assert model.guide_force_n.value == pytest.approx(axis.guide_n, rel=0.02)
+    stiffness = axis.table_kg / taught.transmission.stretch_per_acceleration_s2
+    assert stiffness == pytest.approx(axis.stiffness_n_per_m, rel=0.02)
+
+
+def test_limits_come_down_with_the_motion_and_are_kept() -> None:
+    slow, fast = learned(SLOW).commissioned, learned(BENCH).commissioned
+    assert slow is not None and fast is not None
+    assert slow.slowest_rad_s == pytest.approx(SLOW.top_rad_s / 75.0, rel=0.01)
+    assert slow.cruise_rad_s2 == pytest.approx(0.1 * SLOW.acceleration_rad_s2, rel=0.05)
+    assert (fast.slowest_rad_s, fast.cruise_rad_s2) == (None, None)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.002, 0.006])
+def test_a_lag_of_the_torque_is_measured(late_s: float) -> None:
+    lag = torque_lag(SteadyPhases.of([cut(replace(BENCH, late_s=late_s))]))
+    assert lag is not None
+    assert lag.value_s == pytest.approx(late_s, abs=1e-4 + 0.15 * late_s)
+
+
+@pytest.mark.parametrize("intervals", [1, 2, 4])
+def test_long_windows_tell_the_inertia_despite_a_coarse_encoder(intervals: int) -> None:
+    wide = wide_inertia([cut(replace(BENCH, encoder_rad=2e-2, one_encoder=True))], intervals)
+    assert wide is not None
+    assert wide.inertia_kg_m2 == pytest.approx(BENCH.inertia_kg_m2, rel=0.05)
+
+
+def unsigned(frame: SampleFrame) -> SampleFrame:
+    channels = dict(frame.channels)
+    channels[TORQUE] = np.abs(channels[TORQUE]) + 1.0
+    return SampleFrame(frame.time_s, channels)
+
+
+def test_a_magnitude_is_no_torque_though_a_hanging_load_has_one_sign_too() -> None:
+    with pytest.raises(CommissioningError, match=r"a magnitude.*columns\.torque_command_nm"):
+        commissioned([cut(BENCH, unsigned(BENCH.frame()))], BENCH.machine())
+
+
+def disturbed(level_nm: float) -> Callable[[SampleFrame], SampleFrame]:
+    def with_force(frame: SampleFrame) -> SampleFrame:
+        rng = np.random.default_rng(2)
+        pushes = np.repeat(rng.standard_normal(len(frame) // 150 + 1), 150)[: len(frame)]
+        channels = dict(frame.channels)
+        channels[TORQUE] = channels[TORQUE] + level_nm * pushes
+        return SampleFrame(frame.time_s, channels)
+
+    return with_force
+
+
+REFUSED: dict[str, tuple[PlainAxis, dict[str, float], str]] = {
+    "coarse encoder": (
+        replace(BENCH, encoder_rad=2e-2, one_encoder=True),
+        {},
+        "inertia changes with the window",
+    ),
+    "late torque": (replace(BENCH, late_s=0.01), {}, "ms later than the acceleration"),
+    "another inertia": (BENCH, {"inertia_kg_m2": 1.5e-2}, "model.inertia_kg_m2"),
+    "a tenth of the inertia": (BENCH, {"inertia_kg_m2": 1.5e-4}, "model.inertia_kg_m2"),
+    "worn screw": (replace(BENCH, screw_nm=0.03), {"preload_drag_nm": 0.146}, "worn or warm"),
+    "unexplained friction": (
+        replace(BENCH, bearing_nm=2.0),
+        {},
+        "10 times the fresh screw's own",
+    ),
+    "stiffer than its nut": (BENCH, {"nut_stiffness_n_per_m": 1e7}, "nut_stiffness_n_per_m"),
+    "another mass": (BENCH, {"table_mass_kg": 0.5}, "table_mass_kg"),
+}
+
+
+@pytest.mark.parametrize(("axis", "stated", "reason"), REFUSED.values(), ids=REFUSED)
+def test_what_contradicts_is_refused_in_one_line(
+    axis: PlainAxis, stated: dict[str, float], reason: str
+) -> None:
+    with pytest.raises(CommissioningError, match=reason) as caught:
+        learned(axis, **stated)
+    assert "\n" not in str(caught.value)
+
+
+def test_torque_that_motion_does_not_explain_is_refused() -> None:
+    pushed = disturbed(3.0)(BENCH.frame())
+    with pytest.raises(CommissioningError, match="motion explains too little"):
+        commissioned([cut(BENCH, pushed)], BENCH.machine())
+
+
+def test_a_hardly_stated_inertia_may_differ() -> None:
+    """A machine file that says it knows nothing of the inertia is not contradicted."""
+    unknown = {"value": 1.5e-2, "tolerance": 1.0}
+    machine = BENCH.machine()
+    model = machine.model.model_validate(machine.model.model_dump() | {"inertia_kg_m2": unknown})
+    found = commissioned([cut(BENCH)], machine.model_copy(update={"model": model}))
+    assert found.model.inertia_kg_m2.value == pytest.approx(BENCH.inertia_kg_m2, rel=0.003)
+
+
+LIN_A = """
+[axis]
+name = "LinA"
+lead_m = {lead_m!r}
+
+[model]
+inertia_kg_m2 = {{ value = 1.63e-6, tolerance = 0.1 }}
+
+[columns]
+time_s = {{ column = "time_ms", scale = 1e-3 }}
+torque_command_nm = {{ column = "current_ma", scale = 42.9e-6 }}
+table_position_m = {{ column = "position_mm", scale = 1e-3 }}
+"""
+LIN_A_LEAD_M = 0.006 * 35.0 / 624.0
+"""The recorded speed is the screw's in rad/s: its ratio to mm/s is 6 mm a turn."""
+
+
+def commission_file(machine_file: Path, traces: list[Path], out: Path) -> str:
+    return commission_to_file(machine_file, traces, out, load_config(ROOT / "deploy/edge.toml"))
+
+
+@pytest.mark.skipif(not ACTUATORS.exists(), reason="the recordings of the actuators are not here")
+@pytest.mark.parametrize(
+    "name",
+    ["no-pp-sine-sweep-10mm-0.5Hz", "pp-sine-sweep-10mm-0.5Hz", "pp-square-wave-10mm-0.5Hz"],
+)
+def test_samples_too_slow_for_the_inertia_are_refused(name: str, tmp_path: Path) -> None:
+    """A tenth of the inertia came out of these, with an interval of 14 %."""
+    table = np.loadtxt(ACTUATORS / f"LinA_{name}.txt")
+    trace, machine_file = tmp_path / "trace.csv", tmp_path / "machine.toml"
+    header = "time_ms,target_mm,demand_mm,position_mm,speed,current_ma"
+    np.savetxt(trace, table, delimiter=",", header=header, comments="")
+    machine_file.write_text(LIN_A.format(lead_m=LIN_A_LEAD_M))
+    with pytest.raises(ConfigError, match=r"faster samples|sampled with the position"):
+        commission_file(machine_file, [trace], tmp_path / "out.toml")
+    assert not (tmp_path / "out.toml").exists()
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS recordings are not here")
+def test_emps_is_commissioned_to_the_published_mass(tmp_path: Path) -> None:
+    """95.1 kg, published; friction 20.4 N."""
+    out = tmp_path / "out.toml"
+    commission_file(ROOT / "deploy/emps.toml", [EMPS], out)
+    machine = load_machine(out)
+    ratio = machine.transmission_ratio_m_per_rad
+    assert machine.model.inertia_kg_m2.value / ratio**2 == pytest.approx(95.1089, rel=0.01)
+    assert machine.commissioned is not None
+    assert machine.commissioned.coulomb_nm / ratio == pytest.approx(20.3935, rel=0.05)
+
+
+@pytest.mark.skipif(not CRANFIELD.exists(), reason="the recordings of Cranfield are not here")
+def test_an_unsigned_current_is_refused(tmp_path: Path) -> None:
+    raw = np.genfromtxt(CRANFIELD, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    chosen = raw[(raw["load"] == 20) & (raw["run"] == 1)]
+    time_s = 0.04 * np.arange(len(chosen))
+    position_mm = chosen["set_point"] - chosen["position_error"]
+    trace, machine_file = tmp_path / "trace.csv", tmp_path / "machine.toml"
+    columns = np.column_stack([time_s, position_mm, chosen["current"]])
+    np.savetxt(trace, columns, delimiter=",", header="t_s,x_mm,current_a", comments="")
+    machine_file.write_text(
+        f"[axis]\nlead_m = 0.005\n[model]\ninertia_kg_m2 = {1e-4}\n[columns]\n"
+        'time_s = "t_s"\ntorque_command_nm = { column = "current_a", scale = 0.1 }\n'
+        'table_position_m = { column = "x_mm", scale = 1e-3 }\n'
+    )
+    with pytest.raises(ConfigError, match="a magnitude"):
+        commission_file(machine_file, [trace], tmp_path / "out.toml")

@@ -1,0 +1,71 @@
+"""Production runs of the library's own axis as blocks, and what the estimator says to them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.messages.estimate import PreloadEstimate
+from edge_service.messages.features import FeatureBlock
+from edge_service.messages.samples import Floats
+from edge_service.models.machine import Machine
+
+from ...bench.estimator.axis import OwnAxis, downsampled
+from ...bench.estimator.scores import MISLEADING_PERCENT
+
+AXIS = OwnAxis(1)
+FRESH = AXIS.fresh_percent
+RATIO = AXIS.nominal().transmission_ratio_m_per_rad
+
+
+@cache
+def machine(one_encoder: bool = False) -> Machine:
+    return OwnAxis(1, one_encoder=one_encoder).commissioned()
+
+
+@cache
+def production(name: str, seconds: float = 60.0, one_encoder: bool = False) -> list[FeatureBlock]:
+    """Blocks of a production run in which something happens at half time."""
+    count = round(seconds * 1e3)
+    after = np.arange(count) >= count // 2
+    percent = np.full(count, FRESH)
+    loads: dict[str, Floats] = {}
+    if name == "step":
+        percent -= after
+    elif name == "drop":
+        percent[after] = 0.0
+    elif name == "payload":
+        loads["added_mass_kg"] = np.where(after, 10.0, 0.0)
+    axis = replace(AXIS, one_encoder=one_encoder)
+    return downsampled(axis.frames("production", percent, 6, **loads), axis.nominal())
+
+
+def run(
+    blocks: Sequence[FeatureBlock], estimator: FusedPreloadEstimator | None = None
+) -> list[PreloadEstimate]:
+    estimator = estimator or FusedPreloadEstimator(machine())
+    estimates = []
+    for block in blocks:
+        estimator.update(block)
+        estimates.append(estimator.estimate())
+    return estimates
+
+
+def numbers(estimates: Sequence[PreloadEstimate]) -> Floats:
+    """Time, preload, low, high of those that have a number, (n, 4)."""
+    rows = [(e.time_s, e.preload_percent, e.low, e.high) for e in estimates]
+    answers = [row for row in rows if row[1] is not None]
+    return np.array(answers, dtype=np.float64).reshape(-1, 4)
+
+
+def held(answers: Floats, percent: float) -> float:
+    """Share of numbers whose interval holds a preload."""
+    return float(np.mean((answers[:, 2] <= percent) & (answers[:, 3] >= percent)))
+
+
+def misled(answers: Floats, percent: float) -> float:
+    """Share of numbers whose interval misses a preload by more than `MISLEADING_PERCENT`."""
+    away = np.maximum(answers[:, 2] - percent, percent - answers[:, 3])
+    return float(np.mean(away > MISLEADING_PERCENT)) if len(answers) else 0.0

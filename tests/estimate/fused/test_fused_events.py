@@ -1,0 +1,180 @@
+"""Events that the fused estimator must see, and those that it must not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.messages.estimate import EstimateStatus
+
+from ...bench.estimator.axis import downsampled
+from .production import AXIS, FRESH, held, machine, misled, numbers, production, run
+
+
+def test_the_truth_lies_in_the_interval_of_a_healthy_axis() -> None:
+    answers = numbers(run(production("healthy")))
+    assert len(answers) > 550
+    inside = (answers[:, 2] <= FRESH) & (answers[:, 3] >= FRESH)
+    assert inside.mean() > 0.94
+    late = answers[answers[:, 0] > 30.0]
+    assert np.abs(late[:, 1] - FRESH).max() < 0.8
+    assert (late[:, 3] - late[:, 2]).mean() < 2.0
+
+
+def test_a_one_point_step_is_found() -> None:
+    answers = numbers(run(production("step")))
+    before = answers[(answers[:, 0] > 25.0) & (answers[:, 0] < 30.0)]
+    after = answers[answers[:, 0] > 45.0]
+    assert before[:, 1].mean() - after[:, 1].mean() == pytest.approx(1.0, abs=0.6)
+    assert held(after, FRESH - 1.0) > 0.9
+    late = answers[answers[:, 0] > 55.0]
+    assert late[:, 3].mean() < before[:, 3].mean()
+
+
+def test_a_full_drop_is_seen_within_two_seconds_of_motion() -> None:
+    answers = numbers(run(production("drop")))
+    assert (answers[answers[:, 0] < 30.0, 1] > 0.5 * FRESH).all()
+    assert (answers[(answers[:, 0] > 32.0), 1] < 0.5 * FRESH).all()
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+@pytest.mark.parametrize("left", [0.3, 0.4, 0.6])
+@pytest.mark.parametrize("one_encoder", [False, True])
+def test_part_of_a_loss_is_not_read_as_all_of_it(one_encoder: bool, left: float, seed: int) -> None:
+    axis = replace(AXIS, one_encoder=one_encoder)
+    percent = np.where(np.arange(80_000) < 40_000, FRESH, left * FRESH)
+    blocks = downsampled(axis.frames("production", percent, seed), axis.nominal())
+    answers = numbers(run(blocks, FusedPreloadEstimator(machine(one_encoder))))
+    after = answers[answers[:, 0] > 46.0]
+    assert len(after) > 300
+    assert misled(after, left * FRESH) == 0.0
+    assert after[-1, 1] < 0.95 * FRESH
+
+
+def test_a_load_and_a_lubricant_that_change_in_motion_are_no_loss() -> None:
+    """No stop is seen before the load, and automatic lubrication needs none."""
+    time_s = np.arange(120_000) / 1e3
+    frames = AXIS.frames(
+        "production",
+        np.full(len(time_s), FRESH),
+        7,
+        lubricant=np.where(time_s < 40.0, 1.0, 0.8),
+        added_mass_kg=np.where(time_s < 30.0, 0.0, 5.0),
+    )
+    answers = numbers(run(downsampled(frames, AXIS.nominal())))
+    assert misled(answers, FRESH) == 0.0
+    late = answers[answers[:, 0] > 60.0]
+    assert held(late, FRESH) > 0.94
+
+
+def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
+    """Torque cannot tell a lost preload from a lubricated axis: no number misses the truth."""
+    estimator = FusedPreloadEstimator(machine(one_encoder=True))
+    answers = numbers(run(production("drop", one_encoder=True), estimator))
+    before, after = answers[answers[:, 0] < 30.0], answers[answers[:, 0] > 35.0]
+    assert held(before, FRESH) > 0.94
+    assert len(after) > 100
+    assert misled(after, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("one_encoder", [False, True])
+@pytest.mark.parametrize("changed_nm", [0.12, -0.08])
+def test_a_relubrication_is_no_loss_and_not_the_end_of_numbers(
+    changed_nm: float, one_encoder: bool
+) -> None:
+    """After a stop: a third more friction, or a fifth less."""
+    axis = replace(AXIS, one_encoder=one_encoder)
+    count = 30_000
+    frames = list(axis.frames("production", np.full(count, FRESH), 6))
+    effect = f"drag_error:change_nm={changed_nm}"
+    for frame in axis.frames("production", np.full(2 * count, FRESH), 8, (effect,)):
+        frames.append(replace(frame, time_s=frame.time_s + 40.0))
+    estimates = run(
+        downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder))
+    )
+    answers = numbers(estimates)
+    late = answers[answers[:, 0] > 50.0]
+    assert len(late) > 400
+    assert misled(late, FRESH) < 0.02
+    assert held(late, FRESH) > 0.9
+    assert estimates[-1].fault_probability["process_force"] < 0.5
+
+
+@pytest.mark.parametrize("force_n", [200.0, -200.0])
+@pytest.mark.parametrize("one_encoder", [False, True])
+def test_process_forces_are_no_loss(one_encoder: bool, force_n: float) -> None:
+    """Cuts of 3 s with 3 s between them, from the tenth second on."""
+    axis = replace(AXIS, one_encoder=one_encoder)
+    time_s = np.arange(60_000) / 1e3
+    cut = np.where((time_s > 10.0) & (time_s % 6.0 < 3.0), force_n, 0.0)
+    frames = axis.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
+    answers = numbers(
+        run(downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder)))
+    )
+    late = answers[answers[:, 0] > 20.0]
+    assert len(late) > 300
+    assert held(late, FRESH) > 0.94
+
+
+def test_an_axis_that_only_cuts_says_so_and_not_that_it_stands() -> None:
+    time_s = np.arange(60_000) / 1e3
+    cut = np.where(time_s > 30.0, 300.0, 0.0)
+    frames = AXIS.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
+    last = run(downsampled(frames, AXIS.nominal()))[-1]
+    assert last.status is EstimateStatus.INSUFFICIENT_EXCITATION
+    assert [reason.split(":")[0] for reason in last.reasons] == ["process_force"]
+
+
+@pytest.mark.parametrize("force_n", [400.0, -400.0])
+def test_a_cut_of_a_minute_ends_without_a_loss(force_n: float) -> None:
+    """Nothing is taught for so long that the first phases after it fit badly."""
+    time_s = np.arange(100_000) / 1e3
+    cut = np.where((time_s > 25.0) & (time_s < 90.0), force_n, 0.0)
+    frames = AXIS.frames("production", np.full(len(time_s), FRESH), 3, external_force_n=cut)
+    answers = numbers(run(downsampled(frames, AXIS.nominal())))
+    late = answers[answers[:, 0] > 90.0]
+    assert len(late) > 30
+    assert misled(late, FRESH) == 0.0
+    assert late[:, 1].min() > 0.85 * FRESH
+
+
+def test_a_payload_is_no_loss() -> None:
+    answers = numbers(run(production("payload")))
+    before = answers[(answers[:, 0] > 25.0) & (answers[:, 0] < 30.0), 1].mean()
+    assert before - answers[answers[:, 0] > 30.0, 1].min() < 0.5
+
+
+def test_warm_up_is_no_wear() -> None:
+    """Friction falls by a fifth: on torque alone that reads as a loss of 3.6 points."""
+    seconds, share = 200.0, 0.2
+    taught = machine().commissioned
+    assert taught is not None
+    faded_nm = share * taught.coulomb_nm
+    effects = (
+        f"drag_error:change_nm={-faded_nm}",
+        f"warmup:excess_nm={faded_nm},time_constant_s={0.3 * seconds}",
+    )
+    percent = np.full(round(seconds * 1e3), FRESH)
+    frames = AXIS.frames("production", percent, 8, effects)
+    answers = numbers(run(downsampled(frames, AXIS.nominal())))
+    late = answers[answers[:, 0] > 60.0]
+    assert FRESH - late[:, 1].min() < 0.7
+    assert np.mean(late[:, 3] >= FRESH) > 0.94
+
+
+def test_published_probabilities_sum_to_one_and_name_the_nearest_level() -> None:
+    last = run(production("drop"))[-1]
+    assert list(last.mode_probability) == ["10", "7.5", "5", "2.5", "0"]
+    assert sum(last.mode_probability.values()) == pytest.approx(1.0)
+    assert last.mode_probability["0"] > 0.9
+
+
+def test_preload_in_newton_and_percent_agree() -> None:
+    last = run(production("healthy"))[-1]
+    assert last.preload_percent is not None
+    assert last.preload_n == pytest.approx(last.preload_percent / 100.0 * 7450.0)
+    assert last.drag_torque_nm is not None
+    taught = machine().commissioned
+    assert taught is not None
+    assert last.drag_torque_nm.low < taught.coulomb_nm < last.drag_torque_nm.high

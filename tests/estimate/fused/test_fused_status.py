@@ -1,0 +1,173 @@
+"""Status of the fused estimator: where no number may stand, and where one may."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.messages.channels import (
+    ANGLE,
+    MOTOR_SPEED,
+    SETPOINT,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    TORQUE,
+)
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.features import PHASES, Fault, FeatureBlock
+from edge_service.messages.samples import Floats, SampleFrame
+
+from ...bench.estimator.axis import FRAME_ROWS, downsampled
+from ...bench.estimator.plants.spoiled import CASES, spoiled
+from .production import AXIS, FRESH, RATIO, held, machine, numbers, production, run
+
+
+def moved_then(table_m: Callable[[Floats], Floats], seconds: float) -> list[PreloadEstimate]:
+    """20 s of production until a dwell, then a motion around where that ended."""
+    percent = np.full(FRAME_ROWS * 2, FRESH)
+    frames = list(AXIS.frames("production", percent, 6))
+    target = frames[-1].channels[SETPOINT]
+    until = next(i for i in range(150, len(target)) if np.ptp(target[i - 150 : i]) == 0.0)
+    begin_s = float(frames[-1].time_s[until])
+    frames[-1] = part(frames[-1], until)
+    last = {name: float(column[-1]) for name, column in frames[-1].channels.items()}
+    time_s = np.arange(round(seconds * 1e3)) / 1e3
+    noise = np.random.default_rng(9).standard_normal((4, len(time_s)))
+    rest = {
+        TORQUE: 0.05 + 0.02 * noise[0],
+        ANGLE: last[ANGLE] + table_m(time_s) / RATIO + 5e-6 * noise[1],
+        MOTOR_SPEED: np.gradient(table_m(time_s), 1e-3) / RATIO + 0.01 * noise[2],
+        TABLE_POSITION: last[TABLE_POSITION] + table_m(time_s) + 5e-8 * noise[3],
+        TABLE_SPEED: np.gradient(table_m(time_s), 1e-3) + 5e-5 * noise[2],
+        SETPOINT: last[SETPOINT] + table_m(time_s),
+    }
+    rested = SampleFrame(begin_s + time_s, rest)
+    return run(downsampled([*frames, rested], machine()))
+
+
+def part(frame: SampleFrame, rows: int) -> SampleFrame:
+    channels = {name: column[:rows] for name, column in frame.channels.items()}
+    return SampleFrame(frame.time_s[:rows], channels)
+
+
+def resting(time_s: Floats) -> Floats:
+    return np.zeros_like(time_s)
+
+
+def jogging(time_s: Floats) -> Floats:
+    """Steps of 50 micrometres within 20 ms, to and fro, once a second."""
+    eased = np.clip((time_s % 1.0) / 0.02, 0.0, 1.0)
+    odd = np.floor(time_s) % 2.0 > 0.0
+    return np.asarray(5e-5 * np.where(odd, 1.0 - eased, eased))
+
+
+@pytest.mark.parametrize("table_m", [resting, jogging])
+def test_a_number_stands_for_ten_seconds_without_motion_and_no_longer(
+    table_m: Callable[[Floats], Floats],
+) -> None:
+    estimates = moved_then(table_m, 15.0)
+    late = [e for e in estimates if e.time_s > 30.0]
+    assert {e.status for e in late} == {EstimateStatus.INSUFFICIENT_EXCITATION}
+    assert all(e.preload_percent is None and e.low is None and e.reasons for e in late)
+    held = [e for e in estimates if 20.5 < e.time_s < 29.0]
+    assert {e.status for e in held} == {EstimateStatus.ESTIMATED}
+
+
+def test_no_motion_is_insufficient_excitation_from_the_start() -> None:
+    noise = np.random.default_rng(7).standard_normal((2, 3000))
+    channels = {TORQUE: 0.02 * noise[0], ANGLE: 5e-6 * noise[1]}
+    still = SampleFrame(np.arange(3000) / 1e3, channels)
+    estimates = run(downsampled([still], machine()))
+    assert {e.status for e in estimates} == {EstimateStatus.INSUFFICIENT_EXCITATION}
+    assert {e.preload_percent for e in estimates} == {None}
+
+
+def test_no_number_outlives_a_long_silence() -> None:
+    estimator = FusedPreloadEstimator(machine())
+    assert run(production("healthy"), estimator)[-1].status is EstimateStatus.ESTIMATED
+    estimator.interrupt()
+    assert estimator.estimate().preload_percent is None
+
+
+WRONG = ("torque missing", "torque sign swapped", "angle sign swapped", "lead wrong by 2")
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_contradicts_the_model_gives_a_reason_instead_of_a_number(name: str) -> None:
+    case = next(case for case in CASES if case.name == name)
+    estimates = run(spoiled(case, AXIS, machine(), 20.0).blocks)
+    late = [e for e in estimates if e.time_s > 10.0]
+    assert all(e.preload_percent is None for e in late)
+    assert all(e.reasons for e in late)
+
+
+HARMLESS = ("5 % of all values missing", "linear encoder stuck", "rotary encoder stuck")
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_what_is_spoiled_misleads_nobody(name: str) -> None:
+    case = next(case for case in CASES if case.name == name)
+    answers = numbers(run(spoiled(case, AXIS, machine(), 60.0).blocks))
+    assert len(answers) > 100
+    assert np.mean((answers[:, 2] <= FRESH) & (answers[:, 3] >= FRESH)) > 0.94
+
+
+def without_table(block: FeatureBlock) -> FeatureBlock:
+    """As the downsampler says it when the linear encoder is missing."""
+    phases = {name: replace(getattr(block, name), table_m=math.nan) for name in PHASES}
+    return replace(block, fault=block.fault | Fault.NO_TABLE, **phases)
+
+
+def shifted(block: FeatureBlock, by_m: float) -> FeatureBlock:
+    phases = {
+        name: replace(phase, table_m=phase.table_m + by_m)
+        for name in PHASES
+        if (phase := getattr(block, name)).steady_s > 0.0
+    }
+    return replace(block, **phases)
+
+
+def test_it_goes_on_while_the_linear_encoder_is_missing_and_when_it_is_back() -> None:
+    blocks = production("healthy")
+    blocks = [without_table(b) if 20.0 < b.time_s < 40.0 else b for b in blocks]
+    answers = numbers(run(blocks))
+    assert len(answers) > 550
+    assert held(answers, FRESH) > 0.94
+
+
+@pytest.mark.parametrize("by_m", [5e-5, -1e-3])
+def test_a_linear_encoder_that_comes_back_elsewhere_is_no_loss(by_m: float) -> None:
+    blocks = production("healthy")
+    back = next(k for k, b in enumerate(blocks) if b.time_s > 30.0)
+    moved = [without_table(b) for b in blocks[back - 20 : back]]
+    moved += [shifted(b, by_m) for b in blocks[back:]]
+    moved[20] = replace(moved[20], fault=moved[20].fault | Fault.TABLE_SHIFTED)
+    answers = numbers(run([*blocks[: back - 20], *moved]))
+    assert len(answers) > 550
+    assert held(answers[answers[:, 0] > 30.0], FRESH) > 0.94
+
+
+def test_an_axis_with_both_encoders_can_begin_without_its_table() -> None:
+    answers = numbers(run([without_table(block) for block in production("healthy")]))
+    assert len(answers) > 550
+    assert held(answers, FRESH) > 0.94
+
+
+def test_it_goes_on_after_an_interrupt_once_motion_is_seen() -> None:
+    blocks, estimator = production("healthy"), FusedPreloadEstimator(machine())
+    before = run(blocks[:300], estimator)[-1]
+    estimator.interrupt()
+    said = run(blocks[300:], estimator)
+    back = next(e for e in said if e.preload_percent is not None)
+    assert back.time_s < 33.0
+    assert back.preload_percent == pytest.approx(before.preload_percent, abs=0.3)
+    assert back.data_used_s > 20.0
+
+
+def test_frames_of_a_case_hold_its_rows_once() -> None:
+    frames: list[SampleFrame] = list(AXIS.frames("production", np.full(25_000, FRESH), 6))
+    assert [len(frame) for frame in frames] == [FRAME_ROWS, FRAME_ROWS, 5_000]
+    assert np.diff(np.concatenate([f.time_s for f in frames])) == pytest.approx(1e-3)

@@ -1,0 +1,321 @@
+"""The thesis' estimator on a closed-loop axis: follows the truth, and says when it cannot."""
+
+import json
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.downsample import Downsampler, DownsampleSettings
+from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
+from edge_service.messages.channels import ANGLE, TORQUE
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.features import FeatureBlock
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.machine import Machine, Quantity
+from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+
+MACHINE = load_machine(DEFAULT_MACHINE)
+RATE_HZ = 1000.0
+Profile = Callable[[Floats], Floats]
+
+
+@cache
+def recording(name: str, seconds: float, seed: int) -> tuple[SampleFrame, Floats]:
+    """A production run of the bench, with the true preload at each sample, percent."""
+    time_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    preload = PROFILES[name](time_s / seconds)
+    limits = motion_limits(MACHINE)
+    segments = MOTIONS["production"](limits, np.random.default_rng(seed))
+    setpoints = Setpoints(segments, limits.low_m, RATE_HZ)
+    settings = FeedDriveSettings.of_machine(MACHINE, RATE_HZ)
+    drive = FeedDrive(settings, limits.low_m, float(preload[0]), seed)
+    return drive.advance(setpoints.take(len(time_s)), preload), preload
+
+
+PROFILES: dict[str, Profile] = {
+    "healthy": lambda share: np.full_like(share, 6.846),
+    "gradual": lambda share: 10.0 - 10.0 * share,
+    "partial": lambda share: 7.5 - 5.0 * share,
+    "fast": lambda share: 10.0 * np.clip(1.4 - 1.75 * share, 0.0, 1.0),
+    "sudden": lambda share: np.where(share < 0.5, 10.0, 0.0),
+}
+
+
+def blocks_of(frame: SampleFrame, interval_s: float = 0.1) -> list[FeatureBlock]:
+    ratio = MACHINE.transmission_ratio_m_per_rad
+    return Downsampler(DownsampleSettings(interval_s=interval_s), ratio).push(frame)
+
+
+def run(
+    blocks: Iterable[FeatureBlock],
+    machine: Machine = MACHINE,
+    settings: ImmSettings | None = None,
+) -> list[PreloadEstimate]:
+    estimator = ImmPreloadEstimator(machine, settings or ImmSettings())
+    estimates = []
+    for block in blocks:
+        estimator.update(block)
+        estimates.append(estimator.estimate())
+    return estimates
+
+
+def errors(estimates: list[PreloadEstimate], truth: Floats) -> tuple[Floats, float]:
+    """Errors in points of those with a number, and the share of truths inside the interval."""
+    known = [e for e in estimates if e.preload_percent is not None]
+    true = np.array([truth[round(e.time_s * RATE_HZ)] for e in known])
+    error = np.array([e.preload_percent for e in known]) - true
+    inside = [e.low <= t <= e.high for e, t in zip(known, true, strict=True)]  # type: ignore[operator]
+    return error, float(np.mean(inside))
+
+
+@pytest.mark.parametrize("method", ["kf-imm", "sif-imm"])
+@pytest.mark.parametrize("name", ["healthy", "gradual", "partial"])
+def test_it_follows_the_true_preload_within_its_interval(name: str, method: str) -> None:
+    frame, truth = recording(name, 120.0, 1)
+    estimates = run(blocks_of(frame), settings=ImmSettings(method=method))  # type: ignore[arg-type]
+    error, covered = errors(estimates, truth)
+    assert len(error) > 0.95 * len(estimates)
+    # levels are 2.5 points apart: reading between them to a fifth of that is the method's worth
+    assert np.mean(np.abs(error)) < 0.5
+    assert covered >= 0.93
+
+
+def test_the_drag_torque_is_that_of_the_plant() -> None:
+    frame, truth = recording("partial", 120.0, 2)
+    per_percent = MACHINE.drag_per_percent_nm
+    assert per_percent is not None
+    estimates = run(blocks_of(frame))
+    known = [e for e in estimates if e.drag_torque_nm is not None]
+    true = np.array([truth[round(e.time_s * RATE_HZ)] * per_percent for e in known])
+    low = np.array([e.drag_torque_nm.low for e in known if e.drag_torque_nm])
+    high = np.array([e.drag_torque_nm.high for e in known if e.drag_torque_nm])
+    assert np.mean((low <= true) & (true <= high)) >= 0.93
+    assert np.mean(high - low) < 0.2 * per_percent * 6.85
+
+
+def test_a_sudden_loss_is_seen_within_seconds_of_motion() -> None:
+    frame, _ = recording("sudden", 60.0, 3)
+    estimates = run(blocks_of(frame))
+    low_since = min(e.time_s for e in estimates if (e.preload_percent or 10.0) < 2.5)
+    assert 30.0 <= low_since <= 33.0
+    settled = [e.preload_percent for e in estimates if e.time_s > 40.0]
+    assert max(p for p in settled if p is not None) < 1.0
+
+
+@pytest.mark.parametrize("interval_s", [0.02, 0.1])
+def test_a_loss_within_half_a_minute_stays_inside_the_interval(interval_s: float) -> None:
+    frame, truth = recording("fast", 50.0, 12)
+    _, covered = errors(run(blocks_of(frame, interval_s)), truth)
+    assert covered >= 0.93
+
+
+@pytest.mark.parametrize("interval_s", [0.02, 0.05])
+def test_the_result_does_not_depend_on_the_interval(interval_s: float) -> None:
+    frame, truth = recording("gradual", 60.0, 4)
+    reference, _ = errors(run(blocks_of(frame)), truth)
+    error, covered = errors(run(blocks_of(frame, interval_s)), truth)
+    assert np.mean(np.abs(error)) < np.mean(np.abs(reference)) + 0.1
+    assert covered >= 0.93
+
+
+def test_filterpy_gives_the_same_estimates() -> None:
+    blocks = blocks_of(recording("partial", 60.0, 5)[0])
+    ours, theirs = run(blocks), run(blocks, settings=ImmSettings(engine="filterpy"))
+    assert [e.status for e in ours] == [e.status for e in theirs]
+    pairs = [
+        (a.preload_percent, b.preload_percent)
+        for a, b in zip(ours, theirs, strict=True)
+        if a.preload_percent is not None
+    ]
+    assert len(pairs) > 500
+    np.testing.assert_allclose(*np.array(pairs, dtype=float).T, rtol=0, atol=1e-9)
+
+
+def test_a_restored_estimator_goes_on_bit_equal() -> None:
+    blocks = blocks_of(recording("gradual", 60.0, 6)[0])
+    half = len(blocks) // 2
+    first = ImmPreloadEstimator(MACHINE, ImmSettings())
+    for block in blocks[:half]:
+        first.update(block)
+    second = ImmPreloadEstimator(MACHINE, ImmSettings())
+    second.restore(json.loads(json.dumps(first.snapshot())))
+    for block in blocks[half:]:
+        first.update(block)
+        second.update(block)
+        assert first.estimate().model_dump_json() == second.estimate().model_dump_json()
+
+
+def test_no_motion_is_insufficient_excitation_from_the_start() -> None:
+    time_s = np.arange(3000) / RATE_HZ
+    rng = np.random.default_rng(7)
+    still = SampleFrame(
+        time_s,
+        {TORQUE: 0.02 * rng.standard_normal(3000), ANGLE: 5e-6 * rng.standard_normal(3000)},
+    )
+    estimates = run(blocks_of(still))
+    assert {e.status for e in estimates} == {EstimateStatus.INSUFFICIENT_EXCITATION}
+    assert {e.preload_percent for e in estimates} == {None}
+    assert all(e.reasons for e in estimates)
+
+
+def test_a_number_stands_for_ten_seconds_of_rest_and_no_longer() -> None:
+    frame, _ = recording("healthy", 20.0, 8)
+    rest = 15_000
+    end_s, angle = frame.time_s[-1], frame.channels[ANGLE][-1]
+    rng = np.random.default_rng(9)
+    time_s = np.concatenate([frame.time_s, end_s + np.arange(1, rest + 1) / RATE_HZ])
+    noise = 0.02 * rng.standard_normal(rest)
+    rested = SampleFrame(
+        time_s,
+        {
+            TORQUE: np.concatenate([frame.channels[TORQUE], noise]),
+            ANGLE: np.concatenate([frame.channels[ANGLE], np.full(rest, angle)]),
+        },
+    )
+    estimates = run(blocks_of(rested))
+    late = [e for e in estimates if e.time_s > end_s + 10.5]
+    assert {e.status for e in late} == {EstimateStatus.INSUFFICIENT_EXCITATION}
+    assert all(e.preload_percent is None and e.drag_torque_nm is None for e in late)
+    assert EstimateStatus.ESTIMATED in {e.status for e in estimates if e.time_s < end_s + 5.0}
+
+
+def changed(frame: SampleFrame, **channels: Floats) -> SampleFrame:
+    return SampleFrame(frame.time_s, dict(frame.channels) | channels)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda frame: changed(frame, torque_command_nm=-frame.channels[TORQUE]),
+        lambda frame: changed(frame, torque_command_nm=4.0 * frame.channels[TORQUE]),
+        lambda frame: changed(frame, torque_command_nm=np.full(len(frame), np.nan)),
+        lambda frame: changed(frame, torque_command_nm=np.zeros(len(frame))),
+    ],
+    ids=["swapped sign", "wrong torque constant", "no torque", "dead torque"],
+)
+def test_a_model_that_does_not_fit_gives_a_reason_instead_of_a_number(
+    spoil: Callable[[SampleFrame], SampleFrame],
+) -> None:
+    frame, _ = recording("healthy", 30.0, 10)
+    estimates = run(blocks_of(spoil(frame)))
+    late = [e for e in estimates if e.time_s > 10.0]
+    assert all(e.preload_percent is None for e in late)
+    assert all(e.reasons for e in late)
+
+
+@pytest.mark.parametrize("row", [19_999, 20_000, 20_001, 20_050])
+def test_one_wild_angle_does_not_spoil_what_follows(row: int) -> None:
+    frame, truth = recording("healthy", 40.0, 13)
+    angle = frame.channels[ANGLE].copy()
+    angle[row] += 4.0
+    estimates = run(blocks_of(changed(frame, motor_angle_rad=angle)))
+    late = [e for e in estimates if e.time_s > 22.0]
+    assert {e.status for e in late} == {EstimateStatus.ESTIMATED}
+    _, covered = errors(late, truth)
+    assert covered >= 0.93
+
+
+def test_a_clock_that_steps_back_does_not_spoil_what_follows() -> None:
+    frame, truth = recording("healthy", 40.0, 13)
+    back = SampleFrame(frame.time_s - 0.3 * (frame.time_s >= 20.0), frame.channels)
+    late = [e for e in run(blocks_of(back)) if e.time_s > 22.0]
+    assert {e.status for e in late} == {EstimateStatus.ESTIMATED}
+    assert errors(late, truth)[1] >= 0.93
+
+
+def test_no_number_outlives_a_new_clock() -> None:
+    frame, _ = recording("healthy", 15.0, 14)
+    rng = np.random.default_rng(15)
+    still = [
+        SampleFrame(
+            np.arange(8000) / RATE_HZ,
+            {TORQUE: 0.02 * rng.standard_normal(8000), ANGLE: np.full(8000, 3.0)},
+        )
+        for _ in range(3)
+    ]
+    downsampler = Downsampler(DownsampleSettings(), MACHINE.transmission_ratio_m_per_rad)
+    estimator = ImmPreloadEstimator(MACHINE, ImmSettings())
+    for block in downsampler.push(frame):
+        estimator.update(block)
+    assert estimator.estimate().status is EstimateStatus.ESTIMATED
+    for block in [block for part in still for block in downsampler.push(part)][1:]:
+        estimator.update(block)
+        assert estimator.estimate().status is EstimateStatus.INSUFFICIENT_EXCITATION
+
+
+def test_no_number_outlives_a_long_silence() -> None:
+    blocks = blocks_of(recording("healthy", 15.0, 14)[0])
+    estimator = ImmPreloadEstimator(MACHINE, ImmSettings())
+    for block in blocks:
+        estimator.update(block)
+    estimator.interrupt()
+    assert estimator.estimate().preload_percent is None
+    for block in blocks[:50]:
+        estimator.update(block)
+    assert estimator.estimate().status is EstimateStatus.ESTIMATED
+
+
+@pytest.mark.parametrize("channel", [ANGLE, TORQUE])
+def test_a_channel_that_is_stuck_throughout_is_a_fault_not_standstill(channel: str) -> None:
+    frame, _ = recording("healthy", 40.0, 13)
+    stuck = changed(frame, **{channel: np.full(len(frame), 0.1)})
+    late = [e.status for e in run(blocks_of(stuck)) if e.time_s > 10.0]
+    assert late.count(EstimateStatus.INVALID) > 0.9 * len(late)
+
+
+def test_unknown_viscous_friction_is_no_certainty() -> None:
+    model = MACHINE.model.model_copy(update={"viscous_nm_s_per_rad": Quantity(value=0.0)})
+    unknown = MACHINE.model_copy(update={"model": model})
+    frame, truth = recording("healthy", 60.0, 16)
+    error, covered = errors(run(blocks_of(frame), unknown), truth)
+    assert len(error) > 100
+    assert covered >= 0.9
+
+
+def test_without_a_load_rating_there_is_drag_but_no_percent() -> None:
+    axis = MACHINE.axis.model_copy(update={"dynamic_load_rating_n": None})
+    unrated = MACHINE.model_copy(update={"axis": axis})
+    last = run(blocks_of(recording("healthy", 20.0, 11)[0]), unrated)[-1]
+    assert last.status is EstimateStatus.ESTIMATED
+    assert last.preload_percent is None
+    assert last.mode_probability == {}
+    assert "axis.dynamic_load_rating_n is unknown" in last.reasons[0]
+    assert last.drag_torque_nm is not None
+    assert last.drag_torque_nm.low < 0.146 < last.drag_torque_nm.high
+
+
+def test_mode_probabilities_are_published_and_sum_to_one() -> None:
+    last = run(blocks_of(recording("healthy", 20.0, 11)[0]))[-1]
+    assert list(last.mode_probability) == ["10", "7.5", "5", "2.5", "0"]
+    assert sum(last.mode_probability.values()) == pytest.approx(1.0)
+    assert max(last.mode_probability, key=lambda k: last.mode_probability[k]) == "7.5"
+
+
+EMPS = Path(__file__).parents[3].parent / "shared" / "data" / "emps"
+
+
+@pytest.mark.skipif(not EMPS.is_dir(), reason="the EMPS recordings are not there")
+@pytest.mark.parametrize(
+    ("file", "force_n"), [("emps_estimation.csv", 20.3935), ("emps_validation_pulses.csv", 20.39)]
+)
+def test_the_real_axis_has_its_published_drag(file: str, force_n: float) -> None:
+    """Janot, Gautier, Brunot (2019): Coulomb friction 20.39 N at the table."""
+    from edge_service.trace.reader import open_trace
+
+    machine = load_machine(Path(__file__).parents[3] / "deploy" / "emps.toml")
+    ratio = machine.transmission_ratio_m_per_rad
+    downsampler = Downsampler(DownsampleSettings(), ratio)
+    with open_trace(EMPS / file, machine.columns) as frames:
+        blocks = [block for frame in frames for block in downsampler.push(frame)]
+    late = [e for e in run(blocks, machine) if e.time_s > 5.0]
+    assert {e.status for e in late} == {EstimateStatus.ESTIMATED}
+    assert {e.preload_percent for e in late} == {None}
+    drags = np.array([e.drag_torque_nm.value for e in late if e.drag_torque_nm]) / ratio
+    assert np.mean(drags) == pytest.approx(force_n, rel=0.05)
+    inside = [e.drag_torque_nm.low <= force_n * ratio <= e.drag_torque_nm.high for e in late]  # type: ignore[union-attr]
+    assert np.mean(inside) >= 0.95
