@@ -15,13 +15,13 @@ from ..messages.samples import Floats
 from ..models.effects.baseline import Baseline, Motion
 from ..models.effects.contribution import (
     Change,
+    Constant,
     Contribution,
     DryFriction,
-    LateGrip,
     LoadFriction,
     Over,
     Play,
-    Quantity,
+    PreslidingWindUp,
     Shift,
     SmoothTorque,
     Strain,
@@ -40,7 +40,7 @@ _APPROACH_M = 5e-3
 _MOMENTS_S = np.array([0.0, 1.0, 1e2, 1e4])
 _FLOATING_N = 15.0
 """With a smaller force through the nut the table may lie anywhere within its play."""
-_DYNAMIC = frozenset({Quantity.TORQUE_LAG, Quantity.TORQUE_LIMIT})
+_DYNAMIC = frozenset({Constant.TORQUE_LAG, Constant.TORQUE_LIMIT})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class EffectCompensation:
         share = 1.0
         for one in used:
             for each in one.contributions:
-                if isinstance(each, Change) and each.quantity is Quantity.COMMAND_SHARE:
+                if isinstance(each, Change) and each.quantity is Constant.COMMAND_SHARE:
                     share *= 1.0 + each.value
         left = tuple(one.effect.name for one in every if not _steady(one))
         return cls(used, left, share - 1.0, _baseline(machine))
@@ -89,7 +89,7 @@ class EffectCompensation:
         for one in self.used:
             torque = torque_signature(one.effect, one.values, motion, self.baseline)
             shift = transmission_signature(one.effect, one.values, motion, self.baseline)
-            if not _changes(one, Quantity.COMMAND_SHARE):
+            if not _changes(one, Constant.COMMAND_SHARE):
                 torque_nm += float(np.mean(torque[1:]))
             if any(isinstance(each, Play) for each in one.contributions):
                 shift_m += _flank(one, motion, self.baseline)
@@ -102,7 +102,7 @@ class EffectCompensation:
         )
 
 
-def _changes(one: ActiveEffect, quantity: Quantity) -> bool:
+def _changes(one: ActiveEffect, quantity: Constant) -> bool:
     return any(isinstance(each, Change) and each.quantity is quantity for each in one.contributions)
 
 
@@ -132,7 +132,7 @@ def _fleeting(contribution: Contribution) -> bool:
             return is_fading or over is Over.TEMPERATURE
         case TableForce() | Strain() | ViscousFriction() | Warming():
             return True
-        case LateGrip() | LoadFriction() | Play():
+        case PreslidingWindUp() | LoadFriction() | Play():
             return False
         case Change(quantity, _):
             return quantity in _DYNAMIC

@@ -16,7 +16,7 @@ from ..nodes.wiring.stages import make_downsampler
 from .recordings import open_recording
 from .report.quantities import tolerated
 
-_TAUGHT = (
+_IDENTIFIED = (
     "inertia_kg_m2",
     "viscous_nm_s_per_rad",
     "guide_force_n",
@@ -71,7 +71,7 @@ def _blocks(
 
 def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
     model = document["model"]
-    for name in _TAUGHT:
+    for name in _IDENTIFIED:
         quantity = getattr(machine.model, name)
         if quantity is not None:
             model[name] = _inline(quantity)

@@ -46,7 +46,7 @@ class Place(StrEnum):
     ANGLE_READING = "angle_reading"
 
 
-class Quantity(StrEnum):
+class Constant(StrEnum):
     """A constant of the axis that an effect adds to."""
 
     TABLE_INERTIA = "table_inertia_kg_m2"  # at the motor
@@ -57,10 +57,10 @@ class Quantity(StrEnum):
     POSITION_LAG = "position_lag_s"  # of the linear encoder behind the rotary one
     COMPLIANCE = "compliance_m_per_n"
     COMPLIANCE_SLOPE = "compliance_slope_per_n"  # m/N per m of position
-    RUBBED_COMPLIANCE = "rubbed_compliance_m_per_n"  # of dry friction more than of other load
-    RUBBED_COMPLIANCE_SLOPE = "rubbed_compliance_slope_per_n"
-    STIRRED_COMPLIANCE = "stirred_compliance_m_per_n"  # of viscous friction
-    STIRRED_COMPLIANCE_SLOPE = "stirred_compliance_slope_per_n"
+    COULOMB_LOAD_COMPLIANCE = "coulomb_load_compliance_m_per_n"  # of dry friction, more
+    COULOMB_LOAD_COMPLIANCE_SLOPE = "coulomb_load_compliance_slope_per_n"
+    VISCOUS_LOAD_COMPLIANCE = "viscous_load_compliance_m_per_n"  # of viscous friction
+    VISCOUS_LOAD_COMPLIANCE_SLOPE = "viscous_load_compliance_slope_per_n"
     PRESLIDING_REACH = "presliding_reach_m"
 
 
@@ -121,7 +121,7 @@ class Play:
 
 
 @dataclass(frozen=True, slots=True)
-class LateGrip:
+class PreslidingWindUp:
     """Dry friction that loads a spring only as the motor travels, by way of its bristles.
 
     What a spring gives for dry friction that turns at once is corrected by it: an axis that rests
@@ -165,7 +165,7 @@ class Strain:
 class Change:
     """A constant of the axis changed by `value`."""
 
-    quantity: Quantity
+    quantity: Constant
     value: float
 
 
@@ -186,7 +186,7 @@ Contribution = (
     | SmoothTorque
     | TableForce
     | LoadFriction
-    | LateGrip
+    | PreslidingWindUp
     | Play
     | Shift
     | Strain

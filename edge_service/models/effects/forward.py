@@ -24,6 +24,7 @@ from ..plant.tables import (
 from ..plant.two_mass import Plant
 from .contribution import (
     Change,
+    Constant,
     Contribution,
     Curve,
     DryFriction,
@@ -31,7 +32,6 @@ from .contribution import (
     Over,
     Place,
     Play,
-    Quantity,
     Shift,
     Side,
     SmoothTorque,
@@ -131,18 +131,18 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
     coulomb_nm = screw_drag_nm + plant.bearing_drag_nm + guide_nm
     share = guide_nm / coulomb_nm if coulomb_nm > 0.0 else 0.0
     dry_share, viscous_share = _shares_behind(plant, parts)
-    parts += _stirred_behind(plant, viscous_share)
-    limits = _changes(parts, Quantity.TORQUE_LIMIT)
+    parts += _viscous_friction_behind(plant, viscous_share)
+    limits = _changes(parts, Constant.TORQUE_LIMIT)
     tables = _tables(plant, parts, share)
-    rubbed = _changed(_rubbed_behind(plant, dry_share), parts)
-    changed = _shared(rubbed._replace(tables=tables), screw_drag_nm)
+    moved = _changed(_dry_friction_behind(plant, dry_share), parts)
+    changed = _shared(moved._replace(tables=tables), screw_drag_nm)
     return Forward(
         plant=changed,
         contributions=parts,
         drag_table_share=share,
-        command_per_torque=1.0 + sum(_changes(parts, Quantity.COMMAND_SHARE)),
+        command_per_torque=1.0 + sum(_changes(parts, Constant.COMMAND_SHARE)),
         torque_limit_nm=min(limits, default=np.inf),
-        position_lag_s=sum(_changes(parts, Quantity.POSITION_LAG)),
+        position_lag_s=sum(_changes(parts, Constant.POSITION_LAG)),
     )
 
 
@@ -151,21 +151,21 @@ def _shares_behind(plant: Plant, parts: Sequence[Contribution]) -> tuple[float, 
     stated = [(p.friction_share, p.viscous_share) for p in _of(LoadFriction, parts)]
     stated += [(p.friction_share, p.viscous_share) for p in _of(Play, parts)]
     middle_m = 0.5 * plant.screw_length_m
-    load, rubbed, stirred = (
+    load, coulomb_load, viscous_load = (
         sum(_changes(parts, even)) + middle_m * sum(_changes(parts, sloped))
         for even, sloped in (
-            (Quantity.COMPLIANCE, Quantity.COMPLIANCE_SLOPE),
-            (Quantity.RUBBED_COMPLIANCE, Quantity.RUBBED_COMPLIANCE_SLOPE),
-            (Quantity.STIRRED_COMPLIANCE, Quantity.STIRRED_COMPLIANCE_SLOPE),
+            (Constant.COMPLIANCE, Constant.COMPLIANCE_SLOPE),
+            (Constant.COULOMB_LOAD_COMPLIANCE, Constant.COULOMB_LOAD_COMPLIANCE_SLOPE),
+            (Constant.VISCOUS_LOAD_COMPLIANCE, Constant.VISCOUS_LOAD_COMPLIANCE_SLOPE),
         )
     )
     if load != 0.0:
-        stated.append((1.0 + rubbed / load, stirred / load))
+        stated.append((1.0 + coulomb_load / load, viscous_load / load))
     dry, viscous = np.mean(stated or [(1.0, 0.0)], axis=0)
     return float(dry), float(viscous)
 
 
-def _rubbed_behind(plant: Plant, share: float) -> Plant:
+def _dry_friction_behind(plant: Plant, share: float) -> Plant:
     """The plant with dry friction moved between table and bearing."""
     moved_nm = (share - 1.0) * plant.guide_force_n * plant.ratio_m_per_rad
     moved_nm = min(moved_nm, plant.bearing_drag_nm)
@@ -175,7 +175,7 @@ def _rubbed_behind(plant: Plant, share: float) -> Plant:
     )
 
 
-def _stirred_behind(plant: Plant, share: float) -> tuple[Contribution, ...]:
+def _viscous_friction_behind(plant: Plant, share: float) -> tuple[Contribution, ...]:
     """Viscous friction brought from the motor to the table."""
     viscous = share * plant.motor_viscous_nm_s_per_rad
     if viscous == 0.0:
@@ -186,7 +186,7 @@ def _stirred_behind(plant: Plant, share: float) -> tuple[Contribution, ...]:
     )
 
 
-def _changes(parts: Iterable[Contribution], quantity: Quantity) -> list[float]:
+def _changes(parts: Iterable[Contribution], quantity: Constant) -> list[float]:
     return [each.value for each in _of(Change, parts) if each.quantity is quantity]
 
 
@@ -195,18 +195,18 @@ def _of(kind: type[_Kind], parts: Iterable[Contribution]) -> list[_Kind]:
 
 
 def _changed(plant: Plant, parts: Iterable[Contribution]) -> Plant:
-    total = {quantity: sum(_changes(parts, quantity)) for quantity in Quantity}
-    mass = plant.table_mass_kg + total[Quantity.TABLE_INERTIA] / plant.ratio_m_per_rad**2
+    total = {quantity: sum(_changes(parts, quantity)) for quantity in Constant}
+    mass = plant.table_mass_kg + total[Constant.TABLE_INERTIA] / plant.ratio_m_per_rad**2
     if mass <= 0.0:
         raise ValueError(f"effects: they leave a table of {mass:.3g} kg, expected more than 0")
     return plant._replace(
         table_mass_kg=mass,
-        motor_viscous_nm_s_per_rad=plant.motor_viscous_nm_s_per_rad + total[Quantity.VISCOUS],
-        torque_lag_s=plant.torque_lag_s + total[Quantity.TORQUE_LAG],
+        motor_viscous_nm_s_per_rad=plant.motor_viscous_nm_s_per_rad + total[Constant.VISCOUS],
+        torque_lag_s=plant.torque_lag_s + total[Constant.TORQUE_LAG],
         backlash_m=plant.backlash_m + sum(play.width_m for play in _of(Play, parts)),
-        further_compliance_m_per_n=plant.further_compliance_m_per_n + total[Quantity.COMPLIANCE],
-        compliance_slope_per_n=plant.compliance_slope_per_n + total[Quantity.COMPLIANCE_SLOPE],
-        bristle_reach_m=plant.bristle_reach_m + total[Quantity.PRESLIDING_REACH],
+        further_compliance_m_per_n=plant.further_compliance_m_per_n + total[Constant.COMPLIANCE],
+        compliance_slope_per_n=plant.compliance_slope_per_n + total[Constant.COMPLIANCE_SLOPE],
+        bristle_reach_m=plant.bristle_reach_m + total[Constant.PRESLIDING_REACH],
         load_friction=plant.load_friction + sum(p.coefficient for p in _of(LoadFriction, parts)),
     )
 

@@ -13,15 +13,15 @@ from ...messages.samples import Floats
 from .baseline import Baseline, Motion
 from .contribution import (
     Change,
+    Constant,
     Contribution,
     Curve,
     DryFriction,
-    LateGrip,
     LoadFriction,
     Over,
     Place,
     Play,
-    Quantity,
+    PreslidingWindUp,
     Shift,
     Side,
     SmoothTorque,
@@ -75,16 +75,16 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
             torque = _shift_torque(contribution, motion, baseline)
         case Change(quantity, value):
             torque = _CHANGED_TORQUE.get(quantity, _nothing)(value, motion, baseline)
-        case LateGrip() | Play() | Strain() | Warming():
+        case PreslidingWindUp() | Play() | Strain() | Warming():
             pass
     return torque
 
 
 def _load_friction(each: LoadFriction, motion: Motion, baseline: Baseline) -> Floats:
-    carried_nm = motion.load_torque_nm + each.friction_share * _rubbed_nm(motion, baseline)
-    carried_nm = carried_nm + each.viscous_share * _stirred_nm(motion, baseline)
-    rubbed: Floats = each.coefficient * motion.direction * np.abs(carried_nm)
-    return rubbed
+    carried_nm = motion.load_torque_nm + each.friction_share * _dry_load_nm(motion, baseline)
+    carried_nm = carried_nm + each.viscous_share * _viscous_load_nm(motion, baseline)
+    friction_nm: Floats = each.coefficient * motion.direction * np.abs(carried_nm)
+    return friction_nm
 
 
 def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline) -> Floats:
@@ -99,8 +99,8 @@ def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline
             shift = curve(_variable(motion, over))
         case Strain(over, strain):
             shift = _over(strain, motion, over) * baseline.ratio_m_per_rad * motion.angle_rad
-        case LateGrip():
-            shift = _late_wind_up(contribution, motion, baseline)
+        case PreslidingWindUp():
+            shift = _wind_up_by_travel(contribution, motion, baseline)
         case Play():
             shift = _lost_motion(contribution, motion, baseline)
         case Change(quantity, value):
@@ -193,7 +193,7 @@ def _presliding_wind_up(reach_m: float, motion: Motion, baseline: Baseline) -> F
     return baseline.wind_up_m(lacking_nm, motion.position_m)
 
 
-def _late_wind_up(each: LateGrip, motion: Motion, baseline: Baseline) -> Floats:
+def _wind_up_by_travel(each: PreslidingWindUp, motion: Motion, baseline: Baseline) -> Floats:
     """Wind-up that the spring still lacks by dry friction that turns at once, m, (n,)."""
     held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, each.reach_m)
     compliance = each.level_m_per_n + each.slope_per_n * motion.position_m
@@ -205,8 +205,8 @@ def _late_wind_up(each: LateGrip, motion: Motion, baseline: Baseline) -> Floats:
 def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
     """Lost motion of friction's flank, and that of a table that brakes onto the other one."""
     travel = baseline.ratio_m_per_rad * motion.angle_rad
-    load_nm = motion.load_torque_nm + each.friction_share * _rubbed_nm(motion, baseline)
-    load_nm = load_nm + each.viscous_share * _stirred_nm(motion, baseline)
+    load_nm = motion.load_torque_nm + each.friction_share * _dry_load_nm(motion, baseline)
+    load_nm = load_nm + each.viscous_share * _viscous_load_nm(motion, baseline)
     leads = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
     ahead = np.where(leads, motion.approach, 0.0).astype(np.int8)
     return play(travel, each.width_m, ahead) - travel
@@ -214,15 +214,15 @@ def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
 
 def _loaded_nm(motion: Motion, baseline: Baseline) -> Floats:
     """Load of the spring by the model, N m at the motor, (n,)."""
-    return motion.load_torque_nm + _rubbed_nm(motion, baseline)
+    return motion.load_torque_nm + _dry_load_nm(motion, baseline)
 
 
-def _rubbed_nm(motion: Motion, baseline: Baseline) -> Floats:
+def _dry_load_nm(motion: Motion, baseline: Baseline) -> Floats:
     """Dry friction of the table, N m at the motor, (n,); at rest as it came there."""
     return baseline.table_coulomb_nm * motion.approach
 
 
-def _stirred_nm(motion: Motion, baseline: Baseline) -> Floats:
+def _viscous_load_nm(motion: Motion, baseline: Baseline) -> Floats:
     return baseline.viscous_nm_s_per_rad * motion.speed_rad_s
 
 
@@ -244,29 +244,29 @@ def _beyond_limit(limit_nm: float, motion: Motion, _baseline: Baseline) -> Float
     return useless_nm
 
 
-_CHANGED_TORQUE: dict[Quantity, _Signature] = {
-    Quantity.TABLE_INERTIA: lambda value, motion, _: value * motion.acceleration_rad_s2,
-    Quantity.VISCOUS: lambda value, motion, _: value * motion.speed_rad_s,
-    Quantity.COMMAND_SHARE: lambda value, motion, _: value * motion.model_torque_nm,
-    Quantity.TORQUE_LIMIT: _beyond_limit,
-    Quantity.TORQUE_LAG: lambda value, motion, _: (
+_CHANGED_TORQUE: dict[Constant, _Signature] = {
+    Constant.TABLE_INERTIA: lambda value, motion, _: value * motion.acceleration_rad_s2,
+    Constant.VISCOUS: lambda value, motion, _: value * motion.speed_rad_s,
+    Constant.COMMAND_SHARE: lambda value, motion, _: value * motion.model_torque_nm,
+    Constant.TORQUE_LIMIT: _beyond_limit,
+    Constant.TORQUE_LAG: lambda value, motion, _: (
         value * np.gradient(motion.model_torque_nm, motion.time_s)
     ),
-    Quantity.PRESLIDING_REACH: _presliding_torque,
+    Constant.PRESLIDING_REACH: _presliding_torque,
 }
 
-_CHANGED_TRANSMISSION: dict[Quantity, _Signature] = {
-    Quantity.TABLE_INERTIA: lambda value, motion, baseline: baseline.wind_up_m(
+_CHANGED_TRANSMISSION: dict[Constant, _Signature] = {
+    Constant.TABLE_INERTIA: lambda value, motion, baseline: baseline.wind_up_m(
         value * motion.acceleration_rad_s2, motion.position_m
     ),
-    Quantity.POSITION_LAG: lambda value, motion, baseline: (
+    Constant.POSITION_LAG: lambda value, motion, baseline: (
         -value * baseline.ratio_m_per_rad * motion.speed_rad_s
     ),
-    Quantity.COMPLIANCE: _given(_loaded_nm),
-    Quantity.COMPLIANCE_SLOPE: _given_along(_loaded_nm),
-    Quantity.RUBBED_COMPLIANCE: _given(_rubbed_nm),
-    Quantity.RUBBED_COMPLIANCE_SLOPE: _given_along(_rubbed_nm),
-    Quantity.STIRRED_COMPLIANCE: _given(_stirred_nm),
-    Quantity.STIRRED_COMPLIANCE_SLOPE: _given_along(_stirred_nm),
-    Quantity.PRESLIDING_REACH: _presliding_wind_up,
+    Constant.COMPLIANCE: _given(_loaded_nm),
+    Constant.COMPLIANCE_SLOPE: _given_along(_loaded_nm),
+    Constant.COULOMB_LOAD_COMPLIANCE: _given(_dry_load_nm),
+    Constant.COULOMB_LOAD_COMPLIANCE_SLOPE: _given_along(_dry_load_nm),
+    Constant.VISCOUS_LOAD_COMPLIANCE: _given(_viscous_load_nm),
+    Constant.VISCOUS_LOAD_COMPLIANCE_SLOPE: _given_along(_viscous_load_nm),
+    Constant.PRESLIDING_REACH: _presliding_wind_up,
 }

@@ -6,7 +6,7 @@ import numpy as np
 
 from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
-from ..contribution import Change, Contribution, LateGrip, Quantity
+from ..contribution import Change, Constant, Contribution, PreslidingWindUp
 from ..effect import Effect, Kind, Parameter, Role, Trace, Values, friction_share, viscous_share
 from ..empirical import TABLE_SHARES, Covered, EmpiricalForm, MotionCurve, delayed_friction
 
@@ -18,19 +18,19 @@ _VISCOUS_SHARES = (0.5, 1.0)
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     level, slope = values["level_m_per_n"], values["slope_per_n"]
-    rubbed, stirred = values["friction_share"] - 1.0, values["viscous_share"]
+    coulomb, viscous = values["friction_share"] - 1.0, values["viscous_share"]
     changes = (
-        (Quantity.COMPLIANCE, level),
-        (Quantity.COMPLIANCE_SLOPE, slope),
-        (Quantity.RUBBED_COMPLIANCE, rubbed * level),
-        (Quantity.RUBBED_COMPLIANCE_SLOPE, rubbed * slope),
-        (Quantity.STIRRED_COMPLIANCE, stirred * level),
-        (Quantity.STIRRED_COMPLIANCE_SLOPE, stirred * slope),
+        (Constant.COMPLIANCE, level),
+        (Constant.COMPLIANCE_SLOPE, slope),
+        (Constant.COULOMB_LOAD_COMPLIANCE, coulomb * level),
+        (Constant.COULOMB_LOAD_COMPLIANCE_SLOPE, coulomb * slope),
+        (Constant.VISCOUS_LOAD_COMPLIANCE, viscous * level),
+        (Constant.VISCOUS_LOAD_COMPLIANCE_SLOPE, viscous * slope),
     )
     found = tuple(Change(quantity, value) for quantity, value in changes if value != 0.0)
     if values["reach_m"] > 0.0:
-        late = LateGrip(level, slope, values["friction_share"], values["reach_m"])
-        return (*found, late)
+        wind_up = PreslidingWindUp(level, slope, values["friction_share"], values["reach_m"])
+        return (*found, wind_up)
     return found
 
 
@@ -54,9 +54,9 @@ def _windup_by_loads(coulomb: float, viscous: float) -> tuple[MotionCurve, Motio
     """
 
     def load(motion: Motion, baseline: Baseline) -> Floats:
-        rubbed = coulomb * baseline.coulomb_nm * motion.approach
-        rubbed = rubbed + viscous * baseline.viscous_nm_s_per_rad * motion.speed_rad_s
-        return -baseline.inertia_kg_m2 * motion.acceleration_rad_s2 - rubbed
+        friction_nm = coulomb * baseline.coulomb_nm * motion.approach
+        friction_nm = friction_nm + viscous * baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+        return -baseline.inertia_kg_m2 * motion.acceleration_rad_s2 - friction_nm
 
     return load, lambda motion, baseline: motion.position_m * load(motion, baseline)
 
@@ -64,9 +64,9 @@ def _windup_by_loads(coulomb: float, viscous: float) -> tuple[MotionCurve, Motio
 def _load_windup(compliance_m_per_n: float, share: float) -> MotionCurve:
     def curve(motion: Motion, baseline: Baseline) -> Floats:
         load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
-        rubbed = baseline.coulomb_nm * motion.approach
-        rubbed = rubbed + baseline.viscous_nm_s_per_rad * motion.speed_rad_s
-        load = load + share * rubbed
+        friction_nm = baseline.coulomb_nm * motion.approach
+        friction_nm = friction_nm + baseline.viscous_nm_s_per_rad * motion.speed_rad_s
+        load = load + share * friction_nm
         return -compliance_m_per_n * load / baseline.ratio_m_per_rad
 
     return curve

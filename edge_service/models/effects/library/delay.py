@@ -1,6 +1,6 @@
 """A torque that comes late."""
 
-from ..contribution import Change, Contribution, Quantity
+from ..contribution import Change, Constant, Contribution
 from ..effect import (
     ACCELERATION_HZ,
     MATERIAL_TOLERANCES,
@@ -17,7 +17,7 @@ _CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.TORQUE_LAG, values["lag_s"]),)
+    return (Change(Constant.TORQUE_LAG, values["lag_s"]),)
 
 
 def _healthy_lag(period_s: float, _coulomb_nm: float) -> tuple[float, float]:

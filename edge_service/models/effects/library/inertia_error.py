@@ -1,11 +1,11 @@
 """Another mass on the table than the model knows."""
 
-from ..contribution import Change, Contribution, Quantity
+from ..contribution import Change, Constant, Contribution
 from ..effect import Effect, Kind, Parameter, Term, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.TABLE_INERTIA, values["change_kg_m2"]),)
+    return (Change(Constant.TABLE_INERTIA, values["change_kg_m2"]),)
 
 
 EFFECT = Effect(

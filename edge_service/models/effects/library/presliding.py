@@ -1,11 +1,11 @@
 """Friction that gives way before it slides."""
 
-from ..contribution import Change, Contribution, Quantity
+from ..contribution import Change, Constant, Contribution
 from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Trace, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.PRESLIDING_REACH, values["reach_m"]),)
+    return (Change(Constant.PRESLIDING_REACH, values["reach_m"]),)
 
 
 def _healthy_share(_period_s: float, _coulomb_nm: float) -> tuple[float, float]:

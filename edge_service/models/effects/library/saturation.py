@@ -1,11 +1,11 @@
 """A drive that gives less than its greatest torque."""
 
-from ..contribution import Change, Contribution, Quantity
+from ..contribution import Change, Constant, Contribution
 from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.TORQUE_LIMIT, values["limit_nm"]),)
+    return (Change(Constant.TORQUE_LIMIT, values["limit_nm"]),)
 
 
 EFFECT = Effect(

@@ -1,11 +1,11 @@
 """Two encoders that are not read at the same time."""
 
-from ..contribution import Change, Contribution, Quantity
+from ..contribution import Change, Constant, Contribution
 from ..effect import Confirmation, Effect, Kind, Parameter, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.POSITION_LAG, values["skew_s"]),)
+    return (Change(Constant.POSITION_LAG, values["skew_s"]),)
 
 
 EFFECT = Effect(

@@ -1,11 +1,11 @@
 """The motor gives another torque than it is told to."""
 
-from ..contribution import Change, Contribution, Quantity
+from ..contribution import Change, Constant, Contribution
 from ..effect import Effect, Kind, Parameter, Term, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.COMMAND_SHARE, values["excess_share"]),)
+    return (Change(Constant.COMMAND_SHARE, values["excess_share"]),)
 
 
 EFFECT = Effect(

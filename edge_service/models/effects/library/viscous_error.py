@@ -1,11 +1,11 @@
 """Another viscous friction than the model knows."""
 
-from ..contribution import Change, Contribution, Quantity
+from ..contribution import Change, Constant, Contribution
 from ..effect import Effect, Kind, Parameter, Term, Values
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Quantity.VISCOUS, values["change_nm_s_per_rad"]),)
+    return (Change(Constant.VISCOUS, values["change_nm_s_per_rad"]),)
 
 
 EFFECT = Effect(
