@@ -128,6 +128,23 @@ def test_the_product_names_its_tests_nowhere() -> None:
     assert [path for path in files if named.search(path.read_text("utf-8"))] == []
 
 
+MOST_MODULES = 13
+LARGE_FOLDERS = {
+    "edge_service/models/effects/library",  # a file per effect
+    "edge_service/messages",
+    "edge_service/http_api",
+}
+"""Folders of the product that have more modules."""
+
+
+def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
+    for folder in {path.parent for path in modules().values() if path.stem != "__init__"}:
+        place = folder.relative_to(ROOT).as_posix()
+        if not place.startswith("tests") and place not in LARGE_FOLDERS:
+            count = sum(path.stem != "__init__" for path in folder.glob("*.py"))
+            assert count <= MOST_MODULES, place
+
+
 def keys_of(model: type[BaseModel]) -> set[str]:
     keys = set()
     for name, field in model.model_fields.items():

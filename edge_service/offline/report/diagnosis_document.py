@@ -6,6 +6,7 @@ from typing import Any
 
 from ...diagnose.localisation.places import Place
 from ...diagnose.pipeline import Diagnosis, NamedEffect, Verdict
+from ...diagnose.session.session import CHANNEL_UNITS
 from ...diagnose.validation.replay import Replay
 from ...diagnose.validation.shrink import Shrink
 from ...messages.arrays import finite_or_none
@@ -57,12 +58,11 @@ def bad_data_document(
     reasons: Sequence[str], gap: Mapping[str, float], remarks: Sequence[str]
 ) -> dict[str, Any]:
     """The document where the data do not allow a diagnosis."""
-    units = {"torque_nm": "N m", "transmission_m": "m"}
     return {
         "schema": SCHEMA,
         "verdict": Verdict.BAD_DATA.value,
         "gap": {
-            name: {"before": rms, "after": rms, "noise_floor": None, "unit": units[name]}
+            name: {"before": rms, "after": rms, "noise_floor": None, "unit": CHANNEL_UNITS[name]}
             for name, rms in gap.items()
         },
         "where": [],
