@@ -27,7 +27,7 @@ class TlsSettings:
 
     @classmethod
     def of_folder(cls, endpoint: str, folder: Path, name: str) -> Self:
-        """Files that `name` needs in a folder of certificates. Raises OSError if a file is missing."""
+        """Files that `name` needs in a folder of certificates. Raises OSError if one is missing."""
         settings = cls(endpoint, folder / "ca.pem", folder / f"{name}.pem", folder / f"{name}.key")
         for path in (settings.authority, settings.certificate, settings.key):
             path.read_bytes()

@@ -110,11 +110,10 @@ def least_squares(
     influence = (left * inverse) @ right / scale
     normal_inverse = (right.T * inverse**2) @ right / np.outer(scale, scale)
     notes = _null_notes(names, right[~kept], silent)
-    return _judged(
+    return _fit_with_covariance(
         names,
         design,
         target,
-        influence.T @ target,
         influence,
         normal_inverse,
         _condition(singular[kept]),
@@ -153,11 +152,10 @@ def instrumental_variables(
     influence = (instruments / rows) @ solve.T / columns
     normal_inverse = influence.T @ influence
     nothing = np.zeros(len(names), dtype=bool)
-    return _judged(
+    return _fit_with_covariance(
         names,
         design,
         target,
-        influence.T @ target,
         influence,
         normal_inverse,
         _condition(singular[kept]),
@@ -203,11 +201,10 @@ def total_least_squares(
         raise ValueError("regressors are collinear; use least_squares, which says which")
     solve = np.linalg.inv(corrected / np.outer(scale, scale)) / np.outer(scale, scale)
     influence = design @ solve
-    return _judged(
+    return _fit_with_covariance(
         names,
         design,
         target,
-        influence.T @ target,
         influence,
         solve,
         math.sqrt(float(np.linalg.cond(corrected / np.outer(scale, scale)))),
@@ -215,17 +212,17 @@ def total_least_squares(
     )
 
 
-def _judged(
+def _fit_with_covariance(
     names: Sequence[str],
     design: Floats,
     target: Floats,
-    coefficients: Floats,
     influence: Floats,
     normal_inverse: Floats,
     condition: float,
     notes: dict[str, str],
 ) -> LinearFit:
-    """Residual and covariance of beta = influence' y; influence (n, p)."""
+    """Fit beta = influence' y with its residual and covariance; influence (n, p)."""
+    coefficients = influence.T @ target
     residual = target - design @ coefficients
     count, parameters = design.shape
     scores = influence * residual[:, None]
@@ -280,8 +277,10 @@ def _null_notes(names: Sequence[str], null: Floats, silent: Booleans) -> dict[st
         elif share[index] > RANK_TOLERANCE:
             tied = np.abs(null[np.abs(null[:, index]) > RANK_TOLERANCE]).max(axis=0)
             others = [other for k, other in enumerate(names) if tied[k] > 1e-4 and k != index]
-            told = ", ".join(others)
-            notes[name] = f"cannot be told from {told}" if others else f"no {name} in the recording"
+            rivals = ", ".join(others)
+            notes[name] = (
+                f"cannot be told from {rivals}" if others else f"no {name} in the recording"
+            )
     return notes
 
 
