@@ -12,6 +12,7 @@ from .config_tables import (
     AlarmsConfig,
     FleetConfig,
     HistoryConfig,
+    JobsConfig,
     MqttConfig,
     Table,
     VibrationConfig,
@@ -178,6 +179,7 @@ class EdgeConfig(Table):
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()
     history: HistoryConfig = HistoryConfig()
+    jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
 
     @model_validator(mode="after")

@@ -53,7 +53,8 @@ async def run(context: NodeContext) -> None:
     samples = context.subscribe(RAW, depth=1024)
     reports = context.subscribe_to_components()
     outputs = [make(config) for make in OUTPUTS]
-    desk = ProcessJobDesk(config.history.folder, {axis.name: axis.machine for axis in config.axes})
+    machine_files = {axis.name: axis.machine for axis in config.axes}
+    desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter = Reporter(context, "http")
     reporter.counters = preloads.counts
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.nodes.jobs.job_records import known_jobs
+from edge_service.http_api.jobs import JobState
+from edge_service.nodes.jobs.job_records import known_jobs, save_job
 
 from .job_scene import JobScene, scene_in
 
@@ -39,7 +40,8 @@ async def test_a_job_that_ran_when_the_service_died_has_failed(jobs, tmp_path):
     await jobs.start()
     await jobs.ended()
     (path,) = (tmp_path / "@jobs").glob("*.json")
-    path.write_text(path.read_text().replace('"done"', '"running"'))
+    ((out, answer),) = known_jobs(path.parent)
+    save_job(out, answer.model_copy(update={"state": JobState.RUNNING, "files": []}))
     again = JobScene(tmp_path)  # nobody closed the first: it was killed
     (job,) = (await again.client.get("jobs")).json()["jobs"]
     assert job["state"] == "failed"

@@ -1,9 +1,8 @@
-"""Recordings on disk, and one job at a time in a process of its own."""
+"""One job at a time, in a process of its own that is bounded and dies with the service."""
 
 import asyncio
 import contextlib
 import os
-import re
 import shutil
 import signal
 import sys
@@ -15,14 +14,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ... import exit_status
+from ...config_tables import JobsConfig
 from ...http_api.jobs import JobAnswer, JobBody, JobKind, JobState, RecordingAnswer, RefusedError
 from ...http_api.times import rfc3339_s
-from .job_records import forget_job, known_jobs, save_job
+from ...limited_process import ProcessLimits, limited_command, why_it_ended
+from .job_records import INTERRUPTED, forget_job, known_jobs, save_job
+from .recordings import Recordings
 
-MOST_KEPT_BYTES = 5_000_000_000
 MOST_JOBS = 20
-_LINES = 40
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet)")
+MOST_TEMPORARY_MB = 500.0
+"""Of recordings where there is no folder: what is temporary may be memory."""
+_LINES, _LONGEST_LINE = 40, 500
 _NICE = 10
 
 JobCommand = Callable[[Path, Sequence[Path], Path, Path | None], list[str]]
@@ -84,17 +86,25 @@ class ProcessJobDesk:
     Args:
         folder: Where recordings and answers live.
         machines: Machine file of each axis.
+        config: What jobs and recordings may take.
     """
 
     def __init__(
         self,
         folder: Path | None,
         machines: dict[str, Path],
+        config: JobsConfig | None = None,
         commands: dict[JobKind, JobCommand] = JOB_COMMANDS,
     ) -> None:
+        config = config or JobsConfig()
         root = folder or Path(tempfile.mkdtemp(prefix="edge-jobs-"))
         self._temporary = root if folder is None else None
-        self._recordings, self._answers = root / "@recordings", root / "@jobs"
+        most_mb = min(config.recordings_mb, MOST_TEMPORARY_MB if folder is None else float("inf"))
+        self._recordings = Recordings(root / "@recordings", round(most_mb * 1e6))
+        self._answers = root / "@jobs"
+        self._longest_s = config.minutes * 60.0
+        cpu_s = self._longest_s * (os.cpu_count() or 1)
+        self._limits = ProcessLimits(config.memory_mb, cpu_s)
         self._machines = machines
         self._commands = commands
         self._jobs = {
@@ -106,38 +116,19 @@ class ProcessJobDesk:
     @property
     def folder(self) -> Path:
         """Folder in which recordings are kept."""
-        return self._recordings
+        return self._recordings.folder
 
     def recordings(self) -> list[RecordingAnswer]:
         """All recordings, newest first."""
-        answers = [_recording(path) for path in self._recordings.glob("[!.]*")]
-        return sorted(answers, key=lambda each: each.uploaded, reverse=True)
+        return self._recordings.listed()
 
     async def receive(self, name: str, chunks: AsyncIterator[bytes]) -> RecordingAnswer:
         """Keep a recording; whole or not at all."""
-        path = self._path(name)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if sum(each.stat().st_size for each in path.parent.iterdir()) > MOST_KEPT_BYTES:
-            raise RefusedError(507, f"{MOST_KEPT_BYTES / 1e9:g} GB of recordings: remove some")
-        part = path.with_name(f".{name}.part{time.monotonic_ns()}")
-        size = 0
-        try:
-            with part.open("wb") as file:
-                async for chunk in chunks:
-                    size += len(chunk)
-                    file.write(chunk)
-            if size == 0:
-                raise RefusedError(422, f"{name}: empty")
-            part.replace(path)
-        except OSError as error:
-            raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
-        finally:
-            part.unlink(missing_ok=True)
-        return _recording(path)
+        return await self._recordings.receive(name, chunks)
 
     def remove(self, name: str) -> None:
         """Forget a recording."""
-        self._known(name).unlink(missing_ok=True)
+        self._recordings.remove(name)
 
     def check_free(self) -> None:
         """Refuse while a job runs."""
@@ -155,7 +146,7 @@ class ProcessJobDesk:
     async def start(self, body: JobBody) -> JobAnswer:
         """Start a job; refused while another one runs."""
         self.check_free()
-        recordings = [self._known(name) for name in body.recordings]
+        recordings = [self._recordings.path(name) for name in body.recordings]
         baseline = None if body.baseline is None else self._fingerprint(body.baseline)
         number = max(self._jobs, default=0) + 1
         out = self._answers / f"{time.time_ns()}"
@@ -173,16 +164,11 @@ class ProcessJobDesk:
         save_job(out, job.answer())
         machine = self._machines[body.axis]
         line = self._commands[body.kind](machine, recordings, out, baseline)
-        job.process = await asyncio.create_subprocess_exec(
-            *line,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.STDOUT,
-            start_new_session=True,
-            env=os.environ | {"EDGE_SERVICE_PROGRESS": "1"},
-        )
-        with contextlib.suppress(OSError):  # it ended already, or priorities are not ours to set
-            os.setpriority(os.PRIO_PROCESS, job.process.pid, _NICE)
+        try:
+            job.process = await _spawned(line, self._limits)
+        except OSError as error:
+            self._end(job, JobState.FAILED, f"it cannot be started ({error.strerror})")
+            raise RefusedError(503, f"job {number} {job.lines[-1]}") from None
         follower = asyncio.create_task(self._follow(job, job.process))
         self._followers.add(follower)
         follower.add_done_callback(self._followers.discard)
@@ -210,19 +196,33 @@ class ProcessJobDesk:
         """End what runs; without a folder, leave nothing behind."""
         for job in self._jobs.values():
             if job.running and job.process is not None:
+                job.enter(JobState.FAILED)
+                job.lines.append(INTERRUPTED)
                 _kill(job.process)
         await asyncio.gather(*self._followers, return_exceptions=True)
         if self._temporary is not None:
             shutil.rmtree(self._temporary, ignore_errors=True)
 
     async def _follow(self, job: _Job, process: asyncio.subprocess.Process) -> None:
-        assert process.stdout is not None
-        async for line in process.stdout:
-            job.lines.append(line.decode(errors="replace").rstrip())
-        status = await process.wait()
+        state, why = JobState.FAILED, ""
+        try:
+            async with asyncio.timeout(self._longest_s):
+                await _hear(process, job.lines)
+                status = await process.wait()
+            state = JobState.DONE if status in _ANSWERED else JobState.FAILED
+            why = why_it_ended(status, self._limits)
+        except TimeoutError:
+            why = f"it took more than {self._longest_s / 60.0:g} minutes"
+        finally:
+            _kill(process)
+            self._end(job, state, why)
+
+    def _end(self, job: _Job, state: JobState, why: str) -> None:
+        """Note how it ended, unless it was cancelled."""
         job.end()
         if job.running:
-            job.enter(JobState.DONE if status in _ANSWERED else JobState.FAILED)
+            job.enter(state)
+            job.lines.extend([why] if why else [])
         save_job(job.out, job.answer())
 
     def _forget_old(self) -> None:
@@ -242,24 +242,35 @@ class ProcessJobDesk:
             raise RefusedError(422, f"baseline: job {number} made no fingerprint")
         return job.out
 
-    def _path(self, name: str) -> Path:
-        if not _NAME.fullmatch(name):
-            raise RefusedError(
-                422,
-                f"{name!r}: expected letters, digits, '_', '-', '.', ending in .csv or .parquet",
-            )
-        return self._recordings / name
 
-    def _known(self, name: str) -> Path:
-        path = self._path(name)
-        if not path.exists():
-            raise RefusedError(404, f"there is no recording {name!r}")
-        return path
+async def _spawned(line: list[str], limits: ProcessLimits) -> asyncio.subprocess.Process:
+    """A process that works in the background. Raises OSError."""
+    process = await asyncio.create_subprocess_exec(
+        *limited_command(line, limits, dies_with_caller=True),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+        start_new_session=True,
+        env=os.environ | {"EDGE_SERVICE_PROGRESS": "1"},
+    )
+    with contextlib.suppress(OSError):  # it ended already, or priorities are not ours to set
+        os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
+    return process
 
 
-def _recording(path: Path) -> RecordingAnswer:
-    status = path.stat()
-    return RecordingAnswer(name=path.name, size=status.st_size, uploaded=rfc3339_s(status.st_mtime))
+async def _hear(process: asyncio.subprocess.Process, lines: deque[str]) -> None:
+    """Add what the process says, until it has no more to say; the rest of a long line is lost."""
+    assert process.stdout is not None
+    rest = b""
+    while said := await process.stdout.read(1 << 16):
+        *whole, rest = (rest + said).split(b"\n")
+        lines.extend(_words(line) for line in whole[-_LINES:])
+        rest = rest[:_LONGEST_LINE]
+    lines.extend([_words(rest)] if rest else [])
+
+
+def _words(line: bytes) -> str:
+    return line[:_LONGEST_LINE].decode(errors="replace").rstrip()
 
 
 def _kill(process: asyncio.subprocess.Process) -> None:

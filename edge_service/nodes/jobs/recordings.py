@@ -1,0 +1,141 @@
+"""Recordings on disk: whole or not at all, and never more than there is room for."""
+
+import asyncio
+import contextlib
+import os
+import re
+import shutil
+import stat
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import BinaryIO
+
+from ...atomic import made_folder, replaced_bytes
+from ...http_api.jobs import RecordingAnswer, RefusedError
+from ...http_api.times import rfc3339_s
+
+MOST_AT_ONCE = 4
+LEFT_FREE_BYTES = 200_000_000
+"""Room on the disk that recordings leave to history and events."""
+_AT_ONCE_BYTES = 1 << 20
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet)")
+
+
+class Recordings:
+    """Recordings of one folder.
+
+    Args:
+        folder: where they are; what uploads left there that were cut off is removed.
+        most_bytes: of all recordings, those that are just coming included.
+    """
+
+    def __init__(self, folder: Path, most_bytes: int) -> None:
+        self.folder = folder
+        self._most_bytes = most_bytes
+        self._uploads = 0
+        self._coming_bytes = 0
+        for left in folder.glob(".*.part*"):
+            with contextlib.suppress(OSError):
+                left.unlink()
+
+    def listed(self) -> list[RecordingAnswer]:
+        """All recordings, newest first."""
+        answers = [_answer(path, status) for path, status in self._kept()]
+        return sorted(answers, key=lambda each: each.uploaded, reverse=True)
+
+    def path(self, name: str) -> Path:
+        """File of a recording that is there. Raises RefusedError."""
+        path = self._named(name)
+        if path.is_symlink() or not path.is_file():
+            raise RefusedError(404, f"there is no recording {name!r}")
+        return path
+
+    def remove(self, name: str) -> None:
+        """Forget a recording."""
+        try:
+            self.path(name).unlink(missing_ok=True)
+        except OSError as error:
+            raise RefusedError(507, f"{name}: cannot be removed ({error.strerror})") from None
+
+    async def receive(self, name: str, chunks: AsyncIterator[bytes]) -> RecordingAnswer:
+        """Keep a recording that comes in chunks. Raises RefusedError."""
+        path = self._named(name)
+        with self._place():
+            try:
+                await asyncio.to_thread(made_folder, self.folder)
+                await self._write(path, chunks)
+                return _answer(path, path.stat())
+            except OSError as error:
+                raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
+
+    async def _write(self, path: Path, chunks: AsyncIterator[bytes]) -> None:
+        """Write to a file that takes its name at the end; no disk holds up the event loop."""
+        closing, size = ExitStack(), 0
+        file = await asyncio.to_thread(closing.enter_context, replaced_bytes(path))
+        try:
+            async for batch in _batches(chunks):
+                size += len(batch)
+                self._coming_bytes += len(batch)
+                await asyncio.to_thread(self._append, file, batch)
+            if size == 0:
+                raise RefusedError(422, f"{path.name}: empty")
+        except BaseException:
+            await asyncio.to_thread(closing.__exit__, *sys.exc_info())
+            raise
+        else:
+            await asyncio.to_thread(closing.close)
+        finally:
+            self._coming_bytes -= size
+
+    def _append(self, file: BinaryIO, batch: bytes) -> None:
+        kept = sum(status.st_size for _, status in self._kept())
+        if kept + self._coming_bytes > self._most_bytes:
+            raise RefusedError(507, f"{self._most_bytes / 1e6:g} MB of recordings: remove some")
+        if shutil.disk_usage(self.folder).free < LEFT_FREE_BYTES + len(batch):
+            raise RefusedError(507, "the disk is nearly full: remove some recordings")
+        file.write(batch)
+
+    @contextlib.contextmanager
+    def _place(self) -> Iterator[None]:
+        """One of the uploads at once."""
+        if self._uploads >= MOST_AT_ONCE:
+            raise RefusedError(503, f"{MOST_AT_ONCE} recordings are coming already; try again")
+        self._uploads += 1
+        try:
+            yield
+        finally:
+            self._uploads -= 1
+
+    def _kept(self) -> Iterator[tuple[Path, os.stat_result]]:
+        """Recordings that are whole. Nothing else in the folder is one: no link, no folder."""
+        for path in self.folder.glob("[!.]*"):
+            with contextlib.suppress(OSError):  # it was removed just now
+                status = path.lstat()
+                if stat.S_ISREG(status.st_mode):
+                    yield path, status
+
+    def _named(self, name: str) -> Path:
+        if not _NAME.fullmatch(name):
+            raise RefusedError(
+                422,
+                f"{name!r}: expected letters, digits, '_', '-', '.', ending in .csv or .parquet",
+            )
+        return self.folder / name
+
+
+async def _batches(chunks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """The same bytes in pieces that are worth a turn of the disk."""
+    batch = bytearray()
+    async for chunk in chunks:
+        batch += chunk
+        if len(batch) >= _AT_ONCE_BYTES:
+            yield bytes(batch)
+            batch.clear()
+    if batch:
+        yield bytes(batch)
+
+
+def _answer(path: Path, status: os.stat_result) -> RecordingAnswer:
+    return RecordingAnswer(name=path.name, size=status.st_size, uploaded=rfc3339_s(status.st_mtime))
