@@ -27,7 +27,7 @@ PUTS: dict[str, tuple[Topic[Any], ...]] = {
     "mqtt": (),
     "vibration": (VIB,),
 }
-"""Topics that each role may put; nodes also report on themselves, and nobody puts anything else."""
+"""Topics that each role may put; nodes also report on themselves and their tasks."""
 
 _MACHINE = f"{ROOT}/*/*"
 _EVERYTHING = ["**", f"{_MACHINE}/{COMPONENT}/**", f"{_MACHINE}/@alive"]
@@ -46,7 +46,9 @@ def may_put(role: str) -> list[str]:
     if role == READER:
         return []
     topics = [f"{_MACHINE}/*/{topic.name}" for topic in PUTS[role]]
-    return [*topics, f"{_MACHINE}/{COMPONENT}/{role}/**/{STATUS.name}"]
+    parts = (f"{role}/**", f"{role}_process")
+    own = [f"{_MACHINE}/{COMPONENT}/{part}" for part in parts]
+    return [*topics, *(f"{each}/{topic.name}" for each in own for topic in (STATUS, EVENT))]
 
 
 def access_control() -> dict[str, Any]:

@@ -3,7 +3,9 @@
 import asyncio
 import socket
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import replace
 from itertools import count
 from typing import Any, Self
@@ -94,14 +96,31 @@ class Bus:
         """Show presence on `key` until the session closes or dies."""
         self._tokens.append(self._session.liveliness().declare_token(key))
 
-    async def close(self) -> None:
-        """Undeclare everything and close; safe twice."""
-        if self._session.is_closed():
-            return
+    @contextmanager
+    def scope(self) -> Iterator["Bus"]:
+        """The same session; what is declared on it inside is undeclared at the end."""
+        inner = copy(self)
+        inner._subscribers, inner._publishers = [], []
+        try:
+            yield inner
+        finally:
+            if not self._session.is_closed():
+                inner.undeclare()
+
+    def undeclare(self) -> None:
+        """Undeclare all publishers and subscribers."""
         for subscriber in self._subscribers:
             subscriber.close()
         for publisher in self._publishers:
             publisher.close()
+        self._subscribers.clear()
+        self._publishers.clear()
+
+    async def close(self) -> None:
+        """Undeclare everything and close; safe twice."""
+        if self._session.is_closed():
+            return
+        self.undeclare()
         await asyncio.to_thread(self._session.close)
 
 

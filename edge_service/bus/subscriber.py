@@ -95,6 +95,11 @@ class Subscriber(Generic[T]):
         """The counts so far, by name."""
         return asdict(self.counters)
 
+    @property
+    def is_idle(self) -> bool:
+        """True while somebody waits for a payload and there is none."""
+        return self._waiting and not self._rings and not self._closed
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Runs in a thread of Zenoh: takes the bytes, nothing else."""
         key, now_s = str(sample.key_expr), time.monotonic()

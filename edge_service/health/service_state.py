@@ -199,6 +199,10 @@ class ServiceState:
             for reason in state.missing(now_ns)
         )
 
+    def open(self) -> None:
+        """Let live streams begin, also after `close`."""
+        self.readers.open()
+
     def close(self) -> None:
         """End all live streams, so that a server can stop."""
         self.readers.close()

@@ -31,6 +31,13 @@ class PortInUseError(AddressError):
 class _Server(uvicorn.Server):
     """Uvicorn without its own handlers of signals: the process that wires the nodes has them."""
 
+    beat: Callable[[], None] = staticmethod(lambda: None)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Show a sign of life; called ten times a second."""
+        self.beat()
+        return await super().on_tick(counter)
+
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         yield
@@ -45,6 +52,7 @@ async def serve(
     on_bound: Callable[[str, int], None] = lambda _host, _port: None,
     before_stop: Callable[[], None] = lambda: None,
     limits: HttpLimits | None = None,
+    on_tick: Callable[[], None] = lambda: None,
 ) -> None:
     """Serve until `stop` is set or the task is cancelled; both end it in good order.
 
@@ -57,6 +65,7 @@ async def serve(
         before_stop: Called before the server waits for its connections to end: end the live streams
             here (`ServiceState.close`), or they are cut off after a short grace.
         limits: Bounds of connections, heads and times.
+        on_tick: Called ten times a second while the server lives.
 
     Raises:
         AddressError: Before anything is served: the address is no loopback address (PortInUseError:
@@ -80,6 +89,7 @@ async def serve(
         timeout_graceful_shutdown=_GRACE_S,
     )
     server = _Server(config)
+    server.beat = on_tick
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     stopping = asyncio.create_task(stop.wait())
     try:
@@ -90,8 +100,10 @@ async def serve(
         stopping.cancel()
         before_stop()
         server.should_exit = True
-        await serving
-        listener.close()
+        try:
+            await serving
+        finally:
+            listener.close()
 
 
 def places_for(limits: HttpLimits) -> Connections:

@@ -30,8 +30,12 @@ class ComponentStatus(StrEnum):
     STOPPED = "stopped"
 
 
-COMPONENTS = frozenset({"acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"})
-"""Every part of the service that reports on itself; a report of any other is refused."""
+NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"})
+COMPONENTS = NODES | {"service"} | {f"{node}_process" for node in (*NODES, "bus")}
+"""Every part of the service that reports on itself; a report of any other is refused.
+
+`service` is the process in which all nodes run, `..._process` that of one node alone.
+"""
 
 
 def check_component(name: str) -> str:

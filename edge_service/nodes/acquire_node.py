@@ -15,6 +15,7 @@ from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import PRELOAD, RAW, WAVE
 from ..messages.waveform import Waveform
+from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
 
 log = logging.getLogger(__name__)
@@ -37,10 +38,7 @@ def make_driver(axis: AxisConfig) -> Driver:
 
 
 async def run(context: NodeContext, axis: AxisConfig) -> None:
-    """Publish the samples of one axis until its source ends or the task is cancelled.
-
-    Raises ConfigError if the driver says that its settings cannot work.
-    """
+    """Publish the samples of one axis until its source ends or the task is cancelled."""
     driver = make_driver(axis)
     publisher = context.publisher(axis.name, RAW)
     waves = context.publisher(axis.name, WAVE)
@@ -48,18 +46,22 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     counts = {"samples": 0, "frames": 0, "reconnects": 0}
     reporter.counters = lambda: counts | driver.counters
     reporter.readings = lambda: driver.readings
-    async with reporter.running():
+
+    async def read(heart: Heartbeat) -> None:
+        """Read until the source ends. Raises ConfigError if the driver's settings cannot work."""
         try:
-            while True:
-                lost = await _read(context, axis, driver, publisher, waves, reporter, counts)
-                if lost is None:
-                    return
-                await _retry_later(reporter, counts, lost)
+            while lost := await _read(
+                context, axis, driver, publisher, waves, reporter, counts, heart
+            ):
+                await _retry_later(reporter, counts, lost, heart)
         except DriverMisconfiguredError as error:
-            reporter.to(ComponentStatus.PERMANENT_ERROR, str(error))
             raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
         finally:
             await driver.close()
+
+    async with reporter.running() as tasks:
+        with context.heart.idle():
+            await tasks.start("read", read, may_end=True).done.wait()
 
 
 async def _read(
@@ -70,17 +72,23 @@ async def _read(
     waves: Publisher[Waveform],
     reporter: Reporter,
     counts: dict[str, int],
+    heart: Heartbeat,
 ) -> DriverUnavailableError | None:
     """Read until the source ends (None) or is lost (the error)."""
     try:
-        await driver.open()
+        with heart.idle():
+            await driver.open()
         if reporter.status is not ComponentStatus.OK:
             log.info("axis %s: %s is there", axis.name, axis.driver)
         reporter.to(ComponentStatus.OK)
         frames = driver.frames()
         async with aclosing(frames):
             source = frames if driver.paced else _credited(context, axis.name, frames)
-            async for frame in source:
+            while True:
+                with heart.idle():  # an axis without data is seen by whoever misses them
+                    frame = await anext(source, None)
+                if frame is None:
+                    break
                 counts["samples"] += len(frame)
                 counts["frames"] += 1
                 now_ns = time.time_ns()
@@ -93,7 +101,7 @@ async def _read(
 
 
 async def _retry_later(
-    reporter: Reporter, counts: dict[str, int], lost: DriverUnavailableError
+    reporter: Reporter, counts: dict[str, int], lost: DriverUnavailableError, heart: Heartbeat
 ) -> None:
     if reporter.status is not ComponentStatus.RECOVERABLE_ERROR:
         log.warning("lost: %s; trying again", lost)
@@ -101,7 +109,7 @@ async def _retry_later(
     reporter.to(ComponentStatus.RECOVERABLE_ERROR, str(lost))
     counts["reconnects"] += 1
     counts["tries"] = counts.get("tries", 0) + 1
-    await asyncio.sleep(min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(counts["tries"] - 1, 10)))
+    await heart.sleep(min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(counts["tries"] - 1, 10)))
 
 
 async def _credited(

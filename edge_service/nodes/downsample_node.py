@@ -18,12 +18,16 @@ async def run(context: NodeContext) -> None:
     subscriber = context.subscribe(RAW)
     reporter = Reporter(context, "downsample")
     reporter.counters = lambda: subscriber.counts() | _fault_counts(downsamplers)
-    async with reporter.running():
+
+    def take(axis: str, header: Header, frame: SampleFrame) -> None:
+        if axis in downsamplers:
+            for block in downsamplers[axis].push(frame):
+                publishers[axis].publish(block, source_time_ns(header, frame, block))
+
+    async with reporter.running() as tasks:
+        tasks.follow("samples", subscriber, take, vital=True)
         reporter.to(ComponentStatus.OK)
-        async for axis, header, frame in subscriber:
-            if axis in downsamplers:
-                for block in downsamplers[axis].push(frame):
-                    publishers[axis].publish(block, source_time_ns(header, frame, block))
+        await context.forever()
 
 
 def source_time_ns(header: Header, frame: SampleFrame, block: FeatureBlock) -> int:

@@ -1,16 +1,20 @@
 """Feature blocks in, preload estimates out: all axes."""
 
-import asyncio
 import logging
 
+from ..messages.alarm import Command
+from ..messages.features import FeatureBlock
+from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.topics import COMMAND, FEAT, PRELOAD
 from .stores.estimate_store import EstimateStore, Kept, identity_of
+from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
 from .wiring.estimated_axis import EstimatedAxis
 from .wiring.stages import load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
+_WARM_UP_S = 120.0
 SAVE_PERIOD_S = 60.0
 """Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
@@ -79,30 +83,31 @@ async def run(context: NodeContext) -> None:
     reporter = Reporter(context, "estimate")
     reporter.counters = features.counts
 
-    async def follow_features() -> None:
-        async for axis, header, block in features:
-            if axis in axes:
-                estimate = axes[axis].take(header, block)
-                publishers[axis].publish(estimate, header.source_time_ns)
+    def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
+        if axis in axes:
+            estimate = axes[axis].take(header, block)
+            publishers[axis].publish(estimate, header.source_time_ns)
 
-    async def follow_commands() -> None:
-        async for axis, _, command in commands:
-            if axis in axes and command.action == "part_replaced":
-                estimated.forget(axis)
+    def take_command(axis: str, _header: Header, command: Command) -> None:
+        if axis in axes and command.action == "part_replaced":
+            estimated.forget(axis)
 
-    async def keep() -> None:
+    async def keep(heart: Heartbeat) -> None:
         while True:
-            await asyncio.sleep(SAVE_PERIOD_S)
-            await asyncio.to_thread(estimated.write, estimated.to_keep())
+            await heart.sleep(SAVE_PERIOD_S)
+            await heart.in_thread(estimated.write, estimated.to_keep())
 
-    async with reporter.running(), asyncio.TaskGroup() as group:
+    async with reporter.running() as tasks:
         machines = estimated.machines.values()
-        await asyncio.to_thread(warm_up, config.downsample, config.estimator, machines)
+        await context.heart.in_thread(
+            warm_up, config.downsample, config.estimator, machines, limit_s=_WARM_UP_S
+        )
         estimated.load()
         reporter.to(ComponentStatus.OK)
         try:
-            for repeat in (follow_features, follow_commands, keep):
-                group.create_task(repeat())
-            await asyncio.Event().wait()
+            tasks.follow("features", features, take_features, vital=True)
+            tasks.follow("commands", commands, take_command)
+            tasks.start("keep", keep)
+            await context.forever()
         finally:
             estimated.write(estimated.to_keep())

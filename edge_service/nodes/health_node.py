@@ -1,6 +1,5 @@
 """Estimates, features, reports and commands in; condition and events out: all axes."""
 
-import asyncio
 import logging
 import time
 from collections.abc import Iterable
@@ -13,11 +12,16 @@ from ..health.alarms.axis_alarms import AlarmSettings
 from ..health.axis_monitor import AxisFacts, AxisMonitor
 from ..health.settings import HealthSettings
 from ..health.trend.usage import ScrewGeometry
+from ..messages.alarm import Command
+from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
-from ..messages.health import ComponentStatus
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD
+from ..messages.features import FeatureBlock
+from ..messages.header import Header
+from ..messages.health import ComponentHealth, ComponentStatus
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from ..models.machine import Machine
 from .stores.watch_store import load_snapshot, save_snapshot
+from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
 from .wiring.stages import load_machines
 
@@ -98,66 +102,77 @@ class _Monitors:
         now_ns = time.time_ns()
         self._health[axis].publish(self.axes[axis].health(now_ns), now_ns)
 
+    def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
+        """Take an estimate in."""
+        if axis in self.axes:
+            self.publish(axis, self.axes[axis].on_preload(header, estimate, time.time_ns()))
+
+    def take_features(self, axis: str, header: Header, block: FeatureBlock) -> None:
+        """Take an interval in."""
+        if axis in self.axes:
+            self.publish(axis, self.axes[axis].on_feature(header, block, time.time_ns()))
+
+    def take_report(self, axis: str, _header: Header, report: ComponentHealth) -> None:
+        """Take a component's report in."""
+        if axis in self.axes:
+            self.publish(axis, self.axes[axis].on_component(report, time.time_ns()))
+
+    def take_command(self, axis: str, _header: Header, command: Command) -> None:
+        """Do what a person asks, and keep it at once."""
+        if axis in self.axes:
+            self.publish(axis, self.axes[axis].on_command(command, time.time_ns()))
+            self.save()
+
+    def renew(self, axis: str) -> None:
+        """Let time pass on an axis."""
+        self.publish(axis, self.axes[axis].tick(time.time_ns()))
+        self.publish_health(axis)
+
+    async def foresee(self, axis: str, heart: Heartbeat) -> None:
+        """Make an axis' trend, if it is due."""
+        monitor = self.axes[axis]
+        if monitor.trend_is_due(time.time_ns()):
+            trend = await heart.in_thread(monitor.trend_work())
+            monitor.take_trend(trend, time.time_ns())
+
 
 async def run(context: NodeContext) -> None:
     """Monitor every configured axis until cancelled."""
     monitors = _Monitors(context)
-    axes = monitors.axes
     preloads, features = context.subscribe(PRELOAD), context.subscribe(FEAT)
-    reports = context.subscribe_to_components()
+    reports = context.subscribe_to_components(STATUS)
     commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "health")
     reporter.counters = preloads.counts
 
-    async def follow_preloads() -> None:
-        async for axis, header, estimate in preloads:
-            if axis in axes:
-                monitors.publish(axis, axes[axis].on_preload(header, estimate, time.time_ns()))
+    def renew() -> None:
+        for axis in monitors.axes:
+            with tasks.failures.borne("renew", axis):
+                monitors.renew(axis)
 
-    async def follow_features() -> None:
-        async for axis, header, block in features:
-            if axis in axes:
-                monitors.publish(axis, axes[axis].on_feature(header, block, time.time_ns()))
-
-    async def follow_reports() -> None:
-        async for axis, _, report in reports:
-            if axis in axes:
-                monitors.publish(axis, axes[axis].on_component(report, time.time_ns()))
-
-    async def follow_commands() -> None:
-        async for axis, _, command in commands:
-            if axis in axes:
-                monitors.publish(axis, axes[axis].on_command(command, time.time_ns()))
-                monitors.save()
-
-    async def renew() -> None:
+    async def foresee(heart: Heartbeat) -> None:
         while True:
-            for axis, monitor in axes.items():
-                monitors.publish(axis, monitor.tick(time.time_ns()))
-                monitors.publish_health(axis)
-            await asyncio.sleep(HEALTH_PERIOD_S)
+            for axis in monitors.axes:
+                with tasks.failures.borne("foresee", axis):
+                    await monitors.foresee(axis, heart)
+            await heart.sleep(HEALTH_PERIOD_S)
 
-    async def foresee() -> None:
+    async def keep(heart: Heartbeat) -> None:
         while True:
-            for monitor in axes.values():
-                if monitor.trend_is_due(time.time_ns()):
-                    trend = await asyncio.to_thread(monitor.trend_work())
-                    monitor.take_trend(trend, time.time_ns())
-            await asyncio.sleep(HEALTH_PERIOD_S)
+            await heart.sleep(SAVE_PERIOD_S)
+            await heart.in_thread(monitors.write, monitors.snapshots())
 
-    async def keep() -> None:
-        while True:
-            await asyncio.sleep(SAVE_PERIOD_S)
-            await asyncio.to_thread(monitors.write, monitors.snapshots())
-
-    async with reporter.running(), asyncio.TaskGroup() as group:
+    async with reporter.running() as tasks:
         monitors.load()
         reporter.to(ComponentStatus.OK)
         try:
-            for follow in (follow_preloads, follow_features, follow_reports, follow_commands):
-                group.create_task(follow())
-            for repeat in (renew, foresee, keep):
-                group.create_task(repeat())
-            await asyncio.Event().wait()
+            tasks.follow("preloads", preloads, monitors.take_preload, vital=True)
+            tasks.follow("features", features, monitors.take_features, vital=True)
+            tasks.follow("reports", reports, monitors.take_report)
+            tasks.follow("commands", commands, monitors.take_command)
+            tasks.repeat("renew", HEALTH_PERIOD_S, renew, vital=True)
+            tasks.start("foresee", foresee)
+            tasks.start("keep", keep)
+            await context.forever()
         finally:
             monitors.save()

@@ -2,7 +2,10 @@
 
 import asyncio
 import logging
+from collections.abc import Callable, Coroutine
+from functools import partial
 from time import time_ns
+from typing import Any
 
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
@@ -11,16 +14,21 @@ from ..http_api.limits.settings import HttpLimits
 from ..http_api.serve import serve
 from ..messages.alarm import Command
 from ..messages.estimate import PreloadEstimate
+from ..messages.event import Event
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW
+from ..messages.samples import SampleFrame
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
 from ..models.screw.stroke_profile import stroke_profile
 from .health_node import health_settings
 from .jobs.job_desk import ProcessJobDesk
-from .outputs.registry import OUTPUTS
+from .outputs.registry import OUTPUTS, EventOutput
 from .stores.disagreement_recorder import DisagreementRecorder
 from .stores.history_store import open_history
-from .wiring.context import NodeContext, Reporter, each
+from .supervision.heartbeat import Heartbeat
+from .supervision.task import TASK_EVENTS, Work
+from .supervision.tasks import Tasks
+from .wiring.context import NodeContext, Reporter
 from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
@@ -48,15 +56,42 @@ async def run(context: NodeContext) -> None:
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
     )
-    preloads, healths = context.subscribe(PRELOAD), context.subscribe(HEALTH)
-    features, events = context.subscribe(FEAT), context.subscribe(EVENT)
-    samples = context.subscribe(RAW, depth=1024)
-    reports = context.subscribe_to_components()
     outputs = [make(config) for make in OUTPUTS]
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter = Reporter(context, "http")
+    publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
+
+    def send_command(axis: str, command: Command) -> None:
+        publishers[axis].publish(command, time_ns())
+
+    def on_kept(axis: str, name: str) -> None:
+        send_command(axis, Command(action="recorded", user="edge-service", note=name))
+
+    recorder = DisagreementRecorder(desk.folder, on_kept)
+    app = create_app(state, time_ns, send_command=send_command, desk=desk)
+    try:
+        async with reporter.running() as tasks:
+            tasks.start(
+                "server", _server(context, reporter, partial(serve, app), state), vital=True
+            )
+            _follow(context, reporter, tasks, state)
+            _follow_events(context, tasks, state, outputs, recorder)
+            tasks.start("recorder", recorder.run)
+            tasks.start("history", store.run)
+            for output in outputs:
+                tasks.start(type(output).__name__.lower(), output.run)
+            await context.forever()
+    finally:
+        await desk.close()
+        store.close()
+
+
+def _follow(context: NodeContext, reporter: Reporter, tasks: Tasks, state: ServiceState) -> None:
+    """Take in what is shown."""
+    preloads = context.subscribe(PRELOAD)
     reporter.counters = preloads.counts
+    reports = context.subscribe_to_components(STATUS)
 
     def take_preload(axis: str, header: Header, estimate: PreloadEstimate) -> None:
         state.on_preload(axis, header, estimate, time_ns())
@@ -67,58 +102,82 @@ async def run(context: NodeContext) -> None:
     def take_report(_axis: str, _header: Header, report: ComponentHealth) -> None:
         state.on_component(report, time_ns())
 
-    async def follow_events() -> None:
-        async for _, _, event in events:
+    tasks.follow("preloads", preloads, take_preload, vital=True)
+    tasks.follow("conditions", context.subscribe(HEALTH), take_health, vital=True)
+    tasks.follow("features", context.subscribe(FEAT), state.on_feature)
+    tasks.follow("reports", reports, take_report)
+
+
+def _follow_events(
+    context: NodeContext,
+    tasks: Tasks,
+    state: ServiceState,
+    outputs: list[EventOutput],
+    recorder: DisagreementRecorder,
+) -> None:
+    """Take in events of the axes and of the service; none of the takers can hold up another."""
+    of_service = context.subscribe_to_components(EVENT)
+
+    def take_event(axis: str, _header: Header, event: Event) -> None:
+        with tasks.failures.borne("diary", axis):
             state.on_event(event, time_ns())
-            for output in outputs:
+        for output in outputs:
+            with tasks.failures.borne(type(output).__name__.lower(), axis):
                 output.put(event)
-            recorder.note(event)
+        recorder.note(event)
 
-    async def follow_samples() -> None:
-        async for axis, _, frame in samples:
-            await recorder.follow(axis, frame)
+    def take_service_event(axis: str, header: Header, event: Event) -> None:
+        if event.kind in TASK_EVENTS:  # nothing else is theirs to tell
+            take_event(axis, header, event)
 
-    publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
+    def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
+        recorder.follow(axis, frame)
 
-    def send_command(axis: str, command: Command) -> None:
-        publishers[axis].publish(command, time_ns())
+    tasks.follow("events", context.subscribe(EVENT), take_event)
+    tasks.follow("service_events", of_service, take_service_event)
+    tasks.follow("samples", context.subscribe(RAW, depth=1024), take_samples)
 
-    def on_kept(axis: str, name: str) -> None:
-        send_command(axis, Command(action="recorded", user="edge-service", note=name))
 
-    recorder = DisagreementRecorder(desk.folder, on_kept)
+def _server(
+    context: NodeContext,
+    reporter: Reporter,
+    serve_app: Callable[..., Coroutine[Any, Any, None]],
+    state: ServiceState,
+) -> Work:
+    """Work of the server: the port that was free at first stays, and is told once."""
+    http = context.config.http
+    address = Address(http.host, http.port, context.on_http_ready)
 
     def bound(host: str, port: int) -> None:
         reporter.to(ComponentStatus.OK)
-        shown = f"[{host}]" if ":" in host else host
-        context.on_http_ready(f"http://{shown}:{port}/")
+        address.bound(host, port)
 
-    async with reporter.running():
-        followers = [
-            asyncio.create_task(follower)
-            for follower in (
-                each(preloads, take_preload),
-                each(healths, take_health),
-                each(features, state.on_feature),
-                each(reports, take_report),
-                follow_events(),
-                follow_samples(),
-                store.run(),
-                *(output.run() for output in outputs),
-            )
-        ]
-        try:
-            await serve(
-                create_app(state, time_ns, send_command=send_command, desk=desk),
-                config.http.host,
-                config.http.port,
-                stop=asyncio.Event(),
-                on_bound=bound,
-                before_stop=state.close,
-                limits=HttpLimits(connections=config.http.connections),
-            )
-        finally:
-            for follower in followers:
-                follower.cancel()
-            await asyncio.gather(*followers, return_exceptions=True)
-            await desk.close()
+    async def server(heart: Heartbeat) -> None:
+        state.open()
+        await serve_app(
+            address.host,
+            address.port,
+            stop=asyncio.Event(),
+            on_bound=bound,
+            before_stop=state.close,
+            on_tick=heart.beat,
+            limits=HttpLimits(connections=http.connections),
+        )
+
+    return server
+
+
+class Address:
+    """Where the page is served: the port that was free at first stays, and is told once."""
+
+    def __init__(self, host: str, port: int, tell: Callable[[str], None]) -> None:
+        self.host, self.port = host, port
+        self._tell: Callable[[str], None] | None = tell
+
+    def bound(self, host: str, port: int) -> None:
+        """Note that connections are taken."""
+        self.port = port
+        if self._tell is not None:
+            shown = f"[{host}]" if ":" in host else host
+            self._tell(f"http://{shown}:{port}/")
+        self._tell = None

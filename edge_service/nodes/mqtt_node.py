@@ -1,6 +1,5 @@
 """Estimates, health and events off the bus, over a spool on disk, to an MQTT broker."""
 
-import asyncio
 import logging
 import time
 from collections.abc import Callable
@@ -12,11 +11,12 @@ from ..bus.mqtt.packet import GONE, PayloadForm
 from ..bus.mqtt.plain_json import PlainJson
 from ..bus.mqtt.sparkplug import Sparkplug
 from ..bus.mqtt.spool import Spool, SpoolError
-from ..bus.subscriber import Subscriber
 from ..config import ConfigError, ServiceConfig
 from ..config_tables import MqttConfig
+from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
+from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
 
 _ABSENCE_PERIOD_S = 0.5
@@ -49,11 +49,13 @@ async def run(context: NodeContext) -> None:
         "dropped": spool.dropped,
     }
     try:
-        async with reporter.running(), asyncio.TaskGroup() as group:
-            group.create_task(delivery.run())
+        async with reporter.running() as tasks:
+            tasks.start("delivery", partial(_deliver, delivery, spool))
             for topic, subscriber in zip(SENT, subscribers, strict=True):
-                group.create_task(_follow(config.mqtt, spool, topic, subscriber, attendance))
-            group.create_task(_note_absence(attendance, spool))
+                take = _taker(config.mqtt, spool, topic, attendance)
+                tasks.follow(topic.name, subscriber, take)
+            tasks.repeat("absence", _ABSENCE_PERIOD_S, partial(_note_absence, attendance, spool))
+            await context.forever()
     finally:
         spool.close()
 
@@ -109,28 +111,30 @@ class Attendance:
         return gone
 
 
-async def _follow(
-    mqtt: MqttConfig,
-    spool: Spool,
-    topic: Topic[Any],
-    subscriber: Subscriber[Any],
-    attendance: Attendance,
-) -> None:
-    """Put what is heard into the spool; estimates not more often than asked for."""
+async def _deliver(delivery: MqttDelivery, spool: Spool, heart: Heartbeat) -> None:
+    with heart.idle():  # the connection has deadlines of its own
+        await delivery.run()
+
+
+def _taker(
+    mqtt: MqttConfig, spool: Spool, topic: Topic[Any], attendance: Attendance
+) -> Callable[[str, Header, Any], None]:
+    """What puts payloads into the spool; estimates not more often than asked for."""
     period_ns = round(1e9 * mqtt.period_s) if topic is PRELOAD else 0
     sent_ns: dict[str, int] = {}
-    async for axis, header, payload in subscriber:
+
+    def take(axis: str, header: Header, payload: Any) -> None:
         if topic is PRELOAD:
             attendance.hear(axis, time.monotonic())
         if 0 <= header.source_time_ns - sent_ns.get(axis, -period_ns) < period_ns:
-            continue
+            return
         sent_ns[axis] = header.source_time_ns
         spool.put(f"{axis}/{topic.name}", topic.encode(axis, header, payload))
 
+    return take
 
-async def _note_absence(attendance: Attendance, spool: Spool) -> None:
-    """Put a note into the spool for an axis that has fallen silent."""
-    while True:
-        for axis in attendance.missing(time.monotonic()):
-            spool.put(f"{axis}/{GONE}", b"")
-        await asyncio.sleep(_ABSENCE_PERIOD_S)
+
+def _note_absence(attendance: Attendance, spool: Spool) -> None:
+    """Put a note into the spool for each axis that has fallen silent."""
+    for axis in attendance.missing(time.monotonic()):
+        spool.put(f"{axis}/{GONE}", b"")

@@ -3,20 +3,27 @@
 import asyncio
 import gc
 import logging
+import math
 import signal
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from typing import Any, Literal
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
-from ..bus.session import Bus, BusUnavailableError
+from ..bus.session import Bus, BusConfigurationError, BusUnavailableError
 from ..bus.settings import BusSettings
 from ..config import ConfigError, EdgeConfig
+from ..http_api.serve import AddressError
+from ..messages.health import ComponentStatus
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
+from .supervision.heartbeat import Heartbeat
+from .supervision.supervisor import START_S
+from .supervision.task import Work
 from .wiring.bus_rights import node_settings, router_settings
-from .wiring.context import NodeContext
+from .wiring.context import NodeContext, Reporter
 
 log = logging.getLogger(__name__)
 NodeName = Literal[
@@ -25,12 +32,15 @@ NodeName = Literal[
 OPTIONAL: tuple[NodeName, ...] = ("mqtt", "vibration")
 """Nodes that run where their table stands in the configuration."""
 PIPELINE: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample", "acquire")
+Run = Callable[[NodeContext], Coroutine[Any, Any, None]]
+_NODE_START_S = 120.0
+"""Longest start of a node: it may have to compile."""
 _JOIN_PERIOD_S = 1.0
 DRAIN_S = 0.5
 
 
 async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) -> None:
-    """All nodes in one process, until SIGINT, SIGTERM or the failure of one of them.
+    """All nodes in one process, until SIGINT or SIGTERM.
 
     The process is the bus' router: others connect to its endpoint.
     """
@@ -94,42 +104,59 @@ async def run_nodes(
     *,
     until_sources_end: bool = False,
 ) -> None:
-    """Run nodes until `stop` is set; the first failure ends all and is raised.
+    """Run nodes until `stop` is set; one that fails is begun again while the others go on.
 
     With `until_sources_end` they also end, drained, when every driver's source has ended.
+
+    Raises:
+        ConfigError: what cannot work, found while the service starts. AddressError alike.
+        TaskGivenUpError: a part that the service cannot do without fails again and again.
     """
     gc.collect()
     gc.freeze()  # a full collection over the imported libraries would stop the loop for 0.2 s
-    tasks = [
-        asyncio.create_task(coroutine, name=name)
-        for name in names
-        for coroutine in _coroutines(context, name)
-    ]
-    stopping = asyncio.create_task(stop.wait())
-    try:
-        while not stopping.done():
-            pending = {task for task in tasks if not task.done()}
-            done, _ = await asyncio.wait({stopping, *pending}, return_when=asyncio.FIRST_COMPLETED)
-            for task in done - {stopping}:
-                task.result()  # raises what ended the node
-            if until_sources_end and all(t.done() for t in tasks if t.get_name() == "acquire"):
-                await asyncio.sleep(DRAIN_S)
-                return
-    finally:
-        for task in (stopping, *tasks):
-            task.cancel()
-        await asyncio.gather(stopping, *tasks, return_exceptions=True)
+    supervisor = context.supervisor
+    supervisor.final = (ConfigError, AddressError, BusConfigurationError)
+    supervisor.start_s = math.inf if until_sources_end else START_S
+    reporter = Reporter(context, "service" if len(names) > 1 else f"{names[0]}_process")
+    reporter.readings = lambda: {"loop_lag_s": supervisor.lag.worst_s}
+    async with reporter.running() as tasks:
+        reporter.to(ComponentStatus.OK)
+        sources = [
+            tasks.start(
+                name, _life(context, run), deadline_s=_NODE_START_S, may_end=name == "acquire"
+            )
+            for name in names
+            for run in _runs(context, name)
+        ]
+        acquired = [task for task in sources if task.name == "acquire"]
+
+        def ended() -> bool:
+            return until_sources_end and all(task.done.is_set() for task in acquired)
+
+        await supervisor.run(stop, ended)
+        if not stop.is_set():
+            await asyncio.sleep(DRAIN_S)
 
 
-def _coroutines(context: NodeContext, name: NodeName) -> list[Coroutine[Any, Any, None]]:
+def _life(context: NodeContext, run: Run) -> Work:
+    """One life of a node: what it declares on the bus ends with it."""
+
+    async def life(heart: Heartbeat) -> None:
+        with context.of_node(heart) as own:
+            await run(own)
+
+    return life
+
+
+def _runs(context: NodeContext, name: NodeName) -> list[Run]:
     if name == "acquire":
-        return [acquire_node.run(context, axis) for axis in context.config.axes]
+        return [partial(acquire_node.run, axis=axis) for axis in context.config.axes]
     if name == "bus":
         return []
-    return [_optional_node(context, name) if name in OPTIONAL else _RUNS[name](context)]
+    return [partial(_optional_node, name=name) if name in OPTIONAL else _RUNS[name]]
 
 
-_RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
+_RUNS: dict[str, Run] = {
     "downsample": downsample_node.run,
     "estimate": estimate_node.run,
     "health": health_node.run,

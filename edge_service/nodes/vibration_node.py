@@ -13,6 +13,7 @@ from ..downsample.signal_ring import SignalRing
 from ..downsample.vibration import VibrationReducer, VibrationSettings
 from ..messages.channels import ANGLE
 from ..messages.event import Event, Severity
+from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import EVENT, RAW, VIB, WAVE
@@ -21,10 +22,12 @@ from ..messages.waveform import Waveform
 from ..models.machine import Machine
 from ..trace.columns import TraceError
 from ..trace.writer import TraceWriter
+from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
 from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
+_MOST_WAITING = 8
 
 
 @dataclass(slots=True)
@@ -113,27 +116,38 @@ async def run(context: NodeContext) -> None:
     reporter = Reporter(context, "vibration")
     reporter.counters = lambda: waves.counts() | sensors.counts | {"gaps": sensors.gaps}
 
-    async def follow_samples() -> None:
-        async for axis, _, frame in samples:
-            sensors.follow(axis, frame)
+    cuts: asyncio.Queue[tuple[Path, SampleFrame]] = asyncio.Queue(_MOST_WAITING)
 
-    async def follow_events() -> None:
-        async for _, _, event in events:
-            sensors.note(event)
+    def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
+        sensors.follow(axis, frame)
 
-    async def follow_waves() -> None:
-        async for axis, header, wave in waves:
-            if axis in publishers:
-                for features in sensors.push(axis, wave):
-                    publishers[axis].publish(features, header.source_time_ns)
-                for path, cut in sensors.cuts():
-                    await asyncio.to_thread(_keep, path, cut)
-                    sensors.counts["kept"] += 1
+    def take_event(_axis: str, _header: Header, event: Event) -> None:
+        sensors.note(event)
 
-    async with reporter.running(), asyncio.TaskGroup() as group:
+    def take_wave(axis: str, header: Header, wave: Waveform) -> None:
+        if axis in publishers:
+            for features in sensors.push(axis, wave):
+                publishers[axis].publish(features, header.source_time_ns)
+            for cut in sensors.cuts():
+                if cuts.full():
+                    log.warning("%s: the signal is not kept: the disk is too slow", cut[0])
+                else:
+                    cuts.put_nowait(cut)
+
+    async def keep(heart: Heartbeat) -> None:
+        while True:
+            with heart.idle(cuts.empty):
+                path, cut = await cuts.get()
+            await heart.in_thread(_keep, path, cut)
+            sensors.counts["kept"] += 1
+
+    async with reporter.running() as tasks:
         reporter.to(ComponentStatus.OK)
-        for follow in (follow_samples, follow_events, follow_waves):
-            group.create_task(follow())
+        tasks.follow("samples", samples, take_samples)
+        tasks.follow("events", events, take_event)
+        tasks.follow("waves", waves, take_wave)
+        tasks.start("keep", keep)
+        await context.forever()
 
 
 def orders_of(config: VibrationConfig, machine: Machine) -> Mapping[str, float]:

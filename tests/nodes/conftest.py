@@ -1,6 +1,7 @@
 """Parts of the tests of the whole service."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -21,11 +22,17 @@ from edge_service.config import (
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.service import PIPELINE, NodeName, run_nodes
+from edge_service.nodes.supervision.heartbeat import Heartbeat
 from edge_service.nodes.wiring.context import NodeContext
 from edge_service.trace.writer import TraceWriter
 
 PATIENCE_S = 30.0
 RATE_HZ = 1000.0
+
+
+def heart() -> Heartbeat:
+    """A sign of life that nobody looks at."""
+    return Heartbeat("test", float("inf"), time.monotonic)
 
 
 def config_of(driver: str, settings: dict[str, Any], **changes: Any) -> EdgeConfig:

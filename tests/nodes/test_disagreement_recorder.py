@@ -17,6 +17,8 @@ from edge_service.nodes.stores.disagreement_recorder import (
 )
 from edge_service.trace.reader import read_trace
 
+from .conftest import heart
+
 RATE_HZ = 100.0
 
 
@@ -47,7 +49,8 @@ class Scene:
         """Let samples come, a second at a time."""
         for _ in range(round(seconds)):
             time_s = self.now_s + np.arange(RATE_HZ) / RATE_HZ
-            await self.recorder.follow("X", SampleFrame(time_s, {"torque_command_nm": time_s}))
+            self.recorder.follow("X", SampleFrame(time_s, {"torque_command_nm": time_s}))
+            await self.recorder.write(heart())
             self.now_s += 1.0
 
 

@@ -121,7 +121,7 @@ class Feed:
         """The node is there."""
         async with asyncio.timeout(PATIENCE_S):
             async for _, _, report in self._reports:
-                if report.status is ComponentStatus.OK:
+                if report.component == "estimate" and report.status is ComponentStatus.OK:
                     return
 
     async def send(self, given: Sequence[FeatureBlock], begin_ns: int) -> list[str]:

@@ -61,14 +61,8 @@ async def test_one_folder_has_one_service(tmp_path: Path) -> None:
     first = open_history(config, {})
     with pytest.raises(ConfigError, match="in use by another service"):
         open_history(config, {})
-    running = asyncio.create_task(first.run())
-    await asyncio.sleep(0)
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    second = asyncio.create_task(open_history(config, {}).run())
-    await asyncio.sleep(0)
-    second.cancel()
-    await asyncio.gather(second, return_exceptions=True)
+    first.close()
+    open_history(config, {}).close()
 
 
 async def test_a_damaged_state_is_set_aside(tmp_path: Path) -> None:

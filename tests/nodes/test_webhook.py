@@ -16,7 +16,7 @@ from edge_service.messages.event import Event, Severity
 from edge_service.nodes.outputs import webhook as webhook_module
 from edge_service.nodes.outputs.webhook import SIGNATURE, TIMESTAMP, Webhook
 
-from .conftest import config_of, until
+from .conftest import config_of, heart, until
 
 SECRET = b"a secret of some length"
 
@@ -56,7 +56,7 @@ def _event(number: int, kind: str = "alarm_raised") -> Event:
 
 
 async def _send(webhook: Webhook, numbers: range) -> None:
-    task = asyncio.create_task(webhook.run())
+    task = asyncio.create_task(webhook.run(heart()))
     for number in numbers:
         webhook.put(_event(number))
 

@@ -122,8 +122,12 @@ class FanOut:
         for subscription in self._subscriptions:
             subscription.mark(topic, axis)
 
+    def open(self) -> None:
+        """Let streams begin again."""
+        self._closed = False
+
     def close(self) -> None:
-        """End all streams, now and in future."""
+        """End all streams, now and until `open`."""
         self._closed = True
         for subscription in self._subscriptions:
             subscription.close()

@@ -5,6 +5,7 @@ from typing import Protocol
 
 from ...config import EdgeConfig
 from ...messages.event import Event
+from ..supervision.heartbeat import Heartbeat
 from .webhook import Webhook
 
 
@@ -15,7 +16,7 @@ class EventOutput(Protocol):
         """Take an event, if it is wanted; never waits."""
         ...
 
-    async def run(self) -> None:
+    async def run(self, heart: Heartbeat) -> None:
         """Send what was taken until cancelled."""
         ...
 

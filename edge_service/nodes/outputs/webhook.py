@@ -3,6 +3,7 @@
 import asyncio
 import hashlib
 import hmac
+import http.client
 import json
 import logging
 import time
@@ -15,6 +16,7 @@ from pathlib import Path
 from ...config import ConfigError, EdgeConfig
 from ...messages.event import Event
 from ...messages.topics import EVENT
+from ..supervision.heartbeat import Heartbeat
 
 log = logging.getLogger(__name__)
 MOST_WAITING = 1000
@@ -57,6 +59,7 @@ class Webhook:
         self._secret = secret
         self._kinds = frozenset(kinds)
         self._waiting: deque[Event] = deque(maxlen=MOST_WAITING)
+        self._sending: Event | None = None
         self._wake = asyncio.Event()
         self._sleep = sleep
         self.dropped = self.refused = self.sent = 0
@@ -78,19 +81,24 @@ class Webhook:
         self._waiting.append(event)
         self._wake.set()
 
-    async def run(self) -> None:
-        """Send until cancelled."""
+    async def run(self, heart: Heartbeat) -> None:
+        """Send until cancelled; begun again, it goes on with the event that it was at."""
         while True:
-            await self._wake.wait()
+            if self._sending is None and self._waiting:
+                self._sending = self._waiting.popleft()
+            if self._sending is not None:
+                await self._deliver(self._sending, heart)
+                self._sending = None
+                continue
             self._wake.clear()
-            while self._waiting:
-                await self._deliver(self._waiting.popleft())
+            with heart.idle(lambda: not self._waiting):
+                await self._wake.wait()
 
-    async def _deliver(self, event: Event) -> None:
+    async def _deliver(self, event: Event, heart: Heartbeat) -> None:
         pause_s, logged = FIRST_PAUSE_S, False
         while True:
             try:
-                await asyncio.to_thread(self._post, event)
+                await heart.in_thread(self._post, event, limit_s=2.0 * _TIMEOUT_S)
             except WebhookError as error:
                 if not logged:
                     log.warning("webhook %s: %s", self._url, error)
@@ -98,6 +106,7 @@ class Webhook:
                 if not error.again:
                     self.refused += 1
                     return
+                heart.beat(pause_s)
                 await self._sleep(pause_s)
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
             else:
@@ -120,7 +129,7 @@ class Webhook:
             again = error.code >= 500 or error.code in (408, 429)
             error.close()
             raise WebhookError(f"answered {error.code}", again=again) from None
-        except OSError as error:
+        except (OSError, http.client.HTTPException, ValueError) as error:
             raise WebhookError(f"cannot be reached ({error})", again=True) from None
 
 

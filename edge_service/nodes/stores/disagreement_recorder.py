@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from ...messages.event import Event
 from ...messages.samples import SampleFrame
 from ...trace.columns import TraceError
 from ...trace.writer import TraceWriter
+from ..supervision.heartbeat import Heartbeat
 
 log = logging.getLogger(__name__)
 KEEP_S = 45.0
@@ -19,6 +21,8 @@ BEFORE_S, AFTER_S = 2.0, 60.0
 """Of the beginning of a disagreement, and of the moment at which it was sure."""
 LONGEST_S = 150.0
 MOST_ROWS = 200_000
+_MOST_WAITING = 4
+"""Recordings that wait for the disk; the oldest go."""
 MOST_KEPT = 5
 """Recordings of one axis that the service makes by itself; the oldest go."""
 
@@ -43,6 +47,8 @@ class DisagreementRecorder:
         self._on_kept = on_kept
         self._rings: dict[str, SampleRing] = {}
         self._cuts: dict[str, _Cut] = {}
+        self._ready: deque[tuple[str, str, list[SampleFrame]]] = deque(maxlen=_MOST_WAITING)
+        self._wake = asyncio.Event()
 
     def note(self, event: Event) -> None:
         """Begin to record what an event tells of; one at a time per axis."""
@@ -56,8 +62,8 @@ class DisagreementRecorder:
             self._cuts[event.axis] = _Cut(name, from_s, to_s)
             ring.keep_s = to_s - from_s + 1.0
 
-    async def follow(self, axis: str, frame: SampleFrame) -> None:
-        """Take samples in; write what is complete."""
+    def follow(self, axis: str, frame: SampleFrame) -> None:
+        """Take samples in; what is complete is written by `run`."""
         ring = self._rings.setdefault(axis, SampleRing(KEEP_S, MOST_ROWS))
         ring.push(frame)
         cut = self._cuts.get(axis)
@@ -67,9 +73,23 @@ class DisagreementRecorder:
         ring.keep_s = KEEP_S
         frames = ring.cut(cut.from_s, cut.to_s)
         if frames:
-            kept = await asyncio.to_thread(self._keep, axis, cut.name, frames)
-            if kept:
-                self._on_kept(axis, cut.name)
+            self._ready.append((axis, cut.name, frames))
+            self._wake.set()
+
+    async def run(self, heart: Heartbeat) -> None:
+        """Write what is complete until cancelled; the disk holds up no sample."""
+        while True:
+            await self.write(heart)
+            self._wake.clear()
+            with heart.idle(lambda: not self._ready):
+                await self._wake.wait()
+
+    async def write(self, heart: Heartbeat) -> None:
+        """Write all that is complete now."""
+        while self._ready:
+            axis, name, frames = self._ready.popleft()
+            if await heart.in_thread(self._keep, axis, name, frames):
+                self._on_kept(axis, name)
 
     def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
         """Write a recording; one that is there stays; a full disk is logged and stops nothing."""

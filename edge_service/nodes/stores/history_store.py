@@ -1,10 +1,10 @@
 """The history of all axes on disk: opened, flushed, kept within its budget."""
 
-import asyncio
 import contextlib
 import fcntl
 import logging
 import time
+from functools import partial
 from pathlib import Path
 from typing import TextIO
 
@@ -13,6 +13,7 @@ from ...health.events.journal import EventJournal
 from ...health.history.archive import AxisArchive
 from ...health.history.budget import make_room
 from ...health.state_settings import Keeping
+from ..supervision.heartbeat import Heartbeat
 from .watch_store import axis_folder
 
 log = logging.getLogger(__name__)
@@ -38,19 +39,23 @@ class HistoryStore:
         self.keeping = _keeping(self._folder, config, self._archives, ratios_m_per_rad)
         self._failing = False
 
-    async def run(self) -> None:
+    async def run(self, heart: Heartbeat) -> None:
         """Flush once a second until cancelled; what is left is flushed at the end."""
         flushes = 0
         try:
-            await asyncio.to_thread(self._read_once)
+            await heart.in_thread(self._read_once)
             while True:
-                await asyncio.sleep(FLUSH_PERIOD_S)
+                await heart.sleep(FLUSH_PERIOD_S)
                 flushes += 1
-                await asyncio.to_thread(self._flush, sync=flushes % _FLUSHES_PER_SYNC == 0)
+                sync = flushes % _FLUSHES_PER_SYNC == 0
+                await heart.in_thread(partial(self._flush, sync=sync))
         finally:
             self._flush(sync=True)
-            if self._lock is not None:
-                self._lock.close()
+
+    def close(self) -> None:
+        """Let another service have the folder."""
+        if self._lock is not None:
+            self._lock.close()
 
     def _read_once(self) -> None:
         """The first reading loads the Parquet library, a second that no person should wait."""

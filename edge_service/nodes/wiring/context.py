@@ -2,9 +2,9 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, field, replace
 
 from ...bus.publisher import Publisher
 from ...bus.session import Bus
@@ -12,9 +12,14 @@ from ...bus.subscriber import Subscriber
 from ...config import EdgeConfig
 from ...health.condition.component import ComponentStatusMachine
 from ...messages.codec.interface import T
-from ...messages.header import Header
+from ...messages.event import Event, Severity
 from ...messages.health import ComponentHealth, ComponentStatus
-from ...messages.topics import STATUS, Topic
+from ...messages.topics import EVENT, STATUS, Topic
+from ..supervision.heartbeat import Heartbeat
+from ..supervision.supervisor import Supervisor
+from ..supervision.task import TaskChange
+from ..supervision.tasks import Tasks
+from ..supervision.words import said
 
 REPORT_PERIOD_S = 1.0
 
@@ -26,12 +31,18 @@ class NodeContext:
     Attributes:
         on_http_ready: called with the page's address once it is served.
         keeps_estimates: whether the estimators go on where the last process was.
+        supervisor: owner of all tasks of the process.
+        heart: sign of life of the node that it is given to.
     """
 
     config: EdgeConfig
     bus: Bus
     on_http_ready: Callable[[str], None] = field(default=lambda _url: None)
     keeps_estimates: bool = True
+    supervisor: Supervisor = field(default_factory=Supervisor)
+    heart: Heartbeat = field(
+        default_factory=lambda: Heartbeat("node", float("inf"), time.monotonic)
+    )
 
     def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
         """Declare the publisher of one topic of one axis."""
@@ -43,33 +54,45 @@ class NodeContext:
         keys = names.of_axes((axis.name for axis in self.config.axes), topic)
         return self.bus.subscribe(names.all_axes(topic), topic, depth=depth, keys=keys)
 
-    def subscribe_to_components(self) -> Subscriber[ComponentHealth]:
-        """Subscribe to the reports of every component."""
+    def subscribe_to_components(self, topic: Topic[T]) -> Subscriber[T]:
+        """Subscribe to one topic of every component."""
         names = self.config.keys
-        keys = names.of_components(tuple(axis.name for axis in self.config.axes), STATUS)
-        return self.bus.subscribe(names.all_components(STATUS), STATUS, keys=keys)
+        keys = names.of_components(tuple(axis.name for axis in self.config.axes), topic)
+        return self.bus.subscribe(names.all_components(topic), topic, keys=keys)
 
+    @contextmanager
+    def of_node(self, heart: Heartbeat) -> Iterator["NodeContext"]:
+        """The context of one life of one node: what it declares on the bus ends with it."""
+        with self.bus.scope() as bus:
+            yield replace(self, bus=bus, heart=heart)
 
-async def each(subscriber: Subscriber[T], take: Callable[[str, Header, T], None]) -> None:
-    """Hand axis, header and payload of everything that is heard to `take`."""
-    async for axis, header, payload in subscriber:
-        take(axis, header, payload)
+    async def forever(self) -> None:
+        """Wait until the node is ended; its tasks do the work."""
+        with self.heart.idle():
+            await asyncio.Event().wait()
 
 
 class Reporter:
-    """Publishes the status and the counters of one component, on change and once a second."""
+    """Publishes the status and the counters of one component, on change and once a second.
+
+    It owns the component's tasks: while one of them is down, the status says so.
+    """
 
     def __init__(self, context: NodeContext, component: str, axis: str | None = None) -> None:
         self._machine = ComponentStatusMachine(component, axis)
-        self._publisher = context.bus.publisher(
-            context.config.keys.component(component, axis, STATUS), STATUS, axis
+        self._axis = axis
+        keys, bus = context.config.keys, context.bus
+        self._publisher = bus.publisher(keys.component(component, axis, STATUS), STATUS, axis)
+        self._events = bus.publisher(keys.component(component, axis, EVENT), EVENT, axis)
+        self._tasks = context.supervisor.tasks(
+            component if axis is None else f"{component} {axis}", self._on_change
         )
         self.counters: Callable[[], dict[str, int]] = dict
         self.readings: Callable[[], dict[str, float]] = dict
 
     @property
     def status(self) -> ComponentStatus:
-        """The status last reported."""
+        """The status last entered."""
         return self._machine.status
 
     def to(self, status: ComponentStatus, reason: str = "") -> None:
@@ -79,22 +102,59 @@ class Reporter:
 
     def publish(self) -> None:
         """Put the report on the bus."""
-        report = self._machine.report(self.counters(), self.readings())
-        self._publisher.publish(report, time.time_ns())
+        self._publisher.publish(self._report(), time.time_ns())
+
+    def _report(self) -> ComponentHealth:
+        faults = self._tasks.faults()
+        own = self._machine.report(
+            self.counters()
+            | {
+                "task_restarts": self._tasks.restarts,
+                "message_failures": self._tasks.failures.count,
+            },
+            self.readings() | {"tasks_down": float(len(faults))},
+        )
+        if not faults or own.status in _ENDING:
+            return own
+        given_up = self._tasks.given_up
+        down = ComponentStatus.PERMANENT_ERROR if given_up else ComponentStatus.RECOVERABLE_ERROR
+        return own.model_copy(update={"status": down, "reason": "; ".join(faults)})
 
     @asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
-        """Publish once a second inside; say on leaving that the component stops."""
-        repeating = asyncio.create_task(self._repeat())
+    async def running(self) -> AsyncIterator[Tasks]:
+        """Own tasks inside, and publish once a second; say on leaving that the component stops."""
+        self._tasks.repeat("report", REPORT_PERIOD_S, self.publish)
+        failure = ""
         try:
-            yield
+            yield self._tasks
+        except Exception as error:
+            failure = said(error)
+            raise
         finally:
-            repeating.cancel()
-            if self.status is not ComponentStatus.STOPPED:
+            await self._tasks.end()
+            if failure:
+                self.to(ComponentStatus.RECOVERABLE_ERROR, failure)
+            else:
                 self.to(ComponentStatus.STOPPING)
                 self.to(ComponentStatus.STOPPED)
 
-    async def _repeat(self) -> None:
-        while True:
-            self.publish()
-            await asyncio.sleep(REPORT_PERIOD_S)
+    def _on_change(self, change: TaskChange) -> None:
+        now_ns = time.time_ns()
+        event = Event(
+            axis=self._axis or "",
+            kind=change.kind,
+            severity=_SEVERITY.get(change.kind, Severity.WARNING),
+            message=f"{self._machine.component}: {change.task} {change.reason}",
+            time_ns=now_ns,
+            data={
+                "component": self._machine.component,
+                "task": change.task,
+                "restarts": change.restarts,
+            },
+        )
+        self._events.publish(event, now_ns)
+        self.publish()
+
+
+_ENDING = (ComponentStatus.STOPPING, ComponentStatus.STOPPED)
+_SEVERITY = {"task_recovered": Severity.INFO, "task_given_up": Severity.ERROR}

@@ -1,0 +1,1 @@
+"""Every task has an owner and a deadline: what ends or stalls is seen, told and begun again."""

@@ -1,0 +1,35 @@
+"""How long the event loop stood still: nothing else can run while it does. Pure."""
+
+SHOWN_S = 10.0
+"""A time for which the worst is remembered."""
+
+
+class LoopLag:
+    """Delay of looks that should come at a fixed period.
+
+    Args:
+        now_s: time of the start, s.
+        period_s: of the looks.
+    """
+
+    def __init__(self, now_s: float, period_s: float) -> None:
+        self._period_s = period_s
+        self._looked_s = now_s
+        self._worst: list[tuple[float, float]] = []
+
+    def begin(self, now_s: float) -> None:
+        """Count from now."""
+        self._looked_s = now_s
+
+    def look(self, now_s: float) -> float:
+        """Take a look in; by how much it came late, s."""
+        late_s = max(now_s - self._looked_s - self._period_s, 0.0)
+        self._looked_s = now_s
+        known = [each for each in self._worst if now_s - each[0] < SHOWN_S and each[1] > late_s]
+        self._worst = [*known, (now_s, late_s)]
+        return late_s
+
+    @property
+    def worst_s(self) -> float:
+        """Longest standstill of the last ten seconds, s."""
+        return max((late_s for _, late_s in self._worst), default=0.0)
