@@ -88,12 +88,17 @@ def read_kept_bytes(path: Path) -> bytes | None:
 
 def set_aside(path: Path) -> Path:
     """Keep a damaged file beside its place, under a name of its own; returns it. OSError."""
-    numbers = ("", *(f".{number}" for number in range(2, _MOST_ASIDE + 1)))
-    names = [path.with_name(f"{path.name}{number}{DAMAGED}") for number in numbers]
-    aside = next((name for name in names if not name.exists()), names[-1])
+    aside = aside_name(path)
     path.replace(aside)
     sync_folder(path.parent)
     return aside
+
+
+def aside_name(path: Path) -> Path:
+    """Name under which a damaged file is kept."""
+    numbers = ("", *(f".{number}" for number in range(2, _MOST_ASIDE + 1)))
+    names = [path.with_name(f"{path.name}{number}{DAMAGED}") for number in numbers]
+    return next((name for name in names if not os.path.lexists(name)), names[-1])
 
 
 def made_folder(folder: Path) -> None:

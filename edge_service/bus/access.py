@@ -28,6 +28,8 @@ PUTS: dict[str, tuple[Topic[Any], ...]] = {
     "vibration": (VIB,),
 }
 """Topics that each role may put; nodes also report on themselves and their tasks."""
+_PARTS = {"http": ("history",)}
+"""Further components that a role reports on."""
 
 _MACHINE = f"{ROOT}/*/*"
 _EVERYTHING = ["**", f"{_MACHINE}/{COMPONENT}/**", f"{_MACHINE}/@alive"]
@@ -46,7 +48,7 @@ def may_put(role: str) -> list[str]:
     if role == READER:
         return []
     topics = [f"{_MACHINE}/*/{topic.name}" for topic in PUTS[role]]
-    parts = (f"{role}/**", f"{role}_process")
+    parts = (f"{role}/**", f"{role}_process", *_PARTS.get(role, ()))
     own = [f"{_MACHINE}/{COMPONENT}/{part}" for part in parts]
     return [*topics, *(f"{each}/{topic.name}" for each in own for topic in (STATUS, EVENT))]
 

@@ -1,7 +1,8 @@
 """Dependencies of the routes: the service state, the time, and parameters that make sense."""
 
+import asyncio
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, ParamSpec, TypeVar
 
 from fastapi import Depends, Query, Request
 from fastapi.exceptions import RequestValidationError
@@ -11,6 +12,8 @@ from starlette.exceptions import HTTPException
 from ..health.service_state import ServiceState
 from .times import parse_moment
 
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
 Clock = Callable[[], int]
 Moment = Annotated[float, BeforeValidator(parse_moment, json_schema_input_type=str)]
 
@@ -71,3 +74,14 @@ def parameter_error(parameter: str, message: str) -> RequestValidationError:
     return RequestValidationError(
         [{"type": "value_error", "loc": ("query", parameter), "msg": message}]
     )
+
+
+async def from_history(
+    ask: Callable[Given, Answer], *args: Given.args, **kwargs: Given.kwargs
+) -> Answer:
+    """Answer of a question to the history, which reads files; 503 where that fails."""
+    try:
+        return await asyncio.to_thread(ask, *args, **kwargs)
+    except OSError as error:
+        detail = f"the history cannot be read now ({error.strerror or error})"
+        raise HTTPException(503, detail) from None

@@ -31,7 +31,7 @@ class ComponentStatus(StrEnum):
 
 
 NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"})
-COMPONENTS = NODES | {"service"} | {f"{node}_process" for node in (*NODES, "bus")}
+COMPONENTS = NODES | {"service", "history"} | {f"{node}_process" for node in (*NODES, "bus")}
 """Every part of the service that reports on itself; a report of any other is refused.
 
 `service` is the process in which all nodes run, `..._process` that of one node alone.

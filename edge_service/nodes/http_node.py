@@ -25,6 +25,7 @@ from .jobs.job_desk import ProcessJobDesk
 from .outputs.registry import OUTPUTS, EventOutput
 from .stores.disagreement_recorder import DisagreementRecorder
 from .stores.history_store import open_history
+from .stores.history_watch import HistoryWatch
 from .supervision.heartbeat import Heartbeat
 from .supervision.task import TASK_EVENTS, Work
 from .supervision.tasks import Tasks
@@ -59,7 +60,7 @@ async def run(context: NodeContext) -> None:
     outputs = [make(config) for make in OUTPUTS]
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
-    reporter = Reporter(context, "http")
+    reporter, keeper = Reporter(context, "http"), Reporter(context, "history")
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def send_command(axis: str, command: Command) -> None:
@@ -71,14 +72,16 @@ async def run(context: NodeContext) -> None:
     recorder = DisagreementRecorder(desk.folder, on_kept)
     app = create_app(state, time_ns, send_command=send_command, desk=desk)
     try:
-        async with reporter.running() as tasks:
+        async with keeper.running() as keeping, reporter.running() as tasks:
             tasks.start(
                 "server", _server(context, reporter, partial(serve, app), state), vital=True
             )
             _follow(context, reporter, tasks, state)
-            _follow_events(context, tasks, state, outputs, recorder)
+            tell = _follow_events(context, tasks, state, outputs, recorder)
+            watch = HistoryWatch(keeper.to, tell)
+            keeper.counters = watch.counts
+            keeping.start("flush", partial(store.run, watch))
             tasks.start("recorder", recorder.run)
-            tasks.start("history", store.run)
             for output in outputs:
                 tasks.start(type(output).__name__.lower(), output.run)
             await context.forever()
@@ -114,11 +117,15 @@ def _follow_events(
     state: ServiceState,
     outputs: list[EventOutput],
     recorder: DisagreementRecorder,
-) -> None:
-    """Take in events of the axes and of the service; none of the takers can hold up another."""
+) -> Callable[[Event], None]:
+    """Take in events of the axes and of the service; none of the takers can hold up another.
+
+    Returns what takes in an event of this node itself.
+    """
     of_service = context.subscribe_to_components(EVENT)
 
-    def take_event(axis: str, _header: Header, event: Event) -> None:
+    def tell(event: Event) -> None:
+        axis = event.axis
         with tasks.failures.borne("diary", axis):
             state.on_event(event, time_ns())
         for output in outputs:
@@ -126,9 +133,12 @@ def _follow_events(
                 output.put(event)
         recorder.note(event)
 
-    def take_service_event(axis: str, header: Header, event: Event) -> None:
+    def take_event(_axis: str, _header: Header, event: Event) -> None:
+        tell(event)
+
+    def take_service_event(_axis: str, _header: Header, event: Event) -> None:
         if event.kind in TASK_EVENTS:  # nothing else is theirs to tell
-            take_event(axis, header, event)
+            tell(event)
 
     def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
         recorder.follow(axis, frame)
@@ -136,6 +146,7 @@ def _follow_events(
     tasks.follow("events", context.subscribe(EVENT), take_event)
     tasks.follow("service_events", of_service, take_service_event)
     tasks.follow("samples", context.subscribe(RAW, depth=1024), take_samples)
+    return tell
 
 
 def _server(

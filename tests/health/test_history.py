@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.health.history import archive as archive_module
-from edge_service.health.history import tier
+from edge_service.health.history import file_tier, open_records, tier
 from edge_service.health.history.archive import AxisArchive
 from edge_service.health.history.budget import make_room
 from edge_service.health.history.record import RECORD_BYTES
@@ -143,16 +143,17 @@ def test_a_damaged_log_loses_only_what_is_damaged(tmp_path, damage):
     if damage == "torn":
         del content[-RECORD_BYTES // 2 :]
     else:
-        content[99 * RECORD_BYTES + 5] ^= 1
+        content[50 * RECORD_BYTES + 5] ^= 1
     path.write_bytes(content)
     opened = AxisArchive(tmp_path)
-    assert opened.cut_bytes > 0
     assert len(opened.buckets(MIDNIGHT_S, MIDNIGHT_S + 100.0, 1.0)) == 99
+    assert len(opened.take_damages()) == 1
     opened.append(round((MIDNIGHT_S + 200.0) * NS), _estimate(1.0))
     opened.flush()
     again = AxisArchive(tmp_path)
-    assert again.cut_bytes == 0
     assert len(again.buckets(MIDNIGHT_S, MIDNIGHT_S + 300.0, 1.0)) == 100
+    assert again.take_damages() == []
+    assert (tmp_path / "open.log.damaged").exists() == (damage == "flipped")
 
 
 @pytest.mark.parametrize("fails_at", range(1, 7))
@@ -161,15 +162,15 @@ def test_a_crash_while_compacting_loses_and_doubles_nothing(tmp_path, monkeypatc
     times_s = MIDNIGHT_S + np.arange(0.0, HOUR + 120.0, 10.0)
     written = 0
 
-    def write_or_die(path: Path, rows: object) -> None:
+    def write_or_die(path: Path, rows: object, *origin: str) -> None:
         nonlocal written
         written += 1
         if written == fails_at:
             raise OSError("the power failed")
-        write_rows(path, rows)
+        write_rows(path, rows, *origin)
 
-    write_rows = tier.write_rows
-    monkeypatch.setattr(tier, "write_rows", write_or_die)
+    write_rows = file_tier.write_rows
+    monkeypatch.setattr(file_tier, "write_rows", write_or_die)
     for time_s in times_s:
         archive.append(round(time_s * NS), _estimate(5.0))
     with pytest.raises(OSError, match="power"):
@@ -199,7 +200,7 @@ def test_the_oldest_estimates_make_room_and_minutes_stay(tmp_path):
 
 def test_appending_never_waits_for_the_disk(tmp_path, monkeypatch):
     archive = AxisArchive(tmp_path)
-    monkeypatch.setattr(archive_module, "_MOST_OPEN_RECORDS", 10)
+    monkeypatch.setattr(open_records, "MOST_RECORDS", 10)
     with archive._lock:  # as while a compaction runs
         for second in range(5):
             archive.append(second * NS, _estimate(5.0))
@@ -207,12 +208,12 @@ def test_appending_never_waits_for_the_disk(tmp_path, monkeypatch):
 
 
 def test_a_log_that_cannot_be_written_loses_nothing_that_was_heard(tmp_path):
-    archive = AxisArchive(tmp_path)
-    (tmp_path / "open.log").mkdir()
+    (tmp_path / "no_folder").write_text("")
+    archive = AxisArchive(tmp_path / "no_folder" / "X")
     archive.append(5 * NS, _estimate(5.0))
     with pytest.raises(OSError, match="directory"):
         archive.flush()
-    (tmp_path / "open.log").rmdir()
+    (tmp_path / "no_folder").unlink()
     archive.append(6 * NS, _estimate(6.0))
     archive.flush()
     (bucket,) = archive.buckets(0.0, 10.0, 10.0)

@@ -210,8 +210,9 @@ async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_sc
     """The figure of the benchmarks, in processor time: what else a machine does must not count."""
     from time import process_time
 
+    from edge_service.health.history.file_tier import FileTier
     from edge_service.health.history.rows import single_rows
-    from edge_service.health.history.tier import HOUR, FileTier
+    from edge_service.health.history.tier import HOUR
     from edge_service.health.service_state import ServiceState
     from edge_service.health.state_settings import Keeping
 
@@ -221,7 +222,7 @@ async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_sc
     times = end_s - year_s + 3600.0 * np.arange(365 * 24)
     values = np.random.default_rng(2).uniform(3.0, 7.0, (5, times.size))
     rows = single_rows(times, np.zeros(times.size, np.int64), values[0], values[1], values)
-    FileTier(HOUR, tmp_path / "X").replace(times[0], end_s, rows)
+    FileTier(HOUR, tmp_path / "X", [].append).replace(times[0], end_s, rows)
     keeping = Keeping(archives={"X": AxisArchive(tmp_path / "X")})
     state = ServiceState({"X": None}, scene.now_ns, keeping=keeping)
     app = create_app(state, lambda: scene.now_ns)

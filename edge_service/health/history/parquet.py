@@ -3,16 +3,23 @@
 pyarrow is imported when it is needed: a service without history on disk saves its 40 MB.
 """
 
-import os
-import tempfile
+import errno
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...atomic import DamagedError, read_kept_bytes, replaced_bytes
 from ...messages.samples import Floats
-from .rows import QUANTITIES, STATUSES, Rows, single_rows
+from .rows import QUANTITIES, STATUSES, Rows, is_plausible, no_rows, single_rows
+from .seal import SEAL, is_sealed, sealed
 
+WRITTEN, ADOPTED = "written", "adopted"
+"""Origins of a seal: with the file, or later, on a file of a version that wrote none."""
+_UNREADABLE = (
+    *(ValueError, KeyError, TypeError, IndexError, AttributeError),
+    *(OverflowError, RuntimeError, OSError),
+)
 _KINDS = ("count", "least", "mean", "most")
 _WORDS = {"count": "count", "least": "min", "mean": "mean", "most": "max"}
 _NAMES = [
@@ -73,44 +80,69 @@ def _column(table: Any, name: str) -> Floats:
     return values
 
 
-def write_rows(path: Path, rows: Rows) -> None:
-    """Write a file that takes `path`'s place on success and leaves no trace on failure."""
-    import pyarrow.parquet as pq
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            pq.write_table(to_table(rows), file, compression="zstd")
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+def write_rows(path: Path, rows: Rows, origin: str = WRITTEN) -> None:
+    """Write a sealed file that takes `path`'s place on success. Raises OSError."""
+    table = to_table(rows).replace_schema_metadata({SEAL: origin})
+    content = sealed(_parquet(table))
+    with replaced_bytes(path) as file:
+        file.write(content)
 
 
-def read_rows(path: Path) -> Rows:
-    """Read a file written by `write_rows`; OSError if it cannot be, naming it."""
+def read_rows(path: Path) -> tuple[Rows, bool]:
+    """Read a file written by `write_rows`, and whether it has a seal.
+
+    Raises:
+        DamagedError: it is not what was written.
+        OSError: it cannot be read now.
+    """
+    content = read_kept_bytes(path)
+    if content is None:
+        return no_rows(), True
+    has_seal = is_sealed(content)
+    rows = _decoded(content)
+    if not has_seal and not is_plausible(rows):
+        raise DamagedError("its content contradicts itself")
+    return rows, has_seal
+
+
+def check_rows(path: Path) -> bool:
+    """Whether a file has a seal, which fits. Raises DamagedError, OSError."""
+    content = read_kept_bytes(path)
+    return content is None or is_sealed(content)
+
+
+def _decoded(content: bytes) -> Rows:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        return from_table(pq.read_table(path, use_threads=False, memory_map=False))
-    except (pa.ArrowException, KeyError) as error:
-        raise OSError(f"{path}: no history file ({error})") from error
+        return from_table(pq.read_table(pa.BufferReader(content), use_threads=False))
+    except MemoryError:
+        raise OSError(errno.ENOMEM, "too little memory") from None
+    except (pa.ArrowException, *_UNREADABLE) as error:
+        words = str(error).splitlines() or [""]
+        raise DamagedError(f"no history file ({words[0][:100]})") from None
+
+
+def _parquet(table: Any) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression="zstd")
+    content: bytes = sink.getvalue().to_pybytes()
+    return content
 
 
 def as_bytes(rows: Rows, form: str) -> bytes:
     """The rows as the bytes of a Parquet file, or of an Arrow IPC file (`arrow`)."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    sink, table = pa.BufferOutputStream(), to_table(rows)
+    table = to_table(rows)
     if form == "parquet":
-        pq.write_table(table, sink, compression="zstd")
-    else:
-        with pa.ipc.new_file(sink, table.schema) as writer:
-            writer.write_table(table)
+        return _parquet(table)
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema) as writer:
+        writer.write_table(table)
     content: bytes = sink.getvalue().to_pybytes()
     return content

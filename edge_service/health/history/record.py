@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +13,7 @@ NAN = float("nan")
 _NUMBERS = 2 + len(QUANTITIES)
 _BODY = struct.Struct(f"<qb{_NUMBERS}d")
 _CHECK = struct.Struct("<I")
+_STATUS_AT, _WINDOW_BYTES = 8, 4096
 RECORD_BYTES = _BODY.size + _CHECK.size
 _RECORD = np.dtype(
     [("time_ns", "<i8"), ("status", "i1"), ("numbers", "<f8", (_NUMBERS,)), ("check", "<u4")]
@@ -40,14 +42,52 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else NAN
 
 
-def good_length(content: bytes) -> int:
-    """Bytes up to the first record that is torn or damaged."""
-    for start in range(0, len(content) - RECORD_BYTES + 1, RECORD_BYTES):
-        body = content[start : start + _BODY.size]
-        (check,) = _CHECK.unpack_from(content, start + _BODY.size)
-        if check != zlib.crc32(body):
-            return start
-    return len(content) // RECORD_BYTES * RECORD_BYTES
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Contents of a log.
+
+    Attributes:
+        records: the good records, one after the other.
+        damaged_bytes: what is no record.
+        torn_bytes: an incomplete record at the end, as a crash leaves it.
+    """
+
+    records: bytes
+    damaged_bytes: int
+    torn_bytes: int
+
+
+def scan(content: bytes) -> Scan:
+    """Find the good records, wherever they begin: behind damage the next good one is looked for."""
+    good, start, end = [], 0, 0
+    while start <= len(content) - RECORD_BYTES:
+        if _is_good(content, start):
+            end = start + RECORD_BYTES
+            good.append(content[start:end])
+            start = end
+        else:
+            start = _next_good(content, start + 1)
+    torn = len(content) - end if len(content) - end < RECORD_BYTES else 0
+    records = b"".join(good)
+    return Scan(records, len(content) - len(records) - torn, torn)
+
+
+def _is_good(content: bytes, start: int) -> bool:
+    (check,) = _CHECK.unpack_from(content, start + _BODY.size)
+    return bool(check == zlib.crc32(content[start : start + _BODY.size]))
+
+
+def _next_good(content: bytes, start: int) -> int:
+    """Start of the next good record; the end of the content if there is none."""
+    status = np.frombuffer(content, np.uint8)[_STATUS_AT:]
+    last = len(content) - RECORD_BYTES
+    while start <= last:
+        window = status[start : min(start + _WINDOW_BYTES, last + 1)]
+        for offset in np.flatnonzero(window < len(STATUSES)).tolist():
+            if _is_good(content, start + offset):
+                return start + int(offset)
+        start += _WINDOW_BYTES
+    return len(content)
 
 
 def rows_of(content: bytes | bytearray) -> Rows:

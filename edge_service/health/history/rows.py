@@ -116,3 +116,20 @@ def aggregate(rows: Rows, start_s: float, step_s: float) -> Rows:
         mean=mean,
         most=np.fmax.reduceat(rows.most, first, axis=1),
     )
+
+
+def is_plausible(rows: Rows) -> bool:
+    """Tell whether rows could have been written: order, counts and extremes agree."""
+    some = rows.count > 0
+    least, mean, most = rows.least[some], rows.mean[some], rows.most[some]
+    slack = 1e-9 * np.maximum(np.abs(least), np.abs(most))
+    return bool(
+        np.all(np.isfinite(rows.time_s))
+        and np.all(np.diff(rows.time_s) > 0.0)
+        and np.all(rows.samples >= 1)
+        and np.all((rows.count >= 0) & (rows.count <= rows.samples))
+        and np.all(np.isfinite(least) & np.isfinite(most))
+        and np.all((least <= mean + slack) & (mean <= most + slack))
+        and np.all(np.isnan(rows.mean[~some]))
+        and not np.any(rows.low > rows.high)
+    )

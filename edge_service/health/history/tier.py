@@ -1,18 +1,13 @@
-"""Rows of one resolution: in files that appear whole or not at all, or in memory alone."""
+"""Rows of one resolution, and the coarser ones that stand in where it has none."""
 
-from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
+from datetime import timedelta
 from typing import Protocol
 
 import numpy as np
 
-from .parquet import read_rows, write_rows
 from .rows import Rows, in_order, joined, no_rows
-
-_CACHED_ROWS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,65 +60,31 @@ class MemoryTier:
 
     def replace(self, start_s: float, end_s: float, rows: Rows) -> None:
         """Let `rows` take the place of what is in [start_s, end_s); the oldest make room."""
-        kept = in_order(joined([_outside(self._rows, start_s, end_s), rows]))
+        kept = in_order(joined([outside(self._rows, start_s, end_s), rows]))
         excess = len(kept) - self._capacity
         self._rows = kept.take(np.arange(excess, len(kept))) if excess > 0 else kept
 
 
-class FileTier:
-    """Rows in Parquet files, each whole; those read last are kept decoded."""
-
-    def __init__(self, resolution: Resolution, folder: Path) -> None:
-        self.resolution = resolution
-        self._folder = folder / resolution.name
-        self._cache: OrderedDict[Path, Rows] = OrderedDict()
-
-    def read(self, start_s: float, end_s: float) -> Rows:
-        """Rows that begin in [start_s, end_s), by time. Raises OSError."""
-        parts = [self._read(path) for path in self._paths(start_s, end_s) if path.exists()]
-        return joined(parts).between(start_s, end_s)
-
-    def replace(self, start_s: float, end_s: float, rows: Rows) -> None:
-        """Let `rows` take the place of what is in [start_s, end_s), file by file. OSError."""
-        for path in self._paths(start_s, end_s):
-            old = self._read(path) if path.exists() else no_rows()
-            mine = np.array([self._path(time_s) == path for time_s in rows.time_s], bool)
-            new = in_order(joined([_outside(old, start_s, end_s), rows.take(mine)]))
-            if len(new):
-                write_rows(path, new)
-            self._cache.pop(path, None)
-
-    def _paths(self, start_s: float, end_s: float) -> Iterator[Path]:
-        """Files that may hold rows of [start_s, end_s), in order."""
-        if self._many(start_s, end_s):
-            first, last = self._path(start_s).name, self._path(end_s).name
-            yield from sorted(p for p in self._folder.glob("*.parquet") if first <= p.name <= last)
-            return
-        seen = None
-        step_s = self.resolution.file_span.total_seconds()
-        for time_s in (*np.arange(start_s, end_s, step_s), np.nextafter(end_s, 0.0)):
-            path = self._path(float(time_s))
-            if path != seen:
-                yield path
-            seen = path
-
-    def _many(self, start_s: float, end_s: float) -> bool:
-        """Tell whether listing the folder is cheaper than asking for every name."""
-        return end_s - start_s > 50 * self.resolution.file_span.total_seconds()
-
-    def _path(self, time_s: float) -> Path:
-        moment = datetime.fromtimestamp(time_s, UTC)
-        return self._folder / f"{moment.strftime(self.resolution.file_name)}.parquet"
-
-    def _read(self, path: Path) -> Rows:
-        rows = self._cache.pop(path, None)
-        if rows is None:
-            rows = read_rows(path)
-        self._cache[path] = rows
-        while len(self._cache) > 1 and sum(map(len, self._cache.values())) > _CACHED_ROWS:
-            self._cache.popitem(last=False)
-        return rows
-
-
-def _outside(rows: Rows, start_s: float, end_s: float) -> Rows:
+def outside(rows: Rows, start_s: float, end_s: float) -> Rows:
+    """Rows that begin before or after [start_s, end_s)."""
     return rows.take((rows.time_s < start_s) | (rows.time_s >= end_s))
+
+
+def filled(start_s: float, end_s: float, tiers: Sequence[Tier]) -> Rows:
+    """Rows of [start_s, end_s) of the first tier, with those of the next ones in its holes.
+
+    Holes are where finer rows have made room, or were in a damaged file. Raises OSError.
+    """
+    finest, *coarser = tiers
+    rows = finest.read(start_s, end_s)
+    for tier in coarser:
+        rows = in_order(joined([_missing(tier, start_s, end_s, rows), rows]))
+    return rows
+
+
+def _missing(tier: Tier, start_s: float, end_s: float, finer: Rows) -> Rows:
+    """Whole rows of a tier within whose time no finer row begins."""
+    step_s = tier.resolution.step_s
+    rows = tier.read(start_s, end_s - step_s + 1e-6)
+    following = np.append(finer.time_s, np.inf)[np.searchsorted(finer.time_s, rows.time_s)]
+    return rows.take(following >= rows.time_s + step_s)

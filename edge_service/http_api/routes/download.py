@@ -1,6 +1,5 @@
 """History to take along: one row per estimate, minute or hour, as Parquet or Arrow."""
 
-import asyncio
 from enum import StrEnum
 from typing import Annotated
 
@@ -9,7 +8,15 @@ from fastapi.responses import Response
 
 from ...health.history.parquet import as_bytes
 from ...health.service_state import ServiceState
-from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
+from ..context import (
+    AxisDep,
+    Moment,
+    NowDep,
+    StateDep,
+    from_history,
+    moment_query,
+    parameter_error,
+)
 from ..problems import documented
 
 _MOST_ROWS = 300_000
@@ -49,7 +56,7 @@ async def history_file(
     start_s = max(end_s - _SPAN_S, 0.0) if start_s is None else start_s
     if not start_s < end_s:
         raise parameter_error("from", "must be before `to`")
-    content = await asyncio.to_thread(_content, state, axis, form, start_s, end_s)
+    content = await from_history(_content, state, axis, form, start_s, end_s)
     name = f"preload_{axis}.{form.value}"
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type=_TYPES[form.value], headers=headers)

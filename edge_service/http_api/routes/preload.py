@@ -1,6 +1,5 @@
 """The JSON routes."""
 
-import asyncio
 import math
 from typing import Annotated
 
@@ -18,7 +17,15 @@ from ..answers import (
     ServiceAnswer,
 )
 from ..compose import axes_answer, health_answer, history_answer, preload_answer, service_answer
-from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
+from ..context import (
+    AxisDep,
+    Moment,
+    NowDep,
+    StateDep,
+    from_history,
+    moment_query,
+    parameter_error,
+)
 from ..problems import documented, problem_response
 
 DEFAULT_SPAN_S = 3600.0
@@ -92,4 +99,4 @@ async def history(
     step_s = max(1.0, (end_s - start_s) / _DEFAULT_BUCKETS) if step_s is None else step_s
     if math.ceil((end_s - start_s) / step_s) > MOST_BUCKETS:
         raise parameter_error("step", f"would make more than {MOST_BUCKETS} buckets")
-    return await asyncio.to_thread(history_answer, state, axis, start_s, end_s, step_s)
+    return await from_history(history_answer, state, axis, start_s, end_s, step_s)
