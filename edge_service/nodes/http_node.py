@@ -82,6 +82,7 @@ async def run(context: NodeContext) -> None:
             keeper.counters = watch.counts
             keeping.start("flush", partial(store.run, watch))
             tasks.start("recorder", recorder.run)
+            tasks.start("jobs", desk.run)
             for output in outputs:
                 tasks.start(type(output).__name__.lower(), output.run)
             await context.forever()

@@ -1,5 +1,6 @@
 """The routes over a job desk whose jobs are small programs."""
 
+import asyncio
 import sys
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -14,7 +15,7 @@ from edge_service.http_api.jobs import JobKind
 from edge_service.http_api.limits.settings import HttpLimits
 from edge_service.nodes.jobs.job_desk import ProcessJobDesk
 
-from .conftest import until
+from .conftest import heart, until
 
 LIMITS = HttpLimits(upload_bytes=50)
 
@@ -49,6 +50,15 @@ class JobScene:
         transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
         self.client = httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1/")
 
+        self._following = asyncio.create_task(self.desk.run(heart()))
+
+    async def close(self) -> None:
+        """The service ends."""
+        await self.client.aclose()
+        self._following.cancel()
+        await asyncio.wait([self._following])
+        await self.desk.close()
+
     def let(self, word: str) -> None:
         """What fingerprint jobs do from now on."""
         self.desk._commands = {kind: _child(word) for kind in JobKind}
@@ -68,6 +78,18 @@ class JobScene:
         return await until(over)
 
 
+async def followed(desk: ProcessJobDesk) -> None:
+    """Follow the jobs that were started until all have ended."""
+    following = asyncio.create_task(desk.run(heart()))
+
+    async def over() -> bool:
+        return not any(job.running for job in desk._jobs.values())
+
+    await until(over)
+    following.cancel()
+    await asyncio.wait([following])
+
+
 @asynccontextmanager
 async def scene_in(folder: Path) -> AsyncIterator[JobScene]:
     """A scene with one recording, trace.csv, whose jobs are short."""
@@ -75,5 +97,4 @@ async def scene_in(folder: Path) -> AsyncIterator[JobScene]:
     jobs.let("short")
     await jobs.client.put("recordings/trace.csv", content=b"time_s\n0\n")
     yield jobs
-    await jobs.client.aclose()
-    await jobs.desk.close()
+    await jobs.close()

@@ -16,6 +16,8 @@ from edge_service.http_api.jobs import JobBody, JobKind, JobState, RefusedError
 from edge_service.limited_process import ProcessLimits, limited_command, why_it_ended
 from edge_service.nodes.jobs.job_desk import ProcessJobDesk
 
+from .job_scene import followed
+
 BODY = JobBody(kind=JobKind.DIAGNOSE, axis="X", recordings=["a.csv"])
 
 
@@ -29,7 +31,7 @@ def _desk(folder: Path, code: str, **limits: float) -> ProcessJobDesk:
 
 async def _ended(desk: ProcessJobDesk):
     await desk.start(BODY)
-    await asyncio.wait_for(asyncio.gather(*desk._followers), 20.0)
+    await followed(desk)
     (job,) = desk.jobs()
     desk.check_free()
     return job
@@ -69,7 +71,7 @@ async def test_a_job_that_cannot_be_started_has_failed(tmp_path, monkeypatch, nu
     (job,) = desk.jobs()
     assert (job.state, job.ended is None) == (JobState.FAILED, False)
     await desk.start(BODY)
-    await asyncio.gather(*desk._followers)
+    await followed(desk)
 
 
 def _gone(pid: int) -> bool:

@@ -33,7 +33,7 @@ async def test_jobs_and_their_files_are_there_after_a_restart(jobs, tmp_path):
     assert (await again.client.get("jobs/1/files/report.html")).text == "<p>fine</p>"
     assert (await again.start(baseline=1)).json()["id"] == 2
     assert (await again.ended())["baseline"] == 1
-    await again.client.aclose()
+    await again.close()
 
 
 async def test_a_job_that_ran_when_the_service_died_has_failed(jobs, tmp_path):
@@ -47,7 +47,7 @@ async def test_a_job_that_ran_when_the_service_died_has_failed(jobs, tmp_path):
     assert job["state"] == "failed"
     assert job["lines"][-1] == "the service ended before it was done"
     assert job["files"] == []
-    await again.client.aclose()
+    await again.close()
 
 
 async def test_a_damaged_record_is_left_out(jobs, tmp_path, caplog):
@@ -69,7 +69,7 @@ async def test_files_that_were_removed_by_hand_are_not_offered(jobs, tmp_path):
     (job,) = (await again.client.get("jobs")).json()["jobs"]
     assert job["files"] == []
     assert (await again.client.get("jobs/1/files/report.html")).status_code == 404
-    await again.client.aclose()
+    await again.close()
 
 
 async def test_what_is_forgotten_stays_forgotten(jobs, tmp_path, monkeypatch):
@@ -79,4 +79,4 @@ async def test_what_is_forgotten_stays_forgotten(jobs, tmp_path, monkeypatch):
         await jobs.ended()
     again = await restarted(jobs, tmp_path)
     assert [job["id"] for job in (await again.client.get("jobs")).json()["jobs"]] == [2]
-    await again.client.aclose()
+    await again.close()

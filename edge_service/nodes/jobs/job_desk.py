@@ -18,6 +18,7 @@ from ...config_tables import JobsConfig
 from ...http_api.jobs import JobAnswer, JobBody, JobKind, JobState, RecordingAnswer, RefusedError
 from ...http_api.times import rfc3339_s
 from ...limited_process import ProcessLimits, limited_command, why_it_ended
+from ..supervision.heartbeat import Heartbeat
 from .job_records import INTERRUPTED, forget_job, known_jobs, save_job
 from .recordings import Recordings
 
@@ -26,6 +27,7 @@ MOST_TEMPORARY_MB = 500.0
 """Of recordings where there is no folder: what is temporary may be memory."""
 _LINES, _LONGEST_LINE = 40, 500
 _NICE = 10
+_REAP_S = 5.0
 
 JobCommand = Callable[[Path, Sequence[Path], Path, Path | None], list[str]]
 """(machine file, recordings, folder for the answers, older answers) -> command line."""
@@ -111,7 +113,7 @@ class ProcessJobDesk:
             answer.id: _Job(answer, out, deque(answer.lines, _LINES))
             for out, answer in known_jobs(self._answers)
         }
-        self._followers: set[asyncio.Task[None]] = set()
+        self._begun: asyncio.Queue[tuple[_Job, asyncio.subprocess.Process]] = asyncio.Queue()
 
     @property
     def folder(self) -> Path:
@@ -169,10 +171,16 @@ class ProcessJobDesk:
         except OSError as error:
             self._end(job, JobState.FAILED, f"it cannot be started ({error.strerror})")
             raise RefusedError(503, f"job {number} {job.lines[-1]}") from None
-        follower = asyncio.create_task(self._follow(job, job.process))
-        self._followers.add(follower)
-        follower.add_done_callback(self._followers.discard)
+        self._begun.put_nowait((job, job.process))
         return job.answer()
+
+    async def run(self, heart: Heartbeat) -> None:
+        """Follow the jobs that are started until cancelled, which ends a job."""
+        while True:
+            with heart.idle(self._begun.empty):
+                job, process = await self._begun.get()
+            with heart.idle():  # it has a deadline of its own
+                await self._follow(job, process)
 
     async def cancel(self, number: int) -> JobAnswer:
         """End a job that runs."""
@@ -196,15 +204,16 @@ class ProcessJobDesk:
         """End what runs; without a folder, leave nothing behind."""
         for job in self._jobs.values():
             if job.running and job.process is not None:
-                job.enter(JobState.FAILED)
-                job.lines.append(INTERRUPTED)
                 _kill(job.process)
-        await asyncio.gather(*self._followers, return_exceptions=True)
+                await job.process.wait()
+                self._end(job, JobState.FAILED, INTERRUPTED)
+        while not self._begun.empty():
+            await _reap(self._begun.get_nowait()[1])
         if self._temporary is not None:
             shutil.rmtree(self._temporary, ignore_errors=True)
 
     async def _follow(self, job: _Job, process: asyncio.subprocess.Process) -> None:
-        state, why = JobState.FAILED, ""
+        state, why = JobState.FAILED, INTERRUPTED
         try:
             async with asyncio.timeout(self._longest_s):
                 await _hear(process, job.lines)
@@ -216,6 +225,7 @@ class ProcessJobDesk:
         finally:
             _kill(process)
             self._end(job, state, why)
+            await _reap(process)
 
     def _end(self, job: _Job, state: JobState, why: str) -> None:
         """Note how it ended, unless it was cancelled."""
@@ -267,6 +277,16 @@ async def _hear(process: asyncio.subprocess.Process, lines: deque[str]) -> None:
         lines.extend(_words(line) for line in whole[-_LINES:])
         rest = rest[:_LONGEST_LINE]
     lines.extend([_words(rest)] if rest else [])
+
+
+async def _reap(process: asyncio.subprocess.Process) -> None:
+    """Wait for the end of a process that was killed, and of its pipe."""
+    assert process.stdout is not None
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_REAP_S):
+            while await process.stdout.read(1 << 16):
+                pass
+            await process.wait()
 
 
 def _words(line: bytes) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 from .loop_lag import LoopLag
+from .policy import RestartPolicy
 from .task import TaskChange
 from .tasks import Tasks
 
@@ -27,9 +28,13 @@ class Supervisor:
 
     Args:
         clock: monotonic, s.
+        policy: by which tasks are begun again.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, policy: RestartPolicy | None = None
+    ) -> None:
+        self._policy = policy or RestartPolicy()
         self.final: tuple[type[Exception], ...] = ()
         self.start_s = START_S
         self._clock = clock
@@ -41,7 +46,7 @@ class Supervisor:
         self, component: str, on_change: Callable[[TaskChange], None] = lambda _change: None
     ) -> Tasks:
         """Tasks of one component, to be ended by whoever asks for them."""
-        group = Tasks(component, on_change, self._clock, self._forget)
+        group = Tasks(component, on_change, self._clock, self._policy, self._forget)
         self._groups.append(group)
         return group
 

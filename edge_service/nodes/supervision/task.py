@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
@@ -33,16 +33,16 @@ class TaskRules:
     """Rules for one task.
 
     Attributes:
+        restarts: how it is begun again.
         deadline_s: longest time without a sign of life.
         may_end: its work may be done some day.
         vital: without it the service does not do what it is for: giving it up ends the process.
-        restarts: how it is begun again.
     """
 
+    restarts: RestartPolicy
     deadline_s: float = DEADLINE_S
     may_end: bool = False
     vital: bool = False
-    restarts: RestartPolicy = field(default_factory=RestartPolicy)
 
 
 @dataclass(frozen=True, slots=True)

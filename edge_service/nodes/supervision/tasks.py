@@ -10,6 +10,7 @@ from ...messages.codec.interface import T
 from ...messages.header import Header
 from .failures import Failures
 from .heartbeat import DEADLINE_S, Heartbeat
+from .policy import RestartPolicy
 from .task import SupervisedTask, TaskChange, TaskRules, TaskState, Work
 
 log = logging.getLogger(__name__)
@@ -24,6 +25,7 @@ class Tasks:
         component: whose tasks they are.
         on_change: told what has changed.
         clock: monotonic, s.
+        policy: by which tasks are begun again.
         on_end: told when all have ended.
     """
 
@@ -32,12 +34,14 @@ class Tasks:
         component: str,
         on_change: Callable[[TaskChange], None],
         clock: Callable[[], float],
+        policy: RestartPolicy,
         on_end: Callable[["Tasks"], None],
     ) -> None:
         self.component = component
         self.failures = Failures(self._message_failed, clock)
         self._on_change = on_change
         self._clock = clock
+        self._policy = policy
         self._on_end = on_end
         self._tasks: list[SupervisedTask] = []
 
@@ -54,7 +58,7 @@ class Tasks:
         vital: bool = False,
     ) -> SupervisedTask:
         """Begin a task; `work` is called again whenever it ends or stalls."""
-        rules = TaskRules(deadline_s, may_end, vital)
+        rules = TaskRules(self._policy, deadline_s, may_end, vital)
         task = SupervisedTask(name, work, rules, self._clock)
         self._tasks.append(task)
         return task
