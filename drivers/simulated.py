@@ -14,7 +14,7 @@ from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, MotionError, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
 from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
 from edge_service.models.plant.encoders import Sensors
 from edge_service.models.screw.wear import RUN_IN_SHARE, SCENARIOS, Wear

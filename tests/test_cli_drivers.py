@@ -16,7 +16,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.channels import TORQUE
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.trace.writer import TraceWriter
 
 from .drivers.bench import ROOT, free_port

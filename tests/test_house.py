@@ -273,7 +273,7 @@ OTHER_MEANINGS = {
     "edge_service/offline/report/fingerprint_wording.py": {"backlash"},
     "edge_service/offline/report/fingerprint_figures.py": {"backlash"},
     "edge_service/fingerprint/response/two_mass_fit.py": {"delay"},  # an unknown of the fit
-    "edge_service/models/motion.py": {"warmup"},  # a motion
+    "edge_service/models/motions/registry.py": {"warmup"},  # a motion
     "edge_service/offline/thesis/puzzle.py": {"stribeck", "warmup", "compliance"},  # as it states
 }
 """Files that name an effect: mostly a thing of the same name."""

@@ -60,7 +60,7 @@ def _is_bad_input(error: Exception) -> bool:
     from ..certificates import CertificateError
     from ..fingerprint.document import FingerprintError
     from ..http_api.serve import AddressError
-    from ..models.motion import MotionError
+    from ..models.motions.registry import MotionError
     from ..offline.diagnosis.sessions import DiagnosisError
     from ..offline.simulate import SimulationError
     from ..trace.columns import TraceError

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..models.motion import MOTIONS, Dwell, MotionError, MotionLimits, Move, Segment, Setpoints
+from ..models.motions.registry import (
+    MOTIONS,
+    Dwell,
+    MotionError,
+    MotionLimits,
+    Move,
+    Segment,
+    Setpoints,
+)
 from ..models.motions.segments import samples_of
 
 ENDLESS_DURATION_S = 60.0

@@ -13,7 +13,7 @@ from ..messages.channels import CHANNELS
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
-from ..models.motion import MotionLimits, motion_limits
+from ..models.motions.registry import MotionLimits, motion_limits
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..trace.columns import TraceError
 from ..trace.writer import TraceFormat, TraceWriter

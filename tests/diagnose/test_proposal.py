@@ -11,7 +11,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.experiment.isolability import DECISIVE, Separation, least_strength
 from edge_service.diagnose.experiment.proposal import candidates, propose
 from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, motion_limits
+from edge_service.models.motions.registry import MOTIONS, motion_limits
 
 
 @pytest.fixture(scope="module")

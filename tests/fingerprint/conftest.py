@@ -8,7 +8,7 @@ import pytest
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motion import MOTIONS, Segment, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Segment, Setpoints, motion_limits
 
 BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 GUIDE_FORCE_N = 40.0

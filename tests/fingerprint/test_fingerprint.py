@@ -24,7 +24,7 @@ from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motion import MOTIONS, Dwell, Move, Segment, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Dwell, Move, Segment, motion_limits
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.ball_screw import ball_pass_orders
 

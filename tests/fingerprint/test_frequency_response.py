@@ -20,7 +20,7 @@ from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, motion_limits
+from edge_service.models.motions.registry import MOTIONS, motion_limits
 from edge_service.models.plant.two_mass import axial_compliance
 
 from .conftest import FRESH, run_axis, setpoints_of

@@ -13,7 +13,7 @@ from edge_service.fingerprint.regression.prepared_run import PreparationSettings
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
-from edge_service.models.motion import Dwell, Move
+from edge_service.models.motions.registry import Dwell, Move
 from edge_service.models.screw.friction import exponential_friction
 
 from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, setpoints_of

@@ -22,7 +22,7 @@ from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 
 MACHINE = load_machine(DEFAULT_MACHINE)
 FRESH = 6.85

@@ -20,7 +20,7 @@ from edge_service.config import (
     load_machine,
 )
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.service import PIPELINE, NodeName, run_nodes
 from edge_service.nodes.supervision.heartbeat import Heartbeat
 from edge_service.nodes.wiring.context import NodeContext

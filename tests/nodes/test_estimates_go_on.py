@@ -37,7 +37,7 @@ from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import COMMAND, FEAT, PRELOAD, STATUS
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.stores.estimate_store import (
     AHEAD_S,
     LONGEST_STOP_S,

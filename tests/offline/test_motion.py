@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, MotionError, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
 from edge_service.offline.motion import picture as motion_picture
 from edge_service.offline.motion.motion_file import MotionFileSettings, list_motions, write_motion
 

@@ -10,7 +10,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages import channels
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, motion_limits
+from edge_service.models.motions.registry import MOTIONS, motion_limits
 from edge_service.offline import commanded_motion
 from edge_service.offline.simulate import (
     SimulationError,

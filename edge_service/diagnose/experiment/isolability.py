@@ -11,7 +11,7 @@ from ...messages.samples import SampleFrame
 from ...models.effects.registry import get_effect
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import Machine
-from ...models.motion import MOTIONS, Setpoints, motion_limits
+from ...models.motions.registry import MOTIONS, Setpoints, motion_limits
 from ..candidates.design_matrix import DesignMatrix
 from ..candidates.healthy_prior import healthy_priors
 from ..selection.noise import Noise

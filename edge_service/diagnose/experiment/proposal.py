@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from ...models.machine import Machine
-from ...models.motion import MOTIONS, MotionError, motion_limits
+from ...models.motions.registry import MOTIONS, MotionError, motion_limits
 from .isolability import DECISIVE, LONGEST_S, Separation, rehearsed, separations
 
 ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)

@@ -17,7 +17,7 @@ from ...diagnose.session.session import Session
 from ...diagnose.session.twin import rigid_baseline
 from ...models.effects.registry import machine_effects
 from ...models.machine import Machine
-from ...models.motion import MotionError
+from ...models.motions.registry import MotionError
 from ..report.diagnosis_document import augmented_toml, bad_data_document, to_document
 from ..report.diagnosis_page import render, render_bad_data
 from .doubts import beside_doubts, doubts

@@ -15,7 +15,7 @@ from ...diagnose.session.twin import healthy_session
 from ...models.effects.effect import Effect, Role
 from ...models.effects.registry import effect_names, get_effect
 from ...models.machine import Machine
-from ...models.motion import MOTIONS
+from ...models.motions.registry import MOTIONS
 from ..diagnosis.sessions import DiagnosisError, read_runs
 
 _NEVER = 1e3

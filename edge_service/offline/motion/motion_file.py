@@ -12,7 +12,10 @@ import numpy as np
 
 from ...atomic import replaced_file
 from ...models.machine import Machine
-from ...models.motion import (
+from ...models.motions.excitation import Shaken
+from ...models.motions.limits import assumed_limits
+from ...models.motions.nc_program import nc_blocks
+from ...models.motions.registry import (
     MOTIONS,
     Motion,
     MotionError,
@@ -21,9 +24,6 @@ from ...models.motion import (
     Setpoints,
     motion_limits,
 )
-from ...models.motions.excitation import Shaken
-from ...models.motions.limits import assumed_limits
-from ...models.motions.nc_program import nc_blocks
 from ...models.motions.segments import samples_of
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...models.machine import Machine
-from ...models.motion import MOTIONS, MotionError, MotionLimits, Setpoints, motion_limits
+from ...models.motions.registry import MOTIONS, MotionError, MotionLimits, Setpoints, motion_limits
 from ...models.motions.segments import samples_of
 from ..report.pictures import ESTIMATE, STYLE, write_png
 

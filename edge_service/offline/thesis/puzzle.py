@@ -23,7 +23,7 @@ from ...models.effects.registry import get_effect, machine_effects, parse_effect
 from ...models.effects.signature import transmission_signature
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import EffectConfig, Machine, Quantity
-from ...models.motion import MOTIONS, Setpoints, motion_limits
+from ...models.motions.registry import MOTIONS, Setpoints, motion_limits
 from ..report.pictures import write_png
 from .puzzle_picture import CHANNELS, Step, draw_puzzle
 

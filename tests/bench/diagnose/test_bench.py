@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 from edge_service.diagnose.experiment.proposal import CandidateMotion
 from edge_service.diagnose.localisation.places import Place
-from edge_service.models.motion import motion_limits
+from edge_service.models.motions.registry import motion_limits
 
 from ...foreign_plant import MOTIONS
 from .bench import plan_cases

@@ -11,7 +11,7 @@ from edge_service.diagnose.experiment.proposal import CandidateMotion, propose
 from edge_service.diagnose.pipeline import Diagnosis
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 
 from ... import foreign_plant
 from .cases import BenchCase, baseline_machine, diagnosed, recorded, session_of_frames

@@ -26,7 +26,7 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motion import motion_limits
+from edge_service.models.motions.registry import motion_limits
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.offline.commanded_motion import MotionWish
 

@@ -8,7 +8,7 @@ import numpy as np
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 
 from ..table import Figure
 

@@ -17,7 +17,7 @@ from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motion import MOTIONS, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 
 MACHINE = load_machine(DEFAULT_MACHINE)
 RATE_HZ = 1000.0

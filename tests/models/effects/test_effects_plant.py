@@ -13,7 +13,7 @@ from edge_service.models.effects.forward import put_into
 from edge_service.models.effects.registry import effect_names, parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motion import Dwell, Move, Setpoints
+from edge_service.models.motions.registry import Dwell, Move, Setpoints
 from edge_service.models.plant.encoders import Sensors
 from edge_service.models.plant.tables import find_friction, misreading, nut_shift
 from edge_service.models.plant.two_mass import (

@@ -15,7 +15,7 @@ from edge_service.models.effects.registry import effect_names, parse_effect
 from edge_service.models.effects.signature import torque_signature, transmission_signature
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motion import Dwell, Move, Setpoints
+from edge_service.models.motions.registry import Dwell, Move, Setpoints
 from edge_service.models.plant.encoders import Sensors
 
 IDEAL = Sensors(*[0.0] * len(Sensors._fields))

@@ -13,7 +13,7 @@ from edge_service.models.effects.library.warmup import WARM_RISE_K
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import AMBIENT_C, FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motion import Dwell, Move, Setpoints
+from edge_service.models.motions.registry import Dwell, Move, Setpoints
 
 HOME_M = 0.04
 

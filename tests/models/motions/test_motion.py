@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_service.models.machine import Machine
-from edge_service.models.motion import (
+from edge_service.models.motions.registry import (
     MOTIONS,
     Dwell,
     MotionError,

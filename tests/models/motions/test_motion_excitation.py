@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.models.motion import MOTIONS, MotionLimits
 from edge_service.models.motions.excitation import (
     Chirp,
     Multisine,
@@ -16,6 +15,7 @@ from edge_service.models.motions.excitation import (
     faded_peaks,
     low_crest_phases,
 )
+from edge_service.models.motions.registry import MOTIONS, MotionLimits
 
 BENCH = MotionLimits(0.04, 0.76)
 CHIRP = Chirp(5.0, 300.0, 20.0, 2.0, 4.0)

@@ -1,4 +1,4 @@
-"""Commanded motion: every named motion, within the limits of an axis."""
+"""Registry of the named motions, each within the limits of an axis."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
-from .motions.axis_tests import acceleration, friction, reversals, signature, standstill
-from .motions.everyday import production, warmup
-from .motions.limits import MotionError, MotionLimits, motion_limits
-from .motions.route import Plan, Route
-from .motions.segments import Dwell, Move, Segment, Setpoints
-from .motions.shaking import chirp, multisine
+from .axis_tests import acceleration, friction, reversals, signature, standstill
+from .everyday import production, warmup
+from .limits import MotionError, MotionLimits, motion_limits
+from .route import Plan, Route
+from .segments import Dwell, Move, Segment, Setpoints
+from .shaking import chirp, multisine
 
 __all__ = [
     "MOTIONS",
