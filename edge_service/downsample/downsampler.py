@@ -15,6 +15,7 @@ from ..messages.samples import Floats, SampleFrame
 from ..messages.stored import Stored
 from .channels.channel_check import ChannelCheck
 from .channels.channel_limits import ChannelLimits
+from .interval_rows import IntervalRows
 from .rows import RowScreen, Screened, T, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
@@ -287,12 +288,9 @@ class Downsampler:
         # the speeds at both ends lean on one row outside
         beside = np.bitwise_or.reduce(segment.fault[max(segment.first, 1) : end + 2], initial=0)
         block, segment.history = summarise(
-            segment.rows,
-            segment.first,
-            end,
+            IntervalRows(segment.rows, segment.first, end, self._reach),
             Fault(int(inside)) | (Fault(int(beside)) & UNUSABLE),
             segment.history,
-            self._reach,
             self._settings.plausibility,
             self._channels,
         )

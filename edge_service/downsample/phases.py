@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from ..messages.features import PHASES, Phase
 from ..messages.samples import Floats
+from .interval_rows import IntervalRows
 from .rows import THETA, T, U, X
 
 
@@ -29,28 +30,21 @@ class PhaseSettings:
 
 
 def steady_phases(
-    segment: Floats,
-    first: int,
-    end: int,
-    reach: int,
-    since_s: Floats,
-    has_table: bool,
-    settings: PhaseSettings,
+    interval: IntervalRows, since_s: Floats, has_table: bool, settings: PhaseSettings
 ) -> dict[str, Any]:
-    """Direction and phases of the rows `first` to `end` (without it), as fields of FeatureBlock.
+    """Direction and phases of an interval, as fields of FeatureBlock.
 
     Acceleration is the divided second difference over `reach` rows on either side, which is the
     mean of the true acceleration under a triangular window; torque goes through the same window.
 
     Args:
-        segment: (n, 8) contiguous rows.
-        first, end: row indices.
-        reach: half width of the window, rows.
+        interval: its rows.
         since_s: (end - first,), when the motion of each row began, s; inf at standstill.
         has_table: the linear encoder may be read.
         settings: criteria of steady motion.
     """
-    rows = np.arange(max(first, reach), min(end, len(segment) - reach))
+    segment, first, reach = interval.segment, interval.first, interval.reach
+    rows = np.arange(max(first, reach), min(interval.end, len(segment) - reach))
     if not len(rows):
         return {}
     before, here, behind = segment[rows - reach], segment[rows], segment[rows + reach]

@@ -16,6 +16,7 @@ from ..messages.row_faults import (
 from ..messages.samples import Floats
 from .channels.channel_check import ChannelCheck
 from .channels.repeats import LEAST_ROWS
+from .interval_rows import IntervalRows
 from .phases import PhaseSettings, steady_phases
 from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
 
@@ -69,69 +70,38 @@ def lever(values: Floats, edges_s: Floats) -> tuple[float, float]:
 
 
 def summarise(
-    segment: Floats,
-    first: int,
-    end: int,
+    interval: IntervalRows,
     fault: Fault,
     history: MotionHistory,
-    reach: int,
     settings: PlausibilitySettings,
     channels: ChannelCheck,
 ) -> tuple[FeatureBlock, MotionHistory]:
-    """Statistics of the interval from row `first` up to the time of row `end`.
+    """Statistics of an interval.
 
     Args:
-        segment: (n, 8) contiguous rows; rows before `first` and after `end` serve the differences.
-        first, end: row indices; row `end` is the first of the next interval.
+        interval: its rows.
         fault: faults already found by time and missing values.
         history: motion before the interval.
-        reach: half width in rows of the difference that gives the direction.
         channels: checks which channels are to be believed.
 
     Returns:
         The block, and the motion history at its end.
     """
-    inside = segment[first : end + 1]
+    inside = interval.inside
     edges = inside[:, T]
-    theta = inside[:, THETA]
-    torque = inside[:-1, U]
-    steps = np.diff(edges)
-    step_speed = np.diff(theta) / steps
-    direction = _directions(segment, first, end, reach, settings.standstill_speed_rad_s)
-    torque_mean, torque_lever = lever(torque, edges)
-    direction_mean, direction_lever = lever(direction, edges)
-    moving = direction != 0.0
+    direction = _directions(interval, settings.standstill_speed_rad_s)
     reversals, after = _follow_motion(direction, edges, history)
-    speed_start, speed_end = _speed_at(segment, first), _speed_at(segment, end)
-    verdict = channels.check(inside, segment[end + 1 : end + 1 + reach])
-    table_fault, table = _table_statistics(inside, steps, verdict.has_table)
-    found = _plausibility(inside, settings)
-    if channels.torque_stays(torque, Fault.TORQUE_STUCK in found):
-        found |= Fault.STUCK | Fault.TORQUE_STUCK
-    fault |= found | table_fault | verdict.fault
-    fault |= _wild_steps(segment[max(first - 1, 0) : end + 2], settings.max_speed_rad_s)
-    duration = float(edges[-1] - edges[0])
+    verdict = channels.check(inside, interval.ahead)
+    table_fault, table = _table_statistics(inside, verdict.has_table)
+    fault |= _faults(interval, settings, channels) | table_fault | verdict.fault
     since = edges[0] - history.moving_since_s if direction[0] == history.direction else 0.0
     return FeatureBlock(
         time_s=float(edges[-1]),
-        duration_s=duration,
-        sample_count=end - first,
+        duration_s=float(edges[-1] - edges[0]),
+        sample_count=interval.end - interval.first,
         fault=fault,
-        torque_mean_nm=torque_mean,
-        torque_lever_nm=torque_lever,
-        torque_min_nm=float(torque.min()),
-        torque_max_nm=float(torque.max()),
-        torque_std_nm=float(torque.std()),
-        angle_start_rad=float(theta[0]),
-        angle_end_rad=float(theta[-1]),
-        angle_mean_rad=float((theta[1:] + theta[:-1]) @ steps) / (2.0 * duration),
-        speed_start_rad_s=speed_start,
-        speed_end_rad_s=speed_end,
-        speed_min_rad_s=float(step_speed.min()),
-        speed_max_rad_s=float(step_speed.max()),
-        direction_mean=direction_mean,
-        direction_lever=direction_lever,
-        moving_fraction=float(moving @ steps) / duration,
+        **_torque_statistics(inside),
+        **_motion_statistics(interval, direction),
         reversal_count=reversals,
         since_reversal_s=max(0.0, float(since)),
         table_start_m=table[0],
@@ -140,15 +110,57 @@ def summarise(
         temperature_c=_mean(inside[:-1, TEMP]),
         external_force_n=_mean(inside[:-1, FORCE]),
         **steady_phases(
-            segment,
-            first,
-            end,
-            reach,
+            interval,
             since_s=_moving_since(direction, edges, history),
             has_table=not table_fault and verdict.has_stretch,
             settings=settings.phases,
         ),
     ), after
+
+
+def _faults(
+    interval: IntervalRows, settings: PlausibilitySettings, channels: ChannelCheck
+) -> Fault:
+    """Faults of torque and angle in an interval."""
+    inside = interval.inside
+    found = _plausibility(inside, settings)
+    if channels.torque_stays(inside[:-1, U], Fault.TORQUE_STUCK in found):
+        found |= Fault.STUCK | Fault.TORQUE_STUCK
+    return found | _wild_steps(interval.around, settings.max_speed_rad_s)
+
+
+def _torque_statistics(inside: Floats) -> dict[str, Any]:
+    """Statistics of the torque, held from row to row, as fields of FeatureBlock."""
+    torque = inside[:-1, U]
+    mean, moment = lever(torque, inside[:, T])
+    return {
+        "torque_mean_nm": mean,
+        "torque_lever_nm": moment,
+        "torque_min_nm": float(torque.min()),
+        "torque_max_nm": float(torque.max()),
+        "torque_std_nm": float(torque.std()),
+    }
+
+
+def _motion_statistics(interval: IntervalRows, direction: Floats) -> dict[str, Any]:
+    """Statistics of angle, speed and direction, (end - first,), as fields of FeatureBlock."""
+    inside = interval.inside
+    edges, theta = inside[:, T], inside[:, THETA]
+    steps, duration = np.diff(edges), float(edges[-1] - edges[0])
+    step_speed = np.diff(theta) / steps
+    direction_mean, direction_lever = lever(direction, edges)
+    return {
+        "angle_start_rad": float(theta[0]),
+        "angle_end_rad": float(theta[-1]),
+        "angle_mean_rad": float((theta[1:] + theta[:-1]) @ steps) / (2.0 * duration),
+        "speed_start_rad_s": _speed_at(interval.segment, interval.first),
+        "speed_end_rad_s": _speed_at(interval.segment, interval.end),
+        "speed_min_rad_s": float(step_speed.min()),
+        "speed_max_rad_s": float(step_speed.max()),
+        "direction_mean": direction_mean,
+        "direction_lever": direction_lever,
+        "moving_fraction": float((direction != 0.0) @ steps) / duration,
+    }
 
 
 def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock:
@@ -159,10 +171,11 @@ def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock
     return FeatureBlock(**(unknown | counts | known))
 
 
-def _directions(segment: Floats, first: int, end: int, reach: int, standstill: float) -> Floats:
+def _directions(interval: IntervalRows, standstill: float) -> Floats:
     """Direction of motion of each row's interval, -1, 0 or 1, from a centred difference."""
+    segment, reach = interval.segment, interval.reach
     time_s, theta = segment[:, T], segment[:, THETA]
-    rows = np.arange(first, end)
+    rows = np.arange(interval.first, interval.end)
     before = np.maximum(rows - reach + 1, 0)
     behind = np.minimum(rows + reach, len(segment) - 1)
     speed = (theta[behind] - theta[before]) / (time_s[behind] - time_s[before])
@@ -206,13 +219,12 @@ def _moving_since(direction: Floats, edges: Floats, history: MotionHistory) -> F
     return np.where(direction == 0.0, np.inf, since)
 
 
-def _table_statistics(
-    inside: Floats, steps: Floats, believed: bool
-) -> tuple[Fault, tuple[float, float, float]]:
+def _table_statistics(inside: Floats, believed: bool) -> tuple[Fault, tuple[float, float, float]]:
     """Linear encoder at start and end and its mean, m; NaN if missing, holed or not believed."""
     table = inside[:, X]
     if not believed or np.isnan(table).any():
         return Fault.NO_TABLE, (np.nan, np.nan, np.nan)
+    steps = np.diff(inside[:, T])
     mean = float((table[1:] + table[:-1]) @ steps) / (2.0 * float(steps.sum()))
     return Fault.NONE, (float(table[0]), float(table[-1]), mean)
 
