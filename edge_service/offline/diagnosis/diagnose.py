@@ -75,10 +75,8 @@ def _diagnosed(
     names = [path.name for path in traces]
     check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
     if check.faults:
-        gap = _gap_if_any(machine, runs)
-        document = bad_data_document(check.faults, gap, check.remarks)
-        page = render_bad_data(machine, names, check)
-        _write(out, document, text, page)
+        document = bad_data_document(check.faults, _gap_if_any(machine, runs), check.remarks)
+        _write(out, document, text, render_bad_data(machine, names, check))
         raise BadDataError(f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})")
     session = session_of(machine, runs)
     if healthy is not None:
@@ -89,15 +87,20 @@ def _diagnosed(
     found = beside_doubts(diagnose_session(session, machine, progress=progress), doubted)
     found = _with_motion(found, machine)
     silent = unobservable(session)
-    try:
-        augmented = augmented_toml(text, found.effects if _accepted(found) else ())
-    except ValueError as error:
-        raise ConfigError(f"{machine_file}: {error}") from error
+    augmented = _augmented(machine_file, text, found)
     document = to_document(found, check.remarks, silent)
     document["reference"] = [path.name for path in reference]
     page = render(machine, names, session, found, check, silent, [path.name for path in reference])
     _write(out, document, augmented, page)
     return _summary(found, out)
+
+
+def _augmented(machine_file: Path, text: str, found: Diagnosis) -> str:
+    """The machine file with the effects that the diagnosis accepts. Raises ConfigError."""
+    try:
+        return augmented_toml(text, found.effects if _accepted(found) else ())
+    except ValueError as error:
+        raise ConfigError(f"{machine_file}: {error}") from error
 
 
 def _healthy(
@@ -133,7 +136,7 @@ def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
 
 
 def _accepted(found: Diagnosis) -> bool:
-    return found.verdict.value in ("explained", "ambiguous")
+    return found.verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 
 
 def _gap_if_any(machine: Machine, runs: Sequence[Any]) -> dict[str, float]:
