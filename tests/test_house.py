@@ -128,7 +128,7 @@ def test_the_product_names_its_tests_nowhere() -> None:
     assert [path for path in files if named.search(path.read_text("utf-8"))] == []
 
 
-MOST_MODULES = 13
+MOST_MODULES = 15
 LARGE_FOLDERS = {
     "edge_service/models/effects/library",  # a file per effect
     "edge_service/messages",
