@@ -5,10 +5,11 @@ that whoever reads it may count on that.
 """
 
 import json
-import math
 from typing import Any, NoReturn
 
-INT64 = range(-(2**63), 2**63)
+LARGEST = 2**63 - 1
+FURTHEST = 1e50
+"""No measured or computed number lies beyond; its powers can still be computed with."""
 MOST_DEPTH = 8
 MOST_TEXT = 4096
 """Characters of one text."""
@@ -36,10 +37,10 @@ def _check(value: Any, depth: int) -> None:
             raise ValueError(f"a text of more than {MOST_TEXT} characters")
         value.encode()  # a lone surrogate cannot be written anywhere
     elif isinstance(value, int):
-        if value not in INT64:
+        if abs(value) > LARGEST:
             raise ValueError("an integer of more than 64 bits")
     elif isinstance(value, float):
-        if not math.isfinite(value):  # 1e999
+        if not abs(value) <= FURTHEST:  # 1e999 is infinite
             raise ValueError("a number beyond all bounds")
     elif value is not None:
         _check_entries(value, depth)

@@ -14,6 +14,7 @@ from ..quality import Qualities
 from ..row_faults import WILDEST
 from ..samples import Floats, SampleFrame
 from ..waveform import Waveform
+from .bounded_json import FURTHEST
 from .edge_block import BlockCodec
 from .interface import CodecError
 
@@ -91,10 +92,12 @@ class WaveformCodec(BlockCodec[Waveform]):
         time_s = columns.pop(TIME, None)
         if time_s is None or len(columns) != 1 or len(time_s) < 2:
             raise CodecError("a waveform without a clock and one sensor")
+        if not _is_within(time_s, LONGEST_S):
+            raise CodecError("a waveform at an impossible time")
         ((sensor, values),) = columns.items()
         period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
-        if not _is_within(time_s, LONGEST_S) or not PERIOD_S[0] <= period_s <= PERIOD_S[1]:
-            raise CodecError("a waveform with an impossible clock")
+        if not PERIOD_S[0] <= period_s <= PERIOD_S[1]:
+            raise CodecError("a waveform with an impossible period")
         if not _is_within(np.nan_to_num(values, posinf=np.inf, neginf=-np.inf), WILDEST):
             raise CodecError("a waveform with values that no sensor has")
         return Waveform(sensor, units[sensor], float(time_s[0]), period_s, values)
@@ -125,6 +128,8 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
         values: dict[str, float] = {name: float(column[0]) for name, column in columns.items()}
         if not (0.0 < values["duration_s"] <= LONGEST_S and abs(values["time_s"]) <= LONGEST_S):
             raise CodecError("an interval at an impossible time")
+        if any(abs(value) > FURTHEST for value in values.values()):
+            raise CodecError("an interval with numbers that nobody can measure")
         integers = {name: _whole(values.pop(name), _MOST_COUNT) for name in _INTEGER_FEATURES}
         fault = Fault(_whole(values.pop("fault"), _EVERY_FAULT))
         phases = {

@@ -1,0 +1,129 @@
+"""One payload of every topic."""
+
+from typing import Any
+
+import numpy as np
+
+from edge_service.messages.alarm import Alarm, AlarmKind, Command
+from edge_service.messages.channels import ANGLE, TORQUE
+from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
+from edge_service.messages.header import Header
+from edge_service.messages.health import (
+    AxisCondition,
+    AxisHealth,
+    ComponentHealth,
+    ComponentStatus,
+    Consistency,
+)
+from edge_service.messages.quality import Quality
+from edge_service.messages.samples import SampleFrame
+from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
+from edge_service.messages.vibration import OrderPeak, VibrationFeatures
+from edge_service.messages.waveform import Waveform
+
+HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
+TIME_S = np.array([0.0, 1e-3, 2e-3])
+INTERVAL = Interval(value=0.14, low=0.13, high=0.15)
+NUMBERS = {name: float(index) for index, name in enumerate(FEATURE_FIELDS)} | {
+    "fault": Fault.HOLE | Fault.REPEAT,
+    "sample_count": 3,
+    "reversal_count": 1,
+    "temperature_c": float("nan"),
+}
+USE = Use(
+    since_time_ns=1,
+    moving_s=2.0,
+    observed_s=3.0,
+    distance_m=4.5,
+    reversals=5,
+    stroke_from_m=0.0,
+    stroke_to_m=0.8,
+    way_m=(0.25,),
+    force_edges_n=(0.0, 50.0),
+    force_way_m=(1.5,),
+)
+HEALTH = AxisHealth(
+    axis="X",
+    condition=AxisCondition.WARNING,
+    reasons=("below_warning: low",),
+    since_time_ns=4,
+    components=(ComponentHealth(component="estimate", axis="X", status=ComponentStatus.OK),),
+    data_faults={"gap": 2},
+    alarms=(
+        Alarm(
+            kind=AlarmKind.RATE,
+            severity=Severity.WARNING,
+            active=True,
+            message="fast",
+            raised_time_ns=5,
+        ),
+    ),
+    trend=Trend(
+        status=TrendStatus.FALLING,
+        reason="falls",
+        since_time_ns=1,
+        rate_percent_per_h=INTERVAL,
+        crossings=(
+            Crossing(limit="fault", limit_percent=3.0, earliest_ns=1, likely_ns=2, latest_ns=None),
+        ),
+    ),
+    use=USE,
+    friction=FrictionCurve(
+        speed_rad_s=(2.0,), torque_nm=(0.1,), first_torque_nm=(0.2,), count=(3,)
+    ),
+    consistency=Consistency(),
+)
+PAYLOADS: dict[str, Any] = {
+    "raw": SampleFrame(
+        TIME_S,
+        {TORQUE: np.array([0.1, np.nan, 0.3]), ANGLE: np.array([1.0, 2.0, 3.0]), "own": TIME_S},
+        {TORQUE: np.array([0, Quality.NO_VALUE, 0], np.uint8), ANGLE: np.zeros(3, np.uint8)},
+    ),
+    "feat": FeatureBlock(
+        **(NUMBERS | {"cruising": Phase(0.05, 0.1, 0.2, 3.0, 4.0, 0.5)}),
+    ),
+    "preload": PreloadEstimate(
+        time_s=1.5,
+        status=EstimateStatus.ESTIMATED,
+        reasons=("warm: warming up",),
+        preload_percent=6.7,
+        low=6.5,
+        high=6.9,
+        drag_torque_nm=INTERVAL,
+        mode_probability={"10": 0.1, "7.5": 0.9},
+    ),
+    "health": HEALTH,
+    "event": Event(
+        axis="X",
+        kind="alarm_raised",
+        severity=Severity.ERROR,
+        message="m",
+        time_ns=9,
+        data={"alarm": "rate", "count": 1, "share": 0.5, "none": None},
+    ),
+    "command": Command(action="acknowledge", alarm=AlarmKind.RATE, user="Kim", note="seen"),
+    "status": ComponentHealth(
+        component="http",
+        status=ComponentStatus.RECOVERABLE_ERROR,
+        reason="port",
+        counters={"received": 3},
+        readings={"true_preload_percent": 6.5},
+    ),
+    "wave": Waveform("nut_acceleration", "m/s^2", 0.5, 1e-4, np.array([1.0, 2.0, 4.0])),
+    "vib": VibrationFeatures(
+        sensor="nut_acceleration",
+        unit="m/s^2",
+        time_s=1.0,
+        duration_s=1.0,
+        rms=0.5,
+        peak=1.5,
+        crest_factor=3.0,
+        kurtosis=None,
+        bands={"low": 0.25},
+        turns=2.0,
+        orders={"screw": OrderPeak(order=1.0, amplitude=0.5, floor=0.1), "balls": None},
+        envelope_orders={},
+    ),
+}

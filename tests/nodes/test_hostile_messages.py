@@ -1,0 +1,152 @@
+"""Whatever passes the codecs: no reader fails, and no other axis is shown otherwise."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from prometheus_client import CollectorRegistry, generate_latest
+
+from edge_service.config import DownsampleConfig, EstimatorConfig, load_machine
+from edge_service.config_tables import VibrationConfig
+from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.service_state import ServiceState
+from edge_service.health.settings import HealthSettings
+from edge_service.http_api import compose
+from edge_service.http_api.metrics import ServiceCollector
+from edge_service.http_api.metrics_trend import TrendCollector
+from edge_service.messages.codec.interface import CodecError
+from edge_service.messages.header import Header
+from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS, VIB
+from edge_service.nodes.downsample_node import source_time_ns
+from edge_service.nodes.health_node import axis_facts
+from edge_service.nodes.stores.disagreement_recorder import DisagreementRecorder
+from edge_service.nodes.vibration_node import _Sensors
+from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
+from edge_service.nodes.wiring.stages import make_downsampler, make_estimator
+
+from ..messages.examples import HEADER, PAYLOADS
+from ..messages.hostile import hostile
+
+MACHINE = load_machine(Path(__file__).parents[2] / "deploy" / "commissioned.toml")
+START_NS = HEADER.source_time_ns
+ANSWERS = (
+    compose.preload_answer,
+    compose.health_answer,
+    compose.use_answer,
+    lambda state, axis, _now: compose.friction_answer(state, axis, START_NS),
+    lambda state, axis, _now: compose.traces_answer(state, axis, 0),
+    lambda state, axis, _now: compose.log_answer(state, axis, 0.0, 4e9, 100),
+    lambda state, axis, _now: compose.history_answer(state, axis, 0.0, 4e9, 1.0),
+)
+
+
+class Readers:
+    """Everything that stands behind the codecs, for the axes X and Y."""
+
+    def __init__(self, folder: Path) -> None:
+        self.state = ServiceState({"X": HealthSettings().limits(10.0), "Y": None}, START_NS)
+        self.monitor = AxisMonitor(
+            axis_facts("X", MACHINE), HealthSettings(), AlarmSettings(), START_NS
+        )
+        self.downsampler = make_downsampler(DownsampleConfig(), MACHINE)
+        self.axis = EstimatedAxis("X", make_estimator(EstimatorConfig(), MACHINE))
+        self.sensors = _Sensors(VibrationConfig(keep_folder=folder), {"X": MACHINE, "Y": MACHINE})
+        self.recorder = DisagreementRecorder(folder / "recordings", lambda *_: None)
+        self.take: dict[str, Callable[[str, Header, Any], None]] = {
+            "raw": self.on_samples,
+            "feat": self.on_features,
+            "preload": self.on_preload,
+            "health": lambda _, *health: self.state.on_health(*health, START_NS),
+            "event": self.on_event,
+            "command": lambda _, _header, command: self.tell(
+                self.monitor.on_command(command, START_NS)
+            ),
+            "status": self.on_report,
+            "wave": self.on_wave,
+            "vib": lambda *_: None,
+        }
+
+    def on_samples(self, axis: str, header: Header, frame: Any) -> None:
+        for block in self.downsampler.push(frame):
+            FEAT.encode(axis, Header(0, 0, source_time_ns(header, frame, block), 0), block)
+        self.sensors.follow(axis, frame)
+        asyncio.run(self.recorder.follow(axis, frame))
+
+    def on_features(self, axis: str, header: Header, block: Any) -> None:
+        PRELOAD.encode(axis, header, self.axis.take(header, block))
+        self.tell(self.monitor.on_feature(header, block, START_NS))
+        self.state.on_feature(axis, header, block)
+
+    def on_preload(self, axis: str, header: Header, estimate: Any) -> None:
+        self.tell(self.monitor.on_preload(header, estimate, START_NS))
+        self.monitor.take_trend(self.monitor.trend_work()(), START_NS)
+        self.state.on_preload(axis, header, estimate, START_NS)
+
+    def on_event(self, _axis: str, _header: Header, event: Any) -> None:
+        self.state.on_event(event, START_NS)
+        self.recorder.note(event)
+        self.sensors.note(event)
+
+    def on_report(self, _axis: str, _header: Header, report: Any) -> None:
+        self.tell(self.monitor.on_component(report, START_NS))
+        self.state.on_component(report, START_NS)
+
+    def on_wave(self, axis: str, header: Header, wave: Any) -> None:
+        for features in self.sensors.push(axis, wave):
+            VIB.encode(axis, header, features)
+        self.sensors.cuts()
+
+    def tell(self, events: Any) -> None:
+        for event in events:
+            EVENT.decode(EVENT.encode("X", HEADER, event))
+
+    def shown(self, axis: str) -> list[str]:
+        """All that is answered on an axis."""
+        answers = [answer(self.state, axis, START_NS) for answer in ANSWERS]
+        return [answer and answer.model_dump_json() for answer in answers]
+
+    def look(self) -> None:
+        """Show and keep everything, as the service does."""
+        self.tell(self.monitor.tick(START_NS))
+        HEALTH.decode(HEALTH.encode("X", HEADER, self.monitor.health(START_NS)))
+        json.dumps(self.monitor.snapshot(), allow_nan=False)
+        self.shown("X")
+        compose.service_answer(self.state, START_NS).model_dump_json()
+        registry = CollectorRegistry()
+        for collector in (ServiceCollector, TrendCollector):
+            registry.register(collector(self.state, START_NS))
+        generate_latest(registry)
+
+
+def test_every_topic_has_its_readers(tmp_path: Path) -> None:
+    assert Readers(tmp_path).take.keys() == TOPICS.keys()
+
+
+@given(messages=st.lists(hostile(), min_size=1, max_size=12))
+@settings(
+    max_examples=150,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_no_reader_fails_and_no_other_axis_is_shown_otherwise(
+    tmp_path: Path, messages: list[tuple[str, bytes]]
+) -> None:
+    readers = Readers(tmp_path)
+    for number, (name, payload) in enumerate(messages):
+        try:
+            axis, header, value = TOPICS[name].decode(payload)
+        except CodecError:
+            axis, header, value = "X", HEADER, PAYLOADS[name]  # a good one in between
+        if axis not in ("X", ""):
+            continue  # the subscriber refuses it on any key of X
+        other = readers.shown("Y")
+        readers.take[name]("X", header, value)
+        readers.look()
+        assert readers.shown("Y") == other, (number, name)
