@@ -18,9 +18,15 @@ ENTRY_POINT_GROUP = "edge_service.drivers"
 
 
 class DriverConfig(BaseModel):
-    """Base of every driver's configuration: unknown keys are refused."""
+    """Base of every driver's configuration: unknown keys are refused.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    A secret is a `SecretStr`; with a key `x_file` beside it, a `Path`, its user may keep it in a
+    file of its own, and the driver finds it under `x` all the same.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, hide_input_in_errors=True
+    )
 
 
 class DriverUnavailableError(Exception):

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
+from .config_secrets import secret_keys, with_secrets, with_table_secrets
 from .config_tables import (
     AlarmsConfig,
     FleetConfig,
@@ -23,6 +24,7 @@ from .messages.addresses import Security, is_loopback, split_endpoint
 from .messages.keys import MachineKeys
 from .messages.names import check_part
 from .models.machine import Machine
+from .secret_files import SecretError, secret_path
 
 DEFAULT_CONFIG = Path(__file__).parent / "defaults" / "edge.toml"
 DEFAULT_MACHINE = Path(__file__).parent / "defaults" / "machine.toml"
@@ -202,7 +204,12 @@ def load_config(path: Path) -> EdgeConfig:
     Raises:
         ConfigError: one line with the file, the key, what was wrong and what was expected.
     """
-    config = _checked(EdgeConfig, _read_toml(path), path)
+    content = _read_toml(path)
+    try:
+        content = with_table_secrets(EdgeConfig, content, path.parent)
+    except SecretError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    config = _checked(EdgeConfig, content, path)
     axes = tuple(
         axis.model_copy(
             update={
@@ -216,12 +223,19 @@ def load_config(path: Path) -> EdgeConfig:
     placed = {
         "axes": axes,
         "history": _placed(config.history, folder, "folder"),
-        "webhook": _placed(config.webhook, folder, "secret_file"),
+        "webhook": _with_buffer(config, folder),
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "certificates"),
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     return config.model_copy(update=placed)
+
+
+def _with_buffer(config: EdgeConfig, folder: Path) -> WebhookConfig:
+    """Events wait in the folder of the history, unless something else is said."""
+    usual = (config.history.folder or folder) / "webhook-buffer.sqlite"
+    buffer = folder / (config.webhook.buffer or usual)
+    return config.webhook.model_copy(update={"buffer": buffer})
 
 
 def load_machine(path: Path, axis_number: int | None = None) -> Machine:
@@ -252,7 +266,9 @@ def load_fleet(path: Path) -> FleetConfig:
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:
     """Check a driver's settings; ConfigError names the key below `where`."""
     try:
-        return model.model_validate(settings)
+        return model.model_validate(with_secrets(model, settings, Path()))
+    except SecretError as error:
+        raise ConfigError(f"{where}.{error}") from None
     except ValidationError as error:
         raise ConfigError(f"{where}.{explain(error, model)}") from None
 
@@ -267,8 +283,9 @@ def _placed(table: Table | None, folder: Path, *keys: str) -> Table | None:
 
 def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Files that a driver is told of are relative to the configuration file, too."""
-    files = {key: settings[key] for key in FILE_KEYS if isinstance(settings.get(key), str)}
-    return settings | {key: str(folder / name) for key, name in files.items()}
+    named = [key for key in settings if key in FILE_KEYS or key.endswith("_file")]
+    files = {key: settings[key] for key in named if isinstance(settings[key], str)}
+    return settings | {key: str(secret_path(folder, Path(name))) for key, name in files.items()}
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -301,10 +318,16 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         problem = "missing"
     else:
         problem = first["msg"].removeprefix("Value error, ")
-        if first["type"] != "value_error":
+        if first["type"] != "value_error" and _may_be_shown(first, model):
             problem += f" (got {first['input']!r})"
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
     return f"{location}: {problem}{more}" if location else f"{problem}{more}"
+
+
+def _may_be_shown(mistake: ErrorDetails, model: type[BaseModel]) -> bool:
+    """Tell whether what was given is a plain value, and of no key that holds a secret."""
+    secret = {key for table in _tables(model) for key in secret_keys(table)}
+    return not secret & set(mistake["loc"]) and not isinstance(mistake["input"], dict | list)
 
 
 def _key_path(location: tuple[int | str, ...]) -> str:

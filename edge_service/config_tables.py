@@ -3,15 +3,19 @@
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
-from .messages.addresses import is_loopback, service_address
+from .messages.addresses import is_http_url, is_loopback, service_address
+
+SHORTEST_SECRET = 16
 
 
 class Table(BaseModel):
-    """Unknown keys are refused."""
+    """Unknown keys are refused. The file of a secret `x` may be named by a key `x_file`."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, hide_input_in_errors=True
+    )
 
 
 class MqttConfig(Table):
@@ -24,7 +28,7 @@ class MqttConfig(Table):
         client_certificate, client_key: ours, for a broker that asks for them.
         period_s: at most one preload estimate per axis in this time; health and events all go.
         buffer: file in which messages wait while the broker is away.
-        buffer_messages: how many of them; then the oldest go.
+        buffer_messages, buffer_mb: how many of them, and how much; then the oldest go.
     """
 
     host: str
@@ -32,13 +36,15 @@ class MqttConfig(Table):
     payload: Literal["json", "sparkplug"] = "json"
     prefix: str = "feeddrive"
     user: str | None = None
-    password: str | None = None
+    password: SecretStr | None = None
+    password_file: Path | None = None
     ca_certificate: Path | None = None
     client_certificate: Path | None = None
     client_key: Path | None = None
     period_s: float = Field(1.0, ge=0.0, le=3600.0)
     buffer: Path = Path("mqtt-buffer.sqlite")
     buffer_messages: int = Field(1_000_000, ge=1)
+    buffer_mb: float = Field(1000.0, gt=0.0)
 
     @model_validator(mode="after")
     def _check(self) -> "MqttConfig":
@@ -134,14 +140,45 @@ class FleetConfig(Table):
 
 
 class WebhookConfig(Table):
-    """`[webhook]`: where events are posted to; nothing is sent without a `url`."""
+    """`[webhook]`: where events are posted to; nothing is sent without a `url`.
 
-    url: str | None = Field(None, pattern=r"^https?://")
+    Attributes:
+        url: of the receiver; secret, as it may hold a password or a token.
+        secret: what is sent is signed with it.
+        kinds: of the events that are sent.
+        tries: refusals after which an event becomes a dead letter.
+        give_up_h: time of pauses after which it becomes one while the receiver is away.
+        buffer: file in which events wait; unless given in the folder of the history.
+        buffer_events, buffer_mb: how many of them, and how much; then the oldest go.
+    """
+
+    url: SecretStr | None = None
+    url_file: Path | None = None
+    secret: SecretStr | None = None
     secret_file: Path | None = None
     kinds: tuple[str, ...] = ("alarm_raised", "alarm_cleared", "condition_changed")
+    tries: int = Field(10, ge=1, le=1000)
+    give_up_h: float = Field(72.0, gt=0.0, le=8760.0)
+    buffer: Path | None = None
+    buffer_events: int = Field(100_000, ge=1)
+    buffer_mb: float = Field(100.0, gt=0.0)
+
+    @field_validator("url")
+    @classmethod
+    def _http(cls, value: SecretStr | None) -> SecretStr | None:
+        if value is not None and not is_http_url(value.get_secret_value()):
+            raise ValueError("expected http://HOST[:PORT][/PATH] or https://...")
+        return value
+
+    @field_validator("secret")
+    @classmethod
+    def _long(cls, value: SecretStr | None) -> SecretStr | None:
+        if value is not None and len(value.get_secret_value()) < SHORTEST_SECRET:
+            raise ValueError(f"expected at least {SHORTEST_SECRET} characters")
+        return value
 
     @model_validator(mode="after")
     def _signed(self) -> "WebhookConfig":
-        if self.url is not None and self.secret_file is None:
+        if self.url is not None and self.secret is None:
             raise ValueError("url needs a secret_file: what is sent is signed with it")
         return self

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import urlparse
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 
 from edge_service.messages.addresses import is_loopback
 
@@ -50,6 +50,7 @@ class OpcuaConfig(DriverConfig):
         certificate, private_key: ours, PEM or DER; needed with a security policy.
         server_certificate: the server's, which is trusted and no other; needed with a policy.
         user, password: of the session; never sent unencrypted but to this host itself.
+        password_file: that holds the password.
         application_uri: ours, as in our certificate.
         publishing_s, sampling_s: what is asked for; the server says what it gives.
         queue_size: values that the server keeps for us between two publications.
@@ -66,7 +67,8 @@ class OpcuaConfig(DriverConfig):
     private_key: Path | None = None
     server_certificate: Path | None = None
     user: str | None = None
-    password: str | None = None
+    password: SecretStr | None = None
+    password_file: Path | None = None
     application_uri: str = "urn:edge-service:client"
     publishing_s: float = Field(0.1, ge=0.001, le=60.0)
     sampling_s: float = Field(0.1, ge=0.0, le=60.0)
@@ -113,6 +115,11 @@ class OpcuaConfig(DriverConfig):
     def has_heartbeat(self) -> bool:
         """True if a variable tells old values from new ones."""
         return any(signal.heartbeat for signal in self.signals)
+
+    @property
+    def plain_password(self) -> str:
+        """The password itself; "" without."""
+        return "" if self.password is None else self.password.get_secret_value()
 
     @property
     def host(self) -> str:

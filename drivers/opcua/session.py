@@ -56,7 +56,7 @@ class OpcuaSession:
         client.connection_lost_callback = self._note_loss
         if config.user is not None:
             client.set_user(config.user)
-            client.set_password(config.password or "")
+            client.set_password(config.plain_password)
         self._lost = asyncio.Event()
         await self._secure(client)
         try:

@@ -62,7 +62,7 @@ class OpcuaStub:
     async def start(self) -> str:
         """Listen; returns the address. Raises DriverMisconfiguredError."""
         await self._following.start()
-        iserver = LimitedServer(_Users(self._config.user, self._config.password))
+        iserver = LimitedServer(_Users(self._config.user, self._config.plain_password))
         server = Server(iserver)
         await server.init()
         server.disable_clock()
@@ -181,8 +181,8 @@ class OpcuaStub:
 class _Users:
     """Lets in the one user that is configured, or everybody where none is."""
 
-    def __init__(self, user: str | None, password: str | None) -> None:
-        self._known = (user, password or "")
+    def __init__(self, user: str | None, password: str) -> None:
+        self._known = (user, password)
 
     def get_user(
         self,

@@ -28,7 +28,7 @@ PUTS: dict[str, tuple[Topic[Any], ...]] = {
     "vibration": (VIB,),
 }
 """Topics that each role may put; nodes also report on themselves and their tasks."""
-_PARTS = {"http": ("history",)}
+_PARTS = {"http": ("history", "webhook")}
 """Further components that a role reports on."""
 
 _MACHINE = f"{ROOT}/*/*"

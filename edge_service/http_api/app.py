@@ -17,11 +17,13 @@ from .jobs import JobDesk, RefusedError
 from .limits.bodies import BodyLimits
 from .limits.settings import HttpLimits
 from .metrics import metrics_router
+from .outputs import OutputDesk
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
 from .routes.axis import SendCommand, work_router
 from .routes.diagnose import diagnose_router
 from .routes.download import download_router
 from .routes.jobs import job_router, on_refused
+from .routes.outputs import output_router
 from .routes.preload import axis_router, service_router
 from .routes.schemas import schema_router
 from .stream import stream_router
@@ -52,6 +54,7 @@ def create_app(
     send_command: SendCommand | None = None,
     desk: JobDesk | None = None,
     limits: HttpLimits | None = None,
+    outputs: OutputDesk | None = None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -62,6 +65,7 @@ def create_app(
         send_command: Passes on what a person asks of an axis; None: nothing is taken.
         desk: Keeps recordings and runs jobs; None: there are none.
         limits: Bounds of what is taken from a client.
+        outputs: Keeps dead letters; None: there are none.
     """
     app = _Application(
         title="edge-service",
@@ -76,6 +80,7 @@ def create_app(
     app.state.send_command = send_command
     app.state.desk = desk
     app.state.readers_of = Counter[str]()
+    app.state.outputs = outputs
     app.add_exception_handler(RefusedError, on_refused)
     answer_with_problems(app)
     for router in (
@@ -84,6 +89,7 @@ def create_app(
         work_router,
         download_router,
         job_router,
+        output_router,
         diagnose_router,
         schema_router,
         stream_router,

@@ -33,13 +33,18 @@ def split_endpoint(endpoint: str) -> tuple[str, int]:
     return host, int(port)
 
 
+def is_http_url(address: str) -> bool:
+    """Tell whether `address` names a host by HTTP or HTTPS, as text without blanks."""
+    try:
+        parts = urlsplit(address)
+        right = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:  # the port is no number, or the host is none
+        right = False
+    return bool(right) and not re.search(r"[\s\x00-\x1f]", address)
+
+
 def service_address(address: str) -> str:
     """The address of a service without the slash at its end; ValueError says what is wrong."""
-    parts = urlsplit(address)
-    try:
-        right = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:  # the port is no number
-        right = False
-    if not right or parts.query or parts.fragment or re.search(r"[\s\x00-\x1f]", address):
+    if not is_http_url(address) or set(address) & set("?#"):
         raise ValueError(f"{address!r} is no address of the form http://127.0.0.1:8080/")
     return address.rstrip("/")

@@ -31,10 +31,12 @@ class ComponentStatus(StrEnum):
 
 
 NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"})
-COMPONENTS = NODES | {"service", "history"} | {f"{node}_process" for node in (*NODES, "bus")}
+COMPONENTS = NODES | {"service", "history", "webhook"}
+COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
 """Every part of the service that reports on itself; a report of any other is refused.
 
-`service` is the process in which all nodes run, `..._process` that of one node alone.
+`service` is the process in which all nodes run, `..._process` that of one node alone; `history` and
+`webhook` are parts of `http`.
 """
 
 

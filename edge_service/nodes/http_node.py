@@ -22,7 +22,7 @@ from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
 from ..models.screw.stroke_profile import stroke_profile
 from .health_node import health_settings
 from .jobs.job_desk import ProcessJobDesk
-from .outputs.registry import OUTPUTS, EventOutput
+from .outputs.desk import OutputDesk
 from .stores.disagreement_recorder import DisagreementRecorder
 from .stores.history_store import open_history
 from .stores.history_watch import HistoryWatch
@@ -57,7 +57,7 @@ async def run(context: NodeContext) -> None:
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
     )
-    outputs = [make(config) for make in OUTPUTS]
+    outputs = await OutputDesk.open(context)
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter, keeper = Reporter(context, "http"), Reporter(context, "history")
@@ -70,9 +70,13 @@ async def run(context: NodeContext) -> None:
         send_command(axis, Command(action="recorded", user="edge-service", note=name))
 
     recorder = DisagreementRecorder(desk.folder, on_kept)
-    app = create_app(state, time_ns, send_command=send_command, desk=desk)
+    app = create_app(state, time_ns, send_command=send_command, desk=desk, outputs=outputs)
     try:
-        async with keeper.running() as keeping, reporter.running() as tasks:
+        async with (
+            outputs.running(),
+            keeper.running() as keeping,
+            reporter.running() as tasks,
+        ):
             tasks.start(
                 "server", _server(context, reporter, partial(serve, app), state), vital=True
             )
@@ -83,11 +87,10 @@ async def run(context: NodeContext) -> None:
             keeping.start("flush", partial(store.run, watch))
             tasks.start("recorder", recorder.run)
             tasks.start("jobs", desk.run)
-            for output in outputs:
-                tasks.start(type(output).__name__.lower(), output.run)
             await context.forever()
     finally:
         await desk.close()
+        outputs.close()
         store.close()
 
 
@@ -116,7 +119,7 @@ def _follow_events(
     context: NodeContext,
     tasks: Tasks,
     state: ServiceState,
-    outputs: list[EventOutput],
+    outputs: OutputDesk,
     recorder: DisagreementRecorder,
 ) -> Callable[[Event], None]:
     """Take in events of the axes and of the service; none of the takers can hold up another.
@@ -129,9 +132,8 @@ def _follow_events(
         axis = event.axis
         with tasks.failures.borne("diary", axis):
             state.on_event(event, time_ns())
-        for output in outputs:
-            with tasks.failures.borne(type(output).__name__.lower(), axis):
-                output.put(event)
+        with tasks.failures.borne("outputs", axis):
+            outputs.put(event)
         recorder.note(event)
 
     def take_event(_axis: str, _header: Header, event: Event) -> None:

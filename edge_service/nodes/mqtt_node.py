@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
@@ -10,14 +10,14 @@ from ..bus.mqtt.delivery import MqttDelivery, MqttError, MqttSettings
 from ..bus.mqtt.packet import GONE, PayloadForm
 from ..bus.mqtt.plain_json import PlainJson
 from ..bus.mqtt.sparkplug import Sparkplug
-from ..bus.mqtt.spool import Spool, SpoolError
+from ..bus.spool.spool import Spool
 from ..config import ConfigError, ServiceConfig
 from ..config_tables import MqttConfig
 from ..messages.header import Header
-from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
+from .outputs.report import OutputReport
 from .supervision.heartbeat import Heartbeat
-from .wiring.context import NodeContext, Reporter
+from .wiring.context import NodeContext
 
 _ABSENCE_PERIOD_S = 0.5
 log = logging.getLogger(__name__)
@@ -29,27 +29,31 @@ async def run(context: NodeContext) -> None:
     config = context.config
     if config.mqtt is None:
         raise ConfigError("mqtt: missing; the node needs a [mqtt] table with a host")
-    reporter = Reporter(context, "mqtt")
+    report = OutputReport(context, "mqtt")
+    most, most_bytes = config.mqtt.buffer_messages, round(1e6 * config.mqtt.buffer_mb)
+    spool = await Spool.open(config.mqtt.buffer, most, most_bytes)
     try:
-        spool = Spool(config.mqtt.buffer, config.mqtt.buffer_messages)
         delivery = MqttDelivery(
             _settings(context, config.mqtt),
             _FORMS[config.mqtt.payload](config.service, config.mqtt),
             spool,
-            partial(_tell, reporter),
+            report.tell,
         )
-    except (SpoolError, MqttError) as error:
+    except MqttError as error:
+        spool.close()
         raise ConfigError(str(error)) from None
     attendance = Attendance(PRELOAD.stale_after_s)
     subscribers = [context.subscribe(topic, depth=1024) for topic in SENT]
-    reporter.counters = lambda: {
-        "delivered": delivery.delivered,
-        "connections": delivery.connections,
-        "waiting": len(spool),
-        "dropped": spool.dropped,
-    }
+    report.watch(
+        spool,
+        lambda: {
+            "delivered": delivery.delivered,
+            "connections": delivery.connections,
+            "waiting": len(spool),
+        },
+    )
     try:
-        async with reporter.running() as tasks:
+        async with report.running() as tasks:
             tasks.start("delivery", partial(_deliver, delivery, spool))
             for topic, subscriber in zip(SENT, subscribers, strict=True):
                 take = _taker(config.mqtt, spool, topic, attendance)
@@ -82,16 +86,6 @@ _FORMS: dict[str, Callable[[ServiceConfig, MqttConfig], PayloadForm]] = {
 }
 
 
-def _tell(reporter: Reporter, problem: str) -> None:
-    if problem:
-        if reporter.status is not ComponentStatus.RECOVERABLE_ERROR:
-            log.warning("mqtt: lost: %s; messages are kept on disk", problem)
-        reporter.to(ComponentStatus.RECOVERABLE_ERROR, problem)
-    else:
-        log.info("mqtt: the broker is there")
-        reporter.to(ComponentStatus.OK)
-
-
 class Attendance:
     """Register of the axes that are heard, by their estimates."""
 
@@ -118,23 +112,24 @@ async def _deliver(delivery: MqttDelivery, spool: Spool, heart: Heartbeat) -> No
 
 def _taker(
     mqtt: MqttConfig, spool: Spool, topic: Topic[Any], attendance: Attendance
-) -> Callable[[str, Header, Any], None]:
+) -> Callable[[str, Header, Any], Coroutine[Any, Any, None]]:
     """What puts payloads into the spool; estimates not more often than asked for."""
     period_ns = round(1e9 * mqtt.period_s) if topic is PRELOAD else 0
     sent_ns: dict[str, int] = {}
 
-    def take(axis: str, header: Header, payload: Any) -> None:
+    async def take(axis: str, header: Header, payload: Any) -> None:
         if topic is PRELOAD:
             attendance.hear(axis, time.monotonic())
         if 0 <= header.source_time_ns - sent_ns.get(axis, -period_ns) < period_ns:
             return
         sent_ns[axis] = header.source_time_ns
-        spool.put(f"{axis}/{topic.name}", topic.encode(axis, header, payload))
+        said = topic.encode(axis, header, payload)
+        await spool.put(f"{axis}/{topic.name}", said, durable=topic is EVENT)
 
     return take
 
 
-def _note_absence(attendance: Attendance, spool: Spool) -> None:
+async def _note_absence(attendance: Attendance, spool: Spool) -> None:
     """Put a note into the spool for each axis that has fallen silent."""
     for axis in attendance.missing(time.monotonic()):
-        spool.put(f"{axis}/{GONE}", b"")
+        await spool.put(f"{axis}/{GONE}", b"")

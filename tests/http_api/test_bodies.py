@@ -43,7 +43,9 @@ class _Sender:
 
 async def _ask(app, chunks, method, path, headers) -> _Sender:
     sender = _Sender(chunks)
-    path = path.format(axis="X", name="a.csv", number=1, form="parquet")
+    path = path.format(
+        axis="X", name="a.csv", number=1, form="parquet", output="webhook", letter="1"
+    )
     scope = {
         "type": "http", "method": method, "path": path, "raw_path": path.encode(),
         "query_string": b"", "headers": [(b"host", b"127.0.0.1"), *headers], "asgi": {},

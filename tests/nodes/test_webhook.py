@@ -1,130 +1,266 @@
-"""Events to another system: signed, in order, tried again, and never in the way."""
+"""Events to another system: signed, in order, none lost, whatever the other side does."""
 
 import asyncio
 import hashlib
 import hmac
 import json
-import threading
-from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, HTTPServer
-from typing import ClassVar
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
+from pydantic import SecretStr
 
-from edge_service.config import ConfigError, EdgeConfig
+from edge_service.bus.spool.spool import Spool
+from edge_service.config_tables import WebhookConfig
 from edge_service.messages.event import Event, Severity
-from edge_service.nodes.outputs import webhook as webhook_module
-from edge_service.nodes.outputs.webhook import SIGNATURE, TIMESTAMP, Webhook
+from edge_service.nodes.outputs import post
+from edge_service.nodes.outputs.webhook import (
+    DELIVERY,
+    LONGEST_PAUSE_S,
+    SIGNATURE,
+    TIMESTAMP,
+    Webhook,
+    open_webhook,
+)
 
 from .conftest import config_of, heart, until
+from .receivers import FINE, MISBEHAVING, ODD_BUT_FINE, receiving
 
-SECRET = b"a secret of some length"
-
-
-class Receiver(BaseHTTPRequestHandler):
-    """Answers with the statuses it was told, then with 204; keeps what it was sent."""
-
-    statuses: ClassVar[list[int]] = []
-    taken: ClassVar[list[tuple[dict[str, str], bytes]]] = []
-
-    def do_POST(self) -> None:
-        body = self.rfile.read(int(self.headers["content-length"]))
-        self.taken.append((dict(self.headers), body))
-        self.send_response(self.statuses.pop(0) if self.statuses else 204)
-        self.send_header("content-length", "0")
-        self.end_headers()
-
-    def log_message(self, *_args: object) -> None:
-        """Say nothing."""
+SECRET = "a secret of some length"
+TRIES = 3
 
 
 @pytest.fixture
-def url() -> Iterator[str]:
-    Receiver.statuses.clear()
-    Receiver.taken.clear()
-    server = HTTPServer(("127.0.0.1", 0), Receiver)
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_port}/"
-    server.shutdown()
-    thread.join()
-    server.server_close()
+def lose_patience(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Ends the exchange that is going on, as if its whole time had passed."""
+    exchanges: list[asyncio.Timeout] = []
+
+    def begin() -> asyncio.Timeout:
+        exchanges.append(asyncio.timeout(60.0))
+        return exchanges[-1]
+
+    monkeypatch.setattr(post, "patience", begin)
+    return lambda: exchanges[-1].reschedule(asyncio.get_running_loop().time())
 
 
 def _event(number: int, kind: str = "alarm_raised") -> Event:
     return Event(axis="X", kind=kind, severity=Severity.ERROR, message=str(number), time_ns=number)
 
 
-async def _send(webhook: Webhook, numbers: range) -> None:
-    task = asyncio.create_task(webhook.run(heart()))
-    for number in numbers:
-        webhook.put(_event(number))
+class Sender:
+    """A webhook with its spool, and pauses that take no time.
 
-    async def over() -> bool:
-        return webhook.sent + webhook.refused == len(numbers)
+    Attributes:
+        problems: what it said, in order.
+        pauses: that it made.
+    """
 
-    await until(over)
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
+    def __init__(self, url: str, spool: Spool, on_pause: Callable[[int], None]) -> None:
+        self.pauses: list[float] = []
+        self.problems: list[str] = []
+        settings = WebhookConfig(
+            url=SecretStr(url),
+            secret=SecretStr(SECRET),
+            kinds=("alarm_raised",),
+            tries=TRIES,
+            give_up_h=TRIES * LONGEST_PAUSE_S / 3600.0,
+        )
+        self._on_pause = on_pause
+        self.spool = spool
+        self.webhook = Webhook(settings, spool, self.problems.append, self._sleep)
+
+    async def _sleep(self, seconds: float) -> None:
+        self.pauses.append(seconds)
+        self._on_pause(len(self.pauses))
+        await asyncio.sleep(0)
+
+    async def put(self, numbers: range) -> None:
+        for number in numbers:
+            self.webhook.put(_event(number))
+        await self.spool.oldest(1)  # the disk does one thing after the other
+
+    async def all_done(self) -> None:
+        """Send until nothing waits any more."""
+
+        async def empty() -> bool:
+            return len(self.spool) == 0
+
+        await until(empty)
 
 
-async def test_events_arrive_in_order_and_signed(url):
-    webhook = Webhook(url, SECRET, ("alarm_raised",))
-    webhook.put(_event(9, "note"))
-    await _send(webhook, range(3))
-    assert [json.loads(body)["message"] for _, body in Receiver.taken] == ["0", "1", "2"]
-    headers, body = Receiver.taken[0]
-    signed = f"{headers[TIMESTAMP]}.".encode() + body
-    expected = hmac.new(SECRET, signed, hashlib.sha256).hexdigest()
-    assert headers[SIGNATURE] == f"sha256={expected}"
+@asynccontextmanager
+async def sending(
+    url: str, folder: Path, on_pause: Callable[[int], None] = lambda _count: None
+) -> AsyncIterator[Sender]:
+    """A webhook that sends for as long as the context lasts."""
+    spool = await Spool.open(folder / "spool.sqlite", 1000)
+    sender = Sender(url, spool, on_pause)
+    task = asyncio.create_task(sender.webhook.run(heart()))
+    try:
+        yield sender
+        assert not task.done()
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        spool.close()
 
 
-async def test_it_is_tried_again_with_growing_pauses_until_it_arrives(url):
-    Receiver.statuses.extend([500, 503, 429])
+async def dead(sender: Sender) -> list[str]:
+    """Messages of the events that are dead letters."""
+    return [json.loads(each.payload)["message"] for each in await sender.spool.letters()]
+
+
+async def test_events_arrive_in_order_and_signed(tmp_path: Path) -> None:
+    async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
+        sender.webhook.put(_event(9, "note"))
+        await sender.put(range(3))
+        await sender.all_done()
+        assert receiver.taken == ["0", "1", "2"]
+        assert sender.webhook.delivered == 3
+        lines = receiver.heads[0].decode().split("\r\n")
+        headers = dict(line.split(": ", 1) for line in lines[1:] if line)
+        body = json.dumps({"schema": "event/1"} | _event(0).model_dump(mode="json")).encode()
+        signed = f"{headers[TIMESTAMP]}.".encode() + body
+        expected = hmac.new(SECRET.encode(), signed, hashlib.sha256).hexdigest()
+        assert headers[SIGNATURE] == f"sha256={expected}"
+        assert len(headers[DELIVERY]) == 32
+
+
+@pytest.mark.parametrize("name", MISBEHAVING)
+async def test_a_receiver_that_comes_to_its_senses_gets_all_in_order(
+    name: str, tmp_path: Path, lose_patience: Callable[[], None]
+) -> None:
+    async with receiving() as receiver:
+
+        def behave(pauses: int) -> None:
+            if pauses == TRIES - 1:
+                receiver.manner = None
+
+        receiver.manner, receiver.on_hang = MISBEHAVING[name], lose_patience
+        async with sending(receiver.url, tmp_path, behave) as sender:
+            await sender.put(range(3))
+            await sender.all_done()
+            assert receiver.taken == ["0", "1", "2"]
+            assert sender.spool.dead == 0
+            assert sender.pauses == [1.0, 2.0]
+            assert sender.problems[-1] == ""
+            assert sender.problems[0].startswith(f"http://127.0.0.1:{receiver.port}: ")
+
+
+@pytest.mark.parametrize("name", MISBEHAVING)
+async def test_an_event_that_it_never_takes_is_a_dead_letter_and_the_next_go(
+    name: str, tmp_path: Path, lose_patience: Callable[[], None]
+) -> None:
+    async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
+        receiver.manner, receiver.victims = MISBEHAVING[name], frozenset({"1"})
+        receiver.on_hang = lose_patience
+        await sender.put(range(4))
+        await sender.all_done()
+        assert receiver.taken == ["0", "2", "3"]
+        assert receiver.requests == 3 + TRIES
+        assert await dead(sender) == ["1"]
+        (letter,) = await sender.spool.letters()
+        assert letter.tries == TRIES
+        receiver.manner = None
+        assert await sender.spool.revive(letter.key)
+        await sender.all_done()
+        assert receiver.taken == ["0", "2", "3", "1"]
+
+
+@pytest.mark.parametrize("name", ODD_BUT_FINE)
+async def test_what_follows_a_good_status_matters_to_nobody(name: str, tmp_path: Path) -> None:
+    async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
+        receiver.manner = ODD_BUT_FINE[name]
+        await sender.put(range(2))
+        await sender.all_done()
+        assert (receiver.requests, sender.webhook.delivered, sender.spool.dead) == (2, 2, 0)
+
+
+@pytest.mark.parametrize("status", [400, 413, 415, 422])
+async def test_what_was_read_and_refused_is_not_tried_again(status: int, tmp_path: Path) -> None:
+    async def refuse(writer: asyncio.StreamWriter) -> None:
+        writer.write(FINE.replace(b"204", b"%d" % status))
+
+    async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
+        receiver.manner, receiver.victims = refuse, frozenset({"0"})
+        await sender.put(range(2))
+        await sender.all_done()
+        assert (receiver.requests, receiver.taken, sender.pauses) == (2, ["1"], [])
+        assert await dead(sender) == ["0"]
+
+
+async def test_no_request_goes_where_a_redirect_points(tmp_path: Path) -> None:
+    async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
+        receiver.manner = MISBEHAVING["a redirect to itself"]
+        await sender.put(range(1))
+        await sender.all_done()
+        assert receiver.requests == TRIES
+        assert all(head.startswith(b"POST /hook ") for head in receiver.heads)
+
+
+async def test_a_receiver_that_speaks_no_tls_is_away(tmp_path: Path) -> None:
+    async with receiving() as receiver:
+        receiver.greeting = bytes(range(256))
+        url = receiver.url.replace("http:", "https:")
+        async with sending(url, tmp_path) as sender:
+            await sender.put(range(1))
+            await sender.all_done()
+            assert receiver.requests == 0
+            assert await dead(sender) == ["0"]
+            assert "cannot be reached" in sender.problems[0]
+
+
+async def test_while_it_is_away_nothing_is_lost_through_restarts(tmp_path: Path) -> None:
+    async with receiving() as receiver:
+        port = receiver.port
+    for number in range(3):
+        async with sending(receiver.url, tmp_path) as sender:
+            sender.webhook._delays = 1_000_000
+            await sender.put(range(10 * number, 10 * number + 10))
+            assert len(sender.spool) == 10 * number + 10
+    async with receiving(port) as again, sending(again.url, tmp_path) as sender:
+        await sender.all_done()
+        assert again.taken == [str(number) for number in range(30)]
+
+
+async def test_pauses_grow_up_to_a_minute(tmp_path: Path) -> None:
     pauses: list[float] = []
-
-    async def sleep(seconds: float) -> None:
-        pauses.append(seconds)
-
-    await _send(Webhook(url, SECRET, ("alarm_raised",), sleep), range(2))
-    assert pauses == [1.0, 2.0, 4.0]
-    messages = [json.loads(body)["message"] for _, body in Receiver.taken]
-    assert messages == ["0", "0", "0", "0", "1"]
-
-
-async def test_a_refusal_is_not_repeated_and_holds_up_nothing(url):
-    Receiver.statuses.append(400)
-    webhook = Webhook(url, SECRET, ("alarm_raised",))
-    await _send(webhook, range(2))
-    assert (webhook.refused, webhook.sent) == (1, 1)
+    async with receiving() as receiver:
+        pass
+    async with sending(receiver.url, tmp_path) as sender:
+        sender.webhook._delays = 9
+        await sender.put(range(1))
+        await sender.all_done()
+        pauses += sender.pauses
+    assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0]
 
 
-async def test_while_nobody_answers_the_newest_wait_and_the_oldest_go(monkeypatch):
-    monkeypatch.setattr(webhook_module, "MOST_WAITING", 3)
-    webhook = Webhook("http://127.0.0.1:9/", SECRET, ("alarm_raised",))
-    monkeypatch.setattr(webhook, "_waiting", type(webhook._waiting)(maxlen=3))
-    for number in range(5):
-        webhook.put(_event(number))
-    assert [event.message for event in webhook._waiting] == ["2", "3", "4"]
-    assert webhook.dropped == 2
+async def test_a_failure_of_the_library_that_nobody_knows_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_args: Any) -> None:
+        raise ZeroDivisionError
+
+    async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
+        monkeypatch.setattr(post.Poster, "_exchange", fail)
+        await sender.put(range(1))
+        await sender.all_done()
+        assert await dead(sender) == ["0"]
+        assert sender.problems[-1].endswith("did not answer in HTTP (ZeroDivisionError)")
 
 
-def test_without_a_url_nothing_waits():
-    webhook = Webhook.of(config_of("simulated", {}))
-    webhook.put(_event(1))
-    assert not webhook._waiting
+async def test_without_a_url_there_is_no_webhook() -> None:
+    assert await open_webhook(config_of("simulated", {}), lambda _problem: None) is None
 
 
-@pytest.mark.parametrize("content", [None, b"short"])
-def test_a_secret_that_cannot_sign_is_told(tmp_path, content):
-    path = tmp_path / "secret"
-    if content is not None:
-        path.write_bytes(content)
-    config = EdgeConfig.model_validate(
-        {
-            "axes": [{"name": "X"}],
-            "webhook": {"url": "http://127.0.0.1/", "secret_file": str(path)},
-        }
-    )
-    with pytest.raises(ConfigError, match=r"webhook\.secret_file"):
-        Webhook.of(config)
+async def test_what_a_receiver_should_know_alone_is_in_no_problem(tmp_path: Path) -> None:
+    async with receiving() as receiver:
+        url = receiver.url.replace("//", "//user:marker@") + "/token-marker?key=marker"
+        async with sending(url, tmp_path) as sender:
+            receiver.manner = MISBEHAVING["garbage"]
+            await sender.put(range(1))
+            await sender.all_done()
+            assert b"Authorization: Basic" in receiver.heads[0]
+            assert "marker" not in " ".join(sender.problems)

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import aiomqtt
+from pydantic import SecretStr
 
 from ...cancellation import heed_cancellation
+from ..spool.message import Message, SpoolError
+from ..spool.spool import Spool
 from .packet import Packet, PayloadForm
-from .spool import Message, Spool, SpoolError
 
 BATCH = 64
 """Messages that may wait for their acknowledgement at once."""
@@ -39,11 +41,16 @@ class MqttSettings:
     port: int
     client_id: str
     user: str | None = None
-    password: str | None = None
+    password: SecretStr | None = None
     ca_certificate: Path | None = None
     client_certificate: Path | None = None
     client_key: Path | None = None
     timeout_s: float = 5.0
+
+    @property
+    def plain_password(self) -> str | None:
+        """The password itself."""
+        return None if self.password is None else self.password.get_secret_value()
 
 
 class MqttDelivery:
@@ -96,7 +103,7 @@ class MqttDelivery:
         """Deliver as long as the connection lasts. Raises the library's error."""
         async with self._client() as client:
             self.connections += 1
-            self._spool.count_session()
+            await self._spool.count_session()
             try:
                 if self._form.commands is not None:
                     await client.subscribe(self._form.commands, qos=1)
@@ -117,7 +124,7 @@ class MqttDelivery:
             settings.port,
             identifier=settings.client_id,
             username=settings.user,
-            password=settings.password,
+            password=settings.plain_password,
             tls_context=self._tls,
             timeout=settings.timeout_s,
             clean_session=True,
@@ -146,7 +153,7 @@ class MqttDelivery:
             heed_cancellation()
             await self._spool.wait()
             async with self._turn:
-                await self._deliver(client, self._spool.oldest(BATCH))
+                await self._deliver(client, await self._spool.oldest(BATCH))
 
     async def _deliver(self, client: aiomqtt.Client, batch: list[Message]) -> None:
         """Publish a batch; what the broker has leaves the spool even if the rest fails."""
@@ -168,7 +175,7 @@ class MqttDelivery:
         outcomes = zip(packets, results, strict=True)
         lost = {message.number for (message, _), result in outcomes if result is not None}
         taken = [message for message in batch if message.number not in lost]
-        self._spool.remove(taken)
+        await self._spool.remove(taken)
         self.delivered += len(taken)
         if failed:
             raise failed[0]

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from .spool import Message
+from ..spool.message import Message
 
 GONE = "gone"
 """Topic of a message that says that nothing is heard from the axis any more."""

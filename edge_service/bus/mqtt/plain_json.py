@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from ..spool.message import Message
 from .packet import GONE, Packet
-from .spool import Message
 
 
 class PlainJson:

@@ -4,10 +4,10 @@ import time
 from collections.abc import Callable, Mapping
 
 from ...messages.topics import EVENT, PRELOAD
+from ..spool.message import Message
 from .axis_metrics import metrics_of, unknown_metrics
 from .packet import GONE, Packet
 from .sparkplug_payload import DataType, Metric, Value, decode_values, encode_payload
-from .spool import Message
 
 REBIRTH = "Node Control/Rebirth"
 

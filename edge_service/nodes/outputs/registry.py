@@ -1,25 +1,34 @@
 """Registry of the outputs that take events: a new one is its file and a line here."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Protocol
 
+from ...bus.spool.spool import Spool
 from ...config import EdgeConfig
 from ...messages.event import Event
 from ..supervision.heartbeat import Heartbeat
-from .webhook import Webhook
+from .webhook import open_webhook
 
 
 class EventOutput(Protocol):
-    """Output to which every event is offered."""
+    """Output to which every event is offered.
+
+    Attributes:
+        spool: where its events wait, and its dead letters lie.
+        delivered: events that arrived.
+    """
+
+    spool: Spool
+    delivered: int
 
     def put(self, event: Event) -> None:
-        """Take an event, if it is wanted; never waits."""
-        ...
+        """Keep an event, if it is wanted, on disk to be sent; never waits."""
 
     async def run(self, heart: Heartbeat) -> None:
-        """Send what was taken until cancelled."""
-        ...
+        """Send what was kept until cancelled."""
 
 
-OUTPUTS: tuple[Callable[[EdgeConfig], EventOutput], ...] = (Webhook.of,)
-"""Makers of the outputs as configured. They raise ConfigError."""
+OpenOutput = Callable[[EdgeConfig, Callable[[str], None]], Awaitable[EventOutput | None]]
+"""Opens an output as configured, None if it is not; told what to call with what is wrong now."""
+OUTPUTS: dict[str, OpenOutput] = {"webhook": open_webhook}
+"""Openers by the name that the output reports under."""

@@ -1,38 +1,29 @@
-"""Events to another system by HTTP POST: signed, in order, tried again until they arrive."""
+"""Events to another system by HTTP POST: signed, in order, kept on disk until they arrive."""
 
 import asyncio
 import hashlib
 import hmac
-import http.client
 import json
 import logging
 import time
-import urllib.error
-import urllib.request
-from collections import deque
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
-from ...config import ConfigError, EdgeConfig
+from ...bus.spool.message import DeadLetter, Message, SpoolError
+from ...bus.spool.spool import Spool
+from ...config import EdgeConfig
+from ...config_tables import WebhookConfig
 from ...messages.event import Event
 from ...messages.topics import EVENT
 from ..supervision.heartbeat import Heartbeat
+from .post import WHOLE_S, Outcome, Poster, Reply
 
 log = logging.getLogger(__name__)
-MOST_WAITING = 1000
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
-_TIMEOUT_S = 10.0
 SIGNATURE = "X-Edge-Signature"
 TIMESTAMP = "X-Edge-Timestamp"
-
-
-class WebhookError(Exception):
-    """Refusal of an event; `again` says whether another try may help."""
-
-    def __init__(self, message: str, *, again: bool) -> None:
-        super().__init__(message)
-        self.again = again
+DELIVERY = "X-Edge-Delivery"
 
 
 def sign(secret: bytes, timestamp: str, body: bytes) -> str:
@@ -41,103 +32,112 @@ def sign(secret: bytes, timestamp: str, body: bytes) -> str:
 
 
 class Webhook:
-    """A bounded queue of events and who sends them; without a URL it takes none.
+    """Sends the events of a spool, the oldest first, one at a time.
 
-    The oldest event is sent first and tried again, with growing pauses, until the other side
-    answers 2xx, or 4xx other than 408 and 429, which no further try would change. When the queue
-    is full the oldest waiting event is dropped and counted. All events are in the log anyway.
+    A receiver that cannot be reached, or says that it is busy, is waited for with growing pauses.
+    An event that it refuses is tried `tries` times; then it is a dead letter, and the next goes.
+
+    Args:
+        settings: address, secret and limits.
+        spool: where events wait.
+        on_change: called with "" when an event has arrived, else with what is wrong.
+        sleep: pauses.
+
+    Attributes:
+        spool: as given.
+        delivered: events that arrived.
     """
 
     def __init__(
         self,
-        url: str | None,
-        secret: bytes,
-        kinds: tuple[str, ...],
+        settings: WebhookConfig,
+        spool: Spool,
+        on_change: Callable[[str], None] = lambda _problem: None,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
-        self._url = url
-        self._secret = secret
-        self._kinds = frozenset(kinds)
-        self._waiting: deque[Event] = deque(maxlen=MOST_WAITING)
-        self._sending: Event | None = None
-        self._wake = asyncio.Event()
+        assert settings.url is not None and settings.secret is not None
+        self._secret = settings.secret.get_secret_value().encode()
+        self._poster = Poster(settings.url.get_secret_value())
+        self._kinds = frozenset(settings.kinds)
+        self._tries = settings.tries
+        self._delays = round(settings.give_up_h * 3600.0 / LONGEST_PAUSE_S)
+        self._on_change = on_change
         self._sleep = sleep
-        self.dropped = self.refused = self.sent = 0
-
-    @classmethod
-    def of(cls, config: EdgeConfig) -> "Webhook":
-        """As configured. Raises ConfigError if the secret cannot be read."""
-        settings = config.webhook
-        if settings.url is None or settings.secret_file is None:
-            return cls(None, b"", ())
-        return cls(settings.url, _secret(settings.secret_file), settings.kinds)
+        self._pause_s = FIRST_PAUSE_S
+        self.spool = spool
+        self.delivered = 0
 
     def put(self, event: Event) -> None:
-        """Let an event be sent, if it is of a configured kind."""
-        if self._url is None or event.kind not in self._kinds:
-            return
-        if len(self._waiting) == MOST_WAITING:
-            self.dropped += 1
-        self._waiting.append(event)
-        self._wake.set()
+        """Keep an event, if it is of a configured kind, on disk to be sent; never waits."""
+        if event.kind in self._kinds:
+            body = json.dumps({"schema": EVENT.payload} | event.model_dump(mode="json"))
+            self.spool.put_soon(f"{event.axis}/{event.kind}", body.encode(), durable=True)
 
     async def run(self, heart: Heartbeat) -> None:
-        """Send until cancelled; begun again, it goes on with the event that it was at."""
-        while True:
-            if self._sending is None and self._waiting:
-                self._sending = self._waiting.popleft()
-            if self._sending is not None:
-                await self._deliver(self._sending, heart)
-                self._sending = None
-                continue
-            self._wake.clear()
-            with heart.idle(lambda: not self._waiting):
-                await self._wake.wait()
-
-    async def _deliver(self, event: Event, heart: Heartbeat) -> None:
-        pause_s, logged = FIRST_PAUSE_S, False
+        """Send until cancelled."""
         while True:
             try:
-                await heart.in_thread(self._post, event, limit_s=2.0 * _TIMEOUT_S)
-            except WebhookError as error:
-                if not logged:
-                    log.warning("webhook %s: %s", self._url, error)
-                logged = True
-                if not error.again:
-                    self.refused += 1
-                    return
-                heart.beat(pause_s)
-                await self._sleep(pause_s)
-                pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
-            else:
-                self.sent += 1
-                return
+                with heart.idle(lambda: len(self.spool) == 0):
+                    await self.spool.wait()
+                (message,) = await self.spool.oldest(1) or (None,)
+                heart.beat(WHOLE_S)
+                rests = message is not None and await self._deliver(message)
+            except SpoolError as error:
+                self._on_change(str(error))
+                rests = True
+            if rests:
+                await self._rest(heart)
 
-    def _post(self, event: Event) -> None:
-        body = json.dumps({"schema": EVENT.payload} | event.model_dump(mode="json")).encode()
+    async def _deliver(self, message: Message) -> bool:
+        """Try to send an event once; tells whether a pause is due."""
         timestamp = str(int(time.time()))
         headers = {
             "Content-Type": "application/json",
+            "Connection": "close",
+            DELIVERY: message.key,
             TIMESTAMP: timestamp,
-            SIGNATURE: sign(self._secret, timestamp, body),
+            SIGNATURE: sign(self._secret, timestamp, message.payload),
         }
-        request = urllib.request.Request(str(self._url), body, headers, method="POST")
-        try:
-            with urllib.request.urlopen(request, timeout=_TIMEOUT_S):
-                return
-        except urllib.error.HTTPError as error:
-            again = error.code >= 500 or error.code in (408, 429)
-            error.close()
-            raise WebhookError(f"answered {error.code}", again=again) from None
-        except (OSError, http.client.HTTPException, ValueError) as error:
-            raise WebhookError(f"cannot be reached ({error})", again=True) from None
+        reply = await self._poster.post(message.payload, headers)
+        if reply.outcome is Outcome.TAKEN:
+            await self.spool.remove([message])
+            self.delivered += 1
+            self._pause_s = FIRST_PAUSE_S
+            self._on_change("")
+            return False
+        self._on_change(f"{self._poster.place}: {reply.reason}")
+        return await self._refused(message, reply)
+
+    async def _refused(self, message: Message, reply: Reply) -> bool:
+        refused = reply.outcome is not Outcome.LATER
+        tries = message.refusals + message.delays + 1
+        given_up = (
+            reply.outcome is Outcome.NEVER
+            or message.refusals + refused >= self._tries
+            or message.delays + (not refused) >= self._delays
+        )
+        if not given_up:
+            await self.spool.count(message, refused=refused)
+            return True
+        letter = DeadLetter(
+            message.key, message.topic, message.payload, tries, reply.reason, time.time_ns()
+        )
+        await self.spool.bury(letter)
+        self._pause_s = FIRST_PAUSE_S
+        log.warning("webhook: event %s is a dead letter: %s", message.key, reply.reason)
+        return False
+
+    async def _rest(self, heart: Heartbeat) -> None:
+        pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+        heart.beat(pause_s)
+        await self._sleep(pause_s)
 
 
-def _secret(path: Path) -> bytes:
-    try:
-        secret = path.read_bytes().strip()
-    except OSError as error:
-        raise ConfigError(f"webhook.secret_file: {path}: {error.strerror}") from None
-    if len(secret) < 16:
-        raise ConfigError(f"webhook.secret_file: {path}: expected at least 16 characters")
-    return secret
+async def open_webhook(config: EdgeConfig, on_change: Callable[[str], None]) -> Webhook | None:
+    """The webhook as configured; None without a `url`."""
+    settings = config.webhook
+    if settings.url is None:
+        return None
+    path = settings.buffer or Path("webhook-buffer.sqlite")
+    spool = await Spool.open(path, settings.buffer_events, round(1e6 * settings.buffer_mb))
+    return Webhook(settings, spool, on_change)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.bus.mqtt.spool import Spool
+from edge_service.bus.spool.spool import Spool
 
 from ...drivers.bench import free_port
 

@@ -12,7 +12,8 @@ import pytest
 
 from edge_service.bus.mqtt.delivery import MqttDelivery, MqttError, MqttSettings
 from edge_service.bus.mqtt.plain_json import PlainJson
-from edge_service.bus.mqtt.spool import Message, Spool, SpoolError
+from edge_service.bus.spool.message import Message, SpoolError
+from edge_service.bus.spool.spool import Spool
 from edge_service.config import ConfigError, load_config
 from edge_service.config_tables import MqttConfig
 
@@ -40,13 +41,13 @@ async def hear(broker: Broker, topic: str, count: int) -> list[tuple[str, str]]:
 
 @needs_broker
 async def test_every_message_arrives_in_order(broker: Broker, tmp_path: Path) -> None:
-    spool, problems = Spool(tmp_path / "spool", 1000), []  # type: ignore[var-annotated]
+    spool, problems = await Spool.open(tmp_path / "spool", 1000), []  # type: ignore[var-annotated]
     delivery = delivery_of(broker, spool, problems)
     hearing = asyncio.create_task(hear(broker, "t/#", 301))
     await asyncio.sleep(0.3)
     delivering = asyncio.create_task(delivery.run())
     for number in range(300):
-        spool.put("X/x", b"%d" % number)
+        await spool.put("X/x", b"%d" % number)
     heard = await hearing
     assert heard[0] == ("t/online", "true")
     assert heard[1:] == [("t/X/x", str(number)) for number in range(300)]
@@ -60,21 +61,21 @@ async def test_every_message_arrives_in_order(broker: Broker, tmp_path: Path) ->
 @needs_broker
 async def test_nothing_is_lost_while_the_broker_is_away(broker: Broker, tmp_path: Path) -> None:
     path, problems = tmp_path / "spool", []  # type: ignore[var-annotated]
-    spool = Spool(path, 1000)
+    spool = await Spool.open(path, 1000)
     delivery = delivery_of(broker, spool, problems)
     delivering = asyncio.create_task(delivery.run())
-    spool.put("X/x", b"before")
+    await spool.put("X/x", b"before")
     await empty(spool)
     await broker.stop()
     for number in range(50):
-        spool.put("X/x", b"%d" % number)
+        await spool.put("X/x", b"%d" % number)
     async with asyncio.timeout(PATIENCE_S):
         while problems[-1] == "":
             await asyncio.sleep(0.01)
     await stop(delivering)
     spool.close()
 
-    spool = Spool(path, 1000)  # as after a restart of the service
+    spool = await Spool.open(path, 1000)  # as after a restart of the service
     assert len(spool) == 50
     await broker.start()
     hearing = asyncio.create_task(hear(broker, "t/X/x", 50))
@@ -91,17 +92,17 @@ class Worn(Spool):
 
     failures = 1
 
-    def remove(self, messages: Sequence[Message]) -> None:
+    async def remove(self, messages: Sequence[Message]) -> None:
         if self.failures:
             self.failures -= 1
             raise SpoolError("the buffer fails: disk I/O error")
-        super().remove(messages)
+        await super().remove(messages)
 
 
 @needs_broker
 async def test_a_disk_that_fails_costs_a_repetition(broker: Broker, tmp_path: Path) -> None:
-    spool, problems = Worn(tmp_path / "spool", 10), []  # type: ignore[var-annotated]
-    spool.put("X/x", b"1")
+    spool, problems = await Worn.open(tmp_path / "spool", 10), []  # type: ignore[var-annotated]
+    await spool.put("X/x", b"1")
     hearing = asyncio.create_task(hear(broker, "t/X/x", 2))
     await asyncio.sleep(0.3)
     delivering = asyncio.create_task(delivery_of(broker, spool, problems).run())
@@ -177,8 +178,8 @@ async def test_over_tls_the_two_show_each_other_certificates(
         client_key=shown[1],
         timeout_s=2.0,
     )
-    spool, problems = Spool(tmp_path / "spool", 10), []  # type: ignore[var-annotated]
-    spool.put("X/x", b"secret")
+    spool, problems = await Spool.open(tmp_path / "spool", 10), []  # type: ignore[var-annotated]
+    await spool.put("X/x", b"secret")
     delivering = asyncio.create_task(
         MqttDelivery(settings, PlainJson("t"), spool, problems.append).run()
     )
@@ -216,7 +217,7 @@ async def test_a_broker_that_another_authority_signed_is_not_trusted(tmp_path: P
     settings = MqttSettings(
         "127.0.0.1", broker.port, "test", ca_certificate=ours["ca.pem"], timeout_s=2.0
     )
-    spool, problems = Spool(tmp_path / "spool", 10), []  # type: ignore[var-annotated]
+    spool, problems = await Spool.open(tmp_path / "spool", 10), []  # type: ignore[var-annotated]
     delivering = asyncio.create_task(
         MqttDelivery(settings, PlainJson("t"), spool, problems.append).run()
     )
@@ -274,7 +275,7 @@ def test_files_are_relative_to_the_configuration(tmp_path: Path) -> None:
 
 async def test_a_key_that_is_none_is_told(tmp_path: Path) -> None:
     files = Certificates(tmp_path)
-    spool = Spool(tmp_path / "spool", 10)
+    spool = await Spool.open(tmp_path / "spool", 10)
     settings = MqttSettings(
         "h",
         1,
@@ -289,7 +290,7 @@ async def test_a_key_that_is_none_is_told(tmp_path: Path) -> None:
 
 
 async def test_a_certificate_that_is_none_is_told(tmp_path: Path) -> None:
-    spool = Spool(tmp_path / "spool", 10)
+    spool = await Spool.open(tmp_path / "spool", 10)
     settings = MqttSettings("h", 1, "c", ca_certificate=tmp_path / "no.pem")
     with pytest.raises(MqttError, match=r"mqtt\.ca_certificate: .*cannot be used"):
         MqttDelivery(settings, PlainJson("t"), spool, lambda _: None)

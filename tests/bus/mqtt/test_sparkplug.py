@@ -14,7 +14,8 @@ import pytest
 from edge_service.bus.mqtt.delivery import MqttDelivery, MqttSettings
 from edge_service.bus.mqtt.packet import Packet
 from edge_service.bus.mqtt.sparkplug import Sparkplug
-from edge_service.bus.mqtt.spool import Message, Spool
+from edge_service.bus.spool.message import Message
+from edge_service.bus.spool.spool import Spool
 from edge_service.config_tables import MqttConfig
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
@@ -360,9 +361,9 @@ class Host:
 
 @needs_broker
 async def test_a_session_from_birth_to_death(broker: Broker, tmp_path: Path) -> None:
-    spool, problems = Spool(tmp_path / "spool", 1000), []  # type: ignore[var-annotated]
+    spool, problems = await Spool.open(tmp_path / "spool", 1000), []  # type: ignore[var-annotated]
     for second in (1.0, 2.0):
-        spool.put("X/preload", estimate(second, 6.0))
+        await spool.put("X/preload", estimate(second, 6.0))
     host = Host(broker.port)
     hosting = asyncio.create_task(host.run())
     await host.ready()
@@ -372,7 +373,7 @@ async def test_a_session_from_birth_to_death(broker: Broker, tmp_path: Path) -> 
     await host.until("DDATA", 2)
     assert host.kinds() == ["NBIRTH", "DBIRTH", "DDATA", "DDATA"]
     assert all(m["historical"] for m in host.heard[-1][1]["metrics"].values())
-    spool.put("X/preload", estimate(3.0, 5.0))
+    await spool.put("X/preload", estimate(3.0, 5.0))
     live = await host.until("DDATA", 3)
     assert {n: m["value"] for n, m in live["metrics"].items()} == {"preload/preload_percent": 5.0}
     await empty(spool)
@@ -400,10 +401,10 @@ async def test_a_session_from_birth_to_death(broker: Broker, tmp_path: Path) -> 
 @needs_broker
 async def test_it_ends_when_asked_to_at_whatever_moment(broker: Broker, tmp_path: Path) -> None:
     """Python 3.11 may swallow a cancellation that meets an acknowledgement."""
-    spool = Spool(tmp_path / "spool", 1000)
+    spool = await Spool.open(tmp_path / "spool", 1000)
     settings = MqttSettings("127.0.0.1", broker.port, "edge", timeout_s=2.0)
     for number in range(40):
-        spool.put("X/preload", estimate(float(number), 6.0))
+        await spool.put("X/preload", estimate(float(number), 6.0))
         node = Sparkplug("site", "mill")
         delivering = asyncio.create_task(MqttDelivery(settings, node, spool, lambda _: None).run())
         await asyncio.sleep(0.0005 * number)
@@ -418,22 +419,22 @@ async def test_it_ends_when_asked_to_at_whatever_moment(broker: Broker, tmp_path
 async def test_what_was_on_the_way_when_the_broker_was_killed_comes_as_history(
     broker: Broker, tmp_path: Path
 ) -> None:
-    spool, problems = Spool(tmp_path / "spool", 10_000), []  # type: ignore[var-annotated]
+    spool, problems = await Spool.open(tmp_path / "spool", 10_000), []  # type: ignore[var-annotated]
     settings = MqttSettings("127.0.0.1", broker.port, "edge", timeout_s=2.0)
     delivery = MqttDelivery(settings, Sparkplug("site", "mill"), spool, problems.append)
     delivering = asyncio.create_task(delivery.run())
-    spool.put("X/preload", estimate(1.0, 6.0))
+    await spool.put("X/preload", estimate(1.0, 6.0))
     await empty(spool)
     await broker.stop(kill=True)
     for number in range(500):
-        spool.put("X/event", event(10.0 + number, str(number)))
+        await spool.put("X/event", event(10.0 + number, str(number)))
     assert len(spool) == 500
     await broker.start()
     host = Host(broker.port)
     hosting = asyncio.create_task(host.run())
     await host.ready()
     await empty(spool)
-    spool.put("X/event", event(1000.0, "live"))
+    await spool.put("X/event", event(1000.0, "live"))
     async with asyncio.timeout(PATIENCE_S):
         while not (host.heard and "live" in str(host.heard[-1])):
             await asyncio.sleep(0.01)

@@ -1,0 +1,1 @@
+"""Messages on disk until somebody has taken them."""

@@ -1,0 +1,65 @@
+"""Secrets of a configuration: which keys they are, and how they come from files of their own."""
+
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, SecretStr
+
+from .secret_files import SecretError, read_secret, secret_path
+
+
+def secret_keys(model: type[BaseModel]) -> tuple[str, ...]:
+    """Keys of a table that hold secrets; each has a key `..._file` beside it."""
+    fields = model.model_fields.items()
+    return tuple(
+        name
+        for name, field in fields
+        if SecretStr in (field.annotation, *get_args(field.annotation))
+    )
+
+
+def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The content of a table with the secrets in place of the files that hold them.
+
+    Args:
+        folder: that paths are relative to.
+
+    Raises:
+        SecretError: one line with the key, without the secret.
+    """
+    read = {
+        key: _read(key, content, folder)
+        for key in secret_keys(model)
+        if isinstance(content.get(f"{key}_file"), str)
+    }
+    return content | read
+
+
+def with_table_secrets(
+    model: type[BaseModel], content: dict[str, Any], folder: Path
+) -> dict[str, Any]:
+    """The content of a file, its tables with the secrets that they name. Raises SecretError."""
+    filled = {}
+    for name, field in model.model_fields.items():
+        for table in (field.annotation, *get_args(field.annotation)):
+            if isinstance(table, type) and issubclass(table, BaseModel):
+                part = content.get(name)
+                if isinstance(part, dict):
+                    filled[name] = _named(name, table, part, folder)
+    return content | filled
+
+
+def _named(name: str, table: type[BaseModel], part: dict[str, Any], folder: Path) -> dict[str, Any]:
+    try:
+        return with_secrets(table, part, folder)
+    except SecretError as error:
+        raise SecretError(f"{name}.{error}") from None
+
+
+def _read(key: str, content: dict[str, Any], folder: Path) -> str:
+    if key in content:
+        raise SecretError(f"{key}: there is {key}_file as well; one of the two is enough")
+    try:
+        return read_secret(secret_path(folder, Path(content[f"{key}_file"])))
+    except SecretError as error:
+        raise SecretError(f"{key}_file: {error}") from None

@@ -1,0 +1,103 @@
+"""Outputs of one service: every event is offered to each, and their dead letters are kept here."""
+
+import json
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
+from typing import Any
+
+from ...bus.spool.message import DeadLetter
+from ...http_api.jobs import RefusedError
+from ...http_api.outputs import DeadLetterAnswer
+from ...messages.event import Event
+from ..wiring.context import NodeContext
+from .registry import OUTPUTS, EventOutput
+from .report import OutputReport
+
+
+class OutputDesk:
+    """The outputs as configured."""
+
+    def __init__(self) -> None:
+        self._outputs: dict[str, tuple[EventOutput, OutputReport]] = {}
+
+    @classmethod
+    async def open(cls, context: NodeContext) -> "OutputDesk":
+        """Open what is configured. Raises ConfigError."""
+        desk = cls()
+        for name, make in OUTPUTS.items():
+            report = OutputReport(context, name)
+            output = await make(context.config, report.tell)
+            if output is not None:
+                report.watch(output.spool, partial(_counters, output))
+                report.tell("")
+                desk._outputs[name] = output, report
+        return desk
+
+    def put(self, event: Event) -> None:
+        """Offer an event to all."""
+        for output, _ in self._outputs.values():
+            output.put(event)
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Let the outputs send inside."""
+        async with AsyncExitStack() as stack:
+            for output, report in self._outputs.values():
+                tasks = await stack.enter_async_context(report.running())
+                tasks.start("delivery", output.run)
+            yield
+
+    async def dead_letters(self, name: str) -> list[DeadLetterAnswer]:
+        """Dead letters of an output, the oldest first; none of one that is elsewhere."""
+        if name not in self._outputs:
+            return []
+        letters = await self._outputs[name][0].spool.letters()
+        return [_shown(letter) for letter in letters]
+
+    async def revive(self, name: str, key: str) -> None:
+        """Try a dead letter again, after all that waits. Raises RefusedError."""
+        _found(name, key, await self._output(name).spool.revive(key))
+
+    async def revive_all(self, name: str) -> None:
+        """Try all dead letters of an output again, in their order. Raises RefusedError."""
+        spool = self._output(name).spool
+        for letter in await spool.letters():
+            await spool.revive(letter.key)
+
+    async def forget(self, name: str, key: str) -> None:
+        """Drop a dead letter. Raises RefusedError."""
+        _found(name, key, await self._output(name).spool.forget(key))
+
+    def close(self) -> None:
+        """Close the files; safe twice."""
+        for output, _ in self._outputs.values():
+            output.spool.close()
+
+    def _output(self, name: str) -> EventOutput:
+        if name not in self._outputs:
+            raise RefusedError(404, f"there is no output {name!r} with dead letters here")
+        return self._outputs[name][0]
+
+
+def _counters(output: EventOutput) -> dict[str, int]:
+    return {"delivered": output.delivered}
+
+
+def _found(name: str, key: str, found: bool) -> None:
+    if not found:
+        raise RefusedError(404, f"{name}: there is no dead letter {key!r}")
+
+
+def _shown(letter: DeadLetter) -> DeadLetterAnswer:
+    event: dict[str, Any] = json.loads(letter.payload)
+    return DeadLetterAnswer(
+        id=letter.key,
+        axis=event["axis"],
+        kind=event["kind"],
+        message=event["message"],
+        time=event["time_ns"],
+        tries=letter.tries,
+        reason=letter.reason,
+        dead_since=letter.time_ns,
+    )
