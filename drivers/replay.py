@@ -12,7 +12,7 @@ from pydantic import Field
 
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.trace.columns import TraceError
-from edge_service.trace.reader import TraceReader, open_trace
+from edge_service.trace.reading_process import ReadingProcess
 from edge_service.trace.sinumerik.controller_axis import ControllerAxis
 
 from .base import (
@@ -53,7 +53,7 @@ class ReplayConfig(DriverConfig):
 class ReplayDriver:
     """Yields the rows of a trace in their order, each frame when its last sample is due.
 
-    Files are read in a thread, so the event loop never waits for a disk.
+    Files are read in a process with limits, and awaited in a thread.
     """
 
     config_model: ClassVar[type[DriverConfig]] = ReplayConfig
@@ -74,7 +74,7 @@ class ReplayDriver:
         )
         self._clock = clock
         self._sleep = sleep
-        self._reader: TraceReader | None = None
+        self._reader: ReadingProcess | None = None
         self._lock = threading.Lock()  # held by the one thread that opens, reads or closes
         self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
 
@@ -115,7 +115,7 @@ class ReplayDriver:
         """Close the trace, once a read that is under way has ended; safe twice."""
         await asyncio.to_thread(self._close)
 
-    async def _cut_frames(self, reader: TraceReader) -> AsyncGenerator[SampleFrame, None]:
+    async def _cut_frames(self, reader: ReadingProcess) -> AsyncGenerator[SampleFrame, None]:
         cutter = FrameCutter(self._config.frame_s)
         async with aclosing(self._blocks(reader)) as blocks:
             async for block in blocks:
@@ -125,11 +125,11 @@ class ReplayDriver:
         if rest is not None:
             yield rest
 
-    async def _blocks(self, reader: TraceReader) -> AsyncGenerator[SampleFrame, None]:
+    async def _blocks(self, reader: ReadingProcess) -> AsyncGenerator[SampleFrame, None]:
         """Runs of rows as they are read; each further pass follows the one before in time."""
         newest_s = -np.inf
         shift_s = 0.0
-        following: TraceReader | None = reader
+        following: ReadingProcess | None = reader
         while following is not None:
             reader, starts = following, newest_s > -np.inf
             while (block := await asyncio.to_thread(self._read, reader)) is not None:
@@ -145,13 +145,16 @@ class ReplayDriver:
             if self._reader is None:
                 self._reader = self._open_trace()
 
-    def _open_trace(self) -> TraceReader:
+    def _open_trace(self) -> ReadingProcess:
         try:
-            return open_trace(self._config.path, self._columns, self._axis)
+            return ReadingProcess(self._config.path, self._columns, self._axis)
         except TraceError as error:
             raise DriverMisconfiguredError("path", str(error)) from None
+        except OSError as error:
+            words = f"{self._config.path}: no process to read it ({error.strerror})"
+            raise DriverUnavailableError(words) from None
 
-    def _read(self, reader: TraceReader) -> SampleFrame | None:
+    def _read(self, reader: ReadingProcess) -> SampleFrame | None:
         """The next rows; None at the end or once `reader` is closed."""
         with self._lock:
             if self._reader is not reader:
@@ -161,7 +164,7 @@ class ReplayDriver:
             except TraceError as error:
                 raise DriverMisconfiguredError("path", str(error)) from None
 
-    def _start_again(self, reader: TraceReader) -> TraceReader | None:
+    def _start_again(self, reader: ReadingProcess) -> ReadingProcess | None:
         """A reader for the next pass; None without `loop` or once `reader` is closed."""
         with self._lock:
             if self._reader is not reader or not self._config.loop:
@@ -176,8 +179,8 @@ class ReplayDriver:
             if self._reader is not None:
                 self._let_go(self._reader)
 
-    def _let_go(self, reader: TraceReader) -> None:
-        reader.close()
+    def _let_go(self, reader: ReadingProcess) -> None:
+        reader.release()
         self._finished, self._reader = _total(self._finished, reader), None
 
     def _probe(self) -> Probe:
@@ -220,7 +223,7 @@ def _rate_hz(time_s: Floats) -> float | None:
     return float(1.0 / np.median(steps_s)) if steps_s.size else None
 
 
-def _total(finished: dict[str, int], reader: TraceReader) -> dict[str, int]:
+def _total(finished: dict[str, int], reader: ReadingProcess) -> dict[str, int]:
     return finished | {
         "rows": finished["rows"] + reader.rows_read,
         "bad_cells": finished["bad_cells"] + sum(reader.bad_cells.values()),

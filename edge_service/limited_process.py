@@ -1,4 +1,4 @@
-"""Processes that do what strangers' files ask for: bounded in memory and time, gone with us.
+"""Processes that do what strangers' files ask for: bounded, in the background, gone with us.
 
 The module is also their first step, `python -m edge_service.limited_process`: it bounds itself, and
 becomes the command.
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 _PR_SET_PDEATHSIG = 1
 _NOBODY = 0
+_NICE = 10
 ENVIRONMENT = {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """Few arenas and threads, each of which takes addresses that it does not use."""
 
@@ -85,6 +86,7 @@ def main(arguments: Sequence[str]) -> None:
     if caller != _NOBODY:
         _die_with(caller)
     _bound(memory_bytes, cpu_s)
+    os.nice(_NICE)
     try:
         os.execvpe(arguments[3], list(arguments[3:]), os.environ | ENVIRONMENT)
     except OSError as error:

@@ -1,6 +1,5 @@
 """Detection of complete traces among the files of a folder."""
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 from ..base import DriverUnavailableError
 
 _TAIL_BYTES = 4096
-_CHUNK_BYTES = 1 << 20
 _PARQUET_MAGIC = b"PAR1"
 
 
@@ -86,13 +84,3 @@ def has_proper_end(path: Path) -> bool:
     if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         return tail.rstrip().endswith(b"</traceSession>")
     return tail.endswith((b"\n", b"\r"))
-
-
-def digest_of(path: Path, size: int) -> str:
-    """SHA-256 of a file's first `size` bytes. Raises OSError."""
-    digest, left = hashlib.sha256(), size
-    with path.open("rb") as file:
-        while chunk := file.read(min(_CHUNK_BYTES, left)):
-            digest.update(chunk)
-            left -= len(chunk)
-    return digest.hexdigest()

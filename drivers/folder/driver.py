@@ -12,13 +12,14 @@ import numpy as np
 
 from edge_service.messages.samples import SampleFrame
 from edge_service.trace.columns import TraceError
-from edge_service.trace.reader import TraceReader, open_trace
+from edge_service.trace.reading_process import ReadingProcess
 from edge_service.trace.sinumerik.controller_axis import ControllerAxis
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..frame_cutter import FrameCutter
-from .arrivals import Arrivals, digest_of
+from .arrivals import Arrivals
 from .config import FolderConfig
+from .digests import Digests
 from .ledger import Entry, Ledger
 
 log = logging.getLogger(__name__)
@@ -32,7 +33,8 @@ class FolderDriver:
     """Yields the rows of every complete trace in the folder, then waits for the next.
 
     The recorded clocks follow each other, with a gap between. A trace that cannot be read is told
-    in the log and in the ledger, and is no reason to stop. Files are read in a thread.
+    in the log and in the ledger, and is no reason to stop; neither is a ledger that cannot be
+    written. Files are read in a process with limits: who writes into the folder is a stranger.
     """
 
     config_model: ClassVar[type[DriverConfig]] = FolderConfig
@@ -53,15 +55,18 @@ class FolderDriver:
         self._ledger_path = config.ledger or config.folder / f".edge-service-{context.axis}.json"
         self._sleep = sleep
         self._lock = threading.Lock()  # held by the one thread that reads or closes
-        self._reader: TraceReader | None = None
+        self._reader: ReadingProcess | None = None
+        self._digests = Digests()
         self._ledger: Ledger | None = None
+        self._last_ledger: Ledger | None = None
         self._counts = {"files": 0, "bad_files": 0, "seen_before": 0, "rows": 0, "bad_cells": 0}
         self._newest_s = -np.inf
 
     @property
     def counters(self) -> dict[str, int]:
         """Files and rows read, files that cannot be, and cells without a number."""
-        return dict(self._counts)
+        unsaved = 0 if self._last_ledger is None else self._last_ledger.unsaved
+        return self._counts | {"unsaved_ledger": unsaved}
 
     @property
     def readings(self) -> dict[str, float]:
@@ -86,6 +91,8 @@ class FolderDriver:
                     async for frame in frames:
                         yield frame
             if self._ledger is ledger:
+                if ledger.unsaved:
+                    await asyncio.to_thread(ledger.save)
                 await self._sleep(config.poll_s)
 
     async def probe(self) -> Probe:
@@ -100,7 +107,9 @@ class FolderDriver:
 
     def _open(self) -> Ledger:
         Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
-        return Ledger(self._ledger_path)
+        if self._last_ledger is None or not self._last_ledger.unsaved:
+            self._last_ledger = Ledger(self._ledger_path)
+        return self._last_ledger
 
     async def _channels(self) -> tuple[str, ...]:
         """Channels of the first trace that can be read; none while there is none."""
@@ -111,9 +120,9 @@ class FolderDriver:
     def _first_channels(self, paths: list[Path]) -> tuple[str, ...]:
         for path in paths:
             try:
-                with open_trace(path, self._columns, self._axis) as reader:
+                with ReadingProcess(path, self._columns, self._axis) as reader:
                     return reader.channels
-            except TraceError:
+            except (TraceError, OSError):
                 continue
         return ()
 
@@ -149,24 +158,22 @@ class FolderDriver:
                     await asyncio.to_thread(ledger.save)
                     unsaved = 0
         finally:
-            self._let_go()
-            ledger.save()
+            await asyncio.to_thread(self._finish, ledger)
 
     def _begin(self, ledger: Ledger, path: Path) -> Entry | None:
         """Its entry, unless it has been read already; one that has grown is read on."""
         try:
             size = path.stat().st_size
-            entry = ledger.entry(digest_of(path, size), path.name, size)
-            if entry.rows == 0 and not entry.done:
-                beginnings = [
-                    each.rows
-                    for each in ledger.shorter(path.name, size)
-                    if digest_of(path, each.size) == each.digest
-                ]
-                entry.rows = max(beginnings, default=0)
+            shorter = ledger.shorter(path.name, size)
+            digests = self._digests.of(path, {size, *(each.size for each in shorter)})
         except OSError as error:
             log.warning("%s: cannot be read (%s)", path, error.strerror)
             return None
+        entry = ledger.entry(digests[size], path.name, size)
+        if entry.rows == 0 and not entry.done:
+            beginnings = [each for each in shorter if digests[each.size] == each.digest]
+            entry.rows = max((each.rows for each in beginnings), default=0)
+            ledger.note_grown(beginnings)
         if entry.done:
             self._counts["seen_before"] += 1
             return None
@@ -174,46 +181,45 @@ class FolderDriver:
 
     def _cut(self, entry: Entry, path: Path) -> Iterator[SampleFrame]:
         """Frames of the rows beyond `entry.rows`; at the end the entry is done."""
-        cutter, skip = FrameCutter(self._config.frame_s), entry.rows
+        cutter = FrameCutter(self._config.frame_s)
         try:
+            reader = ReadingProcess(path, self._columns, self._axis, skip_rows=entry.rows)
             with self._lock:
-                self._reader = reader = open_trace(path, self._columns, self._axis)
+                self._reader = reader
             log.info("reading %s", path)
             bad = 0
             while (block := self._next(reader)) is not None:
                 self._counts["bad_cells"] += sum(reader.bad_cells.values()) - bad
                 bad = sum(reader.bad_cells.values())
-                kept = _without(block, skip)
-                skip -= len(block) - len(kept)
-                if len(kept):
-                    yield from cutter.cut(kept)
+                yield from cutter.cut(block)
             if self._reader is not reader:  # closed meanwhile: not at its end
                 return
             rest = cutter.rest()
             if rest is not None:
                 yield rest
             self._counts["files"] += 1
+        except OSError as error:
+            raise DriverUnavailableError(
+                f"{path}: no process to read it ({error.strerror})"
+            ) from None
         except TraceError as error:
             log.warning("%s", error)
             entry.problem = str(error)
             self._counts["bad_files"] += 1
         entry.done = True
 
-    def _next(self, reader: TraceReader) -> SampleFrame | None:
+    def _next(self, reader: ReadingProcess) -> SampleFrame | None:
         with self._lock:
             return next(reader, None) if self._reader is reader else None
 
+    def _finish(self, ledger: Ledger) -> None:
+        self._let_go()
+        ledger.save()
+
     def _let_go(self) -> None:
+        reader, self._reader = self._reader, None
+        if reader is None:
+            return
+        reader.close()  # a read that is under way ends
         with self._lock:
-            reader, self._reader = self._reader, None
-            if reader is not None:
-                reader.close()
-
-
-def _without(block: SampleFrame, rows: int) -> SampleFrame:
-    """A block without its first rows."""
-    if rows <= 0:
-        return block
-    return SampleFrame(
-        block.time_s[rows:], {name: values[rows:] for name, values in block.channels.items()}
-    )
+            reader.release()

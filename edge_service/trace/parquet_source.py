@@ -90,6 +90,8 @@ class ParquetSource:
 
     def _broken(self, error: Exception) -> TraceError:
         reason = " ".join(str(error).split())[:120]
+        if isinstance(error, MemoryError):
+            return TraceError(f"{self.path}: its content needs too much memory ({reason})")
         return TraceError(f"{self.path}: a truncated or damaged Parquet file ({reason})")
 
 

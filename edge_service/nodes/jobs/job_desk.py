@@ -26,7 +26,6 @@ MOST_JOBS = 20
 MOST_TEMPORARY_MB = 500.0
 """Of recordings where there is no folder: what is temporary may be memory."""
 _LINES, _LONGEST_LINE = 40, 500
-_NICE = 10
 _REAP_S = 5.0
 
 JobCommand = Callable[[Path, Sequence[Path], Path, Path | None], list[str]]
@@ -255,7 +254,7 @@ class ProcessJobDesk:
 
 async def _spawned(line: list[str], limits: ProcessLimits) -> asyncio.subprocess.Process:
     """A process that works in the background. Raises OSError."""
-    process = await asyncio.create_subprocess_exec(
+    return await asyncio.create_subprocess_exec(
         *limited_command(line, limits, dies_with_caller=True),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
@@ -263,9 +262,6 @@ async def _spawned(line: list[str], limits: ProcessLimits) -> asyncio.subprocess
         start_new_session=True,
         env=os.environ | {"EDGE_SERVICE_PROGRESS": "1"},
     )
-    with contextlib.suppress(OSError):  # it ended already, or priorities are not ours to set
-        os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
-    return process
 
 
 async def _hear(process: asyncio.subprocess.Process, lines: deque[str]) -> None:
