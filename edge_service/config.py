@@ -94,20 +94,36 @@ def _endpoint(value: str, protocol: str) -> str:
 
 
 class HttpConfig(Table):
-    """`[http]`: where the API and the page are served; loopback only. Port 0 takes a free one."""
+    """`[http]`: where the API and the page are served. Port 0 takes a free one.
+
+    Attributes:
+        certificate, private_key: of the server, in PEM: TLS with them.
+        tokens_file: who may do what, made by `edge-service token`; without it whoever reaches the
+            service may do anything.
+        allowed_hosts: host names, without port, by which it is addressed besides loopback.
+    """
 
     host: str = "127.0.0.1"
     port: int = Field(8080, ge=0, le=65535)
     connections: int = Field(256, ge=4, le=10_000)
+    certificate: Path | None = None
+    private_key: Path | None = None
+    tokens_file: Path | None = None
+    allowed_hosts: tuple[str, ...] = ()
 
-    @field_validator("host")
-    @classmethod
-    def _loopback(cls, value: str) -> str:
-        if not is_loopback(value):
+    @model_validator(mode="after")
+    def _guarded(self) -> "HttpConfig":
+        if (self.certificate is None) != (self.private_key is None):
+            lone = "private_key" if self.private_key is None else "certificate"
+            raise ValueError(f"{lone}: missing, the two go together")
+        needed = ("certificate", "private_key", "tokens_file")
+        missing = [name for name in needed if getattr(self, name) is None]
+        if missing and not is_loopback(self.host):
             raise ValueError(
-                f"{value!r}: only loopback addresses are allowed until TLS and roles exist"
+                f"{self.host!r} is no loopback address: it needs {', '.join(missing)}"
+                " (`edge-service certs`, `edge-service token add`)"
             )
-        return value
+        return self
 
 
 class DownsampleConfig(Table):
@@ -226,6 +242,7 @@ def load_config(path: Path) -> EdgeConfig:
         "webhook": _with_buffer(config, folder),
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "certificates"),
+        "http": _placed(config.http, folder, "certificate", "private_key", "tokens_file"),
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     return config.model_copy(update=placed)

@@ -103,7 +103,56 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "public http address": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + '[http]\nhost = "0.0.0.0"')],
-        "http.host: '0.0.0.0': only loopback addresses are allowed until TLS and roles exist",
+        "http: '0.0.0.0' is no loopback address: it needs certificate, private_key, tokens_file",
+    ),
+    "a public address without tokens": (
+        lambda p: [
+            "run",
+            write(
+                p,
+                "a.toml",
+                AXIS + '[http]\nhost = "0.0.0.0"\ncertificate = "c"\nprivate_key = "k"',
+            ),
+        ],
+        "http: '0.0.0.0' is no loopback address: it needs tokens_file",
+    ),
+    "a certificate without its key": (
+        lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ncertificate = "c"')],
+        "http: private_key: missing, the two go together",
+    ),
+    "a certificate that is not there": (
+        lambda p: [
+            "run",
+            write(p, "a.toml", AXIS + '[http]\ncertificate = "c"\nprivate_key = "k"'),
+        ],
+        "c: cannot be read (No such file or directory)",
+    ),
+    "a certificate that is none": (
+        lambda p: [
+            "run",
+            write(
+                p,
+                "a.toml",
+                AXIS + '[http]\ncertificate = "a.toml"\nprivate_key = "a.toml"',
+            ),
+        ],
+        "no PEM, or a key with a password",
+    ),
+    "tokens that are not there": (
+        lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ntokens_file = "t"')],
+        "t: cannot be read (No such file or directory); `edge-service token add` makes it",
+    ),
+    "tokens that are none": (
+        lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ntokens_file = "a.toml"')],
+        "a.toml: is no file of `edge-service token`",
+    ),
+    "a token for nobody": (
+        lambda p: ["token", "add", "", "--role", "viewer", "--file", str(p / "t")],
+        "'': expected up to 60 letters",
+    ),
+    "a token that is not there": (
+        lambda p: ["token", "revoke", "kim", "--file", str(p / "t")],
+        "t: cannot be read",
     ),
     "public bus address": (
         lambda p: ["run", "--bus", "tcp/0.0.0.0:7447", write(p, "a.toml", AXIS)],

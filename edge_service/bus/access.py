@@ -43,13 +43,17 @@ def client_name(role: str) -> str:
     return f"{role}.node.edge-service"
 
 
+def components_of(role: str) -> tuple[str, ...]:
+    """Components that a node reports on: itself, its process, and what else it runs."""
+    return (role, f"{role}_process", *_PARTS.get(role, ()))
+
+
 def may_put(role: str) -> list[str]:
     """Key expressions that a role may put, and answer queries for."""
     if role == READER:
         return []
     topics = [f"{_MACHINE}/*/{topic.name}" for topic in PUTS[role]]
-    parts = (f"{role}/**", f"{role}_process", *_PARTS.get(role, ()))
-    own = [f"{_MACHINE}/{COMPONENT}/{part}" for part in parts]
+    own = [f"{_MACHINE}/{COMPONENT}/{component}/**" for component in components_of(role)]
     return [*topics, *(f"{each}/{topic.name}" for each in own for topic in (STATUS, EVENT))]
 
 

@@ -16,7 +16,7 @@ from .motion import motion
 from .options import InputError
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
-from .security import certs
+from .security import certs, token
 from .service import check_config, node, replay, run
 from .sources import doctor, stub
 
@@ -59,6 +59,7 @@ def _is_bad_input(error: Exception) -> bool:
     from ..bus.session import BusConfigurationError, BusUnavailableError
     from ..certificates import CertificateError
     from ..fingerprint.document import FingerprintError
+    from ..http_api.security.tokens import TokenError
     from ..http_api.serve import AddressError
     from ..models.motions.registry import MotionError
     from ..offline.diagnosis.sessions import DiagnosisError
@@ -66,8 +67,9 @@ def _is_bad_input(error: Exception) -> bool:
     from ..trace.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
+    access = (CertificateError, TokenError)
     twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
-    return isinstance(error, (InputError, ConfigError, TraceError, CertificateError, *bus, *twin))
+    return isinstance(error, (InputError, ConfigError, TraceError, *access, *bus, *twin))
 
 
 def _complain(line: str, status: int) -> int:
@@ -82,7 +84,7 @@ def cli() -> None:
 
 
 for _command in (
-    *(run, node, check_config, certs, replay, doctor, stub, record, convert, simulate),
+    *(run, node, check_config, certs, token, replay, doctor, stub, record, convert, simulate),
     *(commission, estimate, motion, fingerprint, gap, diagnose, reproduce, fleet, bench),
 ):
     cli.add_command(_command)

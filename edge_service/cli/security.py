@@ -1,22 +1,26 @@
-"""Commands about who may do what: certificates."""
+"""Commands about who may do what: certificates and tokens."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from ..exit_status import DONE
+from .options import PATH
+
+if TYPE_CHECKING:
+    from ..http_api.security.tokens import RoleName
 
 
 @click.command(
     epilog="Example: edge-service certs --out certificates --name edge-box --name 192.168.1.5"
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--out", type=PATH, required=True, help="Folder to write to.")
 @click.option("--name", "names", multiple=True, help="Host name or address of this machine.")
 @click.option(
     "--days", type=click.IntRange(1, 3650), default=825, show_default=True, help="Validity."
 )
-def certs(out: Path, names: tuple[str, ...], days: int) -> int:
+def certs(out: Path, names: tuple[str, ...], days: int) -> None:
     """Make certificates: a local authority, a server (page and bus), and each role on the bus.
 
     The authority of the folder is used again if it is there, so that nobody needs to trust it anew.
@@ -28,7 +32,58 @@ def certs(out: Path, names: tuple[str, ...], days: int) -> int:
     for path in make_certificates(out, names, clients, days):
         click.echo(f"{path}: until {_day(expiry(path))}")
     click.echo(f"browsers and clients must trust {out / 'ca.pem'}; keep {out / 'ca.key'} elsewhere")
-    return DONE
+
+
+TOKENS = click.option(
+    "--file", "path", type=PATH, default=Path("tokens.json"), show_default=True, help="Token file."
+)
+
+
+@click.group(epilog="Example: edge-service token add kim --role operator --file tokens.json")
+def token() -> None:
+    """Make, list and revoke the tokens that people and programs sign in with."""
+
+
+@token.command("add", epilog="Example: edge-service token add prometheus --role viewer")
+@click.argument("name")
+@click.option(
+    "--role", type=click.Choice(["viewer", "operator", "admin"]), required=True, help="Its rights."
+)
+@click.option(
+    "--days", type=click.IntRange(1, 3650), default=365, show_default=True, help="Validity."
+)
+@TOKENS
+def add(name: str, role: "RoleName", days: int, path: Path) -> None:
+    """Make a token, print it once, and keep its hash. A running service knows it at once."""
+    from ..http_api.security.tokens import add_token
+
+    click.echo(add_token(path, name, role, days, datetime.now(UTC)))
+    click.echo(f"{path}: {name} is {role}; the token is shown only now", err=True)
+
+
+@token.command("list", epilog="Example: edge-service token list --file tokens.json")
+@TOKENS
+def list_tokens(path: Path) -> None:
+    """Show whose tokens there are, with role and end."""
+    from ..http_api.security.tokens import read_tokens
+
+    now = datetime.now(UTC)
+    for each in read_tokens(path):
+        end = "ended" if each.expires <= now else "until"
+        click.echo(
+            f"{each.name}: {each.role}, since {_day(each.created)}, {end} {_day(each.expires)}"
+        )
+
+
+@token.command("revoke", epilog="Example: edge-service token revoke kim --file tokens.json")
+@click.argument("name")
+@TOKENS
+def revoke(name: str, path: Path) -> None:
+    """End a token with all its sessions, at once."""
+    from ..http_api.security.tokens import revoke_token
+
+    revoke_token(path, name)
+    click.echo(f"{path}: {name} is revoked")
 
 
 def _day(moment: datetime) -> str:

@@ -26,6 +26,9 @@ from .routes.jobs import job_router, on_refused
 from .routes.outputs import output_router
 from .routes.preload import axis_router, service_router
 from .routes.schemas import schema_router
+from .routes.session import session_router
+from .security.doorkeeper import Doorkeeper
+from .security.gate import Gate
 from .stream import stream_router
 
 STATIC = Path(__file__).with_name("static")
@@ -41,9 +44,11 @@ async def dashboard() -> FileResponse:
 
 class _Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
-        """The description, with the schema of the problem documents."""
+        """The description, with the schema of the problem documents and the tokens."""
         schema = super().openapi()
         schema["components"]["schemas"].update(problem_schemas())
+        schema["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        schema["security"] = [{"token": []}, {}]
         return schema
 
 
@@ -55,6 +60,7 @@ def create_app(
     desk: JobDesk | None = None,
     limits: HttpLimits | None = None,
     outputs: OutputDesk | None = None,
+    doorkeeper: Doorkeeper | None = None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -66,6 +72,7 @@ def create_app(
         desk: Keeps recordings and runs jobs; None: there are none.
         limits: Bounds of what is taken from a client.
         outputs: Keeps dead letters; None: there are none.
+        doorkeeper: Tells who asks; None: whoever reaches the service may do anything.
     """
     app = _Application(
         title="edge-service",
@@ -81,6 +88,7 @@ def create_app(
     app.state.desk = desk
     app.state.readers_of = Counter[str]()
     app.state.outputs = outputs
+    app.state.doorkeeper = doorkeeper or Doorkeeper()
     app.add_exception_handler(RefusedError, on_refused)
     answer_with_problems(app)
     for router in (
@@ -94,10 +102,12 @@ def create_app(
         schema_router,
         stream_router,
         metrics_router,
+        session_router,
         page_router,
     ):
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     app.add_middleware(BodyLimits, limits=limits or HttpLimits())
+    app.add_middleware(Gate, doorkeeper=app.state.doorkeeper)
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app

@@ -21,6 +21,9 @@ SECURITY_HEADERS = {
     "cross-origin-resource-policy": "same-origin",
 }
 
+_STRICTLY_TLS = "max-age=31536000"
+"""A browser that was here once asks by TLS for a year; not of loopback, which others share."""
+
 
 class Guard:
     """Refuses foreign host names, so that no web page can reach the service by DNS rebinding.
@@ -38,17 +41,20 @@ class Guard:
             await self._app(scope, receive, send)
             return
 
-        async def send_guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in SECURITY_HEADERS.items():
-                    headers.setdefault(name, value)
-                headers.setdefault("cache-control", "no-store")
-            await send(message)
-
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        if _without_port(host).lower() not in self._hosts:
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                answer = MutableHeaders(scope=message)
+                for name, value in SECURITY_HEADERS.items():
+                    answer.setdefault(name, value)
+                if scope["scheme"] == "https" and name_of(host) not in LOOPBACK_HOSTS:
+                    answer.setdefault("strict-transport-security", _STRICTLY_TLS)
+                answer.setdefault("cache-control", "no-store")
+            await send(message)
+
+        if name_of(host) not in self._hosts:
             words = f"the service does not answer to the host name {host!r}"
             await problem_response(scope["path"], 400, words)(scope, receive, send_guarded)
         elif scope["method"] not in _SAFE_METHODS and not _same_origin(headers, host):
@@ -69,6 +75,7 @@ def _host_of(origin: str) -> str:
     return origin.partition("://")[2]
 
 
-def _without_port(host: str) -> str:
+def name_of(host: str) -> str:
+    """Name in a Host header, in small letters and without its port."""
     name, colon, port = host.rpartition(":")
-    return name if colon and port.isdigit() else host
+    return (name if colon and port.isdigit() else host).lower()

@@ -1,4 +1,4 @@
-"""Serving the application on a loopback address."""
+"""Serving the application: on loopback, or by TLS to those who prove who they are."""
 
 import asyncio
 import contextlib
@@ -7,6 +7,7 @@ import ipaddress
 import logging
 import socket
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -49,6 +50,7 @@ async def serve(
     port: int,
     *,
     stop: asyncio.Event,
+    tls: tuple[Path, Path] | None = None,
     on_bound: Callable[[str, int], None] = lambda _host, _port: None,
     before_stop: Callable[[], None] = lambda: None,
     limits: HttpLimits | None = None,
@@ -58,9 +60,10 @@ async def serve(
 
     Args:
         app: The application.
-        host: A loopback address or `localhost`.
+        host: An IP address or `localhost`.
         port: TCP port; 0 takes a free one.
         stop: Set to end.
+        tls: Certificate and private key in PEM; without them only loopback is served.
         on_bound: Called with the address and the real port as soon as connections are taken.
         before_stop: Called before the server waits for its connections to end: end the live streams
             here (`ServiceState.close`), or they are cut off after a short grace.
@@ -68,13 +71,14 @@ async def serve(
         on_tick: Called ten times a second while the server lives.
 
     Raises:
-        AddressError: Before anything is served: the address is no loopback address (PortInUseError:
-            or taken).
+        AddressError: Before anything is served: the address makes no sense, needs TLS
+            (PortInUseError: or is taken).
     """
     limits = limits or HttpLimits()
     places = places_for(limits)
-    listener = bind(host, port)
+    listener = bind(host, port, encrypted=tls is not None)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, limits.send_buffer_bytes)
+    certificate, key = tls or (None, None)
     config = uvicorn.Config(
         app,
         http=bounded_protocol(limits, places),
@@ -87,6 +91,8 @@ async def serve(
         proxy_headers=False,
         ws="none",
         timeout_graceful_shutdown=_GRACE_S,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
     )
     server = _Server(config)
     server.beat = on_tick
@@ -120,9 +126,11 @@ def places_for(limits: HttpLimits) -> Connections:
     return Connections(most, limits.connections_of_one)
 
 
-def bind(host: str, port: int) -> socket.socket:
-    """A socket that listens on a loopback address; AddressError if that cannot be."""
-    address = _loopback(host)
+def bind(host: str, port: int, *, encrypted: bool = False) -> socket.socket:
+    """A socket that listens, on loopback unless `encrypted`; AddressError if that cannot be."""
+    address = _address(host)
+    if not (encrypted or address.is_loopback):
+        raise AddressError(f"host {host}: only loopback addresses are served without TLS")
     if not 0 <= port <= 65535:
         raise AddressError(f"port {port} is no TCP port: expected 0 to 65535")
     family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
@@ -139,16 +147,11 @@ def bind(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _loopback(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
     try:
-        address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host.strip("[]"))
+        return ipaddress.ip_address("127.0.0.1" if host == "localhost" else host.strip("[]"))
     except ValueError:
         raise AddressError(f"host {host!r} is no IP address: expected e.g. 127.0.0.1") from None
-    if not address.is_loopback:
-        raise AddressError(
-            f"host {host}: only loopback addresses are allowed until TLS and roles exist"
-        )
-    return address
 
 
 def _bind_error(host: str, port: int, error: OSError) -> AddressError:

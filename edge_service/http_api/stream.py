@@ -1,7 +1,7 @@
 """The live stream: server-sent events, resumable, with a bounded backlog per reader."""
 
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query, Request
@@ -19,6 +19,9 @@ from .compose import health_answer, live_answer, preload_answer, service_answer
 from .context import AxisFilterDep, Clock, StateDep, clock_of
 from .limits.connections import is_loopback
 from .problems import documented
+from .security.access import Role
+from .security.doorkeeper import Doorkeeper
+from .security.gate import credentials
 
 MOST_READERS, MOST_READERS_OF_ONE = 64, 16
 REFRESH_S = 1.0
@@ -71,6 +74,13 @@ async def resume_after(
     return last_event_id if header is None else header
 
 
+async def still_allowed(request: Request) -> Callable[[], bool]:
+    """Whether who has asked for the stream might ask for it again: tokens and sessions end."""
+    doorkeeper: Doorkeeper = request.app.state.doorkeeper
+    sent = credentials(request)
+    return lambda: doorkeeper.identify(*sent).role >= Role.VIEWER
+
+
 class _Encoded:
     """The newest message of each topic, made once for all readers that ask at the same moment."""
 
@@ -108,13 +118,14 @@ async def events(
     encoded: Annotated[_Encoded, Depends(encoded_of)],
     subscription: Annotated[Subscription, Depends(reader)],
     resume_id: Annotated[int | None, Depends(resume_after)],
+    allowed: Annotated[Callable[[], bool], Depends(still_allowed)],
 ) -> StreamingResponse:
     """Live stream: `event` (numbered); `preload`, `health`, `live`, `service` (newest); `lost`.
 
     Events can be resumed after `Last-Event-ID`, or after `last_event_id` (0: all that are kept).
     """
     return StreamingResponse(
-        _stream(state, encoded, clock, subscription, resume_id),
+        _stream(state, encoded, clock, subscription, resume_id, allowed),
         media_type="text/event-stream",
         headers={"cache-control": "no-cache", "x-accel-buffering": "no"},
     )
@@ -126,6 +137,7 @@ async def _stream(
     clock: Clock,
     subscription: Subscription,
     resume_id: int | None,
+    allowed: Callable[[], bool],
 ) -> AsyncIterator[bytes]:
     seen_id = state.events.last_id
     first_id = seen_id if resume_id is None else resume_id
@@ -137,6 +149,8 @@ async def _stream(
     while not subscription.closed:
         now_ns = clock()
         if refreshed_ns is None or abs(now_ns - refreshed_ns) >= REFRESH_S * 1e9:
+            if not allowed():
+                return
             refreshed_ns = now_ns
             for message in _everything(state, encoded, subscription.axis, now_ns):
                 yield message

@@ -30,6 +30,7 @@ from .supervision.heartbeat import Heartbeat
 from .supervision.task import TASK_EVENTS, Work
 from .supervision.tasks import Tasks
 from .wiring.context import NodeContext, Reporter
+from .wiring.http_rights import doorkeeper_of, hosts_of, tls_files
 from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
@@ -44,9 +45,13 @@ def _limits(context: NodeContext) -> dict[str, AxisLimits | None]:
 
 
 async def run(context: NodeContext) -> None:
-    """Serve the API and the page until cancelled. Raises AddressError before anything is served."""
+    """Serve the API and the page until cancelled.
+
+    Raises AddressError and ConfigError before anything is served.
+    """
     config = context.config
-    machines = load_machines(config)
+    http, machines = config.http, load_machines(config)
+    doorkeeper, tls = doorkeeper_of(http), tls_files(http)
     store = open_history(
         config, {axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()}
     )
@@ -70,16 +75,23 @@ async def run(context: NodeContext) -> None:
         send_command(axis, Command(action="recorded", user="edge-service", note=name))
 
     recorder = DisagreementRecorder(desk.folder, on_kept)
-    app = create_app(state, time_ns, send_command=send_command, desk=desk, outputs=outputs)
+    app = create_app(
+        state,
+        time_ns,
+        hosts_of(http),
+        send_command,
+        desk,
+        outputs=outputs,
+        doorkeeper=doorkeeper,
+    )
+    serve_app = partial(serve, app, tls=tls)
     try:
         async with (
             outputs.running(),
             keeper.running() as keeping,
             reporter.running() as tasks,
         ):
-            tasks.start(
-                "server", _server(context, reporter, partial(serve, app), state), vital=True
-            )
+            tasks.start("server", _server(context, reporter, serve_app, state), vital=True)
             _follow(context, reporter, tasks, state)
             tell = _follow_events(context, tasks, state, outputs, recorder)
             watch = HistoryWatch(keeper.to, tell)
@@ -160,7 +172,8 @@ def _server(
 ) -> Work:
     """Work of the server: the port that was free at first stays, and is told once."""
     http = context.config.http
-    address = Address(http.host, http.port, context.on_http_ready)
+    scheme = "http" if http.certificate is None else "https"
+    address = Address(http.host, http.port, context.on_http_ready, scheme)
 
     def bound(host: str, port: int) -> None:
         reporter.to(ComponentStatus.OK)
@@ -184,8 +197,10 @@ def _server(
 class Address:
     """Where the page is served: the port that was free at first stays, and is told once."""
 
-    def __init__(self, host: str, port: int, tell: Callable[[str], None]) -> None:
-        self.host, self.port = host, port
+    def __init__(
+        self, host: str, port: int, tell: Callable[[str], None], scheme: str = "http"
+    ) -> None:
+        self.host, self.port, self._scheme = host, port, scheme
         self._tell: Callable[[str], None] | None = tell
 
     def bound(self, host: str, port: int) -> None:
@@ -193,5 +208,5 @@ class Address:
         self.port = port
         if self._tell is not None:
             shown = f"[{host}]" if ":" in host else host
-            self._tell(f"http://{shown}:{port}/")
+            self._tell(f"{self._scheme}://{shown}:{port}/")
         self._tell = None

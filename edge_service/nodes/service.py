@@ -24,6 +24,7 @@ from .supervision.supervisor import START_S
 from .supervision.task import Work
 from .wiring.bus_rights import node_settings, router_settings
 from .wiring.context import NodeContext, Reporter
+from .wiring.http_rights import check_access
 
 log = logging.getLogger(__name__)
 NodeName = Literal[
@@ -45,6 +46,7 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     The process is the bus' router: others connect to its endpoint.
     """
     await check_service(config)
+    check_access(config.http)
     bus = await Bus.open(router_settings(config))
     optional = (name for name in OPTIONAL if getattr(config, name) is not None)
     names = (*optional, *PIPELINE)
@@ -57,6 +59,8 @@ async def run_node(
     """One node alone: `bus` is the router, every other node waits for it and joins it."""
     await check_service(config)
     settings = node_settings(config, name)
+    if name == "http":
+        check_access(config.http)
     if name == "bus":
         bus = await Bus.open(settings)
         log.info("bus at %s", bus.endpoint)

@@ -15,7 +15,7 @@ from edge_service.bus.session import Bus, BusConfigurationError, BusUnavailableE
 from edge_service.bus.settings import BusSettings, Security, TlsSettings, zenoh_config
 from edge_service.certificates import make_certificates
 from edge_service.messages.keys import MachineKeys
-from edge_service.messages.topics import STATUS, TOPICS
+from edge_service.messages.topics import EVENT, STATUS, TOPICS
 
 KEYS = MachineKeys("site", "machine")
 OTHERS = MachineKeys("site", "other")
@@ -74,18 +74,25 @@ async def until(done: Callable[[], bool]) -> None:
             await asyncio.sleep(0)
 
 
+def own_keys(role: str) -> set[str]:
+    """Keys of what a node says of itself: of its component, with and without axis; its process."""
+    components = [(role, None), (role, "X"), (f"{role}_process", None)]
+    components += [("history", None), ("webhook", None)] if role == "http" else []
+    return {KEYS.component(*each, topic) for each in components for topic in (STATUS, EVENT)}
+
+
 def allowed_keys(role: str) -> set[str]:
     """Keys that the table lets a role put."""
     if role == READER or role not in PUTS:
         return set()
-    reports = {KEYS.component(role, axis, STATUS) for axis in (None, "X")}
-    return {KEYS.key("X", topic) for topic in PUTS[role]} | reports
+    return {KEYS.key("X", topic) for topic in PUTS[role]} | own_keys(role)
 
 
 def every_key() -> set[str]:
-    """Keys of every topic, and of every component's report."""
-    reports = {KEYS.component(role, axis, STATUS) for role in PUTS for axis in (None, "X")}
-    return {KEYS.key("X", topic) for topic in TOPICS.values()} | reports
+    """Keys of every topic, and of what every component says of itself, and the whole service."""
+    others = [KEYS.component("service", None, topic) for topic in TOPICS.values()]
+    of_components = {key for role in PUTS for key in own_keys(role)}
+    return {KEYS.key("X", topic) for topic in TOPICS.values()} | of_components | {*others}
 
 
 class Scene:

@@ -64,7 +64,9 @@ async def _ask_all(scene, chunks, *headers) -> AsyncIterator[tuple[str, _Sender]
 
 
 KINDS = [(), (b"content-type", b"application/json"), (b"content-type", b"text/csv")]
-NO_DESK = (405, 503)
+BY_GATE = (404, 405)
+"""Paths and methods that are none are refused before any body is looked at."""
+NO_DESK = (*BY_GATE, 503)
 """A recording is refused by its route, or by the desk that is not there, without being read."""
 
 
@@ -72,7 +74,8 @@ NO_DESK = (405, 503)
 async def test_a_body_that_says_it_is_too_long_is_not_read(scene, kind):
     headers = [each for each in (kind, (b"content-length", b"600000000")) if each]
     async for asked, sender in _ask_all(scene, None, *headers):
-        assert (sender.status, sender.sent) == (413, 0), asked
+        assert sender.status in (413, *BY_GATE), asked
+        assert sender.sent == 0, asked
 
 
 @pytest.mark.parametrize("kind", KINDS)

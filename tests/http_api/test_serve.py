@@ -203,7 +203,7 @@ async def test_port_in_use_is_named(scene):
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "10.0.0.1"])
 def test_only_loopback_addresses_are_allowed(host):
-    with pytest.raises(AddressError, match="only loopback addresses are allowed until TLS"):
+    with pytest.raises(AddressError, match="only loopback addresses are served without TLS"):
         bind(host, 0)
 
 

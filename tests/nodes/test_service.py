@@ -11,11 +11,13 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from zenoh import KeyExpr
 
-from edge_service.bus.access import PUTS, client_name
+from edge_service.bus.access import PUTS, READER, client_name, may_put
 from edge_service.bus.session import Bus
 from edge_service.certificates import make_certificates
 from edge_service.config import DEFAULT_MACHINE, BusConfig, load_machine
+from edge_service.config_tables import MqttConfig, VibrationConfig, WebhookConfig
 from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
@@ -121,13 +123,23 @@ def bus_config(request: pytest.FixtureRequest, tmp_path: Path) -> BusConfig:
 
 
 async def test_nodes_on_sessions_of_their_own_work_alike(
-    trace_path: Path, bus_config: BusConfig
+    trace_path: Path, bus_config: BusConfig, tmp_path: Path
 ) -> None:
-    config = config_of("replay", {"path": str(trace_path), "speed": 50.0}, bus=bus_config)
+    away = {"host": "127.0.0.1", "port": 1, "buffer": tmp_path / "spool"}
+    config = config_of(
+        "replay",
+        {"path": str(trace_path), "speed": 50.0},
+        bus=bus_config,
+        mqtt=MqttConfig.model_validate(away),
+        vibration=VibrationConfig(),
+        webhook=WebhookConfig(
+            url="http://127.0.0.1:1/", secret="s" * 16, buffer=tmp_path / "events"
+        ),
+    )
     router = await Bus.open(node_settings(config, "bus"))
     there = {"endpoint": router.endpoint, "tls_endpoint": router.tls_endpoint}
     config = config.model_copy(update={"bus": bus_config.model_copy(update=there)})
-    names: tuple[NodeName, ...] = ("estimate", "downsample", "acquire", "health", "http")
+    names = tuple(role for role in PUTS if role != READER)
     buses = [await Bus.open(node_settings(config, name)) for name in names]
     reader = await Bus.open(reader_settings(config))
     stop = asyncio.Event()
@@ -150,6 +162,9 @@ async def test_nodes_on_sessions_of_their_own_work_alike(
                 _, _, report = await anext(aiter(reports))
                 unheard -= {report.component}
         assert axis == "X"
+        for name, bus in zip(names, buses, strict=True):
+            for publisher in bus._publishers:
+                assert any(KeyExpr(each).includes(publisher._key) for each in may_put(name))
         stop.set()
         await asyncio.gather(*tasks)
     finally:

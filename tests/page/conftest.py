@@ -39,6 +39,16 @@ def browser() -> Iterator[Any]:
         browser.close()
 
 
+def serious_faults(page: Any) -> list[tuple[str, list[str]]]:
+    """Barriers for people that axe-core finds."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is missing")
+    return [
+        (fault["id"], [node["html"] for node in fault["nodes"]])
+        for fault in axe.Axe().run(page).response["violations"]
+        if fault["impact"] in ("serious", "critical")
+    ]
+
+
 @dataclass
 class Page:
     """A page with all that it said and asked."""
@@ -84,8 +94,9 @@ def open_page(browser: Any) -> Iterator[Callable[..., Page]]:
 class Service:
     """The service in a thread of its own; `stop` ends it, `start` begins it at the same port."""
 
-    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, settings: dict[str, Any], http: HttpConfig) -> None:
         self._folder = folder
+        self._http = http
         self._settings = settings
         self._port = 0
         self.address = ""
@@ -110,7 +121,7 @@ class Service:
         )
         config = EdgeConfig(
             bus=BusConfig(endpoint="tcp/127.0.0.1:0"),
-            http=HttpConfig(port=self._port),
+            http=self._http.model_copy(update={"port": self._port}),
             alarms=AlarmsConfig(rate_percent_per_1000_h=1e9),
             history=HistoryConfig(folder=self._folder),
             axes=(axis,),
@@ -133,8 +144,8 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
     """Services that are ended with the test."""
     services: list[Service] = []
 
-    def make(**settings: Any) -> Service:
-        service = Service(tmp_path, settings)
+    def make(http: HttpConfig | None = None, **settings: Any) -> Service:
+        service = Service(tmp_path, settings, http or HttpConfig())
         services.append(service)
         service.start()
         return service

@@ -8,21 +8,13 @@ import pytest
 
 from edge_service.http_api.app import STATIC
 
+from .conftest import serious_faults
+
 HEALTHY = {"scenario": "healthy"}
 SUDDEN = {"scenario": "sudden", "life_h": 1.0, "acceleration": 180.0, "hold_s": 4.0}
 """New for 14 s, then without any preload."""
 BYTES_MOST = 300_000
 PAINT_MOST_MS = 1000.0
-
-
-def serious_faults(page: Any) -> list[tuple[str, list[str]]]:
-    """Barriers for people that axe-core finds."""
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is missing")
-    return [
-        (fault["id"], [node["html"] for node in fault["nodes"]])
-        for fault in axe.Axe().run(page).response["violations"]
-        if fault["impact"] in ("serious", "critical")
-    ]
 
 
 def test_the_page_is_light() -> None:

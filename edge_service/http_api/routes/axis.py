@@ -26,6 +26,7 @@ from ..compose import (
 )
 from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
 from ..problems import documented
+from ..security.gate import identity_of
 
 _LOG_SPAN_S = 30 * 86400.0
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
@@ -90,16 +91,19 @@ async def log(
 async def command(
     axis: AxisDep,
     body: CommandBody,
+    request: Request,
     send: Annotated[SendCommand | None, Depends(send_command_of)],
 ) -> AcceptedAnswer:
     """Acknowledge, shelve or unshelve an alarm, write a note, or say that a part was replaced.
 
-    What came of it is an event, in the live stream and in the log.
+    What came of it is an event, in the live stream and in the log. Whoever has sent a token is
+    named by it, whatever `user` says.
     """
     if send is None:
         raise HTTPException(503, "this service takes no commands")
     if (body.alarm is None) == (body.action in _ABOUT_AN_ALARM):
         expected = "is needed for" if body.alarm is None else "has no meaning for"
         raise parameter_error("alarm", f"{expected} {body.action}")
-    send(axis, Command.model_validate(body.model_dump()))
+    user = identity_of(request).name or body.user
+    send(axis, Command.model_validate(body.model_dump() | {"user": user}))
     return AcceptedAnswer()

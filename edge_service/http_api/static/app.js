@@ -6,6 +6,7 @@ import { byId, clock, element, fetchJson, refill, symbol, words, write } from ".
 import { renderHistory } from "./history.js";
 import { loadTests } from "./jobs.js";
 import { renderService } from "./service.js";
+import { isSignedOut, signIn } from "./session.js";
 import { renderTraces, startTraces, takeLive } from "./traces.js";
 import { loadUse } from "./use.js";
 import { loadWhy, renderWhy } from "./why.js";
@@ -59,6 +60,7 @@ function connect() {
 
 async function start() {
   try {
+    await signIn();
     const { axes, history, site, machine } = await fetchJson("/api/v1/axes");
     write(byId("machine"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
@@ -75,6 +77,14 @@ async function start() {
     states.clear();
     setTimeout(start, RECONNECT_MS);
   }
+}
+
+async function reconnect() {
+  source = null;
+  if (!(await isSignedOut())) return connect();
+  shown = null;
+  states.clear();
+  return start();
 }
 
 function show(axis) {
@@ -119,7 +129,7 @@ function takeEvent(event, id) {
 
 function watchConnection(nowMs) {
   const alive = lastMessageMs !== null && nowMs - lastMessageMs < SILENT_AFTER_MS;
-  if (!alive && source?.readyState === EventSource.CLOSED && nowMs - (lastMessageMs ?? 0) > RECONNECT_MS) connect();
+  if (!alive && source?.readyState === EventSource.CLOSED && nowMs - (lastMessageMs ?? 0) > RECONNECT_MS) reconnect();
   if (alive === connected || (connected === null && !alive && nowMs < SILENT_AFTER_MS)) return;
   const back = alive && connected === false;
   connected = alive;

@@ -1,6 +1,7 @@
 // Alarms and diary: what happened, who took note, and what was done about it.
 
 import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js";
+import { signedName } from "./session.js";
 
 const SHOWN = 60;
 const NAMES = { preload_low: "Preload low", preload_lost: "Preload lost", rate: "Wears fast", sudden_drop: "Sudden drop", model: "Model does not fit", data_lost: "Data lost" };
@@ -59,7 +60,8 @@ function ask(axis, command, title, text) {
   write(byId("ask-text"), text);
   write(byId("ask-ok"), title.split(":")[0]);
   write(byId("ask-error"), "");
-  byId("ask-user").value = localStorage.getItem("user") ?? "";
+  byId("ask-user").value = signedName() ?? localStorage.getItem("user") ?? "";
+  byId("ask-user").readOnly = signedName() !== null;
   byId("ask-note").value = "";
   byId("ask-form").onsubmit = (event) => {
     event.preventDefault();

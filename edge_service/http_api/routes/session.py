@@ -1,0 +1,92 @@
+"""Routes by which a browser signs in and out."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
+
+from ..answers import Answer
+from ..problems import documented
+from ..security.doorkeeper import Doorkeeper, Identity, LimitedError
+from ..security.gate import cookie_name, credentials, identity_of
+from ..security.sessions import LIFETIME_S
+
+session_router = APIRouter(prefix="/api/v1", tags=["service"])
+
+
+class SignInBody(BaseModel):
+    """A token, as `edge-service token add` has printed it."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"token": "edge-…"}]})
+
+    token: str = Field(min_length=1, max_length=200)
+
+
+class SessionAnswer(Answer):
+    """Who asks."""
+
+    required: bool = Field(description="Whether this service asks for tokens at all.")
+    name: str | None = Field(description="Name of the token; null if none was sent.")
+    role: str = Field(examples=["operator"], description="What whoever asks may do.")
+
+
+async def doorkeeper_of(request: Request) -> Doorkeeper:
+    """The doorkeeper of the application."""
+    doorkeeper: Doorkeeper = request.app.state.doorkeeper
+    return doorkeeper
+
+
+DoorkeeperDep = Annotated[Doorkeeper, Depends(doorkeeper_of)]
+
+
+@session_router.get("/session", response_model=SessionAnswer)
+async def session(request: Request, doorkeeper: DoorkeeperDep) -> SessionAnswer:
+    """Tell who asks, and whether a token is needed."""
+    return _answer(doorkeeper, identity_of(request))
+
+
+@session_router.post("/session", response_model=SessionAnswer, responses=documented(401, 422, 429))
+async def sign_in(
+    request: Request, response: Response, body: SignInBody, doorkeeper: DoorkeeperDep
+) -> SessionAnswer:
+    """Begin the session of a browser with a token; it lasts 12 h at most."""
+    if doorkeeper.tokens is None:
+        return _answer(doorkeeper, identity_of(request))
+    client = request.client.host if request.client else "?"
+    try:
+        identity, secret = doorkeeper.sign_in(body.token.strip(), client)
+    except LimitedError as error:
+        wait = {"retry-after": str(round(error.wait_s) + 1)}
+        raise HTTPException(429, str(error), headers=wait) from None
+    except PermissionError:
+        raise HTTPException(401, "this is no token, or it has ended") from None
+    _set_cookie(request, response, secret, LIFETIME_S)
+    return _answer(doorkeeper, identity)
+
+
+@session_router.delete("/session", status_code=204)
+async def sign_out(request: Request, doorkeeper: DoorkeeperDep) -> Response:
+    """End the session of a browser."""
+    _, secret = credentials(request)
+    doorkeeper.sign_out(secret)
+    response = Response(status_code=204)
+    _set_cookie(request, response, "", 0)
+    return response
+
+
+def _set_cookie(request: Request, response: Response, secret: str, age_s: float) -> None:
+    """Let the browser hold a secret that no script and no other site can use."""
+    response.set_cookie(
+        cookie_name(request.scope),
+        secret,
+        max_age=round(age_s),
+        secure=request.url.scheme == "https",
+        httponly=True,
+        samesite="strict",
+    )
+
+
+def _answer(doorkeeper: Doorkeeper, identity: Identity) -> SessionAnswer:
+    required = doorkeeper.tokens is not None
+    return SessionAnswer(required=required, name=identity.name, role=identity.role.name.lower())

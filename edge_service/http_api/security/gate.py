@@ -1,0 +1,66 @@
+"""Gate before every route: nobody takes one that the table of rights does not give their role."""
+
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from ..problems import ProblemResponse, problem_response
+from .access import Role, methods_of
+from .doorkeeper import Doorkeeper, Identity
+
+_IDENTITY = "edge_service.identity"
+
+
+class Gate:
+    """Refuses what the table does not allow, before anything of the body is read."""
+
+    def __init__(self, app: ASGIApp, doorkeeper: Doorkeeper) -> None:
+        self._app = app
+        self._doorkeeper = doorkeeper
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on one request with the identity of who asks, or refuse it."""
+        if scope["type"] == "http":
+            identity = self._doorkeeper.identify(*credentials(HTTPConnection(scope)))
+            refusal = _refusal(scope["path"], scope["method"], identity)
+            if refusal is not None:
+                await refusal(scope, receive, send)
+                return
+            scope[_IDENTITY] = identity
+        await self._app(scope, receive, send)
+
+
+def _refusal(path: str, method: str, identity: Identity) -> ProblemResponse | None:
+    """Refusal of a request; None if it may pass."""
+    methods = methods_of(path.rstrip("/") or "/")
+    needed = methods.get("GET" if method == "HEAD" else method)
+    if needed is not None and identity.role >= needed:
+        return None
+    if identity.role is Role.NOBODY:
+        words = "sign in on the page, or send a token: Authorization: Bearer TOKEN"
+        return problem_response(path, 401, words, headers={"www-authenticate": "Bearer"})
+    if needed is not None:
+        words = f"this needs the role {needed.name.lower()}, yours is {identity.role.name.lower()}"
+        return problem_response(path, 403, words)
+    if methods:
+        words = "this path does not take that method"
+        return problem_response(path, 405, words, headers={"allow": ", ".join(sorted(methods))})
+    words = "there is nothing at this path; /openapi.json lists what there is"
+    return problem_response(path, 404, words)
+
+
+def identity_of(request: HTTPConnection) -> Identity:
+    """Who asks, as the gate has found."""
+    identity: Identity = request.scope[_IDENTITY]
+    return identity
+
+
+def credentials(request: HTTPConnection) -> tuple[str, str]:
+    """What a request sends to prove who asks: its authorization, and its session's secret."""
+    cookie = request.cookies.get(cookie_name(request.scope), "")
+    return request.headers.get("authorization", ""), cookie
+
+
+def cookie_name(scope: Scope) -> str:
+    """Name of the session's cookie: of this port alone, and with TLS of this host alone."""
+    _, port = scope.get("server") or ("", 0)
+    return f"{'__Host-' if scope['scheme'] == 'https' else ''}edge-service-{port}"

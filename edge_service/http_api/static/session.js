@@ -1,0 +1,50 @@
+// Who looks at the page: by the session of a token, where the service asks for one.
+
+import { byId, fetchJson, write } from "./dom.js";
+
+const SESSION = "/api/v1/session";
+let who = null;
+
+export const signedName = () => who?.name ?? null;
+
+export async function isSignedOut() {
+  const answer = await fetchJson(SESSION).catch(() => null);
+  return answer?.role === "nobody";
+}
+
+// Resolves once somebody is there who may look.
+export async function signIn() {
+  who = await fetchJson(SESSION);
+  if (who.role === "nobody") await askForToken();
+  byId("who").hidden = who.name === null;
+  write(byId("who-name"), `${who.name} (${who.role})`);
+}
+
+function askForToken() {
+  show(true);
+  return new Promise((done) => {
+    byId("sign-in-form").onsubmit = (event) => {
+      event.preventDefault();
+      send(byId("token").value.trim()).then(done, (error) => write(byId("sign-in-error"), `You are not signed in: ${error.message}`));
+    };
+  });
+}
+
+async function send(token) {
+  write(byId("sign-in-error"), "");
+  who = await fetchJson(SESSION, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ token }) });
+  byId("token").value = "";
+  show(false);
+}
+
+function show(asking) {
+  byId("sign-in").hidden = !asking;
+  byId("main").hidden = asking;
+  document.body.classList.toggle("signed-out", asking);
+  if (asking) byId("token").focus();
+}
+
+byId("sign-out").addEventListener("click", async () => {
+  await fetch(SESSION, { method: "DELETE" });
+  location.reload();
+});

@@ -1,0 +1,73 @@
+"""Who may reach the page and the API, as the configuration asks for it."""
+
+import ssl
+from datetime import UTC, datetime
+from pathlib import Path
+
+from ...certificates import CertificateError, expiry
+from ...config import ConfigError, HttpConfig
+from ...http_api.guard import LOOPBACK_HOSTS
+from ...http_api.security.doorkeeper import Doorkeeper
+from ...http_api.security.tokens import TokenError, TokenFile
+
+_ANY_ADDRESS = ("0.0.0.0", "::", "[::]")
+
+
+def doorkeeper_of(http: HttpConfig) -> Doorkeeper:
+    """Tells who asks by the configured tokens. Raises ConfigError."""
+    if http.tokens_file is None:
+        return Doorkeeper()
+    tokens = TokenFile(http.tokens_file)
+    try:
+        tokens.read()
+    except TokenError as error:
+        raise ConfigError(f"http.tokens_file: {error}") from None
+    return Doorkeeper(tokens)
+
+
+def tls_files(http: HttpConfig) -> tuple[Path, Path] | None:
+    """Certificate and key of the server, which fit each other. Raises ConfigError."""
+    if http.certificate is None or http.private_key is None:
+        return None
+    for key, path in (("certificate", http.certificate), ("private_key", http.private_key)):
+        try:
+            path.read_bytes()
+        except OSError as error:
+            raise ConfigError(f"http.{key}: {path}: cannot be read ({error.strerror})") from None
+    try:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(http.certificate, http.private_key, password="")
+    except (ssl.SSLError, ValueError) as error:
+        reason = getattr(error, "reason", None) or "no PEM, or a key with a password"
+        pair = f"{http.certificate} with {http.private_key}"
+        raise ConfigError(f"http.certificate: {pair}: {reason}") from None
+    return http.certificate, http.private_key
+
+
+def hosts_of(http: HttpConfig) -> tuple[str, ...]:
+    """Host names by which the service may be addressed."""
+    address = f"[{http.host}]" if ":" in http.host and "[" not in http.host else http.host
+    own = () if http.host in _ANY_ADDRESS else (address,)
+    return tuple(dict.fromkeys((*LOOPBACK_HOSTS, *own, *http.allowed_hosts)))
+
+
+def check_access(http: HttpConfig) -> str:
+    """Check tokens and certificates; returns a line on who is let in. Raises ConfigError."""
+    doorkeeper_of(http)
+    tls_files(http)
+    tokens = "whoever reaches it may do anything"
+    if http.tokens_file is not None:
+        tokens = f"tokens in {http.tokens_file}"
+    return f"{_validity(http.certificate)}, {tokens}"
+
+
+def _validity(certificate: Path | None) -> str:
+    if certificate is None:
+        return "no TLS"
+    try:
+        end = expiry(certificate)
+    except CertificateError as error:
+        raise ConfigError(f"http.certificate: {error}") from None
+    if end < datetime.now(UTC):
+        raise ConfigError(f"http.certificate: {certificate}: ended on {end:%Y-%m-%d}")
+    return f"TLS until {end:%Y-%m-%d}"
