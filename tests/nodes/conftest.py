@@ -23,6 +23,7 @@ from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.service import PIPELINE, NodeName, run_nodes
 from edge_service.nodes.supervision.heartbeat import Heartbeat
+from edge_service.nodes.supervision.supervisor import Supervisor
 from edge_service.nodes.wiring.context import NodeContext
 from edge_service.trace.writer import TraceWriter
 
@@ -53,13 +54,22 @@ class Running:
 
 @asynccontextmanager
 async def running(
-    config: EdgeConfig, names: tuple[NodeName, ...] = PIPELINE, *, until_sources_end: bool = False
+    config: EdgeConfig,
+    names: tuple[NodeName, ...] = PIPELINE,
+    *,
+    until_sources_end: bool = False,
+    supervisor: Supervisor | None = None,
 ) -> AsyncIterator[Running]:
     """Run nodes on a bus of their own."""
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
     address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     stop = asyncio.Event()
-    context = NodeContext(config, bus, address.set_result)
+
+    def on_ready(url: str) -> None:
+        if not address.done():  # a server that was begun again tells it again
+            address.set_result(url)
+
+    context = NodeContext(config, bus, on_ready, supervisor=supervisor or Supervisor())
     task = asyncio.create_task(run_nodes(context, names, stop, until_sources_end=until_sources_end))
     try:
         yield Running(bus, address, task)

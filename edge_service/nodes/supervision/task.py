@@ -79,12 +79,11 @@ class SupervisedTask:
         self.fault = ""
         self.done = asyncio.Event()
         self._clock = clock
-        self._at_s = clock()
         self.begin()
 
     def begin(self) -> None:
         """Start a life of the task."""
-        self._begun_s = self._at_s = self._clock()
+        self._begun_s = self._at_s = self._cancelled_s = self._clock()
         self.heart.begin()
         self.state = TaskState.RUNNING
         self.running = asyncio.create_task(self.work(self.heart), name=self.name)
@@ -113,7 +112,7 @@ class SupervisedTask:
         if self.running.done():
             return self._ended(now_s)
         if self.heart.is_late(now_s):
-            self.running.cancel()
+            self._cancel(now_s)
             self.state, self._at_s = TaskState.ENDING, now_s
             return self._failed(f"stalled: no sign of life for {self.rules.deadline_s:g} s")
         if self.heart.is_thread_late(now_s):
@@ -127,10 +126,13 @@ class SupervisedTask:
         if self.running.done():
             error = None if self.running.cancelled() else self.running.exception()
             return self._pause(now_s, error)
-        if self.is_stuck:
-            self.running.cancel()
-            self._at_s = now_s
+        if now_s - self._cancelled_s > _CANCEL_AGAIN_S:
+            self._cancel(now_s)
         return None
+
+    def _cancel(self, now_s: float) -> None:
+        self.running.cancel()
+        self._cancelled_s = now_s
 
     def _ended(self, now_s: float) -> TaskChange | None:
         error = None if self.running.cancelled() else self.running.exception()

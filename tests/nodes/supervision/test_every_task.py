@@ -1,0 +1,123 @@
+"""Every task of a running service, ended, raising and hung on purpose, one after the other."""
+
+import asyncio
+
+import pytest
+
+from edge_service.config import EdgeConfig
+from edge_service.config_tables import VibrationConfig
+from edge_service.messages.event import Event
+from edge_service.messages.health import ComponentStatus
+from edge_service.messages.topics import EVENT, PRELOAD, STATUS
+from edge_service.nodes.service import PIPELINE
+from edge_service.nodes.supervision.heartbeat import Heartbeat
+from edge_service.nodes.supervision.policy import RestartPolicy
+from edge_service.nodes.supervision.supervisor import Supervisor
+from edge_service.nodes.supervision.task import SupervisedTask, TaskRules, TaskState
+
+from ..conftest import config_of, running, until
+
+AT_ONCE = RestartPolicy(first_s=0.0, most=1000)
+
+
+async def end(_heart: Heartbeat) -> None:
+    """End without a word."""
+
+
+async def fail(_heart: Heartbeat) -> None:
+    raise RuntimeError("on purpose")
+
+
+async def hang(_heart: Heartbeat) -> None:
+    await asyncio.Event().wait()
+
+
+def two_axes() -> EdgeConfig:
+    config = config_of("simulated", {"scenario": "healthy", "speed": 5.0})
+    axis = config.axes[0]
+    axes = (axis, axis.model_copy(update={"name": "Y"}))
+    return config.model_copy(update={"axes": axes, "vibration": VibrationConfig()})
+
+
+class Sabotage:
+    """Lets one task after the other fail in one way."""
+
+    def __init__(self, supervisor: Supervisor, how) -> None:
+        self._supervisor = supervisor
+        self._how = how
+
+    def names(self) -> list[tuple[str, str]]:
+        """Component and name of every task; those that own others come last."""
+        pairs = [(group.component, task.name) for group in self._supervisor for task in group]
+        return sorted(pairs, key=lambda pair: pair[0] == "service")
+
+    def find(self, component: str, name: str) -> SupervisedTask | None:
+        """The task as it is now."""
+        for group in self._supervisor:
+            for task in group:
+                if (group.component, task.name) == (component, name):
+                    return task
+        return None
+
+    async def strike(self, task: SupervisedTask) -> None:
+        """Let the next life of a task begin now, and fail; then it works as before."""
+        task.running.cancel()
+        await asyncio.wait([task.running], timeout=10.0)
+        work, task.work = task.work, self._how
+        task.rules = TaskRules(AT_ONCE)
+        task.begin()
+        task.work = work
+        task.heart.forgive(-1000.0)  # its deadline has passed
+
+
+@pytest.mark.parametrize("how", [end, fail, hang])
+async def test_every_task_that_fails_is_told_and_begun_again(how) -> None:
+    config = two_axes()
+    supervisor = Supervisor(policy=AT_ONCE)
+    names = ("vibration", *PIPELINE)
+    async with running(config, names, supervisor=supervisor) as service:
+        await asyncio.wait_for(service.address, 30.0)
+        keys = config.keys
+        events = service.bus.subscribe(keys.all_components(EVENT), EVENT, depth=4096)
+        reports = service.bus.subscribe(keys.all_components(STATUS), STATUS, depth=4096)
+        sabotage = Sabotage(supervisor, how)
+
+        async def estimating() -> bool:
+            return sabotage.find("estimate", "keep") is not None
+
+        await until(estimating)
+        struck = sabotage.names()
+        assert len(struck) > 35
+        for component, name in struck:
+            task = sabotage.find(component, name)
+            assert task is not None, name
+            before = task.restarts.total
+            await sabotage.strike(task)
+
+            async def begun_again(task=task, before=before) -> bool:
+                supervisor.look()
+                return task.restarts.total > before and task.state is TaskState.RUNNING
+
+            await until(begun_again)
+        preloads = service.bus.subscribe(keys.all_axes(PRELOAD), PRELOAD)
+        heard: set[str] = set()
+        async with asyncio.timeout(30.0):
+            async for axis, _, _ in preloads:
+                heard.add(axis)
+                if heard == {"X", "Y"}:
+                    break
+        assert not service.task.done()
+        events.close()
+        reports.close()
+        told = {_told(event) async for _, _, event in events if event.kind == "task_failed"}
+        degraded = {
+            report.component
+            async for _, _, report in reports
+            if report.status is ComponentStatus.RECOVERABLE_ERROR
+        }
+    assert told == {(component.partition(" ")[0], name) for component, name in struck}
+    assert degraded >= {component.partition(" ")[0] for component, _ in struck}
+
+
+def _told(event: Event) -> tuple[object, object]:
+    return event.data["component"], event.data["task"]
