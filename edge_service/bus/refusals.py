@@ -1,8 +1,10 @@
 """Payloads that were refused, counted by key and reason in bounded memory."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from enum import StrEnum
+from functools import reduce
+from operator import or_
 from threading import Lock
 
 OTHERS = "(others)"
@@ -19,10 +21,6 @@ class Refusal(StrEnum):
     MISPLACED = "misplaced"  # the payload names another axis than its key
     RIVAL = "rival"  # another publisher of the key is heard
     LATE = "late"  # overtaken by a newer one, or sent twice
-    OUT_OF_TIME = "out_of_time"  # measured long ago
-
-
-Counts = Mapping[tuple[str, Refusal], int]
 
 
 class Refusals:
@@ -31,7 +29,7 @@ class Refusals:
     def __init__(self) -> None:
         self._lock = Lock()
         self._keys: set[str] = set()
-        self._counts: Counter[tuple[str, Refusal]] = Counter()
+        self._counts: Counter[tuple[str, str]] = Counter()
 
     def add(self, key: str, reason: Refusal) -> None:
         """Count one; the keys beyond a number share one count."""
@@ -42,7 +40,7 @@ class Refusals:
             self._keys.add(name)
             self._counts[name, reason] += 1
 
-    def counts(self) -> Counter[tuple[str, Refusal]]:
+    def counts(self) -> Counter[tuple[str, str]]:
         """The counts so far."""
         with self._lock:
             return Counter(self._counts)
@@ -52,6 +50,6 @@ class Refusals:
         return sum(count for (_, each), count in self.counts().items() if each is reason)
 
 
-def together(refusals: Iterable[Refusals]) -> Counts:
-    """The counts of several subscribers."""
-    return sum((each.counts() for each in refusals), Counter())
+def together(refusals: Iterable[Refusals]) -> Counter[tuple[str, str]]:
+    """Counts of several subscribers; what several of them refused counts once."""
+    return reduce(or_, (each.counts() for each in refusals), Counter())

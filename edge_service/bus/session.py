@@ -3,12 +3,14 @@
 import asyncio
 import socket
 import time
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
 from itertools import count
 from typing import Any, Self
+from weakref import WeakSet
 
 import zenoh
 
@@ -16,6 +18,7 @@ from ..messages.addresses import split_endpoint
 from ..messages.codec.interface import T
 from ..messages.topics import Topic
 from .publisher import Publisher
+from .refusals import Refusals, together
 from .settings import BusSettings, zenoh_config
 from .subscriber import Subscriber
 
@@ -39,6 +42,7 @@ class Bus:
         self.tls_endpoint = settings.tls.endpoint if settings.tls else None
         self._boot_epoch = time.time_ns()
         self._numbers: dict[str, count[int]] = {}
+        self._refusals: WeakSet[Refusals] = WeakSet()
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[zenoh.LivelinessToken] = []
@@ -90,7 +94,12 @@ class Bus:
         """
         subscriber = Subscriber(self._session, key_expr, topic, depth, keys)
         self._subscribers.append(subscriber)
+        self._refusals.add(subscriber.refusals)
         return subscriber
+
+    def refused(self) -> Counter[tuple[str, str]]:
+        """Payloads that the subscribers of this process refused, by key and reason."""
+        return together(list(self._refusals))
 
     def declare_alive(self, key: str) -> None:
         """Show presence on `key` until the session closes or dies."""

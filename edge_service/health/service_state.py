@@ -1,6 +1,7 @@
 """The last word on every axis, for whoever presents it."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ..messages.estimate import PreloadEstimate
@@ -12,6 +13,7 @@ from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .axis_state import AxisState
 from .condition.component import ComponentWatch
+from .condition.refusal_watch import Refused
 from .events.fan_out import FanOut
 from .events.log import EventLog
 from .history.buckets import Bucket
@@ -51,6 +53,7 @@ class ServiceState:
         keeping: What outlives the process.
         strokes: What is known of each axis along its stroke.
         place: Site and machine that the axes belong to.
+        refused: Payloads refused on the bus so far, by key and reason.
     """
 
     def __init__(
@@ -61,10 +64,12 @@ class ServiceState:
         keeping: Keeping | None = None,
         strokes: Mapping[str, StrokeModel | None] | None = None,
         place: MachineKeys | None = None,
+        refused: Callable[[], Refused] = Counter,
     ) -> None:
         settings, keeping = settings or StateSettings(), keeping or Keeping()
         self._started_ns = now_ns
         self.place = place or MachineKeys("", "")
+        self.refused = refused
         self.keeping = keeping
         self._axes = {
             axis: AxisState(axis, limits, settings, keeping) for axis, limits in axes.items()

@@ -129,10 +129,13 @@ class ServiceCollector(StateCollector):
             "Payloads of axes that are not configured",
             self._state.ignored_payloads,
         )
+        refused = counters("refused_payloads", "Payloads refused on the bus", "key", "reason")
+        for key_and_reason, count in self._state.refused().items():
+            _add(refused, key_and_reason, count)
         place = self._state.place
         info = gauges("info", "1, with what the axes belong to", "site", "machine")
         _add(info, (place.site, place.machine), 1.0)
-        return info, lost, ready, readers, ignored
+        return info, lost, ready, readers, ignored, *((refused,) if refused.samples else ())
 
 
 def _add(

@@ -7,6 +7,7 @@ from functools import partial
 from time import time_ns
 from typing import Any
 
+from ..health.condition.refusal_watch import RefusalWatch
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
@@ -34,6 +35,7 @@ from .wiring.http_rights import doorkeeper_of, hosts_of, tls_files
 from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
+REFUSALS_PERIOD_S = 1.0
 
 
 def _limits(context: NodeContext) -> dict[str, AxisLimits | None]:
@@ -61,6 +63,7 @@ async def run(context: NodeContext) -> None:
         keeping=store.keeping,
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
+        refused=context.bus.refused,
     )
     outputs = await OutputDesk.open(context)
     machine_files = {axis.name: axis.machine for axis in config.axes}
@@ -94,6 +97,7 @@ async def run(context: NodeContext) -> None:
             tasks.start("server", _server(context, reporter, serve_app, state), vital=True)
             _follow(context, reporter, tasks, state)
             tell = _follow_events(context, tasks, state, outputs, recorder)
+            tasks.repeat("refusals", REFUSALS_PERIOD_S, _telling_refusals(state, tell))
             watch = HistoryWatch(keeper.to, tell)
             keeper.counters = watch.counts
             keeping.start("flush", partial(store.run, watch))
@@ -162,6 +166,16 @@ def _follow_events(
     tasks.follow("service_events", of_service, take_service_event)
     tasks.follow("samples", context.subscribe(RAW, depth=1024), take_samples)
     return tell
+
+
+def _telling_refusals(state: ServiceState, tell: Callable[[Event], None]) -> Callable[[], None]:
+    watch = RefusalWatch()
+
+    def look() -> None:
+        for event in watch.tick(state.refused(), time_ns()):
+            tell(event)
+
+    return look
 
 
 def _server(
