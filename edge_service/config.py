@@ -1,6 +1,7 @@
 """The service's configuration and machine files: read, checked, every mistake told by its key."""
 
 import difflib
+import logging
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -8,7 +9,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from .config_secrets import secret_keys, with_secrets, with_table_secrets
+from .config_secrets import open_secrets, secret_keys, with_secrets, with_table_secrets
 from .config_tables import (
     AlarmsConfig,
     FleetConfig,
@@ -26,6 +27,7 @@ from .messages.names import check_part
 from .models.machine import Machine
 from .secret_files import SecretError, secret_path
 
+log = logging.getLogger(__name__)
 DEFAULT_CONFIG = Path(__file__).parent / "defaults" / "edge.toml"
 DEFAULT_MACHINE = Path(__file__).parent / "defaults" / "machine.toml"
 FILE_KEYS = ("path", "folder", "certificate", "private_key", "server_certificate", "ledger")
@@ -221,6 +223,8 @@ def load_config(path: Path) -> EdgeConfig:
         ConfigError: one line with the file, the key, what was wrong and what was expected.
     """
     content = _read_toml(path)
+    for key in open_secrets(EdgeConfig, content, path):
+        log.warning("%s: others may read it, and it holds %s; use %s_file", path, key, key)
     try:
         content = with_table_secrets(EdgeConfig, content, path.parent)
     except SecretError as error:

@@ -1,5 +1,6 @@
 """Secrets of a configuration: which keys they are, and how they come from files of their own."""
 
+import stat
 from pathlib import Path
 from typing import Any, get_args
 
@@ -41,12 +42,32 @@ def with_table_secrets(
     """The content of a file, its tables with the secrets that they name. Raises SecretError."""
     filled = {}
     for name, field in model.model_fields.items():
-        for table in (field.annotation, *get_args(field.annotation)):
-            if isinstance(table, type) and issubclass(table, BaseModel):
-                part = content.get(name)
-                if isinstance(part, dict):
-                    filled[name] = _named(name, table, part, folder)
+        part = content.get(name)
+        for table in _tables_in(field.annotation):
+            if isinstance(part, dict):
+                filled[name] = _named(name, table, part, folder)
     return content | filled
+
+
+def open_secrets(model: type[BaseModel], content: dict[str, Any], path: Path) -> list[str]:
+    """Keys of secrets that stand in a file which others may read."""
+    if not path.stat().st_mode & stat.S_IROTH:
+        return []
+    return [
+        f"{name}.{key}"
+        for name, field in model.model_fields.items()
+        for table in _tables_in(field.annotation)
+        for key in secret_keys(table)
+        if isinstance(content.get(name), dict) and key in content[name]
+    ]
+
+
+def _tables_in(annotation: Any) -> list[type[BaseModel]]:
+    return [
+        each
+        for each in (annotation, *get_args(annotation))
+        if isinstance(each, type) and issubclass(each, BaseModel)
+    ]
 
 
 def _named(name: str, table: type[BaseModel], part: dict[str, Any], folder: Path) -> dict[str, Any]:

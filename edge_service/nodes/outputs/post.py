@@ -1,6 +1,7 @@
 """One HTTP POST, and what its answer means: bounded in time and size, redirects not followed."""
 
 import asyncio
+import logging
 import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,6 +9,8 @@ from enum import StrEnum
 
 import httpx
 
+for _name in ("httpx", "httpcore"):
+    logging.getLogger(_name).setLevel(logging.CRITICAL)  # they would write whole addresses
 CONNECT_S = 5.0
 WHOLE_S = 15.0
 """Time for a whole exchange, however slowly bytes come."""

@@ -1,11 +1,13 @@
 """Every task of a running service, ended, raising and hung on purpose, one after the other."""
 
 import asyncio
+from pathlib import Path
 
 import pytest
+from pydantic import SecretStr
 
 from edge_service.config import EdgeConfig
-from edge_service.config_tables import VibrationConfig
+from edge_service.config_tables import MqttConfig, VibrationConfig, WebhookConfig
 from edge_service.messages.event import Event
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import EVENT, PRELOAD, STATUS
@@ -15,6 +17,7 @@ from edge_service.nodes.supervision.policy import RestartPolicy
 from edge_service.nodes.supervision.supervisor import Supervisor
 from edge_service.nodes.supervision.task import SupervisedTask, TaskRules, TaskState
 
+from ...drivers.bench import free_port
 from ..conftest import config_of, running, until
 
 AT_ONCE = RestartPolicy(first_s=0.0, most=1000)
@@ -32,11 +35,22 @@ async def hang(_heart: Heartbeat) -> None:
     await asyncio.Event().wait()
 
 
-def two_axes() -> EdgeConfig:
+def two_axes(folder: Path) -> EdgeConfig:
     config = config_of("simulated", {"scenario": "healthy", "speed": 5.0})
     axis = config.axes[0]
     axes = (axis, axis.model_copy(update={"name": "Y"}))
-    return config.model_copy(update={"axes": axes, "vibration": VibrationConfig()})
+    return config.model_copy(
+        update={
+            "axes": axes,
+            "vibration": VibrationConfig(),
+            "mqtt": MqttConfig(host="127.0.0.1", port=free_port(), buffer=folder / "mqtt"),
+            "webhook": WebhookConfig(
+                url=SecretStr(f"http://127.0.0.1:{free_port()}/"),
+                secret=SecretStr("a secret of some length"),
+                buffer=folder / "webhook",
+            ),
+        }
+    )
 
 
 class Sabotage:
@@ -71,10 +85,10 @@ class Sabotage:
 
 
 @pytest.mark.parametrize("how", [end, fail, hang])
-async def test_every_task_that_fails_is_told_and_begun_again(how) -> None:
-    config = two_axes()
+async def test_every_task_that_fails_is_told_and_begun_again(how, tmp_path: Path) -> None:
+    config = two_axes(tmp_path)
     supervisor = Supervisor(policy=AT_ONCE)
-    names = ("vibration", *PIPELINE)
+    names = ("vibration", "mqtt", *PIPELINE)
     async with running(config, names, supervisor=supervisor) as service:
         await asyncio.wait_for(service.address, 30.0)
         keys = config.keys

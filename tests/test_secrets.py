@@ -1,0 +1,226 @@
+"""Secrets come from files that nobody else can read, and are shown nowhere."""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from pydantic import BaseModel
+
+from drivers.registry import driver_names, load_driver
+from edge_service.config import ConfigError, EdgeConfig, check_settings, load_config
+from edge_service.config_secrets import secret_keys
+from edge_service.secret_files import SecretError, read_secret
+
+MARKER = "marker-0f9c6a1e-4d2b"
+SECRET_NAME = re.compile(r"password|secret|token|passphrase|credential", re.IGNORECASE)
+AXIS = '[[axes]]\nname = "X"\n'
+
+
+def tables(model: type[BaseModel], where: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+    """Every table of a configuration with its dotted name."""
+    yield where, model
+    for name, field in model.model_fields.items():
+        for each in (field.annotation, *get_args(field.annotation)):
+            if isinstance(each, type) and issubclass(each, BaseModel):
+                yield from tables(each, f"{where}.{name}".strip("."))
+
+
+TABLES = [
+    *tables(EdgeConfig),
+    *((f"driver {name}", load_driver(name).config_model) for name in driver_names()),
+]
+KEYS = [(where, model, key) for where, model in TABLES for key in secret_keys(model)]
+OF_TABLES = [(where, key) for where, _, key in KEYS if not where.startswith("driver")]
+
+
+def test_there_are_secrets_to_look_after() -> None:
+    assert {(where, key) for where, _, key in KEYS} >= {
+        ("mqtt", "password"),
+        ("webhook", "url"),
+        ("webhook", "secret"),
+        ("driver opcua", "password"),
+    }
+
+
+@pytest.mark.parametrize(("where", "model"), TABLES, ids=str)
+def test_what_sounds_like_a_secret_is_one_or_names_its_file(
+    where: str, model: type[BaseModel]
+) -> None:
+    """A new key for a password cannot be a bare text."""
+    secret = set(secret_keys(model))
+    for name in model.model_fields:
+        if SECRET_NAME.search(name):
+            assert name in secret or name.endswith("_file"), f"{where}.{name}"
+    for name in secret:
+        assert f"{name}_file" in model.model_fields, f"{where}.{name}"
+
+
+def config_file(folder: Path, where: str, lines: str) -> Path:
+    path = folder / "edge.toml"
+    path.write_text(f"[{where}]\n{lines}\n{AXIS}")
+    return path
+
+
+def complaint(path: Path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+WRONG = {
+    "a list": f'["{MARKER}"]',
+    "a table": f'{{ a = "{MARKER}" }}',
+    "a number": "90614117",
+    "a truth": "true",
+    "a date": "2031-01-31",
+    "text that may not fit": f'" {MARKER}"',
+}
+
+
+@pytest.mark.parametrize(("where", "key"), OF_TABLES)
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_mistake_in_a_secret_does_not_show_it(
+    where: str, key: str, kind: str, tmp_path: Path
+) -> None:
+    path = config_file(tmp_path, where, f"{key} = {WRONG[kind]}\nunknown_key = 1")
+    told = complaint(path)
+    for shown in (MARKER, "90614117", "2031", "True"):
+        assert shown not in told
+
+
+@pytest.mark.parametrize(("where", "key"), OF_TABLES)
+def test_a_table_that_is_none_does_not_show_its_secrets(
+    where: str, key: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "edge.toml"
+    path.write_text(f'[[{where}]]\n{key} = "{MARKER}"\n{AXIS}')
+    assert MARKER not in complaint(path)
+
+
+@pytest.mark.parametrize(("where", "key"), OF_TABLES)
+def test_a_secret_comes_from_a_file_or_from_the_configuration_not_from_both(
+    where: str, key: str, tmp_path: Path
+) -> None:
+    (tmp_path / "held").write_text(f"{MARKER}\n")
+    (tmp_path / "held").chmod(0o600)
+    path = config_file(tmp_path, where, f'{key} = "{MARKER}"\n{key}_file = "held"')
+    told = complaint(path)
+    assert f"{where}.{key}: there is {key}_file as well" in told
+    assert MARKER not in told
+
+
+@pytest.mark.parametrize(("where", "model", "key"), KEYS, ids=str)
+def test_a_file_that_others_may_read_names_its_key(
+    where: str, model: type[BaseModel], key: str, tmp_path: Path
+) -> None:
+    held = tmp_path / "held"
+    held.write_text(MARKER)
+    held.chmod(0o644)
+    if where.startswith("driver"):
+        with pytest.raises(ConfigError) as caught:
+            check_settings(model, {f"{key}_file": str(held)}, "axes.X.settings")
+        told, name = str(caught.value), f"axes.X.settings.{key}_file"
+    else:
+        told = complaint(config_file(tmp_path, where, f'{key}_file = "held"'))
+        name = f"{where}.{key}_file"
+    assert f"{name}: {held}: others may read or change it (mode 644)" in told
+    assert MARKER not in told
+
+
+def test_files_are_relative_to_the_configuration_and_read(tmp_path: Path) -> None:
+    for name, content in {"p": "pass", "u": "https://h/token", "s": 20 * "s"}.items():
+        (tmp_path / name).write_text(f"{content}\n")
+        (tmp_path / name).chmod(0o600)
+    path = tmp_path / "edge.toml"
+    path.write_text(
+        '[mqtt]\nhost = "127.0.0.1"\nuser = "u"\npassword_file = "p"\n'
+        f'[webhook]\nurl_file = "u"\nsecret_file = "s"\n{AXIS}'
+    )
+    config = load_config(path)
+    assert config.mqtt is not None and config.mqtt.password is not None
+    assert config.mqtt.password.get_secret_value() == "pass"
+    assert config.webhook.url is not None and config.webhook.secret is not None
+    assert config.webhook.url.get_secret_value() == "https://h/token"
+    assert config.webhook.secret.get_secret_value() == 20 * "s"
+    assert config.webhook.buffer == tmp_path / "webhook-buffer.sqlite"
+    for shown in (repr(config), str(config), config.model_dump_json()):
+        assert "token" not in shown
+
+
+def test_credentials_are_found_where_systemd_puts_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mqtt-password").write_text("pass")
+    (tmp_path / "mqtt-password").chmod(0o400)
+    lines = 'host = "127.0.0.1"\nuser = "u"\npassword_file = "$CREDENTIALS_DIRECTORY/mqtt-password"'
+    path = config_file(tmp_path, "mqtt", lines)
+    monkeypatch.delenv("CREDENTIALS_DIRECTORY", raising=False)
+    assert "$CREDENTIALS_DIRECTORY is not set" in complaint(path)
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
+    config = load_config(path)
+    assert config.mqtt is not None and config.mqtt.password is not None
+    assert config.mqtt.password.get_secret_value() == "pass"
+
+
+@pytest.mark.parametrize(
+    ("mode", "root_owns", "right"),
+    [
+        (0o400, False, True),
+        (0o600, False, True),
+        (0o640, True, True),
+        (0o440, True, True),
+        (0o640, False, False),
+        (0o660, True, False),
+        (0o604, True, False),
+        (0o602, True, False),
+        (0o601, True, False),
+    ],
+)
+def test_who_may_read_a_secret(mode: int, root_owns: bool, right: bool, tmp_path: Path) -> None:
+    path = tmp_path / "held"
+    path.write_text(MARKER)
+    path.chmod(mode)
+    if os.getuid() == 0:
+        os.chown(path, 0 if root_owns else 12345, -1)
+    elif root_owns and mode & 0o070:
+        pytest.skip("only root can give a file to root")
+    if right:
+        assert read_secret(path) == MARKER
+    else:
+        with pytest.raises(SecretError, match=r"others may read or change it \(mode "):
+            read_secret(path)
+
+
+@pytest.mark.parametrize("content", [b"", b" \n", b"\xff\xfe", b"a" * 70_000])
+def test_a_file_without_a_secret_is_told(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "held"
+    path.write_bytes(content)
+    path.chmod(0o600)
+    with pytest.raises(SecretError, match="expected"):
+        read_secret(path)
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "nothing"])
+def test_what_is_no_file_holds_up_nobody(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "held"
+    make: dict[str, Any] = {"folder": Path.mkdir, "pipe": os.mkfifo}
+    make.get(kind, lambda _: None)(path)
+    with pytest.raises(SecretError, match="held: "):
+        read_secret(path)
+
+
+def test_a_secret_in_a_configuration_that_others_may_read_is_warned_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = config_file(tmp_path, "mqtt", f'host = "127.0.0.1"\nuser = "u"\npassword = "{MARKER}"')
+    path.chmod(0o600)
+    load_config(path)
+    assert not caplog.records
+    path.chmod(0o644)
+    load_config(path)
+    assert "it holds mqtt.password; use mqtt.password_file" in caplog.text
+    assert MARKER not in caplog.text
