@@ -8,6 +8,7 @@ from ..messages.topics import (
     EVENT,
     FEAT,
     HEALTH,
+    OUTCOME,
     PRELOAD,
     RAW,
     STATUS,
@@ -22,7 +23,7 @@ PUTS: dict[str, tuple[Topic[Any], ...]] = {
     "acquire": (RAW, WAVE),
     "downsample": (FEAT,),
     "estimate": (PRELOAD,),
-    "health": (HEALTH, EVENT),
+    "health": (HEALTH, EVENT, OUTCOME),
     "http": (COMMAND,),
     "mqtt": (),
     "vibration": (VIB,),
@@ -30,6 +31,9 @@ PUTS: dict[str, tuple[Topic[Any], ...]] = {
 """Topics that each role may put; nodes also report on themselves and their tasks."""
 _PARTS = {"http": ("history", "webhook")}
 """Further components that a role reports on."""
+
+COMMANDER = "http"
+"""The only role that may ask for an outcome: the question is a command."""
 
 _MACHINE = f"{ROOT}/*/*"
 _EVERYTHING = ["**", f"{_MACHINE}/{COMPONENT}/**", f"{_MACHINE}/@alive"]
@@ -70,6 +74,7 @@ def access_control() -> dict[str, Any]:
         "rules": [
             _rule("hear", "egress", _HEARS, _EVERYTHING),
             _rule("read", "ingress", _READS, _EVERYTHING),
+            _rule("command", "ingress", ["query"], [f"{_MACHINE}/*/{OUTCOME.name}"], "deny"),
             _rule("presence", "ingress", ["liveliness_token"], [f"{_MACHINE}/@alive"]),
             *(_rule(f"write {role}", "ingress", _WRITES, may_put(role)) for role in nodes),
         ],
@@ -78,18 +83,22 @@ def access_control() -> dict[str, Any]:
             *(_certified(role) for role in PUTS),
         ],
         "policies": [
-            {"rules": ["hear", "read"], "subjects": ["tcp", READER]},
-            *(
-                {"rules": ["hear", "read", "presence", f"write {role}"], "subjects": [role]}
-                for role in nodes
-            ),
+            {"rules": ["hear", "read", "command"], "subjects": ["tcp", READER]},
+            *({"rules": _rules_of(role), "subjects": [role]} for role in nodes),
         ],
     }
 
 
-def _rule(name: str, flow: str, messages: list[str], key_exprs: list[str]) -> dict[str, Any]:
-    allowed = {"messages": messages, "key_exprs": key_exprs}
-    return {"id": name, "permission": "allow", "flows": [flow], **allowed}
+def _rules_of(role: str) -> list[str]:
+    refused = [] if role == COMMANDER else ["command"]
+    return ["hear", "read", "presence", f"write {role}", *refused]
+
+
+def _rule(
+    name: str, flow: str, messages: list[str], key_exprs: list[str], permission: str = "allow"
+) -> dict[str, Any]:
+    concerned = {"messages": messages, "key_exprs": key_exprs}
+    return {"id": name, "permission": permission, "flows": [flow], **concerned}
 
 
 def _certified(role: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from ..messages.addresses import split_endpoint
 from ..messages.codec.interface import T
 from ..messages.topics import Topic
 from .publisher import Publisher
+from .questions import Answer, Answering, ask
 from .refusals import Refusals, together
 from .settings import BusSettings, zenoh_config
 from .subscriber import Subscriber
@@ -46,6 +47,7 @@ class Bus:
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: list[Publisher[Any]] = []
         self._tokens: list[zenoh.LivelinessToken] = []
+        self._answering: list[Answering] = []
 
     @classmethod
     async def open(cls, settings: BusSettings) -> Self:
@@ -101,6 +103,16 @@ class Bus:
         """Payloads that the subscribers of this process refused, by key and reason."""
         return together(list(self._refusals))
 
+    def answer(self, key_expr: str, answer: Answer) -> Answering:
+        """Answer the questions that are put on `key_expr`, until that is closed."""
+        answering = Answering(self._session, key_expr, answer)
+        self._answering.append(answering)
+        return answering
+
+    async def ask(self, key: str, question: bytes, timeout_s: float) -> bytes | None:
+        """The first answer to a question; None if nobody is there, or answers in time."""
+        return await ask(self._session, key, question, timeout_s)
+
     def declare_alive(self, key: str) -> None:
         """Show presence on `key` until the session closes or dies."""
         self._tokens.append(self._session.liveliness().declare_token(key))
@@ -109,7 +121,7 @@ class Bus:
     def scope(self) -> Iterator["Bus"]:
         """The same session; what is declared on it inside is undeclared at the end."""
         inner = copy(self)
-        inner._subscribers, inner._publishers = [], []
+        inner._subscribers, inner._publishers, inner._answering = [], [], []
         try:
             yield inner
         finally:
@@ -117,11 +129,14 @@ class Bus:
                 inner.undeclare()
 
     def undeclare(self) -> None:
-        """Undeclare all publishers and subscribers."""
+        """Undeclare all publishers and subscribers, and answer no more."""
         for subscriber in self._subscribers:
             subscriber.close()
         for publisher in self._publishers:
             publisher.close()
+        for answering in self._answering:
+            answering.close()
+        self._answering.clear()
         self._subscribers.clear()
         self._publishers.clear()
 

@@ -1,5 +1,6 @@
 """Monitor of one axis: condition, alarms, trend, use and consistency."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -118,6 +119,10 @@ class AxisMonitor:
         """Take a component's report in."""
         return self._condition.on_component(report, now_ns)
 
+    def refusal(self, command: Command) -> str:
+        """Why a command would change nothing; empty if it would."""
+        return self._alarms.refusal(command)
+
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Do what a person asks."""
         if command.action == "part_replaced":
@@ -175,7 +180,16 @@ class AxisMonitor:
         return document
 
     def restore(self, document: object) -> None:
-        """Go on from a snapshot. Raises ValueError."""
+        """Go on from a snapshot. Raises ValueError, and then this monitor is of no more use."""
+        try:
+            self._restore(document)
+            self.health(self._heard[0])  # numbers of the right shape may still mean nothing
+            json.dumps(self.snapshot(), allow_nan=False)
+            self.trend_work()()
+        except (ArithmeticError, LookupError, TypeError, AttributeError) as error:
+            raise ValueError(f"no {SNAPSHOT_SCHEMA}: {type(error).__name__}: {error}") from None
+
+    def _restore(self, document: object) -> None:
         try:
             snapshot = _SNAPSHOTS.validate_python(document)
         except ValidationError as error:

@@ -14,8 +14,9 @@ from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .axis_state import AxisState
 from .condition.component import ComponentWatch
 from .condition.refusal_watch import Refused
+from .events.diary import Diary
 from .events.fan_out import FanOut
-from .events.log import EventLog
+from .events.log import LoggedEvent
 from .history.buckets import Bucket
 from .history.rows import Rows
 from .model_watch.live_features import ChannelQuality, LivePoint
@@ -76,9 +77,7 @@ class ServiceState:
         }
         self._strokes = dict(strokes or {})
         self._components = ComponentWatch(settings.component_silent_after_s)
-        journal = keeping.journal
-        known = () if journal is None else journal.events
-        self.events = EventLog(settings.event_capacity, known)
+        self.events = keeping.diary or Diary()
         self.readers = FanOut(settings.backlog_capacity)
         self.ignored_payloads = 0
 
@@ -111,13 +110,12 @@ class ServiceState:
         state.health = health
         self._mark(state, HEALTH.name, health.axis)
 
-    def on_event(self, event: Event, now_ns: int) -> None:
-        """Log an event and hand it to the live readers."""
-        if event.axis and self._known(event.axis) is None:
-            return
-        logged = self.events.append(event, now_ns)
-        if self.keeping.journal is not None:
-            self.keeping.journal.append(logged)
+    def concerns(self, event: Event) -> bool:
+        """Tell whether an event is of the service or of one of its axes."""
+        return not event.axis or self._known(event.axis) is not None
+
+    def tell(self, logged: LoggedEvent) -> None:
+        """Hand an event that is kept to the live readers."""
         self.readers.put_event(logged)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> None:

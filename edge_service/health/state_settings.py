@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..messages.topics import HEALTH, PRELOAD
-from .events.journal import EventJournal
+from .events.diary import Diary
 from .history.archive import AxisArchive
 
 
@@ -16,14 +16,12 @@ class StateSettings:
         preload_stale_after_s: an estimate older than this is no longer shown.
         health_stale_after_s: the same for the condition.
         component_silent_after_s: a component silent for longer is in error; None to switch off.
-        event_capacity: events kept.
         backlog_capacity: events that may wait for one slow reader.
     """
 
     preload_stale_after_s: float = PRELOAD.stale_after_s
     health_stale_after_s: float = HEALTH.stale_after_s
     component_silent_after_s: float | None = HEALTH.stale_after_s
-    event_capacity: int = 20_000
     backlog_capacity: int = 256
 
 
@@ -33,12 +31,12 @@ class Keeping:
 
     Attributes:
         archives: history of each axis; one that is absent keeps its history in memory.
-        journal: events on disk.
+        diary: events; one in memory if there is none.
         ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
         place: where the history is, for people.
     """
 
     archives: Mapping[str, AxisArchive] = field(default_factory=dict)
-    journal: EventJournal | None = None
+    diary: Diary | None = None
     ratios_m_per_rad: Mapping[str, float] = field(default_factory=dict)
     place: str = "in memory only: it ends with the service"

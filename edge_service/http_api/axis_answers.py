@@ -146,6 +146,12 @@ class CommandBody(BaseModel):
 
 
 class AcceptedAnswer(Answer):
-    """It was passed on; what came of it is an event."""
+    """It was taken."""
 
     accepted: bool = True
+
+
+class CommandAnswer(AcceptedAnswer):
+    """It was done, and is kept."""
+
+    outcome: str = Field("", examples=["alarm sudden drop acknowledged by Kim: seen"])

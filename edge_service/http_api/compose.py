@@ -114,12 +114,12 @@ def log_answer(
     state: ServiceState, axis: str, start_s: float, end_s: float, limit: int
 ) -> LogAnswer:
     """The newest events and notes."""
-    events = state.events.between(round(start_s * 1e9), round(end_s * 1e9), axis)
+    events = state.events.between(round(start_s * 1e9), round(end_s * 1e9), axis, limit)
     return LogAnswer(
         axis=axis,
         events=[
             NumberedEventAnswer.model_validate(dict(logged.event) | {"id": logged.id})
-            for logged in events[-limit:]
+            for logged in events
         ],
     )
 

@@ -1,5 +1,6 @@
 """The live stream: server-sent events, resumable, with a bounded backlog per reader."""
 
+import asyncio
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from typing import Annotated
@@ -27,6 +28,7 @@ MOST_READERS, MOST_READERS_OF_ONE = 64, 16
 REFRESH_S = 1.0
 """Every value is sent again after this long, so that a reader sees it grow old."""
 RETRY_MS = 2000
+_PAGE = 500
 _SHARED_NS = 20_000_000
 
 stream_router = APIRouter(prefix="/api/v1", tags=["live"])
@@ -139,12 +141,16 @@ async def _stream(
     resume_id: int | None,
     allowed: Callable[[], bool],
 ) -> AsyncIterator[bytes]:
-    seen_id = state.events.last_id
-    first_id = seen_id if resume_id is None else resume_id
+    seen_id = 0 if resume_id is None else resume_id
+    first_id = state.events.last_id if resume_id is None else resume_id
     yield format_sse_event(id=str(first_id), retry=RETRY_MS)
-    if resume_id is not None:
-        for message in _missed(state, resume_id, subscription.axis):
-            yield message
+    if resume_id and not await asyncio.to_thread(state.events.holds_all_after, resume_id):
+        yield _lost(None, "older events are no longer kept")
+    while resume_id is not None and (missed := await _missed(state, seen_id)):
+        seen_id = missed[-1].id
+        for logged in missed:
+            if concerns(logged.event, subscription.axis):
+                yield _event(logged)
     refreshed_ns: int | None = None
     while not subscription.closed:
         now_ns = clock()
@@ -159,12 +165,9 @@ async def _stream(
             yield message
 
 
-def _missed(state: ServiceState, resume_id: int, axis: str | None) -> Iterator[bytes]:
-    if resume_id and not state.events.holds_all_after(resume_id):
-        yield _lost(None, "older events are no longer kept")
-    for logged in state.events.after(resume_id):
-        if concerns(logged.event, axis):
-            yield _event(logged)
+async def _missed(state: ServiceState, seen_id: int) -> tuple[LoggedEvent, ...]:
+    """The next events that a reader has not seen, a page of them."""
+    return await asyncio.to_thread(state.events.after, seen_id, _PAGE)
 
 
 def _everything(

@@ -53,6 +53,7 @@ class Command(Frozen):
         user: who asks.
         note: their words.
         duration_s: how long to shelve, s.
+        origin: address from which it was asked; empty for a client of the bus.
     """
 
     action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced", "recorded"]
@@ -60,9 +61,24 @@ class Command(Frozen):
     user: str = Field(min_length=1, max_length=100)
     note: str = Field("", max_length=1000)
     duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0)
+    origin: str = Field("", max_length=200)
 
     @model_validator(mode="after")
     def _own_recording(self) -> Self:
         if self.action == "recorded":
             check_recording(self.note)
         return self
+
+
+class Outcome(Frozen):
+    """What came of a command.
+
+    Attributes:
+        accepted: whether it was done.
+        kept: whether it is on the disk, so that it outlives a crash; True where nothing is kept.
+        message: what was done, or why not.
+    """
+
+    accepted: bool
+    kept: bool = True
+    message: str = ""

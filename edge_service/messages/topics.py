@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Generic
 
-from .alarm import Command
+from .alarm import Command, Outcome
 from .codec.columns import FeatureCodec, SampleCodec, WaveformCodec
 from .codec.interface import Codec, T
 from .codec.json_message import JsonCodec
@@ -77,7 +77,10 @@ COMMAND = Topic("command", _COMMANDS, 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
 STATUS = Topic("status", JsonCodec("status/1", ComponentHealth), 1.0, 5.0, Keep.LAST, 20_000, 50.0)
 WAVE = Topic("wave", WaveformCodec("waveform/1"), 50.0, 2.0, Keep.NONE, 2_000_000, 5000.0)
 VIB = Topic("vib", _VIBRATION, 1.0, 5.0, Keep.LAST, 50_000, 500.0)
+OUTCOME = Topic("outcome", JsonCodec("outcome/1", Outcome), 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
+"""On its key a command is asked as a question, and answered."""
 
 TOPICS: dict[str, Topic[Any]] = {
-    topic.name: topic for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, VIB)
+    topic.name: topic
+    for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, VIB, OUTCOME)
 }

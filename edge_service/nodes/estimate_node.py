@@ -2,11 +2,11 @@
 
 import logging
 
-from ..messages.alarm import Command
+from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
-from ..messages.topics import COMMAND, FEAT, PRELOAD
+from ..messages.topics import EVENT, FEAT, PRELOAD
 from .stores.estimate_store import EstimateStore, Kept, identity_of
 from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
@@ -15,6 +15,7 @@ from .wiring.stages import load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 _WARM_UP_S = 120.0
+PART_REPLACED = "part_replaced"
 SAVE_PERIOD_S = 60.0
 """Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
@@ -34,13 +35,15 @@ class _Axes:
         }
         folder = config.history.folder if context.keeps_estimates else None
         self._store = None if folder is None else EstimateStore(folder, identities)
+        self._context = context
         self._failing = False
 
     def load(self) -> None:
         """Go on where the last process was."""
         if self._store is not None:
-            for axis in self.axes.values():
-                axis.restore(self._store)
+            for name, axis in self.axes.items():
+                replaced = self._context.diary.diary.newest(name, PART_REPLACED)
+                axis.restore(self._store, 0 if replaced is None else replaced.event.time_ns)
 
     def to_keep(self) -> dict[str, Kept]:
         """State of every axis that has gone on; only in the thread of the event loop."""
@@ -79,7 +82,7 @@ async def run(context: NodeContext) -> None:
     axes = estimated.axes
     publishers = {axis: context.publisher(axis, PRELOAD) for axis in axes}
     features = context.subscribe(FEAT, depth=1024)
-    commands = context.subscribe(COMMAND)
+    events = context.subscribe(EVENT)
     reporter = Reporter(context, "estimate")
     reporter.counters = features.counts
 
@@ -88,8 +91,8 @@ async def run(context: NodeContext) -> None:
             estimate = axes[axis].take(header, block)
             publishers[axis].publish(estimate, header.source_time_ns)
 
-    def take_command(axis: str, _header: Header, command: Command) -> None:
-        if axis in axes and command.action == "part_replaced":
+    def take_event(axis: str, _header: Header, event: Event) -> None:
+        if axis in axes and event.kind == PART_REPLACED:
             estimated.forget(axis)
 
     async def keep(heart: Heartbeat) -> None:
@@ -106,7 +109,7 @@ async def run(context: NodeContext) -> None:
         reporter.to(ComponentStatus.OK)
         try:
             tasks.follow("features", features, take_features, vital=True)
-            tasks.follow("commands", commands, take_command)
+            tasks.follow("events", events, take_event)
             tasks.start("keep", keep)
             await context.forever()
         finally:

@@ -1,18 +1,18 @@
 """Estimates, features, reports and commands in; condition and events out: all axes."""
 
-import logging
 import time
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
 from ..health.alarms.axis_alarms import AlarmSettings
 from ..health.axis_monitor import AxisFacts, AxisMonitor
+from ..health.events.audit import AuditEntry
+from ..health.events.kinds import is_chatter
 from ..health.settings import HealthSettings
 from ..health.trend.usage import ScrewGeometry
-from ..messages.alarm import Command
+from ..messages.alarm import Command, Outcome
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
@@ -20,12 +20,13 @@ from ..messages.header import Header
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from ..models.machine import Machine
-from .stores.watch_store import load_snapshot, save_snapshot
+from .stores.watch_store import State, WatchStore
 from .supervision.heartbeat import Heartbeat
+from .wiring.announcer import Announcement, Announcer
+from .wiring.commands import audited, obey_all
 from .wiring.context import NodeContext, Reporter
 from .wiring.stages import load_machines
 
-log = logging.getLogger(__name__)
 HEALTH_PERIOD_S = 1.0
 SAVE_PERIOD_S = 10.0
 
@@ -50,83 +51,77 @@ def axis_facts(axis: str, machine: Machine) -> AxisFacts:
 
 
 class _Monitors:
-    """Monitors of all axes with their publishers."""
+    """Monitors of all axes: what they say is kept, then announced."""
 
     def __init__(self, context: NodeContext) -> None:
         config = context.config
-        self._folder = config.history.folder
+        self._diary = context.diary.diary
+        self.store = WatchStore(config.history.folder)
         settings, alarms = health_settings(config.health), alarm_settings(config.alarms)
         now_ns = time.time_ns()
         self.axes = {
-            axis: AxisMonitor(axis_facts(axis, machine), settings, alarms, now_ns)
+            axis: self.store.load(
+                axis, partial(AxisMonitor, axis_facts(axis, machine), settings, alarms, now_ns)
+            )
             for axis, machine in load_machines(config).items()
         }
+        for axis in self.axes:  # what a crash may have kept out of the diary
+            self._diary.add(self.store.announced(axis), now_ns)
         self._health = {axis: context.publisher(axis, HEALTH) for axis in self.axes}
         self._event = {axis: context.publisher(axis, EVENT) for axis in self.axes}
+        self.announcer = Announcer(self._keep, self._publish)
 
-    def load(self) -> None:
-        """Go on where the last process was."""
-        if self._folder is not None:
-            for monitor in self.axes.values():
-                load_snapshot(self._folder, monitor)
+    def problems(self) -> list[str]:
+        """Why what is said is not kept; empty if it is."""
+        return [each for each in (self.store.problem, self._diary.problem) if each]
 
-    def save(self) -> None:
-        """Keep what must outlive the process."""
-        self.write(self.snapshots())
+    def keep(self) -> None:
+        """Keep the state of every axis."""
+        for axis in self.axes:
+            self._announce(axis, (), keeps=True)
 
-    def snapshots(self) -> dict[str, dict[str, Any]]:
-        """State of every axis; only in the thread of the event loop."""
-        if self._folder is None:
-            return {}
-        return {axis: monitor.snapshot() for axis, monitor in self.axes.items()}
-
-    def write(self, snapshots: dict[str, dict[str, Any]]) -> None:
-        """Write states, from any thread; a full disk is logged, and tried again."""
-        try:
-            for axis, snapshot in snapshots.items():
-                save_snapshot(self._folder or Path(), axis, snapshot)
-        except OSError as error:
-            log.warning("%s: the state cannot be kept (%s)", self._folder, error.strerror)
-
-    def publish(self, axis: str, events: Iterable[Event]) -> None:
-        """Publish events, and the health that goes with them at once."""
-        changed = False
-        for event in events:
-            self._event[axis].publish(event, event.time_ns)
-            changed = True
-        if changed:
-            self.publish_health(axis)
-
-    def publish_health(self, axis: str) -> None:
-        """Publish the condition of an axis as of now."""
-        now_ns = time.time_ns()
-        self._health[axis].publish(self.axes[axis].health(now_ns), now_ns)
+    def end(self) -> None:
+        """Keep all that must outlive the process, now."""
+        self.keep()
+        self.announcer.flush()
 
     def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in."""
         if axis in self.axes:
-            self.publish(axis, self.axes[axis].on_preload(header, estimate, time.time_ns()))
+            self._say(axis, self.axes[axis].on_preload(header, estimate, time.time_ns()))
 
     def take_features(self, axis: str, header: Header, block: FeatureBlock) -> None:
         """Take an interval in."""
         if axis in self.axes:
-            self.publish(axis, self.axes[axis].on_feature(header, block, time.time_ns()))
+            self._say(axis, self.axes[axis].on_feature(header, block, time.time_ns()))
 
     def take_report(self, axis: str, _header: Header, report: ComponentHealth) -> None:
         """Take a component's report in."""
         if axis in self.axes:
-            self.publish(axis, self.axes[axis].on_component(report, time.time_ns()))
+            self._say(axis, self.axes[axis].on_component(report, time.time_ns()))
 
     def take_command(self, axis: str, _header: Header, command: Command) -> None:
-        """Do what a person asks, and keep it at once."""
+        """Do what a client of the bus asks."""
         if axis in self.axes:
-            self.publish(axis, self.axes[axis].on_command(command, time.time_ns()))
-            self.save()
+            self.obey(axis, command)
+
+    def obey(
+        self, axis: str, command: Command, told: Callable[[Outcome], None] = lambda _outcome: None
+    ) -> None:
+        """Do what is asked of an axis; the outcome is told once it is kept."""
+        now_ns, monitor = time.time_ns(), self.axes[axis]
+        refusal = monitor.refusal(command)
+        events = () if refusal else monitor.on_command(command, now_ns)
+        message = refusal or next((event.message for event in events), "")
+
+        def tell(problem: str) -> None:
+            told(Outcome(accepted=not refusal, kept=not problem, message=problem or message))
+
+        self._announce(axis, events, audited(axis, command, refusal, now_ns), tell)
 
     def renew(self, axis: str) -> None:
-        """Let time pass on an axis."""
-        self.publish(axis, self.axes[axis].tick(time.time_ns()))
-        self.publish_health(axis)
+        """Let time pass on an axis, and announce its condition."""
+        self._announce(axis, self.axes[axis].tick(time.time_ns()))
 
     async def foresee(self, axis: str, heart: Heartbeat) -> None:
         """Make an axis' trend, if it is due."""
@@ -134,6 +129,39 @@ class _Monitors:
         if monitor.trend_is_due(time.time_ns()):
             trend = await heart.in_thread(monitor.trend_work())
             monitor.take_trend(trend, time.time_ns())
+
+    def _say(self, axis: str, events: tuple[Event, ...]) -> None:
+        """Announce events, if there are any, with the condition that goes with them."""
+        if events:
+            self._announce(axis, events)
+
+    def _announce(
+        self,
+        axis: str,
+        events: tuple[Event, ...],
+        entries: tuple[AuditEntry, ...] = (),
+        told: Callable[[str], None] = lambda _problem: None,
+        *,
+        keeps: bool = False,
+    ) -> None:
+        monitor = self.axes[axis]
+        keeps = keeps or any(not is_chatter(event.kind) for event in events)
+        snapshot = monitor.snapshot() if keeps else None
+        health = monitor.health(time.time_ns())
+        self.announcer.put(Announcement(axis, events, health, snapshot, entries, told))
+
+    def _keep(self, batch: Sequence[Announcement]) -> str:
+        events = [event for each in batch for event in each.events]
+        states = [State(each.axis, each.order, each.snapshot) for each in batch if each.snapshot]
+        problem = self.store.save(states, events) if states else ""
+        self._diary.add(events, time.time_ns(), [entry for each in batch for entry in each.entries])
+        return problem or self._diary.problem
+
+    def _publish(self, announcement: Announcement) -> None:
+        axis = announcement.axis
+        for event in announcement.events:
+            self._event[axis].publish(event, event.time_ns)
+        self._health[axis].publish(announcement.health, time.time_ns())
 
 
 async def run(context: NodeContext) -> None:
@@ -143,7 +171,8 @@ async def run(context: NodeContext) -> None:
     reports = context.subscribe_to_components(STATUS)
     commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "health")
-    reporter.counters = preloads.counts
+    reporter.counters = lambda: preloads.counts() | {"damaged_files": monitors.store.damaged_files}
+    reporter.problems = monitors.problems
 
     def renew() -> None:
         for axis in monitors.axes:
@@ -159,13 +188,14 @@ async def run(context: NodeContext) -> None:
 
     async def keep(heart: Heartbeat) -> None:
         while True:
-            await heart.sleep(SAVE_PERIOD_S)
-            await heart.in_thread(monitors.write, monitors.snapshots())
+            await heart.sleep(HEALTH_PERIOD_S if monitors.store.problem else SAVE_PERIOD_S)
+            monitors.keep()
 
     async with reporter.running() as tasks:
-        monitors.load()
         reporter.to(ComponentStatus.OK)
         try:
+            tasks.start("announce", monitors.announcer.announce, vital=True)
+            tasks.start("write", monitors.announcer.write)
             tasks.follow("preloads", preloads, monitors.take_preload, vital=True)
             tasks.follow("features", features, monitors.take_features, vital=True)
             tasks.follow("reports", reports, monitors.take_report)
@@ -173,6 +203,7 @@ async def run(context: NodeContext) -> None:
             tasks.repeat("renew", HEALTH_PERIOD_S, renew, vital=True)
             tasks.start("foresee", foresee)
             tasks.start("keep", keep)
+            obey_all(context, monitors.axes, monitors.obey)
             await context.forever()
         finally:
-            monitors.save()
+            monitors.end()

@@ -3,11 +3,13 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from functools import partial
 from time import time_ns
 from typing import Any
 
 from ..health.condition.refusal_watch import RefusalWatch
+from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
 from ..http_api.app import create_app
@@ -30,9 +32,11 @@ from .stores.history_watch import HistoryWatch
 from .supervision.heartbeat import Heartbeat
 from .supervision.task import TASK_EVENTS, Work
 from .supervision.tasks import Tasks
+from .wiring.commands import give
 from .wiring.context import NodeContext, Reporter
 from .wiring.http_rights import doorkeeper_of, hosts_of, tls_files
 from .wiring.stages import load_machines
+from .wiring.teller import Teller
 
 log = logging.getLogger(__name__)
 REFUSALS_PERIOD_S = 1.0
@@ -60,7 +64,7 @@ async def run(context: NodeContext) -> None:
     state = ServiceState(
         _limits(context),
         time_ns(),
-        keeping=store.keeping,
+        keeping=replace(store.keeping, diary=context.diary.diary),
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
         refused=context.bus.refused,
@@ -71,18 +75,16 @@ async def run(context: NodeContext) -> None:
     reporter, keeper = Reporter(context, "http"), Reporter(context, "history")
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
-    def send_command(axis: str, command: Command) -> None:
-        publishers[axis].publish(command, time_ns())
-
     def on_kept(axis: str, name: str) -> None:
-        send_command(axis, Command(action="recorded", user="edge-service", note=name))
+        command = Command(action="recorded", user="edge-service", note=name)
+        publishers[axis].publish(command, time_ns())
 
     recorder = DisagreementRecorder(desk.folder, on_kept)
     app = create_app(
         state,
         time_ns,
         hosts_of(http),
-        send_command,
+        partial(give, context),
         desk,
         outputs=outputs,
         doorkeeper=doorkeeper,
@@ -103,6 +105,7 @@ async def run(context: NodeContext) -> None:
             keeping.start("flush", partial(store.run, watch))
             tasks.start("recorder", recorder.run)
             tasks.start("jobs", desk.run)
+            tasks.start("diary", context.diary.run)
             await context.forever()
     finally:
         await desk.close()
@@ -113,7 +116,9 @@ async def run(context: NodeContext) -> None:
 def _follow(context: NodeContext, reporter: Reporter, tasks: Tasks, state: ServiceState) -> None:
     """Take in what is shown."""
     preloads = context.subscribe(PRELOAD)
-    reporter.counters = preloads.counts
+    diary = context.diary.diary
+    reporter.counters = lambda: preloads.counts() | diary.counters()
+    reporter.problems = lambda: [diary.problem] if diary.problem else []
     reports = context.subscribe_to_components(STATUS)
 
     def take_preload(axis: str, header: Header, estimate: PreloadEstimate) -> None:
@@ -144,28 +149,33 @@ def _follow_events(
     """
     of_service = context.subscribe_to_components(EVENT)
 
-    def tell(event: Event) -> None:
-        axis = event.axis
-        with tasks.failures.borne("diary", axis):
-            state.on_event(event, time_ns())
-        with tasks.failures.borne("outputs", axis):
-            outputs.put(event)
+    def tell(logged: LoggedEvent) -> None:
+        state.tell(logged)
+        with tasks.failures.borne("outputs", logged.event.axis):
+            outputs.put(logged.event)
+
+    teller = Teller(context.diary.diary, tell)
+
+    def take(event: Event) -> None:
+        if state.concerns(event):
+            teller.put(event)
         recorder.note(event)
 
     def take_event(_axis: str, _header: Header, event: Event) -> None:
-        tell(event)
+        take(event)
 
     def take_service_event(_axis: str, _header: Header, event: Event) -> None:
         if event.kind in TASK_EVENTS:  # nothing else is theirs to tell
-            tell(event)
+            take(event)
 
     def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
         recorder.follow(axis, frame)
 
+    tasks.start("teller", teller.run)
     tasks.follow("events", context.subscribe(EVENT), take_event)
     tasks.follow("service_events", of_service, take_service_event)
     tasks.follow("samples", context.subscribe(RAW, depth=1024), take_samples)
-    return tell
+    return take
 
 
 def _telling_refusals(state: ServiceState, tell: Callable[[Event], None]) -> Callable[[], None]:

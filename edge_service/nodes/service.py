@@ -5,8 +5,8 @@ import gc
 import logging
 import math
 import signal
-from collections.abc import Callable, Coroutine
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib import import_module
 from typing import Any, Literal
@@ -123,7 +123,7 @@ async def run_nodes(
     supervisor.start_s = math.inf if until_sources_end else START_S
     reporter = Reporter(context, "service" if len(names) > 1 else f"{names[0]}_process")
     reporter.readings = lambda: {"loop_lag_s": supervisor.lag.worst_s}
-    async with reporter.running() as tasks:
+    async with closing_diary(context), reporter.running() as tasks:
         reporter.to(ComponentStatus.OK)
         sources = [
             tasks.start(
@@ -140,6 +140,15 @@ async def run_nodes(
         await supervisor.run(stop, ended)
         if not stop.is_set():
             await asyncio.sleep(DRAIN_S)
+
+
+@asynccontextmanager
+async def closing_diary(context: NodeContext) -> AsyncIterator[None]:
+    """Close the diary when all nodes have ended."""
+    try:
+        yield
+    finally:
+        context.diary.close()
 
 
 def _life(context: NodeContext, run: Run) -> Work:

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from edge_service.bus.access import PUTS, READER, client_name
+from edge_service.bus.access import COMMANDER, PUTS, READER, client_name
 from edge_service.bus.session import Bus, BusConfigurationError, BusUnavailableError
 from edge_service.bus.settings import BusSettings, Security, TlsSettings, zenoh_config
 from edge_service.certificates import make_certificates
 from edge_service.messages.keys import MachineKeys
-from edge_service.messages.topics import EVENT, STATUS, TOPICS
+from edge_service.messages.topics import EVENT, OUTCOME, STATUS, TOPICS
 
 KEYS = MachineKeys("site", "machine")
 OTHERS = MachineKeys("site", "other")
@@ -196,6 +196,32 @@ async def test_every_role_hears_everything_and_asks_for_everything(
         assert [str(reply.ok.key_expr) for reply in replies if reply.ok] == [KEYS.alive]
     assert len(held) == 1
     assert scene.keys() == every_key()
+
+
+@pytest.mark.parametrize("role", ROLES)
+async def test_a_command_can_be_asked_of_the_monitor_by_the_page_alone(
+    role: str, router: Bus, certificates: Path
+) -> None:
+    asked: list[str] = []
+
+    async def answer(key: str, _question: bytes) -> bytes | None:
+        asked.append(key)
+        return b"done" if key == KEYS.key("X", OUTCOME) else None
+
+    answering = router.answer(KEYS.all_axes(OUTCOME), answer)
+    Scene(router)
+    with session_of(role, router, certificates) as session:
+        await until(lambda: arrived(session))
+        replies = await asyncio.to_thread(
+            lambda: list(session.get(KEYS.key("X", OUTCOME), payload=b"command"))
+        )
+        answers = [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
+        assert answers == ([b"done"] if role == COMMANDER else [])
+        for attack in ("**", "feeddrive/**", KEYS.all_axes(OUTCOME)):
+            found = await asyncio.to_thread(lambda k=attack: list(session.get(k, payload=b"x")))
+            assert b"done" not in [each.ok.payload.to_bytes() for each in found if each.ok]
+    assert asked.count(KEYS.key("X", OUTCOME)) == len(answers)
+    answering.close()
 
 
 async def test_every_topic_has_exactly_one_role_that_puts_it() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.health.events.fan_out import FanOut
-from edge_service.health.events.log import EventLog, LoggedEvent
+from edge_service.health.events.log import LoggedEvent
 from edge_service.health.service_state import ServiceState
 from edge_service.health.state_settings import StateSettings
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
@@ -131,12 +131,11 @@ def test_payloads_of_other_axes_are_ignored_and_counted():
     state = _state()
     state.on_preload("Q", _header(0, START_NS), _estimate(), START_NS)
     state.on_health(_header(0, START_NS), _normal(axis="Q"), START_NS)
-    state.on_event(_event(axis="Q"), START_NS)
+    assert not state.concerns(_event(axis="Q"))
     report = ComponentHealth(component="acquire", axis="Q", status=ComponentStatus.OK)
     state.on_component(report, START_NS)
     assert state.axes == ("X", "Y")
     assert state.ignored_payloads == 4
-    assert state.events.after(0) == ()
 
 
 def test_components_are_the_monitor_s_with_the_newer_own_reports():
@@ -158,24 +157,6 @@ def test_lost_payloads_are_counted_from_the_sequence():
     for sequence in (5, 6, 9, 8, 10):
         state.on_preload("X", _header(sequence, START_NS), _estimate(), START_NS)
     assert state.lost_payloads("X")["preload"] == 2
-
-
-def test_event_ids_grow_within_a_burst_and_across_restarts():
-    log = EventLog(10)
-    ids = [log.append(_event(), START_NS).id for _ in range(5)]
-    assert ids == sorted(set(ids))
-    restarted = EventLog(10).append(_event(), START_NS + NS).id
-    assert restarted > ids[-1]
-    assert restarted < 2**53
-
-
-def test_event_log_is_bounded_and_knows_what_it_dropped():
-    log = EventLog(3)
-    ids = [log.append(_event(number), START_NS).id for number in range(5)]
-    assert [logged.event.message for logged in log.after(0)] == ["2", "3", "4"]
-    assert [logged.id for logged in log.after(ids[3])] == [ids[4]]
-    assert not log.holds_all_after(ids[0])
-    assert log.holds_all_after(ids[1])
 
 
 async def test_slow_reader_loses_the_oldest_events_and_is_told():

@@ -6,12 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.health.events.journal import EventJournal
-from edge_service.health.events.log import EventLog, LoggedEvent
 from edge_service.health.model_watch.friction_watch import FrictionWatch
 from edge_service.health.model_watch.live_features import LiveFeatures
 from edge_service.health.trend.usage import FORCE_EDGES_N, ScrewGeometry, UsageCounter
-from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 
 RATIO = 0.02 / (2.0 * math.pi)
@@ -132,63 +129,3 @@ def test_live_points_and_channels():
     assert states["torque"] == ("ok", 1.0)
     assert states["table position"] == ("missing", pytest.approx(10 / 11))
     assert states["external force"] == ("missing", 0.0)
-
-
-def _event(number: int) -> Event:
-    return Event(
-        axis="X", kind="test", severity=Severity.INFO, message=f"n\n{number}", time_ns=number
-    )
-
-
-def test_events_outlive_the_process_but_not_damage(tmp_path):
-    path = tmp_path / "events.log"
-    journal = EventJournal(path)
-    log = EventLog(100)
-    for number in range(10):
-        journal.append(log.append(_event(number), number))
-    lines = path.read_bytes().splitlines(keepends=True)
-    lines[3] = lines[3].replace(b'"n\\n3"', b'"n\\n4"')
-    path.write_bytes(b"".join(lines) + lines[0][:20])
-    known = EventJournal(path).events
-    assert [each.event.time_ns for each in known] == [0, 1, 2, 4, 5, 6, 7, 8, 9]
-    again = EventLog(100, known)
-    assert again.append(_event(10), 10).id > known[-1].id
-    assert [each.event.time_ns for each in again.between(5, 8, "X")] == [5, 6, 7]
-
-
-def test_the_journal_is_bounded(tmp_path):
-    journal = EventJournal(tmp_path / "events.log", most=10)
-    for number in range(100):
-        journal.append(LoggedEvent(number, _event(number)))
-    lines = (tmp_path / "events.log").read_text().splitlines()
-    assert len(lines) < 20
-    assert [each.id for each in EventJournal(tmp_path / "events.log", 10).events] == [
-        *range(90, 100)
-    ]
-
-
-def test_a_disk_that_fails_is_told_once_and_ends_nothing(tmp_path, caplog):
-    path = tmp_path / "events.log"
-    journal = EventJournal(path)
-    path.unlink()
-    path.mkdir()
-    for number in range(3):
-        journal.append(LoggedEvent(number, _event(number)))
-    assert len(caplog.records) == 1
-    path.rmdir()
-    journal.append(LoggedEvent(3, _event(3)))
-    assert [each.id for each in EventJournal(path).events] == [3]
-
-
-def test_a_journal_of_version_0_1_0_can_be_read(tmp_path):
-    members = (
-        '{"id": 7, "event": {"axis": "X", "kind": "note", "severity": "info", '
-        '"message": "ge\\u00f6lt", "time_ns": 9, '
-        '"data": {"user": "Kim", "none": null, "share": 0.5}}}'
-    )
-    path = tmp_path / "events.log"
-    path.write_text(f"1b24b06e {members}\n")
-    (known,) = EventJournal(path).events
-    assert (known.id, known.event.message) == (7, "geölt")
-    assert known.event.data == {"user": "Kim", "none": None, "share": 0.5}
-    assert path.read_text() == f"1b24b06e {members}\n"

@@ -86,7 +86,8 @@ class Scene:
             message=message,
             time_ns=self.now_ns,
         )
-        self.state.on_event(event, self.now_ns)
+        for logged in self.state.events.add((event,), self.now_ns):
+            self.state.tell(logged)
         return self.state.events.last_id
 
     def hear_all(self) -> None:

@@ -179,7 +179,7 @@ def state_of_two_axes() -> ServiceState:
             time_ns=EARLIER_NS,
             data=data,
         )
-        state.on_event(event, NOW_NS)
+        state.events.add((event,), NOW_NS)
     return state
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
-from edge_service.health.state_settings import StateSettings
+from edge_service.health.events import kinds
 from edge_service.http_api.serve import AddressError, PortInUseError, bind, serve
 from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
@@ -103,10 +103,11 @@ async def test_stream_is_resumed_where_it_broke_off(scene):
         assert "missed 0" in received[0].data
 
 
-async def test_reader_that_was_away_too_long_is_told(make_scene):
-    scene = make_scene(settings=StateSettings(event_capacity=2))
+async def test_reader_that_was_away_too_long_is_told(make_scene, monkeypatch):
+    monkeypatch.setattr(kinds, "KINDS", {"condition_changed": 2})
+    scene = make_scene()
     first = scene.hear_event("seen")
-    for number in range(5):
+    for number in range(499):
         scene.hear_event(str(number))
     url = f"/api/v1/events?last_event_id={first}"
     async with _served(scene) as client, client.stream("GET", url) as response:

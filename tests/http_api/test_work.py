@@ -9,7 +9,7 @@ import pytest
 
 from edge_service.health.history.archive import AxisArchive
 from edge_service.http_api.app import create_app
-from edge_service.messages.alarm import Alarm, AlarmKind, Command
+from edge_service.messages.alarm import Alarm, AlarmKind, Command, Outcome
 from edge_service.messages.event import Severity
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
@@ -22,7 +22,12 @@ BASE = "/api/v1/axes/X"
 def sent(scene) -> list[tuple[str, Command]]:
     """Commands that were passed on."""
     taken: list[tuple[str, Command]] = []
-    scene.app.state.send_command = lambda axis, command: taken.append((axis, command))
+
+    async def send(axis: str, command: Command) -> Outcome:
+        taken.append((axis, command))
+        return Outcome(accepted=True, message="seen (Kim)")
+
+    scene.app.state.send_command = send
     return taken
 
 
@@ -34,12 +39,38 @@ def _feature(**values: object) -> FeatureBlock:
 async def test_a_command_is_passed_on(client, sent):
     body = {"action": "acknowledge", "alarm": "sudden_drop", "user": "Kim", "note": "seen"}
     answer = await client.post(f"{BASE}/commands", json=body)
-    assert (answer.status_code, answer.json()) == (202, {"accepted": True})
+    assert answer.status_code == 202
+    assert answer.json() == {"accepted": True, "outcome": "seen (Kim)"}
     ((axis, command),) = sent
     assert axis == "X"
     assert command == Command(
-        action="acknowledge", alarm=AlarmKind.SUDDEN_DROP, user="Kim", note="seen"
+        action="acknowledge",
+        alarm=AlarmKind.SUDDEN_DROP,
+        user="Kim",
+        note="seen",
+        origin="127.0.0.1",
     )
+
+
+@pytest.mark.parametrize(
+    ("outcome", "status", "said"),
+    [
+        (None, 503, "does not answer"),
+        (Outcome(accepted=False, message="there is no alarm rate"), 409, "there is no alarm rate"),
+        (Outcome(accepted=True, kept=False, message="disk full"), 507, "disk full"),
+    ],
+)
+async def test_a_command_that_is_not_done_and_kept_is_not_accepted(
+    client, scene, outcome, status, said
+):
+    async def send(_axis: str, _command: Command) -> Outcome | None:
+        return outcome
+
+    scene.app.state.send_command = send
+    body = {"action": "acknowledge", "alarm": "rate", "user": "Kim"}
+    answer = await client.post(f"{BASE}/commands", json=body)
+    assert (answer.status_code, answer.json()["status"]) == (status, status)
+    assert said in answer.json()["detail"]
 
 
 @pytest.mark.parametrize(

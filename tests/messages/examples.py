@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.messages.alarm import Alarm, AlarmKind, Command
+from edge_service.messages.alarm import Alarm, AlarmKind, Command, Outcome
 from edge_service.messages.channels import ANGLE, TORQUE
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
@@ -126,4 +126,5 @@ PAYLOADS: dict[str, Any] = {
         orders={"screw": OrderPeak(order=1.0, amplitude=0.5, floor=0.1), "balls": None},
         envelope_orders={},
     ),
+    "outcome": Outcome(accepted=False, message="there is no alarm rate to acknowledge"),
 }

@@ -29,15 +29,17 @@ from edge_service.config import (
 )
 from edge_service.config_tables import HistoryConfig
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
-from edge_service.messages.alarm import Command
+from edge_service.health.events.diary import Diary
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.header import Header
 from edge_service.messages.health import ComponentStatus
-from edge_service.messages.topics import COMMAND, FEAT, PRELOAD, STATUS
+from edge_service.messages.topics import EVENT, FEAT, PRELOAD, STATUS
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
+from edge_service.nodes.stores.diary_store import DIARY
 from edge_service.nodes.stores.estimate_store import (
     AHEAD_S,
     LONGEST_STOP_S,
@@ -136,10 +138,10 @@ class Feed:
                 told.append(estimate.model_dump_json())
         return told
 
-    def command(self, command: Command) -> None:
-        """What a person asks."""
-        publisher = self._bus.publisher(self._keys.key("X", COMMAND), COMMAND, "X")
-        publisher.publish(command, time.time_ns())
+    def tell(self, event: Event) -> None:
+        """What the monitor says of the axis."""
+        publisher = self._bus.publisher(self._keys.key("X", EVENT), EVENT, "X")
+        publisher.publish(event, event.time_ns)
 
 
 async def fed(config: EdgeConfig, given: Sequence[FeatureBlock], begin_ns: int) -> list[str]:
@@ -213,6 +215,25 @@ async def test_after_a_stop_on_a_new_clock_the_preload_is_known_but_less(tmp_pat
     assert all(one.low <= PERCENT <= one.high for one in numbers)  # type: ignore[operator]
 
 
+def replaced(now_ns: int) -> Event:
+    """The monitor's word that the part of axis X was replaced."""
+    info = Severity.INFO
+    return Event(axis="X", kind="part_replaced", severity=info, message="Kim", time_ns=now_ns)
+
+
+async def test_a_part_replaced_while_the_estimator_was_away_is_not_the_old_one(
+    tmp_path: Path,
+) -> None:
+    config, begin_ns = config_in(tmp_path), time.time_ns() - 20 * NS
+    await fed(config, blocks()[:40], begin_ns)
+    assert state_file(tmp_path).exists()
+    diary = Diary(tmp_path / DIARY)
+    diary.add((replaced(time.time_ns()),), time.time_ns())
+    diary.close()
+    later = blocks()[40:60]
+    assert await fed(config, later, begin_ns) == one_piece(later)
+
+
 async def test_a_replaced_part_is_not_taken_for_the_old_one(tmp_path: Path) -> None:
     config, begin_ns = config_in(tmp_path), time.time_ns() - 20 * NS
     async with running(config, NODE) as service:
@@ -221,7 +242,7 @@ async def test_a_replaced_part_is_not_taken_for_the_old_one(tmp_path: Path) -> N
         await feed.send(blocks()[:40], begin_ns)
         state_file(tmp_path).parent.mkdir(exist_ok=True)
         state_file(tmp_path).write_text("old")
-        feed.command(Command(action="part_replaced", user="Kim"))
+        feed.tell(replaced(time.time_ns()))
 
         async def forgotten() -> bool:
             return not state_file(tmp_path).exists()

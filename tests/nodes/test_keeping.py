@@ -8,6 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
+from edge_service.atomic import read_checked
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, ConfigError
 from edge_service.config_tables import HistoryConfig
@@ -19,6 +20,11 @@ from .conftest import config_of, running, until
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 READERS = 50
 LIVE = 10
+
+
+def state_in(path: Path) -> Any:
+    """State that a file keeps."""
+    return json.loads(read_checked(path) or "")
 
 
 async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
@@ -41,7 +47,7 @@ async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
 
             (note,) = await until(noted)
             way_m = (await client.get("api/v1/axes/X/use")).json()["distance_m"]
-    assert json.loads(snapshot_path(tmp_path, "X").read_text())["axis"] == "X"
+    assert state_in(snapshot_path(tmp_path, "X"))["axis"] == "X"
     async with running(config) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:
@@ -78,8 +84,8 @@ async def test_a_damaged_state_is_set_aside(tmp_path: Path) -> None:
                 return (await client.get("api/v1/axes/X/use")).json()
 
             await until(alive)
-    assert path.with_suffix(".damaged").read_text() == "{"
-    assert json.loads(path.read_text())["axis"] == "X"
+    assert path.with_name("watch.json.damaged").read_text() == "{"
+    assert state_in(path)["axis"] == "X"
 
 
 async def test_fifty_readers_get_every_event_while_one_reads_nothing() -> None:

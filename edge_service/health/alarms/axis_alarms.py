@@ -132,6 +132,14 @@ class AxisAlarms:
             events += self._latches[kind].update(cause, words, now_ns)
         return tuple(events)
 
+    def refusal(self, command: Command) -> str:
+        """Why a command would change nothing; empty if it would."""
+        if command.action not in ("acknowledge", "shelve", "unshelve"):
+            return ""
+        if command.alarm is None:
+            return f"{command.action} names no alarm"
+        return self._latches[command.alarm].refusal(command.action)
+
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Acknowledge, shelve or unshelve."""
         if command.alarm is None:

@@ -72,6 +72,18 @@ class AlarmLatch:
         if self._alarm is not None:
             self._alarm = self._alarm.model_copy(update={"message": message})
 
+    def refusal(self, action: str) -> str:
+        """Why an action of a person would change nothing; empty if it would."""
+        name, alarm = self._kind.value, self._alarm
+        if action == "unshelve":
+            return "" if self._shelved_until_ns is not None else f"alarm {name} is not shelved"
+        if action != "acknowledge":
+            return ""
+        if alarm is None:
+            return f"there is no alarm {name} to acknowledge"
+        by = alarm.acknowledged_by
+        return "" if by is None else f"alarm {name} was acknowledged by {by} already"
+
     def acknowledge(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
         """Note that a person has seen it; no event if there was nothing to acknowledge."""
         alarm = self._alarm

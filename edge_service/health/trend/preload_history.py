@@ -9,6 +9,7 @@ from ...messages.samples import Floats
 
 MOST_POINTS = 400
 _COLUMNS = 5
+_LONGEST_STEP_S = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +82,8 @@ class PreloadHistory:
     def restore(self, snapshot: PreloadSteps) -> None:
         """Go on from a snapshot. Raises ValueError."""
         rows = snapshot.rows.reshape(-1, _COLUMNS)
+        if not 0.0 < snapshot.step_s < _LONGEST_STEP_S:
+            raise ValueError(f"a wear series with steps of {snapshot.step_s} s")
         if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0):
             raise ValueError("a wear series out of order")
         self._step_s, self._rows = snapshot.step_s, rows.tolist()

@@ -1,15 +1,16 @@
 """Routes of one axis' work, and commands of a person about it."""
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Awaitable, Callable
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 from starlette.exceptions import HTTPException
 
-from ...messages.alarm import Command
+from ...messages.alarm import Command, Outcome
 from ...messages.topics import PRELOAD
 from ..axis_answers import (
-    AcceptedAnswer,
+    CommandAnswer,
     CommandBody,
     FrictionAnswer,
     LogAnswer,
@@ -30,7 +31,8 @@ from ..security.gate import identity_of
 
 _LOG_SPAN_S = 30 * 86400.0
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
-SendCommand = Callable[[str, Command], None]
+SendCommand = Callable[[str, Command], Awaitable[Outcome | None]]
+"""Gives a command on an axis; its outcome, or None if nobody answers."""
 
 work_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"], responses=documented(404))
 
@@ -82,28 +84,44 @@ async def log(
     """Events and notes of the axis and of the service."""
     end_s = now_ns / 1e9 + 1.0 / PRELOAD.rate_hz if end_s is None else end_s
     start_s = end_s - _LOG_SPAN_S if start_s is None else start_s
-    return log_answer(state, axis, start_s, end_s, limit)
+    return await asyncio.to_thread(log_answer, state, axis, start_s, end_s, limit)
 
 
 @work_router.post(
-    "/commands", response_model=AcceptedAnswer, status_code=202, responses=documented(422, 503)
+    "/commands",
+    response_model=CommandAnswer,
+    status_code=202,
+    responses=documented(409, 422, 503, 507),
 )
 async def command(
     axis: AxisDep,
     body: CommandBody,
     request: Request,
     send: Annotated[SendCommand | None, Depends(send_command_of)],
-) -> AcceptedAnswer:
+) -> CommandAnswer:
     """Acknowledge, shelve or unshelve an alarm, write a note, or say that a part was replaced.
 
-    What came of it is an event, in the live stream and in the log. Whoever has sent a token is
-    named by it, whatever `user` says.
+    It is done, and kept, when this is answered; it is an event as well, in the live stream and in
+    the log. 503: nobody answered, so look at the log before asking again. Whoever has sent a token
+    is named by it, whatever `user` says.
     """
     if send is None:
         raise HTTPException(503, "this service takes no commands")
     if (body.alarm is None) == (body.action in _ABOUT_AN_ALARM):
         expected = "is needed for" if body.alarm is None else "has no meaning for"
         raise parameter_error("alarm", f"{expected} {body.action}")
-    user = identity_of(request).name or body.user
-    send(axis, Command.model_validate(body.model_dump() | {"user": user}))
-    return AcceptedAnswer()
+    origin = "" if request.client is None else request.client.host
+    asked = {"user": identity_of(request).name or body.user, "origin": origin}
+    outcome = await send(axis, Command.model_validate(body.model_dump() | asked))
+    return _answered(outcome)
+
+
+def _answered(outcome: Outcome | None) -> CommandAnswer:
+    if outcome is None:
+        raise HTTPException(503, "the health node does not answer: the command may not be done")
+    if not outcome.accepted:
+        raise HTTPException(409, outcome.message)
+    if not outcome.kept:
+        words = "it is done, but a restart will forget it unless the disk takes it soon"
+        raise HTTPException(507, f"{words}: {outcome.message}")
+    return CommandAnswer(outcome=outcome.message)

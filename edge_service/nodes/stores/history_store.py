@@ -11,7 +11,6 @@ from typing import TextIO
 
 from ...atomic import made_folder
 from ...config import ConfigError, EdgeConfig
-from ...health.events.journal import EventJournal
 from ...health.history.archive import AxisArchive
 from ...health.history.budget import make_room, sweep
 from ...health.history.file_tier import FileTier
@@ -187,18 +186,9 @@ def _keeping(
         return Keeping(archives=archives, ratios_m_per_rad=ratios_m_per_rad)
     return Keeping(
         archives=archives,
-        journal=_journal(folder / "@events.log"),
         ratios_m_per_rad=ratios_m_per_rad,
         place=f"on disk, up to {config.history.budget_mb:g} MB; the oldest estimates go first",
     )
-
-
-def _journal(path: Path) -> EventJournal | None:
-    try:
-        return EventJournal(path)
-    except OSError as error:
-        log.warning("%s: events cannot be kept (%s)", path, error.strerror)
-        return None
 
 
 def open_history(config: EdgeConfig, ratios_m_per_rad: dict[str, float]) -> HistoryStore:

@@ -15,6 +15,7 @@ from ...messages.codec.interface import T
 from ...messages.event import Event, Severity
 from ...messages.health import ComponentHealth, ComponentStatus
 from ...messages.topics import EVENT, STATUS, Topic
+from ..stores.diary_store import DiaryStore
 from ..supervision.heartbeat import Heartbeat
 from ..supervision.supervisor import Supervisor
 from ..supervision.task import TaskChange
@@ -43,6 +44,17 @@ class NodeContext:
     heart: Heartbeat = field(
         default_factory=lambda: Heartbeat("node", float("inf"), time.monotonic)
     )
+
+    _diary: DiaryStore | None = None
+
+    def __post_init__(self) -> None:
+        self._diary = self._diary or DiaryStore(self.config.history.folder)
+
+    @property
+    def diary(self) -> DiaryStore:
+        """Events and audit log; the nodes of a process share one."""
+        assert self._diary is not None
+        return self._diary
 
     def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
         """Declare the publisher of one topic of one axis."""
@@ -89,6 +101,8 @@ class Reporter:
         )
         self.counters: Callable[[], dict[str, int]] = dict
         self.readings: Callable[[], dict[str, float]] = dict
+        self.problems: Callable[[], list[str]] = list
+        """What is wrong beside its tasks, e.g. that the disk takes nothing."""
 
     @property
     def status(self) -> ComponentStatus:
@@ -105,14 +119,15 @@ class Reporter:
         self._publisher.publish(self._report(), time.time_ns())
 
     def _report(self) -> ComponentHealth:
-        faults = self._tasks.faults()
+        tasks = self._tasks.faults()
+        faults = tasks + self.problems()
         own = self._machine.report(
             self.counters()
             | {
                 "task_restarts": self._tasks.restarts,
                 "message_failures": self._tasks.failures.count,
             },
-            self.readings() | {"tasks_down": float(len(faults))},
+            self.readings() | {"tasks_down": float(len(tasks))},
         )
         if not faults or own.status in _ENDING:
             return own

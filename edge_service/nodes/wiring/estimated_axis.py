@@ -52,12 +52,19 @@ class EstimatedAxis:
         self._heard, self._changed = None, False
         return heard_ns
 
-    def restore(self, store: EstimateStore) -> None:
-        """Go on from what was kept, if it is this axis'; else begin anew, and say why."""
+    def restore(self, store: EstimateStore, replaced_ns: int = 0) -> None:
+        """Go on from what was kept, if it is this axis'; else begin anew, and say why.
+
+        Args:
+            replaced_ns: UNIX time at which the part was replaced, ns; 0 if it never was.
+        """
         try:
-            kept = store.load(self._axis, time.time_ns())
+            now_ns = time.time_ns()
+            kept = store.load(self._axis, now_ns)
             if kept is None:
                 return
+            if kept.source_time_ns < replaced_ns <= now_ns:
+                raise StateError("it is of a part that was replaced since")
             self._restore(kept)
         except (StateError, OSError) as error:
             aside = ""

@@ -1,0 +1,86 @@
+"""Questions on the bus: who asks gets one answer, or learns at once that nobody is there."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import zenoh
+
+from ..messages.codec.json_message import JSON_ENCODING
+
+MOST_OPEN = 64
+"""Questions that are answered at a time; further ones get no answer."""
+MOST_BYTES = 16_384
+"""Length of a question; a longer one gets no answer."""
+
+Answer = Callable[[str, bytes], Awaitable[bytes | None]]
+"""(key, question) -> answer; None: there is none."""
+
+
+class Answering:
+    """Answers the questions that are put on a key expression, one by one."""
+
+    def __init__(self, session: zenoh.Session, key_expr: str, answer: Answer) -> None:
+        self._answer = answer
+        self._loop = asyncio.get_running_loop()
+        self._open: set[asyncio.Task[None]] = set()
+        self._closed = False
+        self._queryable = session.declare_queryable(
+            key_expr, zenoh.handlers.Callback(self._on_query, indirect=False), complete=True
+        )
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        """Runs in a thread of Zenoh."""
+        payload = query.payload
+        if payload is None or len(payload) > MOST_BYTES or self._loop.is_closed():
+            query.drop()
+        else:
+            self._loop.call_soon_threadsafe(self._begin, query, payload.to_bytes())
+
+    def _begin(self, query: zenoh.Query, question: bytes) -> None:
+        if len(self._open) >= MOST_OPEN:
+            query.drop()
+            return
+        task = asyncio.create_task(self._reply(query, question))
+        self._open.add(task)
+        task.add_done_callback(self._open.discard)
+
+    async def _reply(self, query: zenoh.Query, question: bytes) -> None:
+        with query:
+            answer = await self._answer(str(query.key_expr), question)
+            if answer is not None:
+                query.reply(query.key_expr, answer, encoding=zenoh.Encoding(JSON_ENCODING))
+
+    def close(self) -> None:
+        """Answer no more; safe twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._queryable.undeclare()
+        for task in self._open:
+            task.cancel()
+
+
+async def ask(session: zenoh.Session, key: str, question: bytes, timeout_s: float) -> bytes | None:
+    """The first answer to a question; None if nobody is there, or answers in time."""
+    loop = asyncio.get_running_loop()
+    answered: asyncio.Future[bytes | None] = loop.create_future()
+
+    def end(answer: bytes | None) -> None:
+        if not answered.done():
+            answered.set_result(answer)
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            loop.call_soon_threadsafe(end, reply.ok.payload.to_bytes())
+
+    def on_end() -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(end, None)
+
+    session.get(
+        key,
+        zenoh.handlers.Callback(on_reply, on_end, indirect=False),
+        payload=question,
+        timeout=timeout_s,
+    )
+    return await answered

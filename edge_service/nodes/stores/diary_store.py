@@ -1,0 +1,52 @@
+"""Store of the diary: opened when it is first asked for, shared by the nodes of a process."""
+
+import logging
+import time
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+
+from ...health.events.diary import Diary
+from ...health.events.old_journal import read_journal
+from ..supervision.heartbeat import Heartbeat
+
+log = logging.getLogger(__name__)
+DIARY, OLD_JOURNAL = "@diary.sqlite", "@events.log"
+CARE_PERIOD_S = 1.0
+_CARE_LIMIT_S = 60.0
+
+
+class DiaryStore:
+    """The diary in a folder; without one it lives in memory."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    @cached_property
+    def diary(self) -> Diary:
+        """The diary, with what an earlier version kept."""
+        diary = Diary(None if self._folder is None else self._folder / DIARY)
+        if self._folder is not None:
+            _take_over(diary, self._folder / OLD_JOURNAL)
+        return diary
+
+    async def run(self, heart: Heartbeat) -> None:
+        """Write what a failing disk did not take, and make the daily copy, until cancelled."""
+        while True:
+            await heart.sleep(CARE_PERIOD_S)
+            await heart.in_thread(self.diary.care, time.time(), limit_s=_CARE_LIMIT_S)
+
+    def close(self) -> None:
+        """Write what waits, and close."""
+        if "diary" in self.__dict__:
+            self.diary.close()
+
+
+def _take_over(diary: Diary, path: Path) -> None:
+    """Take the events of an earlier version over, once."""
+    if path.is_file():
+        with suppress(OSError):  # it stays, and is tried again at the next start
+            events = read_journal(path)
+            if diary.take_over(events):
+                path.replace(path.with_suffix(".taken"))
+                log.info("%s: %d events taken over", path, len(events))

@@ -1,0 +1,75 @@
+"""Commands as questions on the bus: who gives one learns what came of it, once it is kept."""
+
+import asyncio
+import time
+from collections.abc import Callable, Collection
+from functools import partial
+
+from ...bus.questions import Answering
+from ...health.events.audit import AuditEntry
+from ...messages.alarm import Command, Outcome
+from ...messages.codec.interface import CodecError
+from ...messages.header import Header
+from ...messages.topics import COMMAND, OUTCOME
+from .context import NodeContext
+
+ANSWER_S = 5.0
+"""So long a command may take."""
+Obey = Callable[[str, Command, Callable[[Outcome], None]], None]
+"""Does what a command on an axis asks, and tells the outcome later."""
+
+
+async def give(context: NodeContext, axis: str, command: Command) -> Outcome | None:
+    """Give a command to whoever monitors the axis; None if nobody answers."""
+    question = COMMAND.encode(axis, _header(), command)
+    answer = await context.bus.ask(context.config.keys.key(axis, OUTCOME), question, ANSWER_S)
+    try:
+        return None if answer is None else OUTCOME.decode(answer)[2]
+    except CodecError:
+        return None
+
+
+def obey_all(context: NodeContext, axes: Collection[str], obey: Obey) -> Answering:
+    """Answer the commands on axes, until it is closed."""
+
+    keys = context.config.keys
+
+    async def answer(key: str, question: bytes) -> bytes | None:
+        try:
+            axis, _, command = COMMAND.decode(question)
+        except CodecError:
+            return None
+        if axis not in axes or key != keys.key(axis, OUTCOME):
+            return None
+        outcome: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        obey(axis, command, partial(_tell, outcome))
+        return OUTCOME.encode(axis, _header(), await outcome)
+
+    return context.bus.answer(keys.all_axes(OUTCOME), answer)
+
+
+def audited(axis: str, command: Command, refusal: str, now_ns: int) -> tuple[AuditEntry, ...]:
+    """Entry of the audit log; none where the service itself asks."""
+    if command.action == "recorded":
+        return ()
+    entry = AuditEntry(
+        time_ns=now_ns,
+        who=command.user,
+        origin=command.origin or "bus",
+        action=command.action,
+        target=axis if command.alarm is None else f"{axis} {command.alarm}",
+        outcome=f"refused: {refusal}" if refusal else "done",
+        data={"note": command.note} if command.note else {},
+    )
+    return (entry,)
+
+
+def _tell(outcome: asyncio.Future[Outcome], told: Outcome) -> None:
+    if not outcome.done():  # who asked may be gone
+        outcome.set_result(told)
+
+
+def _header() -> Header:
+    """Header of a question or an answer: each is the only one of its series."""
+    now_ns = time.time_ns()
+    return Header(0, now_ns, now_ns, time.monotonic_ns())
