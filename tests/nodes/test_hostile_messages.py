@@ -62,12 +62,11 @@ class Readers:
             "preload": self.on_preload,
             "health": lambda _, *health: self.state.on_health(*health, START_NS),
             "event": self.on_event,
-            "command": lambda _, _header, command: self.tell(
-                self.monitor.on_command(command, START_NS)
-            ),
+            "command": self.on_command,
             "status": self.on_report,
             "wave": self.on_wave,
             "vib": lambda *_: None,
+            "outcome": lambda *_: None,
         }
 
     def on_samples(self, axis: str, header: Header, frame: Any) -> None:
@@ -87,9 +86,15 @@ class Readers:
         self.state.on_preload(axis, header, estimate, START_NS)
 
     def on_event(self, _axis: str, _header: Header, event: Any) -> None:
-        self.state.on_event(event, START_NS)
+        if self.state.concerns(event):
+            for logged in self.state.events.add((event,), START_NS):
+                self.state.tell(logged)
         self.recorder.note(event)
         self.sensors.note(event)
+
+    def on_command(self, _axis: str, _header: Header, command: Any) -> None:
+        if not self.monitor.refusal(command):
+            self.tell(self.monitor.on_command(command, START_NS))
 
     def on_report(self, _axis: str, _header: Header, report: Any) -> None:
         self.tell(self.monitor.on_component(report, START_NS))

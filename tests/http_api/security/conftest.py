@@ -11,7 +11,7 @@ from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
 from edge_service.http_api.security.doorkeeper import Doorkeeper
 from edge_service.http_api.security.tokens import TokenFile, add_token, utc
-from edge_service.messages.alarm import Command
+from edge_service.messages.alarm import Command, Outcome
 
 START_NS = 1_769_860_800_000_000_000
 DAY_S = 86400.0
@@ -38,9 +38,13 @@ class Guarded:
             self.state,
             lambda: self.now_ns,
             hosts=["box", "127.0.0.1"],
-            send_command=lambda _axis, command: self.sent.append(command),
+            send_command=self._send,
             doorkeeper=self.doorkeeper,
         )
+
+    async def _send(self, _axis: str, command: Command) -> Outcome:
+        self.sent.append(command)
+        return Outcome(accepted=True)
 
     def wait(self, seconds: float) -> None:
         """Let time pass on both clocks."""
