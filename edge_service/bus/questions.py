@@ -1,7 +1,8 @@
 """Questions on the bus: who asks gets one answer, or learns at once that nobody is there."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
+from functools import partial
 
 import zenoh
 
@@ -12,17 +13,17 @@ MOST_OPEN = 64
 MOST_BYTES = 16_384
 """Length of a question; a longer one gets no answer."""
 
-Answer = Callable[[str, bytes], Awaitable[bytes | None]]
-"""(key, question) -> answer; None: there is none."""
+Answer = Callable[[str, bytes, Callable[[bytes | None], None]], None]
+"""(key, question, reply): replies now or later; None says that there is no answer."""
 
 
 class Answering:
-    """Answers the questions that are put on a key expression, one by one."""
+    """Answers the questions that are put on a key expression."""
 
     def __init__(self, session: zenoh.Session, key_expr: str, answer: Answer) -> None:
         self._answer = answer
         self._loop = asyncio.get_running_loop()
-        self._open: set[asyncio.Task[None]] = set()
+        self._open: set[zenoh.Query] = set()
         self._closed = False
         self._queryable = session.declare_queryable(
             key_expr, zenoh.handlers.Callback(self._on_query, indirect=False), complete=True
@@ -37,27 +38,26 @@ class Answering:
             self._loop.call_soon_threadsafe(self._begin, query, payload.to_bytes())
 
     def _begin(self, query: zenoh.Query, question: bytes) -> None:
-        if len(self._open) >= MOST_OPEN:
+        if self._closed or len(self._open) >= MOST_OPEN:
             query.drop()
             return
-        task = asyncio.create_task(self._reply(query, question))
-        self._open.add(task)
-        task.add_done_callback(self._open.discard)
+        self._open.add(query)
+        self._answer(str(query.key_expr), question, partial(self._reply, query))
 
-    async def _reply(self, query: zenoh.Query, question: bytes) -> None:
-        with query:
-            answer = await self._answer(str(query.key_expr), question)
+    def _reply(self, query: zenoh.Query, answer: bytes | None) -> None:
+        if query in self._open:
+            self._open.discard(query)
             if answer is not None:
                 query.reply(query.key_expr, answer, encoding=zenoh.Encoding(JSON_ENCODING))
+            query.drop()
 
     def close(self) -> None:
         """Answer no more; safe twice."""
-        if self._closed:
-            return
-        self._closed = True
-        self._queryable.undeclare()
-        for task in self._open:
-            task.cancel()
+        if not self._closed:
+            self._closed = True
+            self._queryable.undeclare()
+            for query in tuple(self._open):
+                self._reply(query, None)
 
 
 async def ask(session: zenoh.Session, key: str, question: bytes, timeout_s: float) -> bytes | None:

@@ -204,9 +204,9 @@ async def test_a_command_can_be_asked_of_the_monitor_by_the_page_alone(
 ) -> None:
     asked: list[str] = []
 
-    async def answer(key: str, _question: bytes) -> bytes | None:
+    def answer(key: str, _question: bytes, reply: Callable[[bytes | None], None]) -> None:
         asked.append(key)
-        return b"done" if key == KEYS.key("X", OUTCOME) else None
+        reply(b"done" if key == KEYS.key("X", OUTCOME) else None)
 
     answering = router.answer(KEYS.all_axes(OUTCOME), answer)
     Scene(router)

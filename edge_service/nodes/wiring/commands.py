@@ -1,9 +1,7 @@
 """Commands as questions on the bus: who gives one learns what came of it, once it is kept."""
 
-import asyncio
 import time
 from collections.abc import Callable, Collection
-from functools import partial
 
 from ...bus.questions import Answering
 from ...health.events.audit import AuditEntry
@@ -34,16 +32,16 @@ def obey_all(context: NodeContext, axes: Collection[str], obey: Obey) -> Answeri
 
     keys = context.config.keys
 
-    async def answer(key: str, question: bytes) -> bytes | None:
+    def answer(key: str, question: bytes, reply: Callable[[bytes | None], None]) -> None:
         try:
             axis, _, command = COMMAND.decode(question)
         except CodecError:
-            return None
+            reply(None)
+            return
         if axis not in axes or key != keys.key(axis, OUTCOME):
-            return None
-        outcome: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
-        obey(axis, command, partial(_tell, outcome))
-        return OUTCOME.encode(axis, _header(), await outcome)
+            reply(None)
+            return
+        obey(axis, command, lambda told: reply(OUTCOME.encode(axis, _header(), told)))
 
     return context.bus.answer(keys.all_axes(OUTCOME), answer)
 
@@ -62,11 +60,6 @@ def audited(axis: str, command: Command, refusal: str, now_ns: int) -> tuple[Aud
         data={"note": command.note} if command.note else {},
     )
     return (entry,)
-
-
-def _tell(outcome: asyncio.Future[Outcome], told: Outcome) -> None:
-    if not outcome.done():  # who asked may be gone
-        outcome.set_result(told)
 
 
 def _header() -> Header:
