@@ -16,7 +16,7 @@ from .motion import motion
 from .options import InputError
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
-from .security import certs, token
+from .security import audit, certs, token
 from .service import check_config, node, replay, run
 from .sources import doctor, stub
 
@@ -84,7 +84,20 @@ def cli() -> None:
 
 
 for _command in (
-    *(run, node, check_config, certs, token, replay, doctor, stub, record, convert, simulate),
+    *(
+        run,
+        node,
+        check_config,
+        certs,
+        token,
+        audit,
+        replay,
+        doctor,
+        stub,
+        record,
+        convert,
+        simulate,
+    ),
     *(commission, estimate, motion, fingerprint, gap, diagnose, reproduce, fleet, bench),
 ):
     cli.add_command(_command)

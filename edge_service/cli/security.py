@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import PATH
+from ..exit_status import INTERNAL_FAILURE
+from .options import PATH, InputError
 
 if TYPE_CHECKING:
     from ..http_api.security.tokens import RoleName
@@ -32,6 +33,29 @@ def certs(out: Path, names: tuple[str, ...], days: int) -> None:
     for path in make_certificates(out, names, clients, days):
         click.echo(f"{path}: until {_day(expiry(path))}")
     click.echo(f"browsers and clients must trust {out / 'ca.pem'}; keep {out / 'ca.key'} elsewhere")
+
+
+@click.command(epilog="Example: edge-service audit /var/lib/edge-service")
+@click.argument("folder", type=PATH)
+def audit(folder: Path) -> None:
+    """Print the audit log of a history folder, an entry per line as JSON, and check its chain.
+
+    Ends with status 1 if entries are damaged or missing. The service may run meanwhile.
+    """
+    from ..health.events.audit import described, read_audit
+    from ..nodes.stores.diary_store import DIARY
+
+    try:
+        records = read_audit(folder / DIARY)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    for record in records:
+        click.echo(described(record))
+    wrong = [record.number for record in records if record.problem]
+    if wrong:
+        numbers = ", ".join(map(str, wrong[:10]))
+        click.echo(f"{folder / DIARY}: {len(wrong)} entries cannot be trusted: {numbers}", err=True)
+        raise click.exceptions.Exit(INTERNAL_FAILURE)
 
 
 TOKENS = click.option(

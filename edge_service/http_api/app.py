@@ -19,6 +19,7 @@ from .limits.settings import HttpLimits
 from .metrics import metrics_router
 from .outputs import OutputDesk
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
+from .routes.audit import audit_router
 from .routes.axis import SendCommand, work_router
 from .routes.diagnose import diagnose_router
 from .routes.download import download_router
@@ -29,6 +30,7 @@ from .routes.schemas import schema_router
 from .routes.session import session_router
 from .security.doorkeeper import Doorkeeper
 from .security.gate import Gate
+from .security.trail import Trail
 from .stream import stream_router
 
 STATIC = Path(__file__).with_name("static")
@@ -100,6 +102,7 @@ def create_app(
         output_router,
         diagnose_router,
         schema_router,
+        audit_router,
         stream_router,
         metrics_router,
         session_router,
@@ -109,5 +112,6 @@ def create_app(
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     app.add_middleware(BodyLimits, limits=limits or HttpLimits())
     app.add_middleware(Gate, doorkeeper=app.state.doorkeeper)
+    app.add_middleware(Trail, state=state, clock=clock)
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app

@@ -5,6 +5,7 @@ import gc
 import logging
 import math
 import signal
+import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from functools import partial
@@ -25,6 +26,7 @@ from .supervision.task import Work
 from .wiring.bus_rights import node_settings, router_settings
 from .wiring.context import NodeContext, Reporter
 from .wiring.http_rights import check_access
+from .wiring.start_entry import end_entry, start_entry
 
 log = logging.getLogger(__name__)
 NodeName = Literal[
@@ -86,7 +88,12 @@ async def _run_on(
 ) -> None:
     try:
         bus.declare_alive(config.keys.alive)
-        await run_nodes(NodeContext(config, bus, on_http_ready), names, install_stop())
+        context = NodeContext(config, bus, on_http_ready)
+        diary = context.diary.diary
+        diary.add((), time.time_ns(), (start_entry(config, names),))
+        await run_nodes(context, names, install_stop())
+        diary.add((), time.time_ns(), (end_entry(names),))
+        context.diary.close()
     finally:
         await bus.close()
 

@@ -4,7 +4,9 @@ import hashlib
 import json
 import sqlite3
 from collections.abc import Iterable
+from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 
 from pydantic import ValidationError
 
@@ -93,6 +95,17 @@ def checked(rows: Iterable[tuple[int, int, str, str]], first: int) -> list[Audit
             records.append(AuditRecord(number, _entry(body), end, problem))
         chain, expected = end, number + 1
     return records
+
+
+def read_audit(path: Path) -> list[AuditRecord]:
+    """All records of a file that a service may be using, checked. Raises ValueError, one line."""
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as file:
+            file.text_factory = lambda content: content.decode(errors="replace")
+            rows = file.execute("SELECT * FROM audit ORDER BY number").fetchall()
+    except sqlite3.Error as error:
+        raise ValueError(f"{path}: no audit log can be read ({error})") from None
+    return checked(rows, 1)
 
 
 def _entry(body: str) -> AuditEntry | None:

@@ -28,6 +28,7 @@ from ..compose import (
 from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
 from ..problems import documented
 from ..security.gate import identity_of
+from ..security.trail import audited_elsewhere
 
 _LOG_SPAN_S = 30 * 86400.0
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
@@ -113,6 +114,8 @@ async def command(
     origin = "" if request.client is None else request.client.host
     asked = {"user": identity_of(request).name or body.user, "origin": origin}
     outcome = await send(axis, Command.model_validate(body.model_dump() | asked))
+    if outcome is not None:
+        audited_elsewhere(request)
     return _answered(outcome)
 
 

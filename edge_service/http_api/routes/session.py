@@ -11,6 +11,7 @@ from ..problems import documented
 from ..security.doorkeeper import Doorkeeper, Identity, LimitedError
 from ..security.gate import cookie_name, credentials, identity_of
 from ..security.sessions import LIFETIME_S
+from ..security.trail import signed_in
 
 session_router = APIRouter(prefix="/api/v1", tags=["service"])
 
@@ -61,6 +62,7 @@ async def sign_in(
         raise HTTPException(429, str(error), headers=wait) from None
     except PermissionError:
         raise HTTPException(401, "this is no token, or it has ended") from None
+    signed_in(request, identity.name)
     _set_cookie(request, response, secret, LIFETIME_S)
     return _answer(doorkeeper, identity)
 

@@ -25,6 +25,7 @@ ROUTES: dict[str, dict[str, Role]] = {
     "/openapi.json": {"GET": _VIEWER},
     "/api/v1/schemas": {"GET": _VIEWER},
     "/api/v1/health": {"GET": _VIEWER},
+    "/api/v1/audit": {"GET": _VIEWER},
     "/api/v1/events": {"GET": _VIEWER},
     "/api/v1/axes": {"GET": _VIEWER},
     f"{_AXIS}/preload": {"GET": _VIEWER},

@@ -54,6 +54,12 @@ def identity_of(request: HTTPConnection) -> Identity:
     return identity
 
 
+def name_in(scope: Scope) -> str | None:
+    """Proved name of who asks; None where there is none, or the gate has refused."""
+    identity: Identity | None = scope.get(_IDENTITY)
+    return None if identity is None else identity.name
+
+
 def credentials(request: HTTPConnection) -> tuple[str, str]:
     """What a request sends to prove who asks: its authorization, and its session's secret."""
     cookie = request.cookies.get(cookie_name(request.scope), "")

@@ -29,7 +29,7 @@ WAITED_FOR = {
     "nodes/jobs/recordings.py": {"to_thread"},
     "nodes/outputs/post.py": {"gather"},
 }
-"""Begun and waited for within a supervised task or one request; the thread of a spool is a daemon."""
+"""Begun and waited for within a supervised task or a request; the thread of a spool is a daemon."""
 
 
 def begun(text: str) -> set[str]:
