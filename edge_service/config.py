@@ -246,10 +246,18 @@ def load_config(path: Path) -> EdgeConfig:
         "webhook": _with_buffer(config, folder),
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "certificates"),
-        "http": _placed(config.http, folder, "certificate", "private_key", "tokens_file"),
+        "http": _with_key(config.http, folder),
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     return config.model_copy(update=placed)
+
+
+def _with_key(http: HttpConfig, folder: Path) -> HttpConfig:
+    """Paths of the files that let people in; the key may be among systemd's credentials."""
+    key = http.private_key and secret_path(folder, http.private_key)
+    named = {"certificate": http.certificate, "tokens_file": http.tokens_file}
+    placed = {name: folder / path for name, path in named.items() if path}
+    return http.model_copy(update=placed | {"private_key": key})
 
 
 def _with_buffer(config: EdgeConfig, folder: Path) -> WebhookConfig:
@@ -281,7 +289,10 @@ def load_machine(path: Path, axis_number: int | None = None) -> Machine:
 
 def load_fleet(path: Path) -> FleetConfig:
     """Read and check a fleet file. Raises ConfigError like `load_config`."""
-    return _checked(FleetConfig, _read_toml(path), path)
+    fleet = _checked(FleetConfig, _read_toml(path), path)
+    files = ("token_file", "ca_certificate")
+    services = tuple(_placed(each, path.parent, *files) for each in fleet.services)
+    return fleet.model_copy(update={"services": services})
 
 
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Literal
+from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
@@ -121,15 +122,29 @@ class AlarmsConfig(Table):
 
 
 class FleetServiceConfig(Table):
-    """`[[services]]` of a fleet file: where one service answers, and a name for people."""
+    """`[[services]]` of a fleet file: where one service answers, and a name for people.
+
+    Attributes:
+        token_file: holds the token to show, of a viewer; sent by TLS or on loopback only.
+        ca_certificate: of the authority that signed the service's certificate, in PEM.
+    """
 
     address: str
     name: str = ""
+    token_file: Path | None = None
+    ca_certificate: Path | None = None
 
     @field_validator("address")
     @classmethod
     def _http(cls, value: str) -> str:
         return service_address(value)
+
+    @model_validator(mode="after")
+    def _unheard(self) -> "FleetServiceConfig":
+        parts = urlsplit(self.address)
+        if self.token_file and parts.scheme != "https" and not is_loopback(parts.hostname or ""):
+            raise ValueError("token_file: needs https, or the token could be read")
+        return self
 
 
 class FleetConfig(Table):

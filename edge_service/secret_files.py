@@ -24,7 +24,7 @@ def read_secret(path: Path) -> str:
     Others must not be able to read it: nobody but its owner; its group too if root owns it, as
     root may hand a file to the service's group. Raises SecretError.
     """
-    place = _expanded(path)
+    place = expanded(path)
     try:
         handle = os.open(place, os.O_RDONLY | os.O_NONBLOCK)
         with os.fdopen(handle, "rb") as file:
@@ -41,7 +41,8 @@ def read_secret(path: Path) -> str:
     return secret
 
 
-def _expanded(path: Path) -> Path:
+def expanded(path: Path) -> Path:
+    """Real path of a secret. Raises SecretError: there are no credentials."""
     if path.parts[:1] != (CREDENTIALS,):
         return path
     folder = os.environ.get(CREDENTIALS.removeprefix("$"))

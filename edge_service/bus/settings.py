@@ -67,6 +67,9 @@ def zenoh_config(settings: BusSettings) -> zenoh.Config:
     return config
 
 
+MOST_MESSAGE_BYTES = 4_000_000
+"""The longest payload of our own, half a second at 10 kHz, has a tenth of it."""
+MOST_SESSIONS = 64
 _COMMON: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -81,6 +84,8 @@ def _router(settings: BusSettings) -> dict[str, Any]:
     plain = [] if settings.security == "tls" else [settings.endpoint]
     secure = [settings.tls.endpoint] if settings.tls else []
     place: dict[str, Any] = {"mode": "router", "listen/endpoints": plain + secure}
+    place["transport/link/rx/max_message_size"] = MOST_MESSAGE_BYTES
+    place["transport/unicast/max_sessions"] = MOST_SESSIONS
     if settings.security != "open":
         place["access_control"] = access_control()
     return place

@@ -7,6 +7,7 @@ import ipaddress
 import logging
 import socket
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import uvicorn
@@ -14,6 +15,7 @@ from starlette.types import ASGIApp
 
 from .limits.connections import Connections
 from .limits.descriptors import affordable_connections, open_descriptors, raise_limit
+from .limits.handshakes import HandshakeListener
 from .limits.protocol import bounded_protocol
 from .limits.settings import HttpLimits
 
@@ -33,6 +35,27 @@ class _Server(uvicorn.Server):
     """Uvicorn without its own handlers of signals: the process that wires the nodes has them."""
 
     beat: Callable[[], None] = staticmethod(lambda: None)
+    handshake_s = 10.0
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """As uvicorn does for sockets, but a TLS handshake has a deadline."""
+        config = self.config
+        protocol: Callable[..., asyncio.Protocol] = config.http_protocol_class
+        make = partial(protocol, config=config, server_state=self.server_state, app_state={})
+        within_s = self.handshake_s if config.is_ssl else None
+        loop = asyncio.get_running_loop()
+        self.servers = [
+            await loop.create_server(
+                make,
+                sock=each,
+                ssl=config.ssl,
+                backlog=config.backlog,
+                ssl_handshake_timeout=within_s,
+                ssl_shutdown_timeout=within_s,
+            )
+            for each in sockets or ()
+        ]
+        self.started = True
 
     async def on_tick(self, counter: int) -> bool:
         """Show a sign of life; called ten times a second."""
@@ -75,8 +98,10 @@ async def serve(
             (PortInUseError: or is taken).
     """
     limits = limits or HttpLimits()
-    places = places_for(limits)
+    places = places_for(limits, encrypted=tls is not None)
     listener = bind(host, port, encrypted=tls is not None)
+    if tls is not None:
+        listener = HandshakeListener(listener, limits, places)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, limits.send_buffer_bytes)
     certificate, key = tls or (None, None)
     config = uvicorn.Config(
@@ -95,7 +120,7 @@ async def serve(
         ssl_keyfile=key,
     )
     server = _Server(config)
-    server.beat = on_tick
+    server.beat, server.handshake_s = on_tick, limits.head_s
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     stopping = asyncio.create_task(stop.wait())
     try:
@@ -112,10 +137,11 @@ async def serve(
             listener.close()
 
 
-def places_for(limits: HttpLimits) -> Connections:
+def places_for(limits: HttpLimits, *, encrypted: bool = False) -> Connections:
     """As many places for connections as are wanted, and as there are descriptors for."""
     limit, opened = raise_limit(), open_descriptors()
-    most = affordable_connections(limit, limits.connections, limits.reserve, opened)
+    reserve = limits.reserve + (limits.handshakes if encrypted else 0)
+    most = affordable_connections(limit, limits.connections, reserve, opened)
     if most < limits.connections:
         log.warning(
             "%d connections at once, not %d: the limit of open files is %d",

@@ -12,10 +12,16 @@ import zenoh
 
 from edge_service.bus.access import COMMANDER, PUTS, READER, client_name
 from edge_service.bus.session import Bus, BusConfigurationError, BusUnavailableError
-from edge_service.bus.settings import BusSettings, Security, TlsSettings, zenoh_config
+from edge_service.bus.settings import (
+    MOST_MESSAGE_BYTES,
+    BusSettings,
+    Security,
+    TlsSettings,
+    zenoh_config,
+)
 from edge_service.certificates import make_certificates
 from edge_service.messages.keys import MachineKeys
-from edge_service.messages.topics import EVENT, OUTCOME, STATUS, TOPICS
+from edge_service.messages.topics import EVENT, OUTCOME, RAW, STATUS, TOPICS
 
 KEYS = MachineKeys("site", "machine")
 OTHERS = MachineKeys("site", "other")
@@ -227,6 +233,36 @@ async def test_a_command_can_be_asked_of_the_monitor_by_the_page_alone(
 async def test_every_topic_has_exactly_one_role_that_puts_it() -> None:
     put = [topic.name for topics in PUTS.values() for topic in topics]
     assert sorted([*put, STATUS.name]) == sorted(TOPICS)
+
+
+async def test_a_payload_beyond_all_bounds_is_dropped_and_others_go_on(
+    router: Bus, certificates: Path
+) -> None:
+    scene, key = Scene(router), KEYS.key("X", RAW)
+
+    def publish() -> bool:
+        good.put(key, b"good")
+        return arrived(good) and bool(scene.heard)
+
+    with (
+        session_of("acquire", router, certificates) as bad,
+        session_of("acquire", router, certificates) as good,
+    ):
+        bad.put(key, bytes(MOST_MESSAGE_BYTES + 1))
+        await until(publish)
+    assert {payload for _, payload in scene.heard} == {b"good"}
+
+
+async def test_sessions_are_bounded(certificates: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("edge_service.bus.settings.MOST_SESSIONS", 3)
+    bus = await open_router(certificates)
+    with ExitStack() as held:
+        for _ in range(2):
+            held.enter_context(session_of("tcp client", bus, certificates))
+        with pytest.raises(zenoh.ZError):
+            for _ in range(3):
+                held.enter_context(session_of("tcp client", bus, certificates))
+    await bus.close()
 
 
 async def test_foreign_or_missing_certificates_do_not_get_in(

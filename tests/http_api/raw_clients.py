@@ -12,7 +12,7 @@ HOST = b"Host: 127.0.0.1\r\n"
 
 
 @asynccontextmanager
-async def served(scene, limits: HttpLimits, desk=None) -> AsyncIterator[int]:
+async def served(scene, limits: HttpLimits, desk=None, tls=None) -> AsyncIterator[int]:
     """The scene's state over a socket; the port."""
     app = create_app(scene.state, lambda: scene.now_ns, desk=desk, limits=limits)
     stop, bound = asyncio.Event(), asyncio.get_running_loop().create_future()
@@ -25,6 +25,7 @@ async def served(scene, limits: HttpLimits, desk=None) -> AsyncIterator[int]:
             on_bound=lambda _host, port: bound.set_result(port),
             before_stop=scene.state.close,
             limits=limits,
+            tls=tls,
         )
     )
     try:

@@ -12,10 +12,13 @@ from typing import Any
 
 import httpx
 import pytest
+from pydantic import ValidationError
 
+from edge_service.certificates import make_certificates
 from edge_service.cli.entry import main
-from edge_service.config import ServiceConfig
+from edge_service.config import HttpConfig, ServiceConfig
 from edge_service.config_tables import FleetConfig, FleetServiceConfig
+from edge_service.http_api.security.tokens import add_token
 from edge_service.messages.health import AxisCondition
 from edge_service.offline.fleet.ask import ask_fleet
 from edge_service.offline.fleet.rows import rows_of
@@ -74,6 +77,58 @@ async def normal(service: Running) -> str:
 
     await until(is_normal)
     return address
+
+
+async def test_a_service_with_tls_and_tokens_is_asked_with_its_token(tmp_path: Path) -> None:
+    make_certificates(tmp_path, (), {}, 1)
+    secret = add_token(tmp_path / "tokens.json", "fleet", "viewer", 1, datetime.now(UTC))
+    for name, content in (("token", secret), ("wrong", "edge-wrong"), ("read", secret)):
+        (tmp_path / name).write_text(content)
+        (tmp_path / name).chmod(0o644 if name == "read" else 0o600)
+    http = HttpConfig(
+        port=0,
+        certificate=tmp_path / "server.pem",
+        private_key=tmp_path / "server.key",
+        tokens_file=tmp_path / "tokens.json",
+    )
+    async with running(config_of("simulated", {}, http=http)) as service:
+        place = {"address": await service.address, "ca_certificate": tmp_path / "ca.pem"}
+        cases = [{"token_file": tmp_path / name} for name in ("token", "wrong", "read")]
+        asked = [place | more for more in (*cases, {}, {"ca_certificate": None})]
+        fleet = FleetConfig.model_validate({"services": asked})
+        rows = await asyncio.to_thread(ask_fleet, fleet)
+    reasons = sorted(row.reason for row in rows if row.machine == "?")
+    assert [row.site for row in rows if row.machine != "?"] == ["bench"]
+    assert sum("answers 401" in reason for reason in reasons) == 2
+    assert sum("others may read" in reason for reason in reasons) == 1
+    assert sum("CERTIFICATE_VERIFY_FAILED" in reason for reason in reasons) == 1
+    assert secret not in "".join(reasons)
+
+
+def test_a_token_goes_nowhere_in_clear_text() -> None:
+    FleetServiceConfig(address="http://127.0.0.1:8080", token_file=Path("token"))
+    with pytest.raises(ValidationError, match="needs https, or the token could be read"):
+        FleetServiceConfig(address="http://192.0.2.1:8080", token_file=Path("token"))
+
+
+async def test_a_token_is_shown_to_no_one_a_service_points_to(tmp_path: Path) -> None:
+    seen: list[bytes] = []
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        seen.append(await reader.readuntil(b"\r\n\r\n"))
+        writer.write(b"HTTP/1.1 302 Found\r\nLocation: /elsewhere\r\nContent-Length: 0\r\n\r\n")
+        writer.close()
+
+    (tmp_path / "token").write_text("edge-x")
+    (tmp_path / "token").chmod(0o600)
+    server = await asyncio.start_server(answer, "127.0.0.1", 0)
+    async with server:
+        address = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        service = {"address": address, "token_file": tmp_path / "token"}
+        fleet = FleetConfig.model_validate({"services": [service]})
+        (row,) = await asyncio.to_thread(ask_fleet, fleet)
+    assert "answers 302" in row.reason
+    assert len(seen) == 1
 
 
 async def test_two_services_and_a_silent_one_in_one_table() -> None:

@@ -33,6 +33,10 @@ class Connections:
     def __len__(self) -> int:
         return len(self._held)
 
+    def of(self, address: str) -> int:
+        """Connections of one address."""
+        return self._by_address[address]
+
     def admit(self, connection: Connection) -> HTTPStatus | None:
         """Take a place, idle at first; else the status that says why there is none."""
         of_one = self._by_address[connection.address]

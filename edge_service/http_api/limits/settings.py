@@ -12,6 +12,8 @@ class HttpLimits:
     Attributes:
         connections: at once; beyond it the one that has been idle longest goes.
         connections_of_one: at once from one address; a loopback address may have all.
+        handshakes, handshakes_of_one: of TLS under way at once, of all and of one address that is
+            not loopback; each may take `head_s`.
         backlog: connections that are taken in one go, each with a descriptor of its own.
         reserve: descriptors kept for files, jobs and the bus.
         head_bytes: of a request's line and headers.
@@ -28,6 +30,8 @@ class HttpLimits:
 
     connections: int = 256
     connections_of_one: int = 64
+    handshakes: int = 64
+    handshakes_of_one: int = 8
     backlog: int = 32
     reserve: int = 64
     head_bytes: int = 16 * KB

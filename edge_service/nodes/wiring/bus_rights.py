@@ -3,6 +3,7 @@
 from ...bus.access import READER
 from ...bus.settings import BusSettings, TlsSettings
 from ...config import BusConfig, ConfigError, EdgeConfig
+from ...secret_files import SecretError, read_secret
 
 _NODES_NEED = (
     "bus.certificates: missing; nodes in processes of their own prove by certificates who they are"
@@ -38,6 +39,10 @@ def reader_settings(config: EdgeConfig) -> BusSettings:
 def _tls(bus: BusConfig, name: str) -> TlsSettings:
     assert bus.certificates is not None
     try:
-        return TlsSettings.of_folder(bus.tls_endpoint, bus.certificates, name)
+        tls = TlsSettings.of_folder(bus.tls_endpoint, bus.certificates, name)
+        read_secret(tls.key)  # which others must not be able to read
+        return tls
+    except SecretError as error:
+        raise ConfigError(f"bus.certificates: {error}") from None
     except OSError as error:
         raise ConfigError(f"bus.certificates: {error.filename}: {error.strerror}") from None

@@ -9,6 +9,7 @@ from ...config import ConfigError, HttpConfig
 from ...http_api.guard import LOOPBACK_HOSTS
 from ...http_api.security.doorkeeper import Doorkeeper
 from ...http_api.security.tokens import TokenError, TokenFile
+from ...secret_files import SecretError, expanded, read_secret
 
 _ANY_ADDRESS = ("0.0.0.0", "::", "[::]")
 
@@ -29,19 +30,23 @@ def tls_files(http: HttpConfig) -> tuple[Path, Path] | None:
     """Certificate and key of the server, which fit each other. Raises ConfigError."""
     if http.certificate is None or http.private_key is None:
         return None
-    for key, path in (("certificate", http.certificate), ("private_key", http.private_key)):
-        try:
-            path.read_bytes()
-        except OSError as error:
-            raise ConfigError(f"http.{key}: {path}: cannot be read ({error.strerror})") from None
+    try:
+        read_secret(http.private_key)  # which others must not be able to read
+        key = expanded(http.private_key)
+        http.certificate.read_bytes()
+    except SecretError as error:
+        raise ConfigError(f"http.private_key: {error}") from None
+    except OSError as error:
+        words = f"{http.certificate}: cannot be read ({error.strerror})"
+        raise ConfigError(f"http.certificate: {words}") from None
     try:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        context.load_cert_chain(http.certificate, http.private_key, password="")
+        context.load_cert_chain(http.certificate, key, password="")
     except (ssl.SSLError, ValueError) as error:
         reason = getattr(error, "reason", None) or "no PEM, or a key with a password"
         pair = f"{http.certificate} with {http.private_key}"
         raise ConfigError(f"http.certificate: {pair}: {reason}") from None
-    return http.certificate, http.private_key
+    return http.certificate, key
 
 
 def hosts_of(http: HttpConfig) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 import http.client
 import json
 import queue
+import ssl
 import threading
 import time
 import urllib.error
@@ -13,6 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from ...config_tables import FleetConfig, FleetServiceConfig
+from ...secret_files import SecretError, read_secret
 from .rows import FleetRow, StrangeAnswerError, compared, rows_of, unreachable
 
 MOST_BYTES = 4_000_000
@@ -20,18 +22,44 @@ _CHUNK_BYTES = 65_536
 Ask = Callable[[str, float], Any]
 """(address, seconds left) -> the JSON that is answered there. Raises OSError, ValueError."""
 
-_OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-
 
 class UnansweredError(Exception):
     """A service did not answer; the text says why."""
 
 
-def ask_http(address: str, left_s: float) -> Any:
+class _NoRedirects(urllib.request.HTTPRedirectHandler):
+    """A token is shown to the service alone, wherever that points to."""
+
+    def redirect_request(self, *_args: Any, **_named: Any) -> None:
+        """Follow none."""
+
+
+def asker_of(service: FleetServiceConfig) -> Ask:
+    """Asks a service by HTTP, with its token if it has one. Raises UnansweredError."""
+    try:
+        handlers: list[urllib.request.BaseHandler] = [urllib.request.ProxyHandler({})]
+        if service.ca_certificate is not None:
+            trusted = ssl.create_default_context(cafile=service.ca_certificate)
+            handlers.append(urllib.request.HTTPSHandler(context=trusted))
+        headers = {}
+        if service.token_file is not None:
+            handlers.append(_NoRedirects())
+            headers["Authorization"] = f"Bearer {read_secret(service.token_file)}"
+    except SecretError as error:
+        raise UnansweredError(f"token_file: {error}") from None
+    except OSError as error:
+        raise UnansweredError(f"ca_certificate: {error.strerror or 'holds none'}") from None
+    return partial(ask_http, urllib.request.build_opener(*handlers), headers)
+
+
+def ask_http(
+    opener: urllib.request.OpenerDirector, headers: dict[str, str], address: str, left_s: float
+) -> Any:
     """The JSON at an address, bounded in time and size."""
     end_s = time.monotonic() + left_s
     content = bytearray()
-    with _OPENER.open(address, timeout=left_s) as response:
+    request = urllib.request.Request(address, headers=headers)
+    with opener.open(request, timeout=left_s) as response:
         while chunk := response.read1(_CHUNK_BYTES):
             content += chunk
             if len(content) > MOST_BYTES:
@@ -41,8 +69,12 @@ def ask_http(address: str, left_s: float) -> Any:
     return json.loads(content)
 
 
-def ask_fleet(fleet: FleetConfig, ask: Ask = ask_http) -> list[FleetRow]:
-    """One row per axis of every service, the worst first; returns within `timeout_s`."""
+def ask_fleet(fleet: FleetConfig, ask: Ask | None = None) -> list[FleetRow]:
+    """One row per axis of every service, the worst first; returns within `timeout_s`.
+
+    Args:
+        ask: In place of HTTP.
+    """
     answers: queue.SimpleQueue[tuple[int, list[FleetRow]]] = queue.SimpleQueue()
     end_s = time.monotonic() + fleet.timeout_s
     for index, service in enumerate(fleet.services):
@@ -64,10 +96,10 @@ def _put_rows(
     index: int,
     service: FleetServiceConfig,
     end_s: float,
-    ask: Ask,
+    ask: Ask | None,
 ) -> None:
     try:
-        rows = _ask_service(service.address, end_s, ask)
+        rows = _ask_service(service.address, end_s, ask or asker_of(service))
     except (UnansweredError, StrangeAnswerError) as error:
         rows = [unreachable(service.address, service.name, str(error))]
     answers.put((index, rows))
