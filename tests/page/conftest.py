@@ -20,6 +20,7 @@ from edge_service.config import (
     HistoryConfig,
     HttpConfig,
 )
+from edge_service.config_tables import WebhookConfig
 from edge_service.nodes.service import PIPELINE, run_nodes
 from edge_service.nodes.wiring.context import NodeContext
 
@@ -94,7 +95,10 @@ def open_page(browser: Any) -> Iterator[Callable[..., Page]]:
 class Service:
     """The service in a thread of its own; `stop` ends it, `start` begins it at the same port."""
 
-    def __init__(self, folder: Path, settings: dict[str, Any], http: HttpConfig) -> None:
+    def __init__(
+        self, folder: Path, settings: dict[str, Any], http: HttpConfig, webhook: WebhookConfig
+    ) -> None:
+        self._webhook = webhook
         self._folder = folder
         self._http = http
         self._settings = settings
@@ -124,6 +128,7 @@ class Service:
             http=self._http.model_copy(update={"port": self._port}),
             alarms=AlarmsConfig(rate_percent_per_1000_h=1e9),
             history=HistoryConfig(folder=self._folder),
+            webhook=self._webhook,
             axes=(axis,),
         )
 
@@ -144,8 +149,10 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
     """Services that are ended with the test."""
     services: list[Service] = []
 
-    def make(http: HttpConfig | None = None, **settings: Any) -> Service:
-        service = Service(tmp_path, settings, http or HttpConfig())
+    def make(
+        http: HttpConfig | None = None, webhook: WebhookConfig | None = None, **settings: Any
+    ) -> Service:
+        service = Service(tmp_path, settings, http or HttpConfig(), webhook or WebhookConfig())
         services.append(service)
         service.start()
         return service

@@ -5,6 +5,7 @@ import { renderAlarms, renderDiary } from "./diary.js";
 import { byId, clock, element, fetchJson, refill, symbol, words, write } from "./dom.js";
 import { renderHistory } from "./history.js";
 import { loadTests } from "./jobs.js";
+import { loadOutputs } from "./outputs.js";
 import { renderService } from "./service.js";
 import { isSignedOut, signIn } from "./session.js";
 import { renderTraces, startTraces, takeLive } from "./traces.js";
@@ -171,7 +172,7 @@ function render() {
   renderHistory(shown, nowMs);
   if (nowMs - slowMs < SLOW_MS) return;
   slowMs = nowMs;
-  Promise.all([loadWhy(shown), loadUse(shown), loadTests(shown)]).catch(() => {});
+  Promise.all([loadWhy(shown), loadUse(shown), loadTests(shown), loadOutputs(service)]).catch(() => {});
 }
 
 addEventListener("hashchange", () => show(decodeURIComponent(location.hash.slice(1))));
