@@ -2,8 +2,8 @@
 
 import asyncio
 import ssl
-from collections.abc import Callable, Coroutine
-from contextlib import suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,6 +62,7 @@ class MqttDelivery:
     Args:
         form: packets for a message, and for our coming and going.
         on_change: called with "" when the broker is there, else with what is wrong.
+        sleep: pauses.
 
     Raises:
         MqttError: a certificate that cannot be read.
@@ -73,16 +74,18 @@ class MqttDelivery:
         form: PayloadForm,
         spool: Spool,
         on_change: Callable[[str], None],
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self._settings = settings
         self._form = form
         self._spool = spool
         self._on_change = on_change
+        self._sleep = sleep
         self.delivered = 0
         """Messages that the broker has."""
         self.connections = 0
         """Times that the broker was reached."""
-        self._connections_before = 0
+        self._delivered_before = 0
         self._late_until = 0
         self._turn = asyncio.Lock()
         self._tls = _tls(settings)
@@ -94,14 +97,14 @@ class MqttDelivery:
             try:
                 await self._connected()
             except (aiomqtt.MqttError, SpoolError) as error:
-                tries = 1 if self.connections > self._connections_before else tries + 1
-                self._connections_before = self.connections
+                tries = 1 if self.delivered > self._delivered_before else tries + 1
+                self._delivered_before = self.delivered
                 self._on_change(f"{self._settings.host}:{self._settings.port}: {error}")
-            await asyncio.sleep(min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(tries - 1, 10)))
+            await self._sleep(min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(tries - 1, 10)))
 
     async def _connected(self) -> None:
         """Deliver as long as the connection lasts. Raises the library's error."""
-        async with self._client() as client:
+        async with _connection(self._client()) as client:
             self.connections += 1
             await self._spool.count_session()
             try:
@@ -179,6 +182,19 @@ class MqttDelivery:
         self.delivered += len(taken)
         if failed:
             raise failed[0]
+
+
+@asynccontextmanager
+async def _connection(client: aiomqtt.Client) -> AsyncIterator[aiomqtt.Client]:
+    """A connection; asyncio would complain of errors at which the library does not look."""
+    first = client._disconnected
+    try:
+        async with client:
+            yield client
+    finally:
+        for ended in (first, client._disconnected):
+            if ended.done() and not ended.cancelled():
+                ended.exception()
 
 
 async def _publish(client: aiomqtt.Client, packet: Packet) -> None:
