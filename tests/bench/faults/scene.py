@@ -133,11 +133,13 @@ class RunningService:
 
 
 @contextmanager
-def running_service(config: str, folder: Path) -> Iterator[RunningService]:
+def running_service(
+    config: str, folder: Path, module: str = "edge_service"
+) -> Iterator[RunningService]:
     """Serve a configuration from `folder` for as long as the context lasts."""
     path = folder / "edge.toml"
     path.write_text(config, encoding="utf-8")
     kernels = Path(tempfile.gettempdir()) / "edge-service-bench-kernels"
-    with ServiceProcess(["run", str(path)], folder, kernels) as process:
+    with ServiceProcess(["run", str(path)], folder, kernels, module) as process:
         host, port = process.wait_for_address(START_PATIENCE_S)
         yield RunningService(process, host, port, folder / "stderr.txt")

@@ -116,15 +116,23 @@ class ServiceProcess:
         Its working folder; output goes to files there, so that no pipe fills up.
     kernel_cache : Path
         Where compiled kernels are kept; empty is a cold start.
+    module : str
+        What is run; a benchmark may prepare the service's world first.
     """
 
-    def __init__(self, arguments: Sequence[str], folder: Path, kernel_cache: Path) -> None:
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        kernel_cache: Path,
+        module: str = "edge_service",
+    ) -> None:
         self._command = arguments[0]
         self._output, self._errors = folder / "stdout.txt", folder / "stderr.txt"
         with self._output.open("wb") as output, self._errors.open("wb") as errors:
             self.started_s = time.monotonic()
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "edge_service", *arguments],
+                [sys.executable, "-m", module, *arguments],
                 cwd=folder,
                 env=os.environ | {"NUMBA_CACHE_DIR": str(kernel_cache)},
                 stdin=subprocess.DEVNULL,

@@ -1,0 +1,39 @@
+"""The service with a clock that a file shifts, so that hours pass in seconds.
+
+EDGE_SERVICE_CLOCK=FILE python -m tests.bench.faults.shifted_clock run edge.toml
+"""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+VARIABLE = "EDGE_SERVICE_CLOCK"
+_READ_PERIOD_S = 0.1
+
+
+def shift_clock(path: Path) -> None:
+    """Let `time.time` and `time.time_ns` differ from the real time by the seconds in a file."""
+    real_s, real_ns = time.time, time.time_ns
+    offset_s = _offset(path)
+    time.time = lambda: real_s() + offset_s()
+    time.time_ns = lambda: real_ns() + round(offset_s() * 1e9)
+
+
+def _offset(path: Path) -> Callable[[], float]:
+    last = [0.0, float("-inf")]
+
+    def offset_s() -> float:
+        now_s = time.monotonic()
+        if now_s - last[1] > _READ_PERIOD_S:
+            last[:] = [float(path.read_text() or last[0]), now_s]
+        return last[0]
+
+    return offset_s
+
+
+if __name__ == "__main__":
+    shift_clock(Path(os.environ[VARIABLE]))
+    from edge_service.cli.entry import main
+
+    raise SystemExit(main())
