@@ -3,11 +3,11 @@
 import contextlib
 import fcntl
 import logging
+import os
 import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TextIO
 
 from ...atomic import made_folder
 from ...config import ConfigError, EdgeConfig
@@ -40,7 +40,7 @@ class HistoryStore:
     def __init__(self, config: EdgeConfig, ratios_m_per_rad: dict[str, float]) -> None:
         self._folder = config.history.folder
         self._budget_bytes = round(config.history.budget_mb * _MB)
-        self._lock: TextIO | None = None
+        self._lock: int | None = None
         with contextlib.suppress(OSError):  # tried again with every flush, which reports it
             self._hold()
         self._archives = {
@@ -68,7 +68,8 @@ class HistoryStore:
     def close(self) -> None:
         """Let another service have the folder."""
         if self._lock is not None:
-            self._lock.close()
+            os.close(self._lock)
+            self._lock = None
 
     def _read_once(self) -> None:
         """The first reading loads the Parquet library, a second that no person should wait."""
@@ -157,17 +158,20 @@ def _words(error: OSError | ConfigError) -> str:
     return str(error)
 
 
-def _locked(folder: Path) -> TextIO:
-    """The folder's lock, held until it is closed; ConfigError if another service holds it."""
+def _locked(folder: Path) -> int:
+    """Descriptor that locks the folder; ConfigError if another service holds it. OSError.
+
+    It is open for reading only, so that the disk may become read-only.
+    """
     made_folder(folder)
-    lock = (folder / "@lock").open("a")
+    lock = os.open(folder / "@lock", os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        lock.close()
-        raise ConfigError(f"history.folder: {folder} is in use by another service") from None
-    except OSError:
-        lock.close()
+    except OSError as error:
+        os.close(lock)
+        if isinstance(error, BlockingIOError):
+            problem = f"history.folder: {folder} is in use by another service"
+            raise ConfigError(problem) from None
         raise
     return lock
 

@@ -108,12 +108,13 @@ class RunningService:
         """Wait until every axis has fresh input; the time it took, s. Raises TimeoutError."""
         begun_s = monotonic()
         while monotonic() - begun_s < patience_s:
-            if self._ready():
+            if self.is_ready():
                 return monotonic() - begun_s
             sleep(_LOOK_PERIOD_S)
         raise TimeoutError(f"not ready within {patience_s:g} s")
 
-    def _ready(self) -> bool:
+    def is_ready(self) -> bool:
+        """Tell whether every axis has fresh input; not, where nobody answers."""
         try:
             return self.ask("/readyz", timeout_s=2.0).status == 200
         except (OSError, http.client.HTTPException):
