@@ -16,6 +16,7 @@ from .wiring.stages import load_machines, make_estimator, warm_up
 log = logging.getLogger(__name__)
 _WARM_UP_S = 120.0
 PART_REPLACED = "part_replaced"
+RETRY_PERIOD_S = 2.0
 SAVE_PERIOD_S = 60.0
 """Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
@@ -36,7 +37,9 @@ class _Axes:
         folder = config.history.folder if context.keeps_estimates else None
         self._store = None if folder is None else EstimateStore(folder, identities)
         self._context = context
-        self._failing = False
+        self._unwritten: dict[str, Kept] = {}
+        self.problem = ""
+        """Why states cannot be kept now; empty if they are."""
 
     def load(self) -> None:
         """Go on where the last process was."""
@@ -53,21 +56,28 @@ class _Axes:
         return {name: each for name, each in kept.items() if each is not None}
 
     def write(self, kept: dict[str, Kept]) -> None:
-        """Write states, from any thread; a full disk is logged, and tried again."""
+        """Write states, from any thread; what a full disk does not take is tried again."""
         if self._store is None:
             return
+        self._unwritten |= kept
         try:
-            self._store.save(kept)
-        except OSError as error:
-            if not self._failing:
+            self._store.save(self._unwritten)
+        except (OSError, ValueError) as error:
+            if not self.problem:
                 log.warning("the state of the estimates cannot be kept (%s)", error)
-            self._failing = True
+            self.problem = f"the state of the estimates cannot be kept ({error})"
         else:
-            self._failing = False
+            self._unwritten = {}
+            self.problem = ""
+
+    def damaged_files(self) -> int:
+        """Files that were set aside."""
+        return 0 if self._store is None else self._store.damaged_files
 
     def forget(self, axis: str) -> None:
         """Begin anew: the part is another."""
         heard_ns = self.axes[axis].forget()
+        self._unwritten.pop(axis, None)
         try:
             if self._store is not None:
                 self._store.forget(axis, heard_ns)
@@ -84,7 +94,8 @@ async def run(context: NodeContext) -> None:
     features = context.subscribe(FEAT, depth=1024)
     events = context.subscribe(EVENT)
     reporter = Reporter(context, "estimate")
-    reporter.counters = features.counts
+    reporter.counters = lambda: features.counts() | {"damaged_files": estimated.damaged_files()}
+    reporter.problems = lambda: [estimated.problem] if estimated.problem else []
 
     def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
         if axis in axes:
@@ -97,7 +108,7 @@ async def run(context: NodeContext) -> None:
 
     async def keep(heart: Heartbeat) -> None:
         while True:
-            await heart.sleep(SAVE_PERIOD_S)
+            await heart.sleep(RETRY_PERIOD_S if estimated.problem else SAVE_PERIOD_S)
             await heart.in_thread(estimated.write, estimated.to_keep())
 
     async with reporter.running() as tasks:

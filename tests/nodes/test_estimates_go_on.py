@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from edge_service.atomic import read_checked
 from edge_service.bus.session import Bus, BusSettings
 from edge_service.config import (
     DEFAULT_CONFIG,
@@ -189,7 +190,8 @@ async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) 
 
         async def kept() -> Any:
             path = state_file(tmp_path)
-            return path.exists() and json.loads(path.read_text())["time_s"] == blocks()[59].time_s
+            content = json.loads(read_checked(path) or "{}")
+            return content.get("time_s") == blocks()[59].time_s
 
         await until(kept)
     finally:
@@ -268,7 +270,7 @@ async def test_a_replay_neither_reads_nor_leaves_a_state(trace_path: Path, tmp_p
     )
     assert "199 estimates" in lines[0]
     assert state_file(tmp_path).read_text() == "of the axis itself"
-    assert not state_file(tmp_path).with_suffix(".damaged").exists()
+    assert not list(state_file(tmp_path).parent.glob("*.damaged"))
 
 
 # what is refused
@@ -344,10 +346,10 @@ def test_a_damaged_state_is_set_aside(
 ) -> None:
     keep_some(tmp_path, time.time_ns())
     path = state_file(tmp_path)
-    spoiled = DAMAGED[name](path.read_text())
+    spoiled = DAMAGED[name](read_checked(path) or "")
     path.write_text(spoiled)
-    fresh_and_warned(store_in(tmp_path), caplog, "kept as estimate.damaged")
-    assert path.with_suffix(".damaged").read_text() == spoiled
+    fresh_and_warned(store_in(tmp_path), caplog, "kept as estimate.json.damaged")
+    assert path.with_name("estimate.json.damaged").read_text() == spoiled
     assert not path.exists()
 
 
@@ -388,7 +390,7 @@ def test_an_older_state_never_replaces_a_newer_one(tmp_path: Path) -> None:
     assert axis.to_keep() is None  # nothing new
     store.save({"X": kept[1]})
     store.save({"X": kept[0]})
-    assert json.loads(state_file(tmp_path).read_text())["source_time_ns"] == 2 * NS
+    assert json.loads(read_checked(state_file(tmp_path)) or "")["source_time_ns"] == 2 * NS
 
 
 def test_a_state_of_the_part_before_is_not_written_behind_its_back(tmp_path: Path) -> None:
@@ -405,7 +407,7 @@ def test_a_state_of_the_part_before_is_not_written_behind_its_back(tmp_path: Pat
     of_new = axis.to_keep()
     assert of_new is not None
     store.save({"X": of_new})
-    assert json.loads(store.path("X").read_text())["source_time_ns"] == 2 * NS
+    assert json.loads(read_checked(store.path("X")) or "")["source_time_ns"] == 2 * NS
 
 
 def test_the_default_configuration_keeps_nothing() -> None:
@@ -425,4 +427,4 @@ def test_a_state_of_version_0_1_0_can_be_read(tmp_path: Path) -> None:
     kept = read_kept(path, "X", "abc")
     assert kept == Kept(1.5, 9, {"schema": "x/1", "a": [1.0]})
     write_kept(path, "X", "abc", kept)
-    assert path.read_text() == recorded
+    assert read_checked(path) == recorded

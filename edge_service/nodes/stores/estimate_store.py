@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import FiniteFloat, TypeAdapter
 
-from ...atomic import replaced_file
+from ...atomic import DamagedError, read_checked, set_aside, write_checked
 from ...config_tables import Table
 from ...models.machine import Machine
 from .watch_store import axis_folder
@@ -21,7 +21,7 @@ LONGEST_STOP_S = 30 * 86400.0
 """After a longer stop nothing is left of what was known."""
 AHEAD_S = 60.0
 """A state this far in the future comes from a clock that was wrong then or is wrong now."""
-DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError)
+DAMAGED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 
 
 class StateError(Exception):
@@ -74,11 +74,11 @@ def identity_of(machine: Machine, *tables: Table) -> str:
 def read_kept(path: Path, axis: str, identity: str) -> Kept | None:
     """Axis state kept in a file; None if there is no such file. Raises StateError, OSError."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+        text = read_checked(path)
+    except DamagedError as error:
+        raise StateError(str(error), damaged=True) from None
+    if text is None:
         return None
-    except UnicodeDecodeError as error:
-        raise StateError(f"no text ({error.reason})", damaged=True) from None
     kept, kept_for = _parsed(text, axis)
     if kept_for != identity:
         raise StateError("it was kept for another machine file or estimator")
@@ -89,8 +89,7 @@ def write_kept(path: Path, axis: str, identity: str, kept: Kept) -> None:
     """Write a state, whole or not at all. Raises OSError."""
     state = json.dumps(kept.snapshot, allow_nan=False)
     content = _File(SCHEMA, axis, identity, kept.time_s, kept.source_time_ns, _digest(state), state)
-    with replaced_file(path) as file:
-        json.dump(asdict(content), file, allow_nan=False)
+    write_checked(path, json.dumps(asdict(content), allow_nan=False))
 
 
 class EstimateStore:
@@ -106,6 +105,7 @@ class EstimateStore:
         self._identities = identities
         self._written_ns: dict[str, int] = {}
         self._lock = threading.Lock()
+        self.damaged_files = 0
 
     def path(self, axis: str) -> Path:
         """File of one axis."""
@@ -150,9 +150,8 @@ class EstimateStore:
 
     def set_aside(self, axis: str) -> Path:
         """Keep a damaged file beside its place; returns where. Raises OSError."""
-        aside = self.path(axis).with_suffix(".damaged")
-        self.path(axis).replace(aside)
-        return aside
+        self.damaged_files += 1
+        return set_aside(self.path(axis))
 
 
 def _parsed(text: str, axis: str) -> tuple[Kept, str]:

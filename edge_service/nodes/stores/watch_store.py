@@ -53,9 +53,9 @@ class WatchStore:
         """The monitor of an axis as it was, or a new one: then a damaged file is set aside."""
         monitor = make()
         try:
-            document = self._document(axis)
-            if document is not None:
-                monitor.restore(document)
+            content = self._content(axis)
+            if content is not None:
+                monitor.restore(json.loads(content))
             return monitor
         except OSError as error:
             self.problem = f"{error.filename}: {error.strerror}"
@@ -67,7 +67,7 @@ class WatchStore:
     def announced(self, axis: str) -> tuple[Event, ...]:
         """The events that were kept together with the state: a crash may have hidden them."""
         try:
-            document = self._document(axis)
+            document = json.loads(self._content(axis) or "null")
             return _EVENTS.validate_python(document[_MEMBER]) if isinstance(document, dict) else ()
         except (OSError, DamagedError, ValidationError, ValueError, LookupError, RecursionError):
             return ()
@@ -99,11 +99,9 @@ class WatchStore:
         self._written[state.axis] = state.order
         return ""
 
-    def _document(self, axis: str) -> object:
-        if self._folder is None:
-            return None
-        content = read_checked(snapshot_path(self._folder, axis))
-        return None if content is None else json.loads(content)
+    def _content(self, axis: str) -> str | None:
+        """JSON text that is kept of an axis; None if there is none."""
+        return None if self._folder is None else read_checked(snapshot_path(self._folder, axis))
 
     def _set_aside(self, axis: str, reason: str) -> None:
         path = snapshot_path(self._folder or Path(), axis)

@@ -1,5 +1,6 @@
 """One axis of the estimate node: its estimator, fed live, kept, and gone on with."""
 
+import json
 import logging
 import time
 
@@ -76,6 +77,8 @@ class EstimatedAxis:
     def _restore(self, kept: Kept) -> None:
         try:
             self._estimator.restore(kept.snapshot)
+            self._estimator.estimate()  # numbers of the right shape may still mean nothing
+            json.dumps(self._estimator.snapshot(), allow_nan=False)
         except DAMAGED as error:
             self._estimator.reset()
             raise StateError(f"it is no state of this estimator ({error})", damaged=True) from None
