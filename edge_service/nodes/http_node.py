@@ -152,7 +152,7 @@ def _follow_events(
     def tell(logged: LoggedEvent) -> None:
         state.tell(logged)
         with tasks.failures.borne("outputs", logged.event.axis):
-            outputs.put(logged.event)
+            outputs.put(logged)
 
     teller = Teller(context.diary.diary, tell)
 

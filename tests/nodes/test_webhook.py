@@ -14,6 +14,7 @@ from pydantic import SecretStr
 
 from edge_service.bus.spool.spool import Spool
 from edge_service.config_tables import WebhookConfig
+from edge_service.health.events.log import LoggedEvent
 from edge_service.messages.event import Event, Severity
 from edge_service.nodes.outputs import post
 from edge_service.nodes.outputs.webhook import (
@@ -49,6 +50,10 @@ def _event(number: int, kind: str = "alarm_raised") -> Event:
     return Event(axis="X", kind=kind, severity=Severity.ERROR, message=str(number), time_ns=number)
 
 
+def _logged(number: int, kind: str = "alarm_raised") -> LoggedEvent:
+    return LoggedEvent(number + 1, _event(number, kind))
+
+
 class Sender:
     """A webhook with its spool, and pauses that take no time.
 
@@ -78,7 +83,7 @@ class Sender:
 
     async def put(self, numbers: range) -> None:
         for number in numbers:
-            self.webhook.put(_event(number))
+            self.webhook.put(_logged(number))
         await self.spool.oldest(1)  # the disk does one thing after the other
 
     async def all_done(self) -> None:
@@ -114,7 +119,7 @@ async def dead(sender: Sender) -> list[str]:
 
 async def test_events_arrive_in_order_and_signed(tmp_path: Path) -> None:
     async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
-        sender.webhook.put(_event(9, "note"))
+        sender.webhook.put(_logged(9, "note"))
         await sender.put(range(3))
         await sender.all_done()
         assert receiver.taken == ["0", "1", "2"]

@@ -22,8 +22,10 @@ CREATE TABLE IF NOT EXISTS dead (
     payload BLOB NOT NULL, checksum INTEGER NOT NULL,
     tries INTEGER NOT NULL, reason TEXT NOT NULL, time_ns INTEGER NOT NULL
 );
-CREATE TABLE IF NOT EXISTS figures (waiting INTEGER NOT NULL, bytes INTEGER NOT NULL);
-INSERT INTO figures SELECT COUNT(*), TOTAL(LENGTH(payload)) FROM letters
+CREATE TABLE IF NOT EXISTS figures (
+    waiting INTEGER NOT NULL, bytes INTEGER NOT NULL, mark INTEGER NOT NULL
+);
+INSERT INTO figures SELECT COUNT(*), TOTAL(LENGTH(payload)), 0 FROM letters
     WHERE NOT EXISTS (SELECT 1 FROM figures);
 CREATE TRIGGER IF NOT EXISTS came AFTER INSERT ON letters BEGIN
     UPDATE figures SET waiting = waiting + 1, bytes = bytes + LENGTH(new.payload);

@@ -30,8 +30,9 @@ _TOO_LARGE = (
 _FORGET_OLDEST = "DELETE FROM dead WHERE number <= (SELECT MAX(number) FROM dead) - ?"
 _FIGURES = (
     "SELECT waiting, bytes, (SELECT COUNT(*) FROM dead), "
-    "(SELECT COALESCE(MAX(number), 0) FROM letters) FROM figures"
+    "(SELECT COALESCE(MAX(number), 0) FROM letters), mark FROM figures"
 )
+_MARK = "UPDATE figures SET mark = MAX(mark, ?)"
 _DELETE = "DELETE FROM letters WHERE key = ?"
 _FORGET = "DELETE FROM dead WHERE key = ?"
 _REVIVE = (
@@ -48,12 +49,14 @@ class Figures:
         waiting, bytes: of the letters that wait.
         dead: letters that nobody would take.
         number: of the newest letter.
+        mark: highest mark of the letters that were ever put in.
     """
 
     waiting: int = 0
     bytes: int = 0
     dead: int = 0
     number: int = 0
+    mark: int = 0
 
 
 class Letters:
@@ -75,17 +78,23 @@ class Letters:
         self.figures = Figures()
         self.dropped = self.damaged = 0
 
-    def put(self, topic: str, payload: bytes, *, durable: bool) -> Message | None:
+    def put(self, topic: str, payload: bytes, *, durable: bool, mark: int = 0) -> Message | None:
         """Append a letter; None if it is dropped."""
         if self.ledger.is_full:
             self.dropped += 1
             return None
         before, row = self.figures.waiting, new_row(topic, payload)
-        self.ledger.change([(INSERT, row), (_MAKE_ROOM, (self._most,))], durable=durable)
+        marked: list[Change] = [(_MARK, (mark,))] if mark else []
+        self.ledger.change([(INSERT, row), (_MAKE_ROOM, (self._most,)), *marked], durable=durable)
         while self.look().bytes > self._most_bytes:
             self.ledger.change([(_TOO_LARGE, (self._most_bytes,))])
         self.dropped += before + 1 - self.figures.waiting
         return Message(self.figures.number, topic, payload, row[0])
+
+    def mark(self, mark: int) -> None:
+        """Note a mark as if a letter with it had been put in."""
+        self.ledger.change([(_MARK, (mark,))])
+        self.look()
 
     def oldest(self, count: int) -> list[Message]:
         """The letters that are to go first; what is damaged is left out, counted and named."""

@@ -56,6 +56,15 @@ class Spool:
         return self._letters.figures.waiting
 
     @property
+    def mark(self) -> int:
+        """Highest mark of the messages that were ever put in, also before a restart."""
+        return self._letters.figures.mark
+
+    async def set_mark(self, mark: int) -> None:
+        """Note a mark without a message."""
+        await self._do(partial(self._letters.mark, mark))
+
+    @property
     def dead(self) -> int:
         """Letters that are tried no more."""
         return self._letters.figures.dead
@@ -85,14 +94,18 @@ class Spool:
             await asyncio.wait([done], timeout=PATIENCE_S)
 
     def put_soon(
-        self, topic: str, payload: bytes, *, durable: bool = False
+        self, topic: str, payload: bytes, *, durable: bool = False, mark: int = 0
     ) -> "asyncio.Future[Message | None] | None":
-        """Let a message be appended; None if it is dropped, as the disk has long been hanging."""
+        """Let a message be appended; None if it is dropped, as the disk has long been hanging.
+
+        Args:
+            mark: a number that grows from one message to the next; `mark` tells the last.
+        """
         if self._on_their_way >= MOST_UNWRITTEN:
             self._left_out += 1
             return None
         self._on_their_way += 1
-        done = self._do(partial(self._letters.put, topic, payload, durable=durable))
+        done = self._do(partial(self._letters.put, topic, payload, durable=durable, mark=mark))
         done.add_done_callback(partial(self._arrive, topic))
         return done
 

@@ -7,12 +7,16 @@ from functools import partial
 from typing import Any
 
 from ...bus.spool.message import DeadLetter
+from ...health.events.diary import Diary
+from ...health.events.log import LoggedEvent
 from ...http_api.jobs import RefusedError
 from ...http_api.outputs import DeadLetterAnswer
-from ...messages.event import Event
 from ..wiring.context import NodeContext
 from .registry import OUTPUTS, EventOutput
 from .report import OutputReport
+
+MOST_MISSED = 10_000
+"""Events that an output may have missed while the service was down."""
 
 
 class OutputDesk:
@@ -32,12 +36,13 @@ class OutputDesk:
                 report.watch(output.spool, partial(_counters, output))
                 report.tell("")
                 desk._outputs[name] = output, report
+                await _catch_up(output, context.diary.diary)
         return desk
 
-    def put(self, event: Event) -> None:
+    def put(self, logged: LoggedEvent) -> None:
         """Offer an event to all."""
         for output, _ in self._outputs.values():
-            output.put(event)
+            output.put(logged)
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -78,6 +83,17 @@ class OutputDesk:
         if name not in self._outputs:
             raise RefusedError(404, f"there is no output {name!r} with dead letters here")
         return self._outputs[name][0]
+
+
+async def _catch_up(output: EventOutput, diary: Diary) -> None:
+    """Offer an output what came into the diary and, as the service ended then, not to the output.
+
+    A new output begins with the events to come.
+    """
+    if output.spool.mark:
+        for logged in diary.after(output.spool.mark, MOST_MISSED):
+            output.put(logged)
+    await output.spool.set_mark(diary.last_id)
 
 
 def _counters(output: EventOutput) -> dict[str, int]:

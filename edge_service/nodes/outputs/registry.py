@@ -5,7 +5,7 @@ from typing import Protocol
 
 from ...bus.spool.spool import Spool
 from ...config import EdgeConfig
-from ...messages.event import Event
+from ...health.events.log import LoggedEvent
 from ..supervision.heartbeat import Heartbeat
 from .webhook import open_webhook
 
@@ -21,8 +21,8 @@ class EventOutput(Protocol):
     spool: Spool
     delivered: int
 
-    def put(self, event: Event) -> None:
-        """Keep an event, if it is wanted, on disk to be sent; never waits."""
+    def put(self, logged: LoggedEvent) -> None:
+        """Keep an event, if it is wanted, on disk to be sent, its number as mark; never waits."""
 
     async def run(self, heart: Heartbeat) -> None:
         """Send what was kept until cancelled."""

@@ -10,7 +10,6 @@ from ..supervision.tasks import Tasks
 from ..wiring.context import NodeContext, Reporter
 
 log = logging.getLogger(__name__)
-_PERIOD_S = 1.0
 
 
 class OutputReport:
@@ -18,40 +17,34 @@ class OutputReport:
 
     def __init__(self, context: NodeContext, name: str) -> None:
         self._name = name
-        self._known = False
-        self._problem = ""
-        self._spool: Spool | None = None
-        self.reporter = Reporter(context, name)
+        self._reporter = Reporter(context, name)
 
     def watch(self, spool: Spool, counters: Callable[[], dict[str, int]]) -> None:
         """Report on a spool as well, with further counters."""
-        self._spool = spool
-        self.reporter.counters = lambda: (
+
+        def problems() -> list[str]:
+            problem = spool.problem
+            return [f"the disk takes nothing ({problem}); kept in memory"] if problem else []
+
+        self._reporter.problems = problems
+        self._reporter.counters = lambda: (
             counters() | {"dropped": spool.dropped, "damaged": spool.damaged}
         )
-        self.reporter.readings = lambda: {"waiting": len(spool), "dead_letters": spool.dead}
+        self._reporter.readings = lambda: {"waiting": len(spool), "dead_letters": spool.dead}
 
     def tell(self, problem: str) -> None:
         """Take in what is wrong with the other side; "" if nothing is."""
-        self._known = True
-        self._problem = problem
-        self.look()
-
-    def look(self) -> None:
-        """Report what has changed."""
-        disk = "" if self._spool is None else self._spool.problem
-        problem = self._problem or (disk and f"the disk takes nothing ({disk}); kept in memory")
+        status = self._reporter.status
         if problem:
-            if self.reporter.status is not ComponentStatus.RECOVERABLE_ERROR:
+            if status is not ComponentStatus.RECOVERABLE_ERROR:
                 log.warning("%s: %s; what is to be sent is kept", self._name, problem)
-            self.reporter.to(ComponentStatus.RECOVERABLE_ERROR, problem)
-        elif self._known and self.reporter.status is not ComponentStatus.OK:
+            self._reporter.to(ComponentStatus.RECOVERABLE_ERROR, problem)
+        elif status is not ComponentStatus.OK:
             log.info("%s: all is well", self._name)
-            self.reporter.to(ComponentStatus.OK)
+            self._reporter.to(ComponentStatus.OK)
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[Tasks]:
         """Own the tasks of the output inside, and report on it."""
-        async with self.reporter.running() as tasks:
-            tasks.repeat("disk", _PERIOD_S, self.look)
+        async with self._reporter.running() as tasks:
             yield tasks

@@ -13,7 +13,7 @@ from ...bus.spool.message import DeadLetter, Message, SpoolError
 from ...bus.spool.spool import Spool
 from ...config import EdgeConfig
 from ...config_tables import WebhookConfig
-from ...messages.event import Event
+from ...health.events.log import LoggedEvent
 from ...messages.topics import EVENT
 from ..supervision.heartbeat import Heartbeat
 from .post import WHOLE_S, Outcome, Poster, Reply
@@ -67,11 +67,13 @@ class Webhook:
         self.spool = spool
         self.delivered = 0
 
-    def put(self, event: Event) -> None:
+    def put(self, logged: LoggedEvent) -> None:
         """Keep an event, if it is of a configured kind, on disk to be sent; never waits."""
+        event = logged.event
         if event.kind in self._kinds:
             body = json.dumps({"schema": EVENT.payload} | event.model_dump(mode="json"))
-            self.spool.put_soon(f"{event.axis}/{event.kind}", body.encode(), durable=True)
+            topic = f"{event.axis}/{event.kind}"
+            self.spool.put_soon(topic, body.encode(), durable=True, mark=logged.id)
 
     async def run(self, heart: Heartbeat) -> None:
         """Send until cancelled."""

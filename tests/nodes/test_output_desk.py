@@ -1,0 +1,50 @@
+"""What came into the diary reaches the outputs, also if the service ended in between."""
+
+import asyncio
+from pathlib import Path
+
+from pydantic import SecretStr
+
+from edge_service.bus.session import Bus, BusSettings
+from edge_service.config_tables import HistoryConfig, WebhookConfig
+from edge_service.messages.event import Event, Severity
+from edge_service.nodes.outputs.desk import OutputDesk
+from edge_service.nodes.wiring.context import NodeContext
+
+from ..drivers.bench import free_port
+from .conftest import config_of
+
+
+def _event(number: int, kind: str = "note") -> Event:
+    return Event(axis="X", kind=kind, severity=Severity.INFO, message=str(number), time_ns=number)
+
+
+async def _waiting(context: NodeContext) -> list[str]:
+    """Messages that wait after a start."""
+    desk = await OutputDesk.open(context)
+    ((output, _),) = desk._outputs.values()
+    letters = await output.spool.oldest(100)
+    desk.close()
+    return [letter.payload.decode().partition('"message": "')[2][0] for letter in letters]
+
+
+async def test_an_event_between_diary_and_output_is_sent_after_the_next_start(
+    tmp_path: Path,
+) -> None:
+    webhook = WebhookConfig(
+        url=SecretStr(f"http://127.0.0.1:{free_port()}/"),
+        secret=SecretStr("a secret of some length"),
+        kinds=("note",),
+        buffer=tmp_path / "spool",
+    )
+    config = config_of("simulated", {}, webhook=webhook, history=HistoryConfig(folder=tmp_path))
+    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
+    context = NodeContext(config, bus)
+    diary = context.diary.diary
+    diary.add([_event(0)], 10**18)
+    assert await _waiting(context) == []  # it was before there was an output
+    diary.add([_event(1), _event(2, "alarm_raised"), _event(3)], 10**18)
+    assert await _waiting(context) == ["1", "3"]
+    assert await _waiting(context) == ["1", "3"]  # and once only
+    await asyncio.to_thread(diary.close)
+    await bus.close()
