@@ -18,14 +18,16 @@ from ..bus.session import Bus, BusConfigurationError, BusUnavailableError
 from ..bus.settings import BusSettings
 from ..config import ConfigError, EdgeConfig
 from ..http_api.serve import AddressError
-from ..messages.health import ComponentStatus
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
 from .supervision.heartbeat import Heartbeat
 from .supervision.supervisor import START_S
-from .supervision.task import Work
+from .supervision.task import SupervisedTask, Work
+from .supervision.tasks import Tasks
+from .supervision.watchdog import Watchdog
 from .wiring.bus_rights import node_settings, router_settings
-from .wiring.context import NodeContext, Reporter
+from .wiring.context import NodeContext
 from .wiring.http_rights import check_access
+from .wiring.process import Process
 from .wiring.start_entry import end_entry, start_entry
 
 log = logging.getLogger(__name__)
@@ -128,23 +130,20 @@ async def run_nodes(
     supervisor = context.supervisor
     supervisor.final = (ConfigError, AddressError, BusConfigurationError)
     supervisor.start_s = math.inf if until_sources_end else START_S
-    reporter = Reporter(context, "service" if len(names) > 1 else f"{names[0]}_process")
-    reporter.readings = lambda: {"loop_lag_s": supervisor.lag.worst_s}
-    async with closing_diary(context), reporter.running() as tasks:
-        reporter.to(ComponentStatus.OK)
-        sources = [
-            tasks.start(
-                name, _life(context, run), deadline_s=_NODE_START_S, may_end=name == "acquire"
-            )
-            for name in names
-            for run in _runs(context, name)
-        ]
-        acquired = [task for task in sources if task.name == "acquire"]
+    process = Process(
+        context,
+        "service" if len(names) > 1 else f"{names[0]}_process",
+        serves="http" in names,
+        watchdog=Watchdog.of_environment(),
+    )
+    async with closing_diary(context), process.running() as tasks:
+        sources = _begin(process.context, tasks, names)
 
-        def ended() -> bool:
-            return until_sources_end and all(task.done.is_set() for task in acquired)
+        def look(now_s: float) -> bool:
+            process.look(now_s)
+            return until_sources_end and all(source.done.is_set() for source in sources)
 
-        await supervisor.run(stop, ended)
+        await supervisor.run(stop, look)
         if not stop.is_set():
             await asyncio.sleep(DRAIN_S)
 
@@ -158,6 +157,25 @@ async def closing_diary(context: NodeContext) -> AsyncIterator[None]:
         context.diary.close()
 
 
+def _begin(context: NodeContext, tasks: Tasks, names: tuple[NodeName, ...]) -> list[SupervisedTask]:
+    """Begin the nodes; returns those that read the axes."""
+    for name in names:
+        if name in OPTIONAL:
+            run: Run = partial(_optional_node, name=name)
+            tasks.start(name, _life(context, run), deadline_s=_NODE_START_S)
+        elif name in _RUNS:
+            tasks.start(name, _life(context, _RUNS[name]), deadline_s=_NODE_START_S, vital=True)
+    return [
+        tasks.start(
+            f"acquire {axis.name}",
+            _life(context, partial(acquire_node.run, axis=axis)),
+            deadline_s=_NODE_START_S,
+            may_end=True,
+        )
+        for axis in (context.config.axes if "acquire" in names else ())
+    ]
+
+
 def _life(context: NodeContext, run: Run) -> Work:
     """One life of a node: what it declares on the bus ends with it."""
 
@@ -166,14 +184,6 @@ def _life(context: NodeContext, run: Run) -> Work:
             await run(own)
 
     return life
-
-
-def _runs(context: NodeContext, name: NodeName) -> list[Run]:
-    if name == "acquire":
-        return [partial(acquire_node.run, axis=axis) for axis in context.config.axes]
-    if name == "bus":
-        return []
-    return [partial(_optional_node, name=name) if name in OPTIONAL else _RUNS[name]]
 
 
 _RUNS: dict[str, Run] = {

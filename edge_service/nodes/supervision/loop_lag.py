@@ -2,6 +2,9 @@
 
 SHOWN_S = 10.0
 """A time for which the worst is remembered."""
+LIMIT_S = 1.0
+"""Longest standstill that is no fault."""
+TOLD_AGAIN_S = 60.0
 
 
 class LoopLag:
@@ -16,6 +19,7 @@ class LoopLag:
         self._period_s = period_s
         self._looked_s = now_s
         self._worst: list[tuple[float, float]] = []
+        self._told_s = float("-inf")
 
     def begin(self, now_s: float) -> None:
         """Count from now."""
@@ -33,3 +37,16 @@ class LoopLag:
     def worst_s(self) -> float:
         """Longest standstill of the last ten seconds, s."""
         return max((late_s for _, late_s in self._worst), default=0.0)
+
+    @property
+    def fault(self) -> str:
+        """What is wrong; empty while the loop runs as it should."""
+        worst_s = self.worst_s
+        return f"the event loop stood still for {worst_s:.1f} s" if worst_s > LIMIT_S else ""
+
+    def is_to_be_told(self, now_s: float) -> bool:
+        """Tell whether there is a fault that nobody was told of in the last minute."""
+        due = bool(self.fault) and now_s - self._told_s >= TOLD_AGAIN_S
+        if due:
+            self._told_s = now_s
+        return due

@@ -82,12 +82,12 @@ class Supervisor:
         """False while a task has stalled that cannot even be ended: only a new process helps."""
         return not any(task.is_stuck for group in self for task in group)
 
-    async def run(self, until: asyncio.Event, each: Callable[[], bool | None]) -> None:
-        """Look until the event is set, or `each`, called after every look, says so."""
+    async def run(self, until: asyncio.Event, each: Callable[[float], bool]) -> None:
+        """Look until the event is set, or `each`, called with the time of every look, says so."""
         self.lag.begin(self._clock())
         while not until.is_set():
             self.look()
-            if each():
+            if each(self._clock()):
                 return
             with suppress(TimeoutError):
                 async with asyncio.timeout(LOOK_PERIOD_S):

@@ -11,7 +11,7 @@ from .policy import RestartPolicy, Restarts
 from .words import said
 
 Work = Callable[[Heartbeat], Coroutine[Any, Any, None]]
-TASK_EVENTS = ("task_failed", "task_recovered", "task_given_up", "message_failed")
+TASK_EVENTS = ("task_failed", "task_recovered", "task_given_up", "message_failed", "loop_stalled")
 """Kinds of events in which a component tells of its tasks."""
 PROVEN_S = 3.0
 """A task that was begun again must run for so long before it counts as mended."""

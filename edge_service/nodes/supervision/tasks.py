@@ -112,6 +112,11 @@ class Tasks:
                 found.append((task, change))
         return found
 
+    @property
+    def down(self) -> int:
+        """Number of tasks that do not work, or have not yet proven that they do again."""
+        return sum(bool(task.fault) for task in self)
+
     def faults(self) -> list[str]:
         """What is wrong now, a line for each task, and one for messages."""
         own = [f"{task.name} {task.fault}" for task in self if task.fault]
@@ -142,7 +147,8 @@ class Tasks:
     def _tell(self, change: TaskChange) -> None:
         level = logging.INFO if change.kind == "task_recovered" else logging.WARNING
         log.log(level, "%s: %s %s", self.component, change.task, change.reason)
-        self._on_change(change)
+        with self.failures.borne("report"):  # whoever fails to tell must not end the looks
+            self._on_change(change)
 
     def _message_failed(self, where: str, reason: str) -> None:
         self._tell(TaskChange("message_failed", where, reason, self.restarts))

@@ -97,7 +97,7 @@ class Reporter:
         self._publisher = bus.publisher(keys.component(component, axis, STATUS), STATUS, axis)
         self._events = bus.publisher(keys.component(component, axis, EVENT), EVENT, axis)
         self._tasks = context.supervisor.tasks(
-            component if axis is None else f"{component} {axis}", self._on_change
+            component if axis is None else f"{component} {axis}", self.tell
         )
         self.counters: Callable[[], dict[str, int]] = dict
         self.readings: Callable[[], dict[str, float]] = dict
@@ -119,15 +119,14 @@ class Reporter:
         self._publisher.publish(self._report(), time.time_ns())
 
     def _report(self) -> ComponentHealth:
-        tasks = self._tasks.faults()
-        faults = tasks + self.problems()
+        faults = self._tasks.faults() + self.problems()
         own = self._machine.report(
             self.counters()
             | {
                 "task_restarts": self._tasks.restarts,
                 "message_failures": self._tasks.failures.count,
             },
-            self.readings() | {"tasks_down": float(len(tasks))},
+            self.readings() | {"tasks_down": float(self._tasks.down)},
         )
         if not faults or own.status in _ENDING:
             return own
@@ -153,7 +152,8 @@ class Reporter:
                 self.to(ComponentStatus.STOPPING)
                 self.to(ComponentStatus.STOPPED)
 
-    def _on_change(self, change: TaskChange) -> None:
+    def tell(self, change: TaskChange) -> None:
+        """Tell of a change by an event and by the status."""
         now_ns = time.time_ns()
         event = Event(
             axis=self._axis or "",

@@ -130,6 +130,7 @@ async def test_every_task_that_fails_is_told_and_begun_again(how, tmp_path: Path
             if report.status is ComponentStatus.RECOVERABLE_ERROR
         }
     assert told == {(component.partition(" ")[0], name) for component, name in struck}
+    assert len(struck) == len(set(struck))
     assert degraded >= {component.partition(" ")[0] for component, _ in struck}
 
 
