@@ -106,6 +106,6 @@ def _tls(settings: BusSettings) -> dict[str, Any]:
             f"{side}_private_key": str(settings.tls.key),
             "enable_mtls": True,
             "verify_name_on_connect": True,
-            "close_link_on_expiration": True,
+            "close_link_on_expiration": False,  # or a wrong year would part the nodes
         }
     }

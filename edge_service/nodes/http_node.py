@@ -34,7 +34,7 @@ from .supervision.task import TASK_EVENTS, Work
 from .supervision.tasks import Tasks
 from .wiring.commands import give
 from .wiring.context import NodeContext, Reporter
-from .wiring.http_rights import doorkeeper_of, hosts_of, tls_files
+from .wiring.http_rights import certificate_readings, doorkeeper_of, hosts_of, tls_files
 from .wiring.stages import load_machines
 from .wiring.teller import Teller
 
@@ -73,6 +73,7 @@ async def run(context: NodeContext) -> None:
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter, keeper = Reporter(context, "http"), Reporter(context, "history")
+    reporter.readings = certificate_readings(http)
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def on_kept(axis: str, name: str) -> None:

@@ -1,15 +1,26 @@
 """Certificates and tokens of the configuration are checked before anything is served."""
 
-from datetime import UTC, datetime
+import os
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cryptography.hazmat.primitives import serialization
 
 from edge_service.certificates import make_certificates
-from edge_service.config import ConfigError, HttpConfig
+from edge_service.config import BusConfig, ConfigError, HttpConfig
 from edge_service.http_api.security.tokens import add_token
-from edge_service.nodes.wiring.http_rights import check_access, doorkeeper_of, hosts_of, tls_files
+from edge_service.nodes.wiring.bus_rights import router_settings
+from edge_service.nodes.wiring.http_rights import (
+    certificate_readings,
+    check_access,
+    doorkeeper_of,
+    hosts_of,
+    tls_files,
+)
+
+from .conftest import config_of
 
 
 @pytest.fixture
@@ -73,8 +84,38 @@ def test_a_key_with_a_password_is_refused_and_nobody_is_asked_for_it(folder: Pat
         tls_files(http_of(folder))
 
 
-def test_a_certificate_that_has_ended_is_refused(folder: Path, monkeypatch) -> None:
-    ended = datetime(2020, 1, 1, tzinfo=UTC)
-    monkeypatch.setattr("edge_service.nodes.wiring.http_rights.expiry", lambda _path: ended)
-    with pytest.raises(ConfigError, match="ended on 2020-01-01"):
-        check_access(http_of(folder))
+@pytest.mark.parametrize(("left", "told"), [(-400.0, True), (29.0, True), (31.0, False)])
+def test_a_certificate_that_ends_is_told_and_stops_nothing(
+    left: float, told: bool, folder: Path, monkeypatch: Any, caplog: Any
+) -> None:
+    end = datetime.now(UTC) + timedelta(days=left)
+    for module in ("http_rights", "bus_rights"):
+        monkeypatch.setattr(f"edge_service.nodes.wiring.{module}.expiry", lambda _path: end)
+    assert str(end.year) in check_access(http_of(folder))
+    readings = certificate_readings(http_of(folder))
+    assert readings()["certificate_days"] == pytest.approx(left, abs=0.01)
+    assert ("run `edge-service certs` again" in caplog.text) == told
+    caplog.clear()
+    router_settings(config_of("simulated", {}, bus=BusConfig(certificates=folder)))
+    assert ("run `edge-service certs` again" in caplog.text) == told
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
+def test_a_key_that_others_may_read_is_refused(mode: int, folder: Path) -> None:
+    path = folder / "server.key"
+    path.chmod(mode)
+    refused = [lambda: tls_files(http_of(folder))]
+    refused += [
+        lambda: router_settings(config_of("simulated", {}, bus=BusConfig(certificates=folder)))
+    ]
+    if mode != 0o640 or os.geteuid() != 0:  # what root owns its group may read
+        for each in refused:
+            with pytest.raises(ConfigError, match="others may read"):
+                each()
+
+
+def test_a_key_may_be_a_credential_of_systemd(folder: Path, monkeypatch: Any) -> None:
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(folder))
+    key = Path("$CREDENTIALS_DIRECTORY/server.key")
+    http = http_of(folder).model_copy(update={"private_key": key})
+    assert tls_files(http) == (folder / "server.pem", folder / "server.key")

@@ -7,15 +7,20 @@ import shutil
 import signal
 import socket
 import subprocess
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from edge_service.certificates import make_certificates
+from edge_service.config import HttpConfig
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.metrics import ServiceCollector
 from edge_service.http_api.metrics_trend import TrendCollector
+from edge_service.http_api.security.tokens import add_token
+from tests.documents import block
 
 ROOT = Path(__file__).parents[2]
 PROMETHEUS = shutil.which("prometheus")
@@ -76,6 +81,48 @@ async def test_prometheus_scrapes_it(make_service: Any, tmp_path: Path) -> None:
                 assert (await client.get("/api/v1/query", params=query)).is_success, question
             condition = asked_by_grafana()[0].replace("$axis", ".*")
             assert (await _answer(client, condition))[0]["value"][1] in "01"
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(20.0)
+
+
+@pytest.mark.slow
+async def test_prometheus_scrapes_it_with_tls_and_a_token(
+    make_service: Any, tmp_path: Path
+) -> None:
+    """With the block of the operators' guide."""
+    if PROMETHEUS is None:
+        pytest.skip("prometheus is not installed")
+    make_certificates(tmp_path, (), {}, 1)
+    secret = add_token(tmp_path / "tokens.json", "prometheus", "viewer", 1, datetime.now(UTC))
+    (tmp_path / "edge-service.token").write_text(secret)
+    http = HttpConfig(
+        certificate=tmp_path / "server.pem",
+        private_key=tmp_path / "server.key",
+        tokens_file=tmp_path / "tokens.json",
+    )
+    service = await asyncio.to_thread(lambda: make_service(http, scenario="healthy"))
+    config = block("deploy/README.md", "yaml", "credentials_file")
+    for old, new in (
+        ("edge-box:8443", service.address.removeprefix("https://").rstrip("/")),
+        ("/etc/prometheus/edge-service.token", str(tmp_path / "edge-service.token")),
+        ("/etc/prometheus/edge-service-ca.pem", str(tmp_path / "ca.pem")),
+    ):
+        assert old in config
+        config = config.replace(old, new)
+    (tmp_path / "prometheus.yml").write_text("global:\n  scrape_interval: 200ms\n" + config)
+    process, port = await asyncio.to_thread(started, tmp_path)
+    try:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
+            async with asyncio.timeout(30.0):
+                while not await _answer(client, "edge_service_ready"):
+                    await asyncio.sleep(0.1)
+            assert (await _answer(client, "up"))[0]["value"][1] == "1"
+            question = 'edge_service_component_reading{reading="certificate_days"}'
+            async with asyncio.timeout(30.0):
+                while not (found := await _answer(client, question)):
+                    await asyncio.sleep(0.1)
+            assert 0.9 < float(found[0]["value"][1]) <= 1.0
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait(20.0)

@@ -1,10 +1,18 @@
 """How each process takes part in the bus, as the configuration asks for it."""
 
+import logging
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
 from ...bus.access import READER
 from ...bus.settings import BusSettings, TlsSettings
+from ...certificates import CertificateError, expiry
 from ...config import BusConfig, ConfigError, EdgeConfig
 from ...secret_files import SecretError, read_secret
 
+log = logging.getLogger(__name__)
+_SOON_DAYS = 30.0
+_SOON = "%s: the certificate ends in %.0f days; run `edge-service certs` again and restart"
 _NODES_NEED = (
     "bus.certificates: missing; nodes in processes of their own prove by certificates who they are"
     " (`edge-service certs`), unless [bus] security is 'open'"
@@ -41,8 +49,16 @@ def _tls(bus: BusConfig, name: str) -> TlsSettings:
     try:
         tls = TlsSettings.of_folder(bus.tls_endpoint, bus.certificates, name)
         read_secret(tls.key)  # which others must not be able to read
+        warn_if_soon(tls.certificate, expiry(tls.certificate))
         return tls
-    except SecretError as error:
+    except (SecretError, CertificateError) as error:
         raise ConfigError(f"bus.certificates: {error}") from None
     except OSError as error:
         raise ConfigError(f"bus.certificates: {error.filename}: {error.strerror}") from None
+
+
+def warn_if_soon(certificate: Path, end: datetime) -> None:
+    """Tell that a certificate ends within a month: afterwards nobody is let in by it."""
+    days = (end - datetime.now(UTC)) / timedelta(days=1)
+    if days < _SOON_DAYS:
+        log.warning(_SOON, certificate, days)

@@ -1,7 +1,8 @@
 """Who may reach the page and the API, as the configuration asks for it."""
 
 import ssl
-from datetime import UTC, datetime
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from ...certificates import CertificateError, expiry
@@ -10,6 +11,7 @@ from ...http_api.guard import LOOPBACK_HOSTS
 from ...http_api.security.doorkeeper import Doorkeeper
 from ...http_api.security.tokens import TokenError, TokenFile
 from ...secret_files import SecretError, expanded, read_secret
+from .bus_rights import warn_if_soon
 
 _ANY_ADDRESS = ("0.0.0.0", "::", "[::]")
 
@@ -70,9 +72,18 @@ def _validity(certificate: Path | None) -> str:
     if certificate is None:
         return "no TLS"
     try:
-        end = expiry(certificate)
+        return f"TLS until {expiry(certificate):%Y-%m-%d}"
     except CertificateError as error:
         raise ConfigError(f"http.certificate: {error}") from None
-    if end < datetime.now(UTC):
-        raise ConfigError(f"http.certificate: {certificate}: ended on {end:%Y-%m-%d}")
-    return f"TLS until {end:%Y-%m-%d}"
+
+
+def certificate_readings(http: HttpConfig) -> Callable[[], dict[str, float]]:
+    """Tells for how many days the certificate still holds, by name; warns if they are few.
+
+    A certificate that has ended stops nothing: browsers complain, and monitoring goes on.
+    """
+    if http.certificate is None:
+        return dict
+    end = expiry(http.certificate)
+    warn_if_soon(http.certificate, end)
+    return lambda: {"certificate_days": (end - datetime.now(UTC)) / timedelta(days=1)}
