@@ -330,6 +330,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: no TOML: {error}") from None
+    except RecursionError:
+        raise ConfigError(f"{path}: no TOML: nested too deeply") from None
 
 
 def _checked(model: type[_Model], content: dict[str, Any], path: Path) -> _Model:

@@ -1,6 +1,7 @@
 """SINUMERIK traces: sparse records of several clocks become rows; fixtures by hand."""
 
 import math
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -235,6 +236,30 @@ def test_hostile_files_are_refused_in_one_line(tmp_path: Path, name: str) -> Non
         read_trace(write(tmp_path, text))
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
+
+
+EXTREMES = ("-1.7e308", "-1e300", "-1", "0", "1e-308", "0.002", "1", "3", "1e300", "1.7e308", "inf")
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.sampled_from(EXTREMES), max_size=4, unique=True),
+    st.lists(st.sampled_from(EXTREMES), min_size=2, max_size=2),
+    st.sampled_from(("", "stopInc='1e308'", "stopInc='-1e308'", "dropOuts='1'")),
+)
+def test_no_clock_is_too_wrong_to_be_told(
+    times: list[str], intervals: list[str], header: str
+) -> None:
+    records = "".join(f"<rec time='{each}' a='1' b='2'/>" for each in times)
+    signals = zip("ab", (LINEAR, POSITION), intervals, strict=True)
+    named = "".join(signal(*each, count=9) for each in signals)
+    with TemporaryDirectory() as folder:
+        path = write(Path(folder), session(frame(header, named, records)))
+        try:
+            with open_trace(path, axis=AXIS) as reader:
+                assert all(len(each) for each in islice(reader, 3))
+        except TraceError as told:
+            assert "\n" not in str(told)
 
 
 FOREIGN = {

@@ -12,6 +12,7 @@ from ..columns import TraceError
 
 CHUNK_BYTES = 1 << 18
 LONGEST_ELEMENT_BYTES = 1 << 22
+LONGEST_INTERVAL_S = 1e6
 DEEPEST = 32
 MOST_SIGNALS = 4096
 ENCODINGS = {"utf-8", "us-ascii", "iso-8859-1", "iso-8859-15", "windows-1252"}
@@ -140,7 +141,7 @@ class SinumerikParser:
         key = attributes.get("id", "")
         name = attributes.get("name") or key
         interval_s = _number(attributes.get("interval"))
-        if not key or interval_s is None or interval_s <= 0.0:
+        if not key or interval_s is None or not 0.0 < interval_s <= LONGEST_INTERVAL_S:
             raise TraceError(
                 f"{self.path}: signal {name[:80]!r}: id {key[:40]!r}, interval "
                 f"{attributes.get('interval', '')[:40]!r}; expected an id and seconds above 0"

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from ...messages.samples import Floats
 
 BLOCK_ROWS = 1 << 14
+MOST_STEPS = 2.0**52
+"""Rows are counted exactly up to here."""
 _PRINTED_S = 0.6e-6
 """Times are printed to the microsecond: half a digit and a little."""
 
@@ -92,7 +94,7 @@ class RecordGrid:
                 return 0
             self._set_origin(self._first_s)
         end_s = self._end_s() if final else self.newest_s - self._lookahead_s
-        steps = (end_s - self._origin_s) / self.interval_s
+        steps = self._steps(end_s - self._origin_s)
         margin = self._tolerance_s / self.interval_s
         last = math.floor(steps + margin) if final else math.ceil(steps - margin) - 1
         return max(last + 1 - self._next_row, 0)
@@ -121,8 +123,11 @@ class RecordGrid:
 
     def _set_origin(self, time_s: float) -> None:
         self._origin_s = time_s
-        steps = (self._first_s - self._tolerance_s - time_s) / self.interval_s
-        self._next_row = math.ceil(steps)
+        self._next_row = math.ceil(self._steps(self._first_s - self._tolerance_s - time_s))
+
+    def _steps(self, span_s: float) -> float:
+        """Rows in a span of time; a broken clock may mean any number."""
+        return min(max(span_s / self.interval_s, -MOST_STEPS), MOST_STEPS)
 
     def _pending(self) -> int:
         return sum(len(column.times_s) for column in self._columns)

@@ -15,6 +15,8 @@ from .record_grid import BLOCK_ROWS, RecordGrid, SignalClock
 HEAD_BYTES = 1 << 16
 FRAME_GAP_S = 1.0
 """Time between two frames where the file does not say it."""
+LATEST_S = 1e12
+"""A record beyond this time has none."""
 LONGEST_SILENCE_ROWS = 10_000_000
 """More rows than this without a record are a broken clock, not an axis at rest."""
 _SILENT_INTERVALS = 1.5
@@ -175,7 +177,7 @@ class SinumerikSource:
         if self._grid is None:
             return
         time_s = _float(attributes.pop("time", ""))
-        if time_s is None or not time_s > self._grid.newest_s or math.isinf(time_s):
+        if time_s is None or not time_s > self._grid.newest_s or abs(time_s) > LATEST_S:
             self.ragged_rows += 1
             return
         values = []
