@@ -17,6 +17,7 @@ from .atomic import made_folder, set_aside, sync_folder
 
 Rescue = Callable[[sqlite3.Connection, sqlite3.Connection], None]
 """(damaged file or its copy, new file): takes over what is whole; may raise sqlite3.Error."""
+_GREATEST = 2**63 - 1
 COPY_PERIOD_S = 86400.0
 _CORRUPT, _FOREIGN, _FULL = 11, 26, 13
 _BUSY_S = 2.0
@@ -60,11 +61,11 @@ class KeptDatabase:
                 raise
 
     def rows(self, statement: str, *parameters: object) -> list[tuple[Any, ...]]:
-        """Rows that a statement finds. Raises DatabaseFailedError."""
+        """Rows that a statement finds; beyond 64 bits integers are cut. DatabaseFailedError."""
         with self._lock:
             file = self._opened()
             try:
-                return file.execute(statement, parameters).fetchall()
+                return file.execute(statement, [_bounded(each) for each in parameters]).fetchall()
             except sqlite3.Error as error:
                 self._leave(file, error)
                 raise DatabaseFailedError(str(error)) from None
@@ -205,6 +206,11 @@ def _text(content: bytes) -> str:
 def _code(error: sqlite3.Error) -> int:
     """SQLite's primary result code; 0 if it has none."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
+
+
+def _bounded(value: object) -> object:
+    """A parameter that SQLite can compare with what it keeps: no kept integer is greater."""
+    return min(max(value, -_GREATEST), _GREATEST) if isinstance(value, int) else value
 
 
 def _copy_of(path: Path) -> Path:

@@ -180,3 +180,12 @@ def test_a_journal_of_version_0_1_0_can_be_read(tmp_path):
     (known,) = read_journal(path)
     assert (known.id, known.event.message) == (7, "geölt")
     assert known.event.data == {"user": "Kim", "none": None, "share": 0.5}
+
+
+def test_numbers_beyond_those_of_the_file_are_asked_for_without_harm(diary):
+    diary.add([event(1)], START_NS)
+    for far in (2**63, 10**30):
+        assert diary.between(-far, far, "X", far) == diary.between(0, EVER, "X", 10)
+        assert diary.after(far, 10) == ()
+        assert diary.records(far, 10) == []
+        assert diary.holds_all_after(far)
