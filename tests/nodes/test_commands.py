@@ -1,0 +1,63 @@
+"""Commands through the whole service: answered by what came of them."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from edge_service.config_tables import HistoryConfig
+from edge_service.nodes.service import NodeName
+
+from .conftest import config_of, running, until
+
+HEALTHY = {"scenario": "healthy", "speed": 20.0}
+NOTE = {"action": "note", "user": "Kim", "note": "greased"}
+PATH = "api/v1/axes/X/commands"
+
+
+async def test_without_a_monitor_no_command_is_accepted_and_none_is_lost(tmp_path: Path) -> None:
+    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    alone: tuple[NodeName, ...] = ("http",)
+    async with running(config, alone) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+            answer = await client.post(PATH, json=NOTE)
+            assert answer.status_code == 503
+            assert "does not answer" in answer.json()["detail"]
+            assert (await client.get("api/v1/axes/X/log")).json()["events"] == []
+            (entry,) = (await client.get("api/v1/audit")).json()["entries"]
+            assert (entry["action"], entry["outcome"].split()[0]) == (f"POST /{PATH}", "503")
+
+
+@pytest.mark.parametrize("folder", [True, False], ids=["on disk", "in memory"])
+async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Path) -> None:
+    history = HistoryConfig(folder=tmp_path if folder else None)
+    async with running(config_of("simulated", HEALTHY, history=history)) as service:
+        address = await asyncio.wait_for(service.address, 20.0)
+        async with httpx.AsyncClient(base_url=address) as client:
+
+            async def accepted() -> Any:
+                answer = await client.post(PATH, json=NOTE)
+                return answer if answer.status_code == 202 else None
+
+            answer = await until(accepted)
+            assert answer.json() == {"accepted": True, "outcome": "greased (Kim)"}
+            events = (await client.get("api/v1/axes/X/log")).json()["events"]
+            assert [each["message"] for each in events if each["kind"] == "note"] == [
+                "greased (Kim)"
+            ]
+            for action in ("acknowledge", "unshelve"):
+                body = {"action": action, "alarm": "sudden_drop", "user": "Kim"}
+                answer = await client.post(PATH, json=body)
+                assert answer.status_code == 409, action
+                assert "sudden_drop" in answer.json()["detail"]
+            entries = (await client.get("api/v1/audit")).json()["entries"]
+            found = [(each["who"], each["origin"], each["action"]) for each in entries]
+            assert found[-3:] == [
+                ("Kim", "127.0.0.1", "note"),
+                ("Kim", "127.0.0.1", "acknowledge"),
+                ("Kim", "127.0.0.1", "unshelve"),
+            ]
+            assert entries[-1]["outcome"].startswith("refused: ")
