@@ -69,6 +69,17 @@ def disagreement_recorded(axis: str, name: str, now_ns: int) -> Event:
     )
 
 
+def state_damaged(axis: str, words: str, now_ns: int) -> Event:
+    """Event of a kept state that could not be read."""
+    return Event(
+        axis=axis,
+        kind="state_damaged",
+        severity=Severity.WARNING,
+        message=words,
+        time_ns=now_ns,
+    )
+
+
 def log_entry(axis: str, command: Command, now_ns: int) -> Event:
     """Event of a note, or of a part that was replaced."""
     replaced = command.action == "part_replaced"

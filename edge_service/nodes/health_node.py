@@ -7,6 +7,7 @@ from functools import partial
 from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
 from ..health.alarms.axis_alarms import AlarmSettings
+from ..health.axis_events import state_damaged
 from ..health.axis_monitor import AxisFacts, AxisMonitor
 from ..health.events.audit import AuditEntry
 from ..health.events.kinds import is_chatter
@@ -67,6 +68,7 @@ class _Monitors:
         }
         for axis in self.axes:  # what a crash may have kept out of the diary
             self._diary.add(self.store.announced(axis), now_ns)
+        self._diary.add([state_damaged(*each, now_ns) for each in self.store.damages], now_ns)
         self._health = {axis: context.publisher(axis, HEALTH) for axis in self.axes}
         self._event = {axis: context.publisher(axis, EVENT) for axis in self.axes}
         self.announcer = Announcer(self._keep, self._publish)
@@ -171,7 +173,7 @@ async def run(context: NodeContext) -> None:
     reports = context.subscribe_to_components(STATUS)
     commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "health")
-    reporter.counters = lambda: preloads.counts() | {"damaged_files": monitors.store.damaged_files}
+    reporter.counters = lambda: preloads.counts() | {"damaged_files": len(monitors.store.damages)}
     reporter.problems = monitors.problems
 
     def renew() -> None:

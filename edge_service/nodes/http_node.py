@@ -106,7 +106,7 @@ async def run(context: NodeContext) -> None:
             keeping.start("flush", partial(store.run, watch))
             tasks.start("recorder", recorder.run)
             tasks.start("jobs", desk.run)
-            tasks.start("diary", context.diary.run)
+            tasks.start("diary", partial(context.diary.run, tell))
             await context.forever()
     finally:
         await desk.close()

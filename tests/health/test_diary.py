@@ -128,7 +128,7 @@ def test_what_a_failing_disk_does_not_take_is_shown_and_written_later(tmp_path, 
         path.parent.write_text("in the way")
         ids = [each.id for n in (1, 2) for each in diary.add([event(n)], START_NS)]
         assert diary.problem
-        assert diary.counters()["unsaved"] == 2
+        assert diary.counters()["diary_unsaved"] == 2
         assert all_of(diary) == [1, 2]
         assert [each.id for each in diary.add([event(1)], START_NS)] == ids[:1]
         path.parent.unlink()
@@ -151,7 +151,7 @@ def test_what_waits_for_the_disk_is_bounded_and_chatter_goes_first(tmp_path, mon
         diary.add([event(0), event(1)], START_NS)
         diary.add([event(n, "data_fault") for n in range(2, 9)], START_NS)
         assert all_of(diary) == [0, 1, 6, 7, 8]
-        assert diary.counters()["lost"] == 4
+        assert diary.counters()["diary_lost"] == 4
 
 
 @pytest.mark.parametrize("value", ["{}", "[]", b"\xff\xfe", None, 1, 1.5, ""])
@@ -163,7 +163,7 @@ def test_a_damaged_entry_is_left_out_named_and_counted(value, tmp_path, caplog):
         diary._file.rows(f"UPDATE events SET {column} = ? WHERE id = ?", value or "", ids[1])
         for _ in range(2):
             assert all_of(diary) == [0, 2]
-        assert diary.counters()["damaged_entries"] == 1
+        assert diary.counters()["diary_damaged_entries"] == 1
     assert [each.message for each in caplog.records] == [
         f"the diary's entry {ids[1]} is damaged and left out"
     ]

@@ -84,6 +84,9 @@ async def test_a_damaged_state_is_set_aside(tmp_path: Path) -> None:
                 return (await client.get("api/v1/axes/X/use")).json()
 
             await until(alive)
+            events = (await client.get("api/v1/axes/X/log")).json()["events"]
+            (damaged,) = [each for each in events if each["kind"] == "state_damaged"]
+            assert "watch.json.damaged" in damaged["message"]
     assert path.with_name("watch.json.damaged").read_text() == "{"
     assert state_in(path)["axis"] == "X"
 

@@ -78,8 +78,8 @@ def starts(folder: Path) -> int:
     store = WatchStore(folder)
     use(store.load("X", monitor))
     store.announced("X")
-    assert len(list(snapshot_path(folder, "X").parent.glob("*.damaged*"))) == store.damaged_files
-    return store.damaged_files
+    assert len(list(snapshot_path(folder, "X").parent.glob("*.damaged*"))) == len(store.damages)
+    return len(store.damages)
 
 
 @pytest.mark.parametrize("content", RAW, ids=range(len(RAW)))

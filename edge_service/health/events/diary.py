@@ -38,6 +38,8 @@ class Diary:
         self._since_pruned: Counter[tuple[str, str]] = Counter()
         self._damaged_ids: set[int] = set()
         self._told_damages = self.lost = 0
+        self.damages: list[str] = []
+        """What was damaged, a line each: entries that are left out, files that were set aside."""
         self.problem = ""
         """Why events cannot be kept now; empty if they are."""
         self.last_id = max((each.id for each in self._read(tables.NEWEST)), default=0)
@@ -115,10 +117,10 @@ class Diary:
     def counters(self) -> dict[str, int]:
         """Counts of what waits, and of what was lost or damaged since the start."""
         return {
-            "unsaved": len(self._unsaved) + len(self._entries),
-            "lost": self.lost,
-            "damaged_entries": len(self._damaged_ids),
-            "damaged_files": len(self._file.damages),
+            "diary_unsaved": len(self._unsaved) + len(self._entries),
+            "diary_lost": self.lost,
+            "diary_damaged_entries": len(self._damaged_ids),
+            "diary_damaged_files": len(self._file.damages),
         }
 
     def close(self) -> None:
@@ -187,8 +189,12 @@ class Diary:
 
     def _tell_damages(self) -> None:
         for damage in self._file.damages[self._told_damages :]:
-            log.warning("%s", damage)
+            self._note_damage(damage)
         self._told_damages = len(self._file.damages)
+
+    def _note_damage(self, words: str) -> None:
+        log.warning("%s", words)
+        self.damages.append(words)
 
     def _rows(self, statement: str, *parameters: object) -> list[tuple[Any, ...]]:
         """Rows that can be read now."""
@@ -205,7 +211,7 @@ class Diary:
                 yield logged
             elif row[0] not in self._damaged_ids:
                 self._damaged_ids.add(row[0])
-                log.warning("the diary's entry %s is damaged and left out", row[0])
+                self._note_damage(f"the diary's entry {row[0]} is damaged and left out")
 
     def _with_unsaved(
         self, found: Iterable[LoggedEvent], wanted: Callable[[LoggedEvent], bool]

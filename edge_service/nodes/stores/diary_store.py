@@ -2,12 +2,15 @@
 
 import logging
 import time
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from ...health.events.diary import Diary
 from ...health.events.old_journal import read_journal
+from ...messages.event import Event, Severity
 from ..supervision.heartbeat import Heartbeat
 
 log = logging.getLogger(__name__)
@@ -30,16 +33,46 @@ class DiaryStore:
             _take_over(diary, self._folder / OLD_JOURNAL)
         return diary
 
-    async def run(self, heart: Heartbeat) -> None:
-        """Write what a failing disk did not take, and make the daily copy, until cancelled."""
+    async def run(self, tell: Callable[[Event], None], heart: Heartbeat) -> None:
+        """Write what a failing disk did not take, and make the daily copy, until cancelled.
+
+        Args:
+            tell: takes events of what fails, and of damage.
+        """
+        known = _Known()
         while True:
             await heart.sleep(CARE_PERIOD_S)
             await heart.in_thread(self.diary.care, time.time(), limit_s=_CARE_LIMIT_S)
+            for event in known.news(self.diary, time.time_ns()):
+                tell(event)
 
     def close(self) -> None:
         """Write what waits, and close."""
         if "diary" in self.__dict__:
             self.diary.close()
+
+
+@dataclass(slots=True)
+class _Known:
+    """What has been told of the diary's disk."""
+
+    problem: str = ""
+    damages: int = 0
+
+    def news(self, diary: Diary, now_ns: int) -> Iterator[Event]:
+        """Events of what has changed."""
+        if diary.problem and not self.problem:
+            words = f"the diary is in memory until the disk takes it: {diary.problem}"
+            yield _event("diary_failing", Severity.ERROR, words, now_ns)
+        elif self.problem and not diary.problem:
+            yield _event("diary_kept", Severity.INFO, "the diary is kept again", now_ns)
+        for words in diary.damages[self.damages :]:
+            yield _event("diary_damaged", Severity.WARNING, words, now_ns)
+        self.problem, self.damages = diary.problem, len(diary.damages)
+
+
+def _event(kind: str, severity: Severity, words: str, now_ns: int) -> Event:
+    return Event(axis="", kind=kind, severity=severity, message=words, time_ns=now_ns)
 
 
 def _take_over(diary: Diary, path: Path) -> None:

@@ -45,7 +45,8 @@ class WatchStore:
         self._folder = folder
         self._lock = threading.Lock()
         self._written: dict[str, int] = {}
-        self.damaged_files = 0
+        self.damages: list[tuple[str, str]] = []
+        """Axis, and what became of its damaged file."""
         self.problem = ""
         """Why states cannot be kept now; empty if they are."""
 
@@ -105,8 +106,10 @@ class WatchStore:
 
     def _set_aside(self, axis: str, reason: str) -> None:
         path = snapshot_path(self._folder or Path(), axis)
-        self.damaged_files += 1
         try:
-            log.warning("%s: %s; kept as %s", path, reason, set_aside(path).name)
+            aside = f"kept as {set_aside(path).name}"
         except OSError as error:
-            log.warning("%s: %s; cannot be set aside (%s)", path, reason, error.strerror)
+            aside = f"cannot be set aside ({error.strerror})"
+        log.warning("%s: %s; %s", path, reason, aside)
+        words = f"alarms, trend and use begin anew: {path.name} is damaged, {aside}"
+        self.damages.append((axis, words))
