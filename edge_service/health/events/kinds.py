@@ -38,6 +38,7 @@ _KEPT = (
     "history_damaged",
     "history_failing",
     "history_kept",
+    "loop_stalled",
     "task_failed",
     "task_recovered",
     "task_given_up",
