@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from .scene import RunningService, configuration, running_service
 
 AXES = ("A1", "A2")
 _CLOCK = "tests.bench.faults.shifted_clock"
-_SIZE_MB, _TRIALS = 8, 300
+_SIZE_MB = 8
 _BEFORE_S, _FAULT_S, _AFTER_S = 6.0, 10.0, 8.0
 _LOOK_PERIOD_S = 0.1
 _PATIENCE_S = 30.0
@@ -57,20 +57,13 @@ class Disk:
         self._filler.unlink(missing_ok=True)
 
     def read_only(self, _pid: int = 0) -> None:
-        """Let nothing be written."""
-        for trial in range(_TRIALS):  # it is refused while a file is open for writing
-            try:
-                _mount("-o", "remount,ro", str(self.folder))
-            except click.ClickException:
-                if trial == _TRIALS - 1:
-                    raise
-                time.sleep(0.01)
-            else:
-                return
+        """Let nothing more be opened for writing; what is open stays so."""
+        _mount("--bind", str(self.folder), str(self.folder))
+        _mount("-o", "remount,bind,ro", str(self.folder))
 
     def writable(self, _pid: int = 0) -> None:
         """Let it be written again."""
-        _mount("-o", "remount,rw", str(self.folder))
+        _unmount(self.folder)
 
 
 def no_growth(_: Disk, pid: int) -> None:
@@ -106,6 +99,10 @@ def _mount(*arguments: str) -> None:
         raise click.ClickException(f"a tmpfs cannot be mounted here: {done.stderr.strip()}")
 
 
+def _unmount(folder: Path) -> None:
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
 @contextmanager
 def small_disk(folder: Path) -> Iterator[Disk]:
     """A disk of some megabytes, for as long as the context lasts."""
@@ -114,7 +111,7 @@ def small_disk(folder: Path) -> Iterator[Disk]:
     try:
         yield Disk(folder)
     finally:
-        subprocess.run(["umount", "-l", str(folder)], check=True)
+        _unmount(folder)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +122,7 @@ class Case:
         at_start: it fails before the service starts.
         at_hour: an hour ends while it fails.
         asks: whether the service can answer meanwhile.
+        mounts: it takes a disk of its own.
     """
 
     name: str
@@ -133,6 +131,7 @@ class Case:
     at_start: bool = False
     at_hour: bool = False
     asks: bool = True
+    mounts: bool = True
 
 
 CASES = (
@@ -142,8 +141,8 @@ CASES = (
     Case("read-only", Disk.read_only, Disk.writable),
     Case("read-only at the hour", Disk.read_only, Disk.writable, at_hour=True),
     Case("read-only at the start", Disk.read_only, Disk.writable, at_start=True),
-    Case("no growth", no_growth, growth),
-    Case("no descriptors", no_descriptors, descriptors, asks=False),
+    Case("no growth", no_growth, growth, mounts=False),
+    Case("no descriptors", no_descriptors, descriptors, asks=False, mounts=False),
 )
 
 
@@ -169,13 +168,18 @@ class Outcome:
     doubled: int
 
 
+def disk_of(case: Case, folder: Path) -> AbstractContextManager[Disk]:
+    """The disk that a case needs."""
+    return small_disk(folder) if case.mounts else nullcontext(Disk(folder))
+
+
 def run_case(case: Case, work: Path) -> Outcome:
     """Let a disk fail under a service, mend it, and see what is kept after a restart."""
     work.mkdir()
     clock = work / "clock"
     hour_s = time.time() // 3600.0 * 3600.0
     start_s = hour_s - _BEFORE_S - _FAULT_S / 2.0 if case.at_hour else hour_s + 60.0
-    with small_disk(work / "disk") as disk, shifted(clock, start_s):
+    with disk_of(case, work / "disk") as disk, shifted(clock, start_s):
         config = configuration(AXES, folder=disk.folder / "history")
         if case.at_start:
             case.fail(disk, 0)
