@@ -5,6 +5,7 @@ damaged one is set aside, and a new one begun with what can be saved of it and o
 """
 
 import fcntl
+import hashlib
 import os
 import sqlite3
 import threading
@@ -22,6 +23,7 @@ COPY_PERIOD_S = 86400.0
 _CORRUPT, _FOREIGN, _FULL = 11, 26, 13
 _BUSY_S = 2.0
 _WAL_BYTES = 4_000_000
+_COPIED = "CREATE TABLE IF NOT EXISTS copied (sha256 TEXT NOT NULL)"
 
 
 class DatabaseFailedError(Exception):
@@ -38,7 +40,8 @@ class KeptDatabase:
     """
 
     def __init__(self, path: Path | None, schema: str, rescue: Rescue) -> None:
-        self._path, self._schema, self._rescue = path, schema, rescue
+        self._path, self._schema, self._rescue = path, f"{schema};{_COPIED}", rescue
+        self._copy_is_checked = False
         self._lock = threading.RLock()
         self._file: sqlite3.Connection | None = None
         self._inode = 0
@@ -71,22 +74,40 @@ class KeptDatabase:
                 raise DatabaseFailedError(str(error)) from None
 
     def copy(self, now_s: float) -> None:
-        """Make the copy anew if it is a day old. Raises DatabaseFailedError."""
+        """Make the copy anew if it is a day old, or not what it was. Raises DatabaseFailedError."""
         if self._path is None:
             return
         copy = _copy_of(self._path)
-        with suppress(OSError):
-            if 0.0 <= now_s - copy.stat().st_mtime < COPY_PERIOD_S:
-                return
-        part = copy.with_name(f".{copy.name}.part")
         try:
-            part.unlink(missing_ok=True)
-            self.rows("VACUUM INTO ?", str(part))
-            _sync(part)
-            part.replace(copy)
-            sync_folder(copy.parent)
+            if not self._holds(copy, now_s):
+                self._copy_to(copy)
         except OSError as error:
             raise DatabaseFailedError(f"{copy.name}: {error.strerror}") from None
+
+    def _holds(self, copy: Path, now_s: float) -> bool:
+        """Tell whether the copy is young, and, once after the start, that it is what it was."""
+        if not copy.is_file():
+            return False
+        if not self._copy_is_checked:
+            known = self.rows("SELECT sha256 FROM copied")
+            self._copy_is_checked = True
+            if known and [(_sha256(copy),)] != known:
+                self.damages.append(f"{copy}: its digest is wrong; kept as {set_aside(copy).name}")
+                return False
+        return 0.0 <= now_s - copy.stat().st_mtime < COPY_PERIOD_S
+
+    def _copy_to(self, copy: Path) -> None:
+        part = copy.with_name(f".{copy.name}.part")
+        part.unlink(missing_ok=True)
+        self.rows("VACUUM INTO ?", str(part))
+        _sync(part)
+        with self.transaction() as file:
+            file.execute("DELETE FROM copied")
+            file.execute("INSERT INTO copied VALUES (?)", (_sha256(part),))
+        if copy.exists() and not copy.is_file():
+            self.damages.append(f"{copy}: it is no file; kept as {set_aside(copy).name}")
+        part.replace(copy)
+        sync_folder(copy.parent)
 
     def close(self) -> None:
         """Close the file; safe twice, and the next use opens it again."""
@@ -241,6 +262,11 @@ def _alone(path: Path) -> Iterator[None]:
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _sync(path: Path) -> None:

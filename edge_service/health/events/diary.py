@@ -14,6 +14,7 @@ from . import tables
 from .audit import AuditEntry, AuditRecord, append_entries, checked
 from .kinds import is_chatter, room_of
 from .log import LoggedEvent
+from .scrub import Scrub
 
 log = logging.getLogger(__name__)
 _NS_PER_US = 1000
@@ -40,6 +41,7 @@ class Diary:
         self._told_damages = self.lost = 0
         self.damages: list[str] = []
         """What was damaged, a line each: entries that are left out, files that were set aside."""
+        self._scrub = Scrub(self._note_entry, self.note_damage)
         self.problem = ""
         """Why events cannot be kept now; empty if they are."""
         self.last_id = max((each.id for each in self._read(tables.NEWEST)), default=0)
@@ -74,6 +76,7 @@ class Diary:
                 self._save()
             if not self.problem:
                 self._attempt(lambda: self._file.copy(now_s))
+            self._scrub.go_on(self._file, now_s)
 
     def after(self, last_id: int, most: int) -> tuple[LoggedEvent, ...]:
         """The first `most` events with a higher id than `last_id`, oldest first."""
@@ -189,10 +192,11 @@ class Diary:
 
     def _tell_damages(self) -> None:
         for damage in self._file.damages[self._told_damages :]:
-            self._note_damage(damage)
+            self.note_damage(damage)
         self._told_damages = len(self._file.damages)
 
-    def _note_damage(self, words: str) -> None:
+    def note_damage(self, words: str) -> None:
+        """Say once what was damaged."""
         log.warning("%s", words)
         self.damages.append(words)
 
@@ -209,9 +213,13 @@ class Diary:
             logged = tables.read(*row)
             if logged is not None:
                 yield logged
-            elif row[0] not in self._damaged_ids:
-                self._damaged_ids.add(row[0])
-                self._note_damage(f"the diary's entry {row[0]} is damaged and left out")
+            else:
+                self._note_entry(row[0])
+
+    def _note_entry(self, number: int) -> None:
+        if number not in self._damaged_ids:
+            self._damaged_ids.add(number)
+            self.note_damage(f"the diary's entry {number} is damaged and left out")
 
     def _with_unsaved(
         self, found: Iterable[LoggedEvent], wanted: Callable[[LoggedEvent], bool]

@@ -30,6 +30,7 @@ NEWEST_OF_ROOM = f"{_EVENTS} WHERE axis = ? AND room = ? ORDER BY id DESC LIMIT 
 DROPPED = "SELECT MAX(id) FROM dropped"
 RECORDS = "SELECT * FROM audit WHERE number >= ? ORDER BY number LIMIT ?"
 LAST_RECORD = "SELECT number FROM audit ORDER BY number DESC LIMIT 1"
+ROWS = "SELECT id, body, digest, axis, room, time_ns FROM events WHERE id > ? ORDER BY id LIMIT ?"
 _SURPLUS = """DELETE FROM events WHERE id IN (
     SELECT id FROM events WHERE axis = ? AND room = ? ORDER BY id DESC LIMIT -1 OFFSET ?
 ) RETURNING id"""
@@ -51,7 +52,7 @@ def write(file: sqlite3.Connection, logged: LoggedEvent) -> LoggedEvent:
 
 def put(file: sqlite3.Connection, number: int, event: Event, body: str) -> None:
     """Write a row under a number, unless that is taken."""
-    row = (number, event.axis, room_of(event.kind)[0], event.time_ns, body, _digest(number, body))
+    row = (number, *placed(LoggedEvent(number, event)), body, _digest(number, body))
     file.execute("INSERT OR IGNORE INTO events VALUES (?, ?, ?, ?, ?, ?)", row)
 
 
@@ -63,6 +64,18 @@ def read(number: int, body: Any, digest: Any) -> LoggedEvent | None:
         return LoggedEvent(number, Event.model_validate_json(body))
     except ValidationError:
         return None
+
+
+def placed(logged: LoggedEvent) -> tuple[str, str, int]:
+    """Values by which an event is found: axis, room, time."""
+    event = logged.event
+    return event.axis, room_of(event.kind)[0], event.time_ns
+
+
+def place(file: sqlite3.Connection, logged: LoggedEvent) -> None:
+    """Let an event be found again."""
+    change = "UPDATE events SET axis = ?, room = ?, time_ns = ? WHERE id = ?"
+    file.execute(change, (*placed(logged), logged.id))
 
 
 def shrink(file: sqlite3.Connection, axis: str, room: str, most: int) -> None:
