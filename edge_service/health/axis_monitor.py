@@ -116,8 +116,10 @@ class AxisMonitor:
         return (*self._condition.on_feature(header, block, now_ns), *noted)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:
-        """Take a component's report in."""
-        return self._condition.on_component(report, now_ns)
+        """Take a report in of a component of this axis, or of one that serves all axes."""
+        changed = report.axis in (None, self.axis) and self._alarms.on_component(report)
+        alarms = self._look_at_alarms(now_ns) if changed else ()
+        return (*self._condition.on_component(report, now_ns), *alarms)
 
     def refusal(self, command: Command) -> str:
         """Why a command would change nothing; empty if it would."""

@@ -11,6 +11,7 @@ from ..messages.header import Header
 from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
+from .alarms.parts import is_down
 from .axis_state import AxisState
 from .condition.component import ComponentWatch
 from .condition.refusal_watch import Refused
@@ -196,10 +197,19 @@ class ServiceState:
         """Reasons why the service cannot answer for every axis; empty if it can."""
         if not self._axes:
             return ("no_axis: no axis is configured",)
-        return tuple(
+        missing = tuple(
             f"{axis}: {reason}"
             for axis, state in self._axes.items()
             for reason in state.missing(now_ns)
+        )
+        return (*missing, *self._down(now_ns))
+
+    def _down(self, now_ns: int) -> tuple[str, ...]:
+        """Parts that do not work, a line for each."""
+        return tuple(
+            f"{report.axis or 'service'}: part_down: {report.component}: {report.reason}"
+            for report in self._components.reports(now_ns)
+            if is_down(report)
         )
 
     def open(self) -> None:

@@ -19,6 +19,7 @@ class AlarmKind(StrEnum):
     SUDDEN_DROP = "sudden_drop"
     MODEL = "model"  # the model no longer fits what is measured
     DATA_LOST = "data_lost"
+    SERVICE = "service"  # a part of the service does not work
 
 
 class Alarm(Frozen):

@@ -98,9 +98,10 @@ class _Monitors:
             self._say(axis, self.axes[axis].on_feature(header, block, time.time_ns()))
 
     def take_report(self, axis: str, _header: Header, report: ComponentHealth) -> None:
-        """Take a component's report in."""
-        if axis in self.axes:
-            self._say(axis, self.axes[axis].on_component(report, time.time_ns()))
+        """Take the report in of a component of one axis, or of all axes."""
+        for each in self.axes if report.axis is None else (axis,):
+            if each in self.axes:
+                self._say(each, self.axes[each].on_component(report, time.time_ns()))
 
     def take_command(self, axis: str, _header: Header, command: Command) -> None:
         """Do what a client of the bus asks."""

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from ...messages.alarm import Alarm, AlarmKind, Command
 from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.event import Event, Severity
-from ...messages.health import AxisCondition, AxisHealth, ConsistencyState
+from ...messages.health import AxisCondition, AxisHealth, ComponentHealth, ConsistencyState
 from ...messages.trend import Trend
 from ..condition.input_watch import NS_PER_S
 from ..model_watch.consistency import CHANNEL_WORDS
 from .latch import AlarmLatch, AlarmRule, LatchSnapshot
+from .parts import Parts
 
 _H_PER_RATE = 1000.0
 _NIS_MEMORY = 0.98
@@ -86,10 +87,12 @@ class AxisAlarms:
             AlarmKind.SUDDEN_DROP: AlarmRule(Severity.ERROR, 0.0, 0.0, latched=True),
             AlarmKind.MODEL: AlarmRule(Severity.WARNING, 5.0, settings.clear_delay_s),
             AlarmKind.DATA_LOST: AlarmRule(Severity.WARNING, *lost),
+            AlarmKind.SERVICE: AlarmRule(Severity.WARNING, 0.0, settings.clear_delay_s),
         }
         self._latches = {kind: AlarmLatch(axis, kind, rule) for kind, rule in rules.items()}
         share = 0.0 if fresh_percent is None else fresh_percent / 100.0
         self._drop = SuddenDrop(settings.sudden_drop_percent * share, settings.sudden_drop_within_s)
+        self._parts = Parts()
         self._fallen_ns: int | None = None
         self._nis = 1.0
         self._status: EstimateStatus | None = None
@@ -118,6 +121,10 @@ class AxisAlarms:
         latch.reword(words)  # the same fall, further down: the estimates need a second for it
         return ()
 
+    def on_component(self, report: ComponentHealth) -> bool:
+        """Take the report of a part in; True if that may raise or clear an alarm."""
+        return self._parts.on_component(report)
+
     def tick(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Event, ...]:
         """Let time pass, with the condition and the trend as of now."""
         causes = {
@@ -126,6 +133,7 @@ class AxisAlarms:
             AlarmKind.SUDDEN_DROP: (None, ""),
             AlarmKind.MODEL: self._model(health),
             AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
+            AlarmKind.SERVICE: self._parts.cause(),
         }
         events: list[Event] = []
         for kind, (cause, words) in causes.items():

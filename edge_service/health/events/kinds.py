@@ -42,6 +42,7 @@ _KEPT = (
     "task_failed",
     "task_recovered",
     "task_given_up",
+    "loop_stalled",
 )
 KINDS = dict.fromkeys(_CHATTER, MOST_CHATTER) | dict.fromkeys(_KEPT, MOST_KEPT)
 """Every kind of the service -> how many are kept of an axis."""

@@ -4,7 +4,7 @@ import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js
 import { signedName } from "./session.js";
 
 const SHOWN = 60;
-const NAMES = { preload_low: "Preload low", preload_lost: "Preload lost", rate: "Wears fast", sudden_drop: "Sudden drop", model: "Model does not fit", data_lost: "Data lost" };
+const NAMES = { preload_low: "Preload low", preload_lost: "Preload lost", rate: "Wears fast", sudden_drop: "Sudden drop", model: "Model does not fit", data_lost: "Data lost", service: "Service part down" };
 let pending = null;
 
 export function renderAlarms(state) {
