@@ -14,8 +14,8 @@ from edge_service.health.events.audit import read_audit
 from edge_service.health.events.diary import Diary
 from edge_service.kept_database import COPY_PERIOD_S
 
-from .health.diaries import START_NS, event, numbers
-from .health.test_audit import entry
+from ..diaries import START_NS, event, numbers
+from ..test_audit import entry
 
 EVER = 2**62
 SEED = 1
@@ -158,7 +158,7 @@ for number in range({first}, 10**9):
 
 @pytest.mark.slow
 def test_a_killed_writer_has_lost_nothing_that_it_told_and_doubled_nothing(tmp_path: Path) -> None:
-    path, root, rng = tmp_path / "diary.sqlite", str(Path(__file__).parents[1]), random.Random(SEED)
+    path, root, rng = tmp_path / "diary.sqlite", str(Path(__file__).parents[3]), random.Random(SEED)
     told, first = [], 0
     for _ in range(20):
         code = _WRITER.format(root=root, path=str(path), first=first)
