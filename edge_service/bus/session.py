@@ -2,7 +2,6 @@
 
 import asyncio
 import socket
-import time
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from weakref import WeakSet
 
 import zenoh
 
+from ..clock import now_ns
 from ..messages.addresses import split_endpoint
 from ..messages.codec.interface import T
 from ..messages.topics import Topic
@@ -41,7 +41,7 @@ class Bus:
         self._session = session
         self.endpoint = settings.endpoint if settings.security != "tls" else settings.there
         self.tls_endpoint = settings.tls.endpoint if settings.tls else None
-        self._boot_epoch = time.time_ns()
+        self._boot_epoch = now_ns()
         self._numbers: dict[str, count[int]] = {}
         self._refusals: WeakSet[Refusals] = WeakSet()
         self._subscribers: list[Subscriber[Any]] = []

@@ -7,11 +7,12 @@ came before, and of the axis that its key names. Everything else is refused, cou
 import asyncio
 import time
 from collections.abc import AsyncIterator, Collection
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Generic
 
 import zenoh
 
+from ..clock import CLOCK
 from ..messages.codec.interface import CodecError, T
 from ..messages.header import Header
 from ..messages.keys import axis_of
@@ -150,7 +151,7 @@ class Subscriber(Generic[T]):
         if axis != axis_of(arrival.key):
             return Refusal.MISPLACED
         refusal = self._sender(arrival.key).judge(header, arrival.arrival_s)
-        return (axis, header, value) if refusal is None else refusal
+        return (axis, _believed(header), value) if refusal is None else refusal
 
     def _sender(self, key: str) -> Sender:
         patience_s = _PATIENCE_SHARE * self._topic.stale_after_s if self._topic.rate_hz else 0.0
@@ -162,3 +163,11 @@ class Subscriber(Generic[T]):
             self._closed = True
             self._subscriber.undeclare()
             self._wake.set()
+
+
+def _believed(header: Header) -> Header:
+    """Header with a source time that its reader can believe."""
+    believed_ns = CLOCK.believed_ns(header.source_time_ns)
+    if believed_ns == header.source_time_ns:
+        return header
+    return replace(header, source_time_ns=believed_ns)

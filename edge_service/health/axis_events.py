@@ -1,4 +1,4 @@
-"""Events of one axis beyond those of its condition and its alarms."""
+"""Events beyond those of an axis' condition and its alarms."""
 
 from datetime import UTC, datetime
 
@@ -77,6 +77,20 @@ def state_damaged(axis: str, words: str, now_ns: int) -> Event:
         severity=Severity.WARNING,
         message=words,
         time_ns=now_ns,
+    )
+
+
+def clock_changed(step_ns: int, now_ns: int) -> Event:
+    """Event of a step of the clock, which all kept times have made as well."""
+    seconds = step_ns / NS_PER_S
+    hours = f"{abs(seconds) / 3600.0:.2f} h" if abs(seconds) >= 3600.0 else f"{abs(seconds):.0f} s"
+    return Event(
+        axis="",
+        kind="clock_changed",
+        severity=Severity.WARNING,
+        message=f"the clock of this computer was set {'on' if step_ns > 0 else 'back'} by {hours}",
+        time_ns=now_ns,
+        data={"step_s": seconds},
     )
 
 

@@ -19,7 +19,7 @@ from .alarms.axis_alarms import AlarmSettings, AxisAlarms
 from .alarms.latch import LatchSnapshot
 from .axis_events import consistency_changed, disagreement_recorded, log_entry, preload_rose
 from .condition.condition_monitor import ConditionMonitor
-from .condition.input_watch import NS_PER_S
+from .condition.input_watch import NS_PER_S, moved
 from .model_watch.channel_model import LearnedChannel
 from .model_watch.consistency import ConsistencyWatch, Disagreement
 from .model_watch.friction_watch import FrictionClasses, FrictionWatch
@@ -50,7 +50,11 @@ class AxisFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisSnapshot:
-    """State that must outlive the process; without `consistency` if an older version wrote it."""
+    """State that must outlive the process; the last two are missing if an older version wrote it.
+
+    Attributes:
+        saved_ns: UNIX time up to which it is known, ns.
+    """
 
     schema: Literal["axis-watch/1"]
     axis: str
@@ -59,6 +63,7 @@ class AxisSnapshot:
     friction: FrictionClasses
     series: PreloadSteps
     consistency: dict[str, LearnedChannel] | None = None
+    saved_ns: int = 0
 
 
 _SNAPSHOTS = TypeAdapter(AxisSnapshot)
@@ -71,6 +76,7 @@ class AxisMonitor:
         self, facts: AxisFacts, settings: HealthSettings, alarms: AlarmSettings, now_ns: int
     ) -> None:
         self.axis = facts.axis
+        self._now_ns = now_ns
         self._condition = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
         self._alarms = AxisAlarms(facts.axis, facts.fresh_percent, alarms, now_ns)
         limits = settings.limits(facts.fresh_percent)
@@ -103,7 +109,7 @@ class AxisMonitor:
             self._trend = None
             self._trend_ns = 0
         elif estimate.status is EstimateStatus.ESTIMATED:
-            events = (*events, *self._note_wear(header.source_time_ns, estimate, now_ns))
+            events = (*events, *self._note_wear(estimate, now_ns))
         return (*events, *sudden, *(self._look_at_alarms(now_ns) if events else ()))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
@@ -138,6 +144,7 @@ class AxisMonitor:
 
     def tick(self, now_ns: int) -> tuple[Event, ...]:
         """Let time pass."""
+        self._now_ns = now_ns
         return (*self._condition.tick(now_ns), *self._look_at_alarms(now_ns))
 
     def health(self, now_ns: int) -> AxisHealth:
@@ -167,6 +174,17 @@ class AxisMonitor:
         """Show a trend that `trend_work` made."""
         self._trend, self._trend_ns = trend, now_ns
 
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns: all that has a time moves along."""
+        self._now_ns += step_ns
+        heard_ns, heard_s = self._heard
+        self._heard = (heard_ns + step_ns, heard_s)
+        self._since_ns = moved(self._since_ns, step_ns)
+        for part in (self._condition, self._alarms, self._use):
+            part.move(step_ns)
+        self._series.move(step_ns / NS_PER_S)
+        self._trend_ns = 0  # its dates are due
+
     def snapshot(self) -> dict[str, Any]:
         """State that must outlive the process, for JSON."""
         snapshot = AxisSnapshot(
@@ -177,12 +195,16 @@ class AxisMonitor:
             friction=self._friction.snapshot(),
             series=self._series.snapshot(),
             consistency=self._consistency.snapshot(),
+            saved_ns=self._now_ns,
         )
         document: dict[str, Any] = _SNAPSHOTS.dump_python(snapshot, mode="json")
         return document
 
     def restore(self, document: object) -> None:
-        """Go on from a snapshot. Raises ValueError, and then this monitor is of no more use."""
+        """Go on from a snapshot; one of the future is of a clock that was set since.
+
+        Raises ValueError, and then this monitor is of no more use.
+        """
         try:
             self._restore(document)
             self.health(self._heard[0])  # numbers of the right shape may still mean nothing
@@ -200,14 +222,17 @@ class AxisMonitor:
             raise ValueError(f"no {SNAPSHOT_SCHEMA}: {place}: {first['msg']}") from None
         if snapshot.axis != self.axis:
             raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
-        self._alarms.restore(snapshot.alarms)
+        step_ns = min(self._now_ns - snapshot.saved_ns, 0)
+        self._alarms.restore(snapshot.alarms, step_ns)
         self._use.restore(snapshot.use)
+        self._use.move(step_ns)
         self._friction.restore(snapshot.friction)
         self._series.restore(snapshot.series)
+        self._series.move(step_ns / NS_PER_S)
         if snapshot.consistency is not None:
             self._consistency.restore(snapshot.consistency)
 
-    def _note_wear(self, time_ns: int, estimate: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
+    def _note_wear(self, estimate: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
         percent, low, high = estimate.preload_percent, estimate.low, estimate.high
         if percent is None or low is None or high is None:
             return ()
@@ -222,7 +247,7 @@ class AxisMonitor:
             self._series.clear()
             self._trend, self._trend_ns, self._rises = None, 0, 0
         half_width = 0.5 * (high - low)
-        self._series.add(time_ns / NS_PER_S, percent, half_width, self._use.distance_m)
+        self._series.add(now_ns / NS_PER_S, percent, half_width, self._use.distance_m)
         return events
 
     def _consistent(self) -> Consistency:
@@ -237,7 +262,8 @@ class AxisMonitor:
         if change.disagrees:
             self._recording = None
             heard_ns, heard_s = self._heard
-            self._since_ns = heard_ns - round(NS_PER_S * max(heard_s - change.since_s, 0.0))
+            ago_ns = round(NS_PER_S * max(heard_s - change.since_s, 0.0))
+            self._since_ns = max(heard_ns - ago_ns, 0)
         return (
             consistency_changed(self.axis, change, self._since_ns or now_ns, now_ns),
             *self._look_at_alarms(now_ns),

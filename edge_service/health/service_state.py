@@ -14,6 +14,7 @@ from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .alarms.parts import is_down
 from .axis_state import AxisState
 from .condition.component import ComponentWatch
+from .condition.input_watch import NS_PER_S
 from .condition.refusal_watch import Refused
 from .events.diary import Diary
 from .events.fan_out import FanOut
@@ -24,6 +25,9 @@ from .model_watch.live_features import ChannelQuality, LivePoint
 from .settings import AxisLimits
 from .state_settings import Keeping, StateSettings
 from .stroke import StrokeModel
+
+_LATEST_NS = 3600 * NS_PER_S
+"""What was measured longer ago than this when it comes is of another clock: no history of ours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +97,8 @@ class ServiceState:
         if state is None or not state.preload_input.accept(header, now_ns):
             return
         state.estimate = estimate
-        state.archive.append(header.source_time_ns, estimate, state.live.temperature_c)
+        if now_ns - header.source_time_ns < _LATEST_NS:
+            state.archive.append(header.source_time_ns, estimate, state.live.temperature_c)
         self._mark(state, PRELOAD.name, axis)
 
     def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
@@ -215,6 +220,14 @@ class ServiceState:
     def open(self) -> None:
         """Let live streams begin, also after `close`."""
         self.readers.open()
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns: all that has a time moves along."""
+        self._started_ns += step_ns
+        self._components.move(step_ns)
+        for axis in self._axes.values():
+            for part in (axis.preload_input, axis.health_input, axis.live):
+                part.move(step_ns)
 
     def close(self) -> None:
         """End all live streams, so that a server can stop."""

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import time
 from collections.abc import AsyncIterator
 from contextlib import aclosing
 
@@ -10,6 +9,7 @@ from drivers.base import Driver, DriverContext, DriverMisconfiguredError, Driver
 from drivers.registry import UnknownDriverError, load_driver
 
 from ..bus.publisher import Publisher
+from ..clock import now_ns
 from ..config import AxisConfig, ConfigError, check_settings, load_machine
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
@@ -91,10 +91,10 @@ async def _read(
                     break
                 counts["samples"] += len(frame)
                 counts["frames"] += 1
-                now_ns = time.time_ns()
-                publisher.publish(frame, now_ns)
+                read_ns = now_ns()
+                publisher.publish(frame, read_ns)
                 for wave in frame.waveforms:
-                    waves.publish(wave, now_ns)
+                    waves.publish(wave, read_ns)
     except DriverUnavailableError as error:
         return error
     return None

@@ -2,6 +2,7 @@
 
 import logging
 
+from ..clock import CLOCK
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
@@ -74,13 +75,18 @@ class _Axes:
         """Files that were set aside."""
         return 0 if self._store is None else self._store.damaged_files
 
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        for axis in self.axes.values():
+            axis.move(step_ns)
+
     def forget(self, axis: str) -> None:
         """Begin anew: the part is another."""
-        heard_ns = self.axes[axis].forget()
+        taken = self.axes[axis].forget()
         self._unwritten.pop(axis, None)
         try:
             if self._store is not None:
-                self._store.forget(axis, heard_ns)
+                self._store.forget(axis, taken)
         except OSError as error:
             log.warning("the state of axis %s cannot be removed (%s)", axis, error)
 
@@ -122,6 +128,7 @@ async def run(context: NodeContext) -> None:
             tasks.follow("features", features, take_features, vital=True)
             tasks.follow("events", events, take_event)
             tasks.start("keep", keep)
-            await context.forever()
+            with CLOCK.telling(estimated.move):
+                await context.forever()
         finally:
             estimated.write(estimated.to_keep())

@@ -1,9 +1,9 @@
 """Estimates, features, reports and commands in; condition and events out: all axes."""
 
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from ..clock import CLOCK, now_ns
 from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
 from ..health.alarms.axis_alarms import AlarmSettings
@@ -59,16 +59,17 @@ class _Monitors:
         self._diary = context.diary.diary
         self.store = WatchStore(config.history.folder)
         settings, alarms = health_settings(config.health), alarm_settings(config.alarms)
-        now_ns = time.time_ns()
+        begun_ns = now_ns()
         self.axes = {
             axis: self.store.load(
-                axis, partial(AxisMonitor, axis_facts(axis, machine), settings, alarms, now_ns)
+                axis, partial(AxisMonitor, axis_facts(axis, machine), settings, alarms, begun_ns)
             )
             for axis, machine in load_machines(config).items()
         }
         for axis in self.axes:  # what a crash may have kept out of the diary
-            self._diary.add(self.store.announced(axis), now_ns)
-        self._diary.add([state_damaged(*each, now_ns) for each in self.store.damages], now_ns)
+            self._diary.add(self.store.announced(axis), begun_ns)
+        damages = [state_damaged(*each, begun_ns) for each in self.store.damages]
+        self._diary.add(damages, begun_ns)
         self._health = {axis: context.publisher(axis, HEALTH) for axis in self.axes}
         self._event = {axis: context.publisher(axis, EVENT) for axis in self.axes}
         self.announcer = Announcer(self._keep, self._publish)
@@ -90,18 +91,18 @@ class _Monitors:
     def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in."""
         if axis in self.axes:
-            self._say(axis, self.axes[axis].on_preload(header, estimate, time.time_ns()))
+            self._say(axis, self.axes[axis].on_preload(header, estimate, now_ns()))
 
     def take_features(self, axis: str, header: Header, block: FeatureBlock) -> None:
         """Take an interval in."""
         if axis in self.axes:
-            self._say(axis, self.axes[axis].on_feature(header, block, time.time_ns()))
+            self._say(axis, self.axes[axis].on_feature(header, block, now_ns()))
 
     def take_report(self, axis: str, _header: Header, report: ComponentHealth) -> None:
         """Take the report in of a component of one axis, or of all axes."""
         for each in self.axes if report.axis is None else (axis,):
             if each in self.axes:
-                self._say(each, self.axes[each].on_component(report, time.time_ns()))
+                self._say(each, self.axes[each].on_component(report, now_ns()))
 
     def take_command(self, axis: str, _header: Header, command: Command) -> None:
         """Do what a client of the bus asks."""
@@ -112,26 +113,31 @@ class _Monitors:
         self, axis: str, command: Command, told: Callable[[Outcome], None] = lambda _outcome: None
     ) -> None:
         """Do what is asked of an axis; the outcome is told once it is kept."""
-        now_ns, monitor = time.time_ns(), self.axes[axis]
+        at_ns, monitor = now_ns(), self.axes[axis]
         refusal = monitor.refusal(command)
-        events = () if refusal else monitor.on_command(command, now_ns)
+        events = () if refusal else monitor.on_command(command, at_ns)
         message = refusal or next((event.message for event in events), "")
 
         def tell(problem: str) -> None:
             told(Outcome(accepted=not refusal, kept=not problem, message=problem or message))
 
-        self._announce(axis, events, audited(axis, command, refusal, now_ns), tell)
+        self._announce(axis, events, audited(axis, command, refusal, at_ns), tell)
 
     def renew(self, axis: str) -> None:
         """Let time pass on an axis, and announce its condition."""
-        self._announce(axis, self.axes[axis].tick(time.time_ns()))
+        self._announce(axis, self.axes[axis].tick(now_ns()))
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        for monitor in self.axes.values():
+            monitor.move(step_ns)
 
     async def foresee(self, axis: str, heart: Heartbeat) -> None:
         """Make an axis' trend, if it is due."""
         monitor = self.axes[axis]
-        if monitor.trend_is_due(time.time_ns()):
+        if monitor.trend_is_due(now_ns()):
             trend = await heart.in_thread(monitor.trend_work())
-            monitor.take_trend(trend, time.time_ns())
+            monitor.take_trend(trend, now_ns())
 
     def _say(self, axis: str, events: tuple[Event, ...]) -> None:
         """Announce events, if there are any, with the condition that goes with them."""
@@ -150,21 +156,21 @@ class _Monitors:
         monitor = self.axes[axis]
         keeps = keeps or any(not is_chatter(event.kind) for event in events)
         snapshot = monitor.snapshot() if keeps else None
-        health = monitor.health(time.time_ns())
+        health = monitor.health(now_ns())
         self.announcer.put(Announcement(axis, events, health, snapshot, entries, told))
 
     def _keep(self, batch: Sequence[Announcement]) -> str:
         events = [event for each in batch for event in each.events]
         states = [State(each.axis, each.order, each.snapshot) for each in batch if each.snapshot]
         problem = self.store.save(states, events) if states else ""
-        self._diary.add(events, time.time_ns(), [entry for each in batch for entry in each.entries])
+        self._diary.add(events, now_ns(), [entry for each in batch for entry in each.entries])
         return problem or self._diary.problem
 
     def _publish(self, announcement: Announcement) -> None:
         axis = announcement.axis
         for event in announcement.events:
             self._event[axis].publish(event, event.time_ns)
-        self._health[axis].publish(announcement.health, time.time_ns())
+        self._health[axis].publish(announcement.health, now_ns())
 
 
 async def run(context: NodeContext) -> None:
@@ -207,6 +213,7 @@ async def run(context: NodeContext) -> None:
             tasks.start("foresee", foresee)
             tasks.start("keep", keep)
             obey_all(context, monitors.axes, monitors.obey)
-            await context.forever()
+            with CLOCK.telling(monitors.move):
+                await context.forever()
         finally:
             monitors.end()

@@ -5,9 +5,10 @@ import logging
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from functools import partial
-from time import time_ns
 from typing import Any
 
+from ..clock import CLOCK, now_ns
+from ..health.axis_events import clock_changed
 from ..health.condition.refusal_watch import RefusalWatch
 from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
@@ -63,7 +64,7 @@ async def run(context: NodeContext) -> None:
     )
     state = ServiceState(
         _limits(context),
-        time_ns(),
+        now_ns(),
         keeping=replace(store.keeping, diary=context.diary.diary),
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
@@ -78,12 +79,12 @@ async def run(context: NodeContext) -> None:
 
     def on_kept(axis: str, name: str) -> None:
         command = Command(action="recorded", user="edge-service", note=name)
-        publishers[axis].publish(command, time_ns())
+        publishers[axis].publish(command, now_ns())
 
     recorder = DisagreementRecorder(desk.folder, on_kept)
     app = create_app(
         state,
-        time_ns,
+        now_ns,
         hosts_of(http),
         partial(give, context),
         desk,
@@ -107,7 +108,8 @@ async def run(context: NodeContext) -> None:
             tasks.start("recorder", recorder.run)
             tasks.start("jobs", desk.run)
             tasks.start("diary", partial(context.diary.run, tell))
-            await context.forever()
+            with CLOCK.telling(partial(_clock_set, state, tell)):
+                await context.forever()
     finally:
         await desk.close()
         outputs.close()
@@ -123,13 +125,13 @@ def _follow(context: NodeContext, reporter: Reporter, tasks: Tasks, state: Servi
     reports = context.subscribe_to_components(STATUS)
 
     def take_preload(axis: str, header: Header, estimate: PreloadEstimate) -> None:
-        state.on_preload(axis, header, estimate, time_ns())
+        state.on_preload(axis, header, estimate, now_ns())
 
     def take_health(_axis: str, header: Header, health: AxisHealth) -> None:
-        state.on_health(header, health, time_ns())
+        state.on_health(header, health, now_ns())
 
     def take_report(_axis: str, _header: Header, report: ComponentHealth) -> None:
-        state.on_component(report, time_ns())
+        state.on_component(report, now_ns())
 
     tasks.follow("preloads", preloads, take_preload, vital=True)
     tasks.follow("conditions", context.subscribe(HEALTH), take_health, vital=True)
@@ -179,11 +181,16 @@ def _follow_events(
     return take
 
 
+def _clock_set(state: ServiceState, tell: Callable[[Event], None], step_ns: int) -> None:
+    state.move(step_ns)
+    tell(clock_changed(step_ns, now_ns()))
+
+
 def _telling_refusals(state: ServiceState, tell: Callable[[Event], None]) -> Callable[[], None]:
     watch = RefusalWatch()
 
     def look() -> None:
-        for event in watch.tick(state.refused(), time_ns()):
+        for event in watch.tick(state.refused(), now_ns()):
             tell(event)
 
     return look

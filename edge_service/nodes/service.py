@@ -5,7 +5,6 @@ import gc
 import logging
 import math
 import signal
-import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from functools import partial
@@ -16,6 +15,7 @@ from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
 from ..bus.session import Bus, BusConfigurationError, BusUnavailableError
 from ..bus.settings import BusSettings
+from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..http_api.serve import AddressError
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
@@ -41,6 +41,7 @@ Run = Callable[[NodeContext], Coroutine[Any, Any, None]]
 _NODE_START_S = 120.0
 """Longest start of a node: it may have to compile."""
 _JOIN_PERIOD_S = 1.0
+CLOCK_PERIOD_S = 1.0
 DRAIN_S = 0.5
 
 
@@ -92,9 +93,9 @@ async def _run_on(
         bus.declare_alive(config.keys.alive)
         context = NodeContext(config, bus, on_http_ready)
         diary = context.diary.diary
-        diary.add((), time.time_ns(), (start_entry(config, names),))
+        diary.add((), now_ns(), (start_entry(config, names),))
         await run_nodes(context, names, install_stop())
-        diary.add((), time.time_ns(), (end_entry(names),))
+        diary.add((), now_ns(), (end_entry(names),))
         context.diary.close()
     finally:
         await bus.close()
@@ -137,6 +138,7 @@ async def run_nodes(
         watchdog=Watchdog.of_environment(),
     )
     async with closing_diary(context), process.running() as tasks:
+        tasks.repeat("clock", CLOCK_PERIOD_S, CLOCK.follow)
         sources = _begin(process.context, tasks, names)
 
         def look(now_s: float) -> bool:

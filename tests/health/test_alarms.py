@@ -290,7 +290,7 @@ def test_everything_outlives_a_restart():
     text = json.dumps(axis.watch.snapshot(), allow_nan=False)
     other = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), axis.now_ns)
     other.restore(json.loads(text))
-    assert other.snapshot() == axis.watch.snapshot()
+    assert other.snapshot() == axis.watch.snapshot() | {"saved_ns": axis.now_ns}
     assert [alarm.kind.value for alarm in other.health(axis.now_ns).alarms] == ["sudden_drop"]
 
 
@@ -310,6 +310,6 @@ def test_a_snapshot_of_version_0_1_0_can_be_read():
     monitor.restore(recorded)
     snapshot = monitor.snapshot()
     assert snapshot["alarms"].pop("service") == {"alarm": None, "shelved_until_ns": None}
-    assert snapshot == recorded
+    assert snapshot == recorded | {"saved_ns": START_NS}
     del recorded["consistency"]
     monitor.restore(recorded)

@@ -44,6 +44,7 @@ from edge_service.nodes.stores.diary_store import DIARY
 from edge_service.nodes.stores.estimate_store import (
     AHEAD_S,
     LONGEST_STOP_S,
+    UNKNOWN_STOP_S,
     EstimateStore,
     Kept,
     identity_of,
@@ -353,14 +354,45 @@ def test_a_damaged_state_is_set_aside(
     assert not path.exists()
 
 
-@pytest.mark.parametrize(
-    ("age_s", "said"), [(LONGEST_STOP_S + 3600.0, "30 days old"), (-2 * AHEAD_S, "future")]
-)
-def test_a_state_of_another_time_is_refused(
-    age_s: float, said: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+def test_a_state_that_is_too_old_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    keep_some(tmp_path, time.time_ns() - round(age_s * NS))
-    fresh_and_warned(store_in(tmp_path), caplog, said)
+    keep_some(tmp_path, time.time_ns() - round((LONGEST_STOP_S + 3600.0) * NS))
+    fresh_and_warned(store_in(tmp_path), caplog, "30 days old")
+
+
+@pytest.mark.parametrize("ahead_s", [2 * AHEAD_S, 74 * 365 * 86400.0])
+def test_a_state_of_the_future_counts_as_of_a_day_ago(
+    ahead_s: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    now_ns = time.time_ns()
+    keep_some(tmp_path, now_ns + round(ahead_s * NS))
+    kept = store_in(tmp_path).load("X", now_ns)
+    assert kept is not None
+    assert now_ns - kept.source_time_ns == UNKNOWN_STOP_S * NS
+    assert "in the future" in caplog.text
+
+
+def test_a_state_is_kept_after_the_clock_was_set_back(tmp_path: Path) -> None:
+    axis, store = EstimatedAxis("X", FusedPreloadEstimator(machine())), store_in(tmp_path)
+    for number, source_ns in enumerate((9000 * NS, 1800 * NS)):
+        axis.take(Header(number, 1, source_ns, 0), blocks()[number])
+        kept = axis.to_keep()
+        assert kept is not None
+        store.save({"X": kept})
+    assert json.loads(read_checked(store.path("X")) or "")["source_time_ns"] == 1800 * NS
+
+
+@pytest.mark.parametrize("step_s", [74 * 365 * 86400.0, -7200.0])
+def test_a_step_of_the_clock_changes_no_estimate(step_s: float) -> None:
+    axis, told = EstimatedAxis("X", FusedPreloadEstimator(machine())), []
+    for number, block in enumerate(blocks()):
+        if number == 50:
+            axis.move(round(step_s * NS))
+        source_s = 1.8e9 + block.time_s + (step_s if number >= 50 else 0.0)
+        estimate = axis.take(Header(number, 1, round(source_s * NS), 0), block)
+        told.append(estimate.model_dump_json())
+    assert told == one_piece(blocks())
 
 
 def test_a_state_of_another_machine_file_is_refused(

@@ -1,8 +1,8 @@
 """Sparkplug B 3.0: this service as an edge node, every axis as a device of it."""
 
-import time
 from collections.abc import Callable, Mapping
 
+from ...clock import now_ns
 from ...messages.topics import EVENT, PRELOAD
 from ..spool.message import Message
 from .axis_metrics import metrics_of, unknown_metrics
@@ -13,7 +13,7 @@ REBIRTH = "Node Control/Rebirth"
 
 
 def _unix_ms() -> int:
-    return time.time_ns() // 1_000_000
+    return now_ns() // 1_000_000
 
 
 class Sparkplug:

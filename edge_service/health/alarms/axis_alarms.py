@@ -9,7 +9,7 @@ from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.event import Event, Severity
 from ...messages.health import AxisCondition, AxisHealth, ComponentHealth, ConsistencyState
 from ...messages.trend import Trend
-from ..condition.input_watch import NS_PER_S
+from ..condition.input_watch import NS_PER_S, moved
 from ..model_watch.consistency import CHANNEL_WORDS
 from .latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .parts import Parts
@@ -62,6 +62,10 @@ class SuddenDrop:
         if best is None or best[2] - value < self._limit_percent or high >= best[1]:
             return None
         return best[2] - value
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._recent = deque((at + step_ns, low, value) for at, low, value in self._recent)
 
 
 class AxisAlarms:
@@ -163,6 +167,14 @@ class AxisAlarms:
             case _:
                 return ()
 
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._patient_until_ns += step_ns
+        self._fallen_ns = moved(self._fallen_ns, step_ns)
+        self._drop.move(step_ns)
+        for latch in self._latches.values():
+            latch.move(step_ns)
+
     def shown(self) -> tuple[Alarm, ...]:
         """Alarms that a person should see, the gravest first."""
         alarms = [alarm for latch in self._latches.values() if (alarm := latch.shown())]
@@ -175,11 +187,12 @@ class AxisAlarms:
         """State of each kind of alarm."""
         return {kind.value: latch.snapshot() for kind, latch in self._latches.items()}
 
-    def restore(self, snapshot: Mapping[str, LatchSnapshot]) -> None:
-        """Go on from a snapshot."""
+    def restore(self, snapshot: Mapping[str, LatchSnapshot], step_ns: int = 0) -> None:
+        """Go on from a snapshot, of a clock that was set by a step since, ns."""
         for kind, latch in self._latches.items():
             if kind.value in snapshot:
                 latch.restore(snapshot[kind.value])
+                latch.move(step_ns)
 
     def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, str]]:
         known = health.condition is not AxisCondition.UNAVAILABLE

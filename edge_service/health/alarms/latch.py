@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from ...messages.alarm import Alarm, AlarmKind
 from ...messages.event import Event, Severity
-from ..condition.input_watch import NS_PER_S
+from ..condition.input_watch import NS_PER_S, moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +120,17 @@ class AlarmLatch:
         if self._alarm is None:
             return None
         return self._alarm.model_copy(update={"shelved_until_ns": self._shelved_until_ns})
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._shelved_until_ns = moved(self._shelved_until_ns, step_ns)
+        self._change_since_ns = moved(self._change_since_ns, step_ns)
+        if self._alarm is not None:
+            times = {
+                "raised_time_ns": self._alarm.raised_time_ns + step_ns,
+                "cleared_time_ns": moved(self._alarm.cleared_time_ns, step_ns),
+            }
+            self._alarm = self._alarm.model_copy(update=times)
 
     def snapshot(self) -> LatchSnapshot:
         """State that outlives the process."""

@@ -103,6 +103,12 @@ class ComponentWatch:
                 events.append(_component_changed(report, before, now_ns))
         return tuple(events)
 
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._reports = {
+            key: (report, heard_ns + step_ns) for key, (report, heard_ns) in self._reports.items()
+        }
+
     def reports(self, now_ns: int) -> tuple[ComponentHealth, ...]:
         """Present status of every component heard, in the order of first hearing."""
         return tuple(

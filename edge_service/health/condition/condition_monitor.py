@@ -8,7 +8,7 @@ from ...messages.health import AxisCondition, AxisHealth, ComponentHealth
 from ..settings import HealthSettings
 from .component import ComponentWatch
 from .data_faults import DataFaults
-from .input_watch import NS_PER_S, InputWatch
+from .input_watch import NS_PER_S, InputWatch, moved
 from .limits import LimitTracker, PreloadBounds
 
 _SEVERITY = {
@@ -97,6 +97,16 @@ class ConditionMonitor:
         if condition is AxisCondition.UNAVAILABLE and self._limits is not None:
             self._limits.restart()
         return (self._condition_event(before, condition, reasons, now_ns), *events)
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._since_ns += step_ns
+        self._estimated_ns = moved(self._estimated_ns, step_ns)
+        parts = (self._preload_input, self._feature_input, self._components, self._data_faults)
+        for part in parts:
+            part.move(step_ns)
+        if self._limits is not None:
+            self._limits.move(step_ns)
 
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis as of now."""

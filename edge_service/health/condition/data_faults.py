@@ -60,6 +60,10 @@ class DataFaults:
             del self._last_seen_ns[kind]
         return tuple(self._event(kind, "over", now_ns) for kind in over)
 
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._last_seen_ns = {kind: at + step_ns for kind, at in self._last_seen_ns.items()}
+
     def _event(self, kind: Fault, state: str, now_ns: int) -> Event:
         serious = state == "present" and bool(kind & UNUSABLE)
         name = fault_name(kind)

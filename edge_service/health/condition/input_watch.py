@@ -1,8 +1,15 @@
 """Freshness of one input, and the order in which its payloads came."""
 
+from dataclasses import replace
+
 from ...messages.header import Header
 
 NS_PER_S = 1_000_000_000
+
+
+def moved(time_ns: int | None, step_ns: int) -> int | None:
+    """Time as a clock shows it that was set by a step, ns."""
+    return None if time_ns is None else time_ns + step_ns
 
 
 class InputWatch:
@@ -50,6 +57,13 @@ class InputWatch:
         if self.header is None or self._silent(now_ns):
             return True
         return now_ns - self.header.source_time_ns > self._stale_after_ns
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._arrival_ns += step_ns
+        if self.header is not None:
+            source_ns = max(self.header.source_time_ns + step_ns, 0)
+            self.header = replace(self.header, source_time_ns=source_ns)
 
     @property
     def stale_since_ns(self) -> int:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from ...messages.health import AxisCondition
 from ..settings import AxisLimits, HealthSettings
-from .input_watch import NS_PER_S
+from .input_watch import NS_PER_S, moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,11 @@ class LimitLatch:
     def restart(self) -> None:
         """Forget evidence for a change; the state stays."""
         self._doubtful_since = self._certain_since = None
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._doubtful_since = moved(self._doubtful_since, step_ns)
+        self._certain_since = moved(self._certain_since, step_ns)
 
     def update(self, bounds: PreloadBounds, time_ns: int) -> None:
         """Take one estimate in; `time_ns` is the time of its newest sample."""
@@ -83,6 +88,13 @@ class LimitTracker:
         self._confirmed = False
         self._warning.restart()
         self._fault.restart()
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._first_ns = moved(self._first_ns, step_ns)
+        self._last_ns += step_ns
+        self._warning.move(step_ns)
+        self._fault.move(step_ns)
 
     def update(self, bounds: PreloadBounds, time_ns: int) -> None:
         """Take one estimate in; `time_ns` is the time of its newest sample."""

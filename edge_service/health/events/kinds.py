@@ -19,6 +19,7 @@ _CHATTER = (
     "payloads_refused",
 )
 _KEPT = (
+    "clock_changed",
     "condition_changed",
     "alarm_raised",
     "alarm_cleared",

@@ -1,12 +1,12 @@
 """Disk budget of the history: what was left over and the oldest single estimates make room."""
 
 import re
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 from ...atomic import DAMAGED, PART
+from ...clock import now_ns
 from .tier import HOUR, MINUTE, RAW
 
 _LEFT_OVER = re.compile(rf"\..+(\{PART}|\.[a-z0-9_]{{8}})")
@@ -20,7 +20,7 @@ def sweep(folder: Path) -> int:
 
     Files of tiers are written by the holder of the folder alone; others may be in work just now.
     """
-    now_s = time.time()
+    now_s = now_ns() / 1e9
     removed = 0
     for path in folder.rglob(".*"):
         if not _LEFT_OVER.fullmatch(path.name) or not path.is_file():

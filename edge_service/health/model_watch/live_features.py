@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...messages.arrays import finite_or_none
 from ...messages.features import Fault, FeatureBlock
@@ -80,6 +80,11 @@ class LiveFeatures:
         self._present = _present(block)
         doubtful = bool(block.fault & (Fault.GAP | Fault.TIME_BACKWARDS | Fault.IMPLAUSIBLE))
         self._good.append(tuple(each and not doubtful for each in self._present))
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        moved = (replace(each, time_ns=each.time_ns + step_ns) for each in self._points)
+        self._points = deque(moved, maxlen=KEPT)
 
     @property
     def newest(self) -> LivePoint | None:

@@ -40,13 +40,13 @@ class PreloadHistory:
         """Take an estimate in.
 
         Args:
-            time_s: UNIX time, s; one before the newest step is ignored.
+            time_s: UNIX time, s; what lies behind it ends there, should it end later.
             percent, half_width: Preload and half the width of its 95 % interval, percent.
             distance_m: Way of the table since the part came into use, m.
         """
         step = float(time_s // self._step_s)
-        if self._rows and step < self._rows[-1][0]:
-            return
+        if self._rows and step <= self._rows[-1][0] - 1.0:
+            self.move((step - self._rows[-1][0]) * self._step_s)  # nobody told of the step
         if not self._rows or step > self._rows[-1][0]:
             self._rows.append([step, 0.0, 0.0, 0.0, 0.0])
         row = self._rows[-1]
@@ -55,6 +55,11 @@ class PreloadHistory:
             row[column] += (value - row[column]) / row[1]
         if len(self._rows) > MOST_POINTS:
             self._coarsen()
+
+    def move(self, step_s: float) -> None:
+        """The clock was set by a step, s: the distances in time stay."""
+        for row in self._rows:
+            row[0] += step_s / self._step_s
 
     def newest(self) -> float | None:
         """Preload of the newest step, percent; None if there is none."""

@@ -73,6 +73,10 @@ class UsageCounter:
             force_way_m=tuple(round(each, 3) for each in self._force_way_m.tolist()),
         )
 
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns."""
+        self._since_ns += step_ns
+
     def restore(self, use: Use) -> None:
         """Go on from what was counted."""
         self._since_ns, self._moving_s = use.since_time_ns, use.moving_s

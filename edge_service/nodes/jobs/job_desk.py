@@ -7,13 +7,13 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ... import exit_status
+from ...clock import now_ns
 from ...config_tables import JobsConfig
 from ...http_api.jobs import JobAnswer, JobBody, JobKind, JobState, RecordingAnswer, RefusedError
 from ...http_api.times import rfc3339_s
@@ -78,7 +78,7 @@ class _Job:
 
     def end(self) -> None:
         """Note the time of its end."""
-        self.record = self.record.model_copy(update={"ended": rfc3339_s(time.time())})
+        self.record = self.record.model_copy(update={"ended": rfc3339_s(now_ns() / 1e9)})
 
 
 class ProcessJobDesk:
@@ -150,12 +150,12 @@ class ProcessJobDesk:
         recordings = [self._recordings.path(name) for name in body.recordings]
         baseline = None if body.baseline is None else self._fingerprint(body.baseline)
         number = max(self._jobs, default=0) + 1
-        out = self._answers / f"{time.time_ns()}"
+        out = self._answers / f"{now_ns()}"
         record = JobAnswer(
             id=number,
             **body.model_dump(),
             state=JobState.RUNNING,
-            started=rfc3339_s(time.time()),
+            started=rfc3339_s(now_ns() / 1e9),
             ended=None,
             lines=[],
             files=[],

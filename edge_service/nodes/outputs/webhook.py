@@ -5,12 +5,12 @@ import hashlib
 import hmac
 import json
 import logging
-import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 from ...bus.spool.message import DeadLetter, Message, SpoolError
 from ...bus.spool.spool import Spool
+from ...clock import now_ns
 from ...config import EdgeConfig
 from ...config_tables import WebhookConfig
 from ...health.events.log import LoggedEvent
@@ -92,7 +92,7 @@ class Webhook:
 
     async def _deliver(self, message: Message) -> bool:
         """Try to send an event once; tells whether a pause is due."""
-        timestamp = str(int(time.time()))
+        timestamp = str(int(now_ns() / 1e9))
         headers = {
             "Content-Type": "application/json",
             "Connection": "close",
@@ -122,7 +122,7 @@ class Webhook:
             await self.spool.count(message, refused=refused)
             return True
         letter = DeadLetter(
-            message.key, message.topic, message.payload, tries, reply.reason, time.time_ns()
+            message.key, message.topic, message.payload, tries, reply.reason, now_ns()
         )
         await self.spool.bury(letter)
         self._pause_s = FIRST_PAUSE_S

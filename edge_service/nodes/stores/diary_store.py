@@ -1,13 +1,13 @@
 """Store of the diary: opened when it is first asked for, shared by the nodes of a process."""
 
 import logging
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from ...clock import now_ns
 from ...health.events.diary import Diary
 from ...health.events.old_journal import read_journal
 from ...messages.event import Event, Severity
@@ -42,8 +42,8 @@ class DiaryStore:
         known = _Known()
         while True:
             await heart.sleep(CARE_PERIOD_S)
-            await heart.in_thread(self.diary.care, time.time(), limit_s=_CARE_LIMIT_S)
-            for event in known.news(self.diary, time.time_ns()):
+            await heart.in_thread(self.diary.care, now_ns() / 1e9, limit_s=_CARE_LIMIT_S)
+            for event in known.news(self.diary, now_ns()):
                 tell(event)
 
     def close(self) -> None:

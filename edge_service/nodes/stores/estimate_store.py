@@ -4,7 +4,7 @@ import hashlib
 import json
 import logging
 import threading
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +21,8 @@ LONGEST_STOP_S = 30 * 86400.0
 """After a longer stop nothing is left of what was known."""
 AHEAD_S = 60.0
 """A state this far in the future comes from a clock that was wrong then or is wrong now."""
+UNKNOWN_STOP_S = 86400.0
+"""How long such a state was left alone nobody knows; it counts as so long."""
 DAMAGED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 
 
@@ -39,11 +41,13 @@ class Kept:
     Attributes:
         time_s: on the axis' clock.
         source_time_ns: UNIX time.
+        taken: intervals since the process began: a larger number is newer, whatever clocks say.
     """
 
     time_s: float
     source_time_ns: int
     snapshot: dict[str, Any]
+    taken: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +107,7 @@ class EstimateStore:
     def __init__(self, folder: Path, identities: dict[str, str]) -> None:
         self._folder = folder
         self._identities = identities
-        self._written_ns: dict[str, int] = {}
+        self._written: dict[str, int] = {}
         self._lock = threading.Lock()
         self.damaged_files = 0
 
@@ -115,7 +119,7 @@ class EstimateStore:
         """State that was kept of an axis; None if none was.
 
         Raises:
-            StateError: it is damaged, of another axis or machine file, too old, or of the future.
+            StateError: it is damaged, of another axis or machine file, or too old.
             OSError: it cannot be read.
         """
         kept = read_kept(self.path(axis), axis, self._identities[axis])
@@ -125,7 +129,8 @@ class EstimateStore:
         if stopped_s > LONGEST_STOP_S:
             raise StateError(f"it is {stopped_s / 86400.0:.0f} days old")
         if stopped_s < -AHEAD_S:
-            raise StateError(f"it is from {-stopped_s:.0f} s in the future: is the clock right?")
+            log.warning("%s: it is from %.0f s in the future", self.path(axis), -stopped_s)
+            return replace(kept, source_time_ns=now_ns - round(UNKNOWN_STOP_S * 1e9))
         return kept
 
     def save(self, kept: dict[str, Kept]) -> None:
@@ -135,17 +140,17 @@ class EstimateStore:
         """
         with self._lock:
             for axis, each in kept.items():
-                if each.source_time_ns >= self._written_ns.get(axis, 0):
+                if each.taken >= self._written.get(axis, 0):
                     write_kept(self.path(axis), axis, self._identities[axis], each)
-                    self._written_ns[axis] = each.source_time_ns
+                    self._written[axis] = each.taken
 
-    def forget(self, axis: str, heard_ns: int) -> None:
-        """The part is another: nothing of what was known up to `heard_ns` holds. Raises OSError.
+    def forget(self, axis: str, taken: int) -> None:
+        """The part is another: nothing of what was known after `taken` intervals holds. OSError.
 
         A state of that time that another thread is about to write is not written any more.
         """
         with self._lock:
-            self._written_ns[axis] = heard_ns + 1
+            self._written[axis] = taken + 1
             self.path(axis).unlink(missing_ok=True)
 
     def set_aside(self, axis: str) -> Path:

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from ...atomic import made_folder
+from ...clock import now_ns
 from ...config import ConfigError, EdgeConfig
 from ...health.history.archive import AxisArchive
 from ...health.history.budget import make_room, sweep
@@ -75,7 +76,7 @@ class HistoryStore:
         """The first reading loads the Parquet library, a second that no person should wait."""
         with contextlib.suppress(OSError):  # a request for the history reports it
             for archive in self._archives.values():
-                archive.rows(0.0, time.time(), _READ_STEP_S)
+                archive.rows(0.0, now_ns() / 1e9, _READ_STEP_S)
 
     def _turn(self, *, sync: bool) -> Turn:
         """Write what was taken in, whatever fails for one axis; then look after the files."""

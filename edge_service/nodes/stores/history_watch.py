@@ -1,10 +1,10 @@
 """Report on the history: its component, its counts, and events of what it could not keep."""
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from ...clock import now_ns
 from ...messages.event import Event, Severity
 from ...messages.health import ComponentStatus
 
@@ -77,7 +77,5 @@ class HistoryWatch:
         self._report(status, problem or self._damage)
 
     def _event(self, axis: str, kind: str, severity: Severity, words: str) -> None:
-        event = Event(
-            axis=axis, kind=kind, severity=severity, message=words, time_ns=time.time_ns()
-        )
+        event = Event(axis=axis, kind=kind, severity=severity, message=words, time_ns=now_ns())
         self._tell(event)

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Collection
 
 from ...bus.questions import Answering
+from ...clock import now_ns
 from ...health.events.audit import AuditEntry
 from ...messages.alarm import Command, Outcome
 from ...messages.codec.interface import CodecError
@@ -64,5 +65,5 @@ def audited(axis: str, command: Command, refusal: str, now_ns: int) -> tuple[Aud
 
 def _header() -> Header:
     """Header of a question or an answer: each is the only one of its series."""
-    now_ns = time.time_ns()
-    return Header(0, now_ns, now_ns, time.monotonic_ns())
+    asked_ns = now_ns()
+    return Header(0, asked_ns, asked_ns, time.monotonic_ns())

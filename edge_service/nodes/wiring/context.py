@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from ...bus.publisher import Publisher
 from ...bus.session import Bus
 from ...bus.subscriber import Subscriber
+from ...clock import now_ns
 from ...config import EdgeConfig
 from ...health.condition.component import ComponentStatusMachine
 from ...messages.codec.interface import T
@@ -116,7 +117,7 @@ class Reporter:
 
     def publish(self) -> None:
         """Put the report on the bus."""
-        self._publisher.publish(self._report(), time.time_ns())
+        self._publisher.publish(self._report(), now_ns())
 
     def _report(self) -> ComponentHealth:
         faults = self._tasks.faults() + self.problems()
@@ -154,20 +155,20 @@ class Reporter:
 
     def tell(self, change: TaskChange) -> None:
         """Tell of a change by an event and by the status."""
-        now_ns = time.time_ns()
+        at_ns = now_ns()
         event = Event(
             axis=self._axis or "",
             kind=change.kind,
             severity=_SEVERITY.get(change.kind, Severity.WARNING),
             message=f"{self._machine.component}: {change.task} {change.reason}",
-            time_ns=now_ns,
+            time_ns=at_ns,
             data={
                 "component": self._machine.component,
                 "task": change.task,
                 "restarts": change.restarts,
             },
         )
-        self._events.publish(event, now_ns)
+        self._events.publish(event, at_ns)
         self.publish()
 
 

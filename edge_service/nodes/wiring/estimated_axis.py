@@ -2,8 +2,8 @@
 
 import json
 import logging
-import time
 
+from ...clock import now_ns
 from ...estimate.interface import PreloadEstimator
 from ...messages.estimate import PreloadEstimate
 from ...messages.features import FeatureBlock
@@ -28,6 +28,7 @@ class EstimatedAxis:
         self._heard: tuple[float, int] | None = None
         self._restored = False
         self._changed = False
+        self._taken = 0
 
     def take(self, header: Header, block: FeatureBlock) -> PreloadEstimate:
         """Take the next interval; what is known after it."""
@@ -35,6 +36,7 @@ class EstimatedAxis:
             self._bridge(*self._heard, header, block)
         self._heard = block.time_s, header.source_time_ns
         self._restored, self._changed = False, True
+        self._taken += 1
         self._estimator.update(block)
         return self._estimator.estimate()
 
@@ -47,11 +49,15 @@ class EstimatedAxis:
             self._estimator.interrupt()
 
     def forget(self) -> int:
-        """The part is another; returns the UNIX time up to which the old one was heard, ns."""
-        heard_ns = 0 if self._heard is None else self._heard[1]
+        """The part is another; returns the number of intervals that were of the old one."""
         self._estimator.reset()
         self._heard, self._changed = None, False
-        return heard_ns
+        return self._taken
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns: nobody was silent meanwhile."""
+        if self._heard is not None:
+            self._heard = (self._heard[0], self._heard[1] + step_ns)
 
     def restore(self, store: EstimateStore, replaced_ns: int = 0) -> None:
         """Go on from what was kept, if it is this axis'; else begin anew, and say why.
@@ -60,11 +66,11 @@ class EstimatedAxis:
             replaced_ns: UNIX time at which the part was replaced, ns; 0 if it never was.
         """
         try:
-            now_ns = time.time_ns()
-            kept = store.load(self._axis, now_ns)
+            begun_ns = now_ns()
+            kept = store.load(self._axis, begun_ns)
             if kept is None:
                 return
-            if kept.source_time_ns < replaced_ns <= now_ns:
+            if kept.source_time_ns < replaced_ns <= begun_ns:
                 raise StateError("it is of a part that was replaced since")
             self._restore(kept)
         except (StateError, OSError) as error:
@@ -89,7 +95,7 @@ class EstimatedAxis:
         if not self._changed or self._heard is None:
             return None
         self._changed = False
-        return Kept(*self._heard, self._estimator.snapshot())
+        return Kept(*self._heard, self._estimator.snapshot(), self._taken)
 
 
 def _goes_on(time_s: float, silent_s: float, block: FeatureBlock) -> bool:

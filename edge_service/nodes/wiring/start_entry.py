@@ -5,10 +5,10 @@ import hashlib
 import json
 import os
 import re
-import time
 from typing import Any
 
 from ... import __version__
+from ...clock import now_ns
 from ...config import EdgeConfig
 from ...health.events.audit import AuditEntry
 
@@ -21,7 +21,7 @@ def start_entry(config: EdgeConfig, names: tuple[str, ...]) -> AuditEntry:
     """Entry of a start: version, and the configuration without its secrets."""
     text = json.dumps(_masked(config.model_dump(mode="json")))
     return AuditEntry(
-        time_ns=time.time_ns(),
+        time_ns=now_ns(),
         who=_user(),
         origin=f"process {os.getpid()}",
         action="service_started",
@@ -38,7 +38,7 @@ def start_entry(config: EdgeConfig, names: tuple[str, ...]) -> AuditEntry:
 def end_entry(names: tuple[str, ...]) -> AuditEntry:
     """Entry of an orderly end."""
     return AuditEntry(
-        time_ns=time.time_ns(),
+        time_ns=now_ns(),
         who=_user(),
         origin=f"process {os.getpid()}",
         action="service_stopped",

@@ -1,10 +1,10 @@
 """Tells events to whoever listens, each after it is in the diary."""
 
 import asyncio
-import time
 from collections import deque
 from collections.abc import Callable
 
+from ...clock import now_ns
 from ...health.events.diary import Diary
 from ...health.events.log import LoggedEvent
 from ...messages.event import Event
@@ -41,7 +41,7 @@ class Teller:
             self._wake.clear()
             while self._waiting:
                 batch = tuple(self._waiting)
-                kept = await heart.in_thread(self._diary.add, batch, time.time_ns())
+                kept = await heart.in_thread(self._diary.add, batch, now_ns())
                 for logged in kept:
                     self._tell(logged)
                 for _ in batch:
