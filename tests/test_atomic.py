@@ -60,6 +60,19 @@ def test_a_secret_is_for_its_owner_alone_from_the_first_byte(
     assert target.stat().st_mode & 0o777 == PRIVATE
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_what_root_writes_belongs_to_who_had_it(tmp_path: Path) -> None:
+    target = tmp_path / "tokens"
+    target.touch()
+    os.chown(target, 4711, 4712)
+    with replaced_file(target, PRIVATE) as file:
+        file.write("new")
+    assert (target.stat().st_uid, target.stat().st_gid) == (4711, 4712)
+    with replaced_file(tmp_path / "first") as file:
+        file.write("new")
+    assert (tmp_path / "first").stat().st_uid == 0
+
+
 WRITERS: list[Callable[[Path], None]] = [
     lambda path: write_checked(path, CONTENT),
     lambda path: _written(replaced_file, path, "text"),

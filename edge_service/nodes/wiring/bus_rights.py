@@ -22,6 +22,8 @@ _NODES_NEED = (
 def router_settings(config: EdgeConfig) -> BusSettings:
     """Settings of the process that is the bus' router. Raises ConfigError."""
     bus = config.bus
+    if bus.security == "open":
+        log.warning("the bus is open: any process of this machine can forge a preload")
     tls = None if bus.certificates is None else _tls(bus, "server")
     return BusSettings(bus.endpoint, "router", bus.security, tls)
 
