@@ -70,7 +70,7 @@ async def run(context: NodeContext) -> None:
         place=config.keys,
         refused=context.bus.refused,
     )
-    outputs = await OutputDesk.open(context)
+    outputs = await context.heart.patiently(OutputDesk.open(context))
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter, keeper = Reporter(context, "http"), Reporter(context, "history")

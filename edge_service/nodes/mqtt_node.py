@@ -31,7 +31,8 @@ async def run(context: NodeContext) -> None:
         raise ConfigError("mqtt: missing; the node needs a [mqtt] table with a host")
     report = OutputReport(context, "mqtt")
     most, most_bytes = config.mqtt.buffer_messages, round(1e6 * config.mqtt.buffer_mb)
-    spool = await Spool.open(config.mqtt.buffer, most, most_bytes)
+    opening = Spool.open(config.mqtt.buffer, most, most_bytes)
+    spool = await context.heart.patiently(opening)
     try:
         delivery = MqttDelivery(
             _settings(context, config.mqtt),

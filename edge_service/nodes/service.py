@@ -38,8 +38,6 @@ OPTIONAL: tuple[NodeName, ...] = ("mqtt", "vibration")
 """Nodes that run where their table stands in the configuration."""
 PIPELINE: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample", "acquire")
 Run = Callable[[NodeContext], Coroutine[Any, Any, None]]
-_NODE_START_S = 120.0
-"""Longest start of a node: it may have to compile."""
 _JOIN_PERIOD_S = 1.0
 CLOCK_PERIOD_S = 1.0
 DRAIN_S = 0.5
@@ -164,14 +162,13 @@ def _begin(context: NodeContext, tasks: Tasks, names: tuple[NodeName, ...]) -> l
     for name in names:
         if name in OPTIONAL:
             run: Run = partial(_optional_node, name=name)
-            tasks.start(name, _life(context, run), deadline_s=_NODE_START_S)
+            tasks.start(name, _life(context, run))
         elif name in _RUNS:
-            tasks.start(name, _life(context, _RUNS[name]), deadline_s=_NODE_START_S, vital=True)
+            tasks.start(name, _life(context, _RUNS[name]), vital=True)
     return [
         tasks.start(
             f"acquire {axis.name}",
             _life(context, partial(acquire_node.run, axis=axis)),
-            deadline_s=_NODE_START_S,
             may_end=True,
         )
         for axis in (context.config.axes if "acquire" in names else ())

@@ -15,7 +15,7 @@ from ...config import EdgeConfig
 from ...config_tables import WebhookConfig
 from ...health.events.log import LoggedEvent
 from ...messages.topics import EVENT
-from ..supervision.heartbeat import Heartbeat
+from ..supervision.heartbeat import THREAD_LIMIT_S, Heartbeat
 from .post import WHOLE_S, Outcome, Poster, Reply
 
 log = logging.getLogger(__name__)
@@ -81,9 +81,10 @@ class Webhook:
             try:
                 with heart.idle(lambda: len(self.spool) == 0):
                     await self.spool.wait()
-                (message,) = await self.spool.oldest(1) or (None,)
-                heart.beat(WHOLE_S)
-                rests = message is not None and await self._deliver(message)
+                (message,) = await heart.patiently(self.spool.oldest(1)) or (None,)
+                rests = message is not None and await heart.patiently(
+                    self._deliver(message), limit_s=WHOLE_S + THREAD_LIMIT_S
+                )
             except SpoolError as error:
                 self._on_change(str(error))
                 rests = True

@@ -1,7 +1,7 @@
 """Sign of life of one task, and the deadline by which the next one is due."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -29,10 +29,11 @@ class Heartbeat:
         self._due_s = clock() + deadline_s
         self._idle: Callable[[], bool] | None = None
         self._thread: ThreadWork | None = None
+        self._patient_until_s: float | None = None
 
     def begin(self) -> None:
         """Start a life of the task."""
-        self._idle = None
+        self._idle = self._patient_until_s = None
         self.beat()
 
     def beat(self, quiet_s: float = 0.0) -> None:
@@ -69,6 +70,15 @@ class Heartbeat:
         self.beat()
         return result
 
+    async def patiently(self, waited: Awaitable[_T], *, limit_s: float = THREAD_LIMIT_S) -> _T:
+        """Wait for what hangs on a disk or a peer; beyond the limit that is shown, not ended."""
+        self._patient_until_s = self._clock() + limit_s
+        try:
+            return await waited
+        finally:
+            self._patient_until_s = None
+            self.beat()
+
     def forgive(self, seconds: float) -> None:
         """The whole loop stood still for so long: no fault of this task."""
         self._due_s += seconds
@@ -76,10 +86,13 @@ class Heartbeat:
     def is_late(self, now_s: float) -> bool:
         """Tell whether a sign of life is overdue; a thread at work is one."""
         in_thread = self._thread is not None and self._thread.at_work
-        if in_thread or (self._idle is not None and self._idle()):
+        waits = in_thread or self._patient_until_s is not None
+        if waits or (self._idle is not None and self._idle()):
             self._due_s = max(self._due_s, now_s + self._deadline_s)
         return now_s > self._due_s
 
     def is_thread_late(self, now_s: float) -> bool:
-        """Tell whether a thread has been at work beyond its limit."""
+        """Tell whether a thread, or what is waited for patiently, takes longer than its limit."""
+        if self._patient_until_s is not None and now_s > self._patient_until_s:
+            return True
         return self._thread is not None and self._thread.at_work and now_s > self._thread.due_s

@@ -78,7 +78,7 @@ class Tasks:
                     with self.failures.borne(name, axis):
                         taken = take(axis, header, payload)
                         if isawaitable(taken):
-                            await taken
+                            await heart.patiently(taken)
 
         return self.start(name, work, vital=vital, may_end=True)
 
@@ -96,7 +96,7 @@ class Tasks:
             while True:
                 done = work()
                 if isawaitable(done):
-                    await done
+                    await heart.patiently(done)
                 await heart.sleep(period_s)
 
         return self.start(name, repeated, vital=vital)

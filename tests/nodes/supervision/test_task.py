@@ -177,7 +177,7 @@ async def test_a_thread_that_hangs_is_seen_holds_up_nobody_and_is_not_doubled(
     assert scene.told == []
     await scene.pass_time(2.0)
     assert scene.kinds() == ["task_failed"]
-    assert "thread hangs" in scene.told[0].reason
+    assert scene.told[0].reason == "hangs: do disk and peer answer?"
     await scene.pass_time(60.0)
     assert len(begun) == 1
     assert (other.restarts.total, scene.supervisor.is_well) == (0, True)
@@ -186,6 +186,23 @@ async def test_a_thread_that_hangs_is_seen_holds_up_nobody_and_is_not_doubled(
         while scene.kinds()[-1] != "task_recovered":
             await asyncio.sleep(0.01)
             await scene.pass_time(0.2)
+
+
+async def test_what_is_waited_for_patiently_is_shown_and_not_ended(scene: Scene) -> None:
+    answered = asyncio.Event()
+
+    async def work(heart: Heartbeat) -> None:
+        await heart.patiently(answered.wait(), limit_s=5.0)
+        await beating(heart)
+
+    task = scene.tasks.start("peer", work)
+    await scene.pass_time(4.0)
+    assert scene.told == []
+    await scene.pass_time(600.0, step_s=1.0)
+    assert (scene.kinds(), task.restarts.total) == (["task_failed"], 0)
+    answered.set()
+    await scene.pass_time(1.0)
+    assert scene.kinds() == ["task_failed", "task_recovered"]
 
 
 async def test_an_idle_task_is_well_until_work_waits(scene: Scene) -> None:
