@@ -30,6 +30,13 @@ def write(folder: Path, name: str, text: str) -> str:
     return str(path)
 
 
+def private(folder: Path, name: str, text: str) -> str:
+    """A file that its owner alone may read."""
+    path = write(folder, name, text)
+    Path(path).chmod(0o600)
+    return path
+
+
 AXIS = '[[axes]]\nname = "X"\n'
 TRACE = "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n"
 Case = Callable[[Path], list[str]]
@@ -130,13 +137,16 @@ CASES: dict[str, tuple[Case, str]] = {
     "a certificate that is none": (
         lambda p: [
             "run",
-            write(
-                p,
-                "a.toml",
-                AXIS + '[http]\ncertificate = "a.toml"\nprivate_key = "a.toml"',
-            ),
+            private(p, "a.toml", AXIS + '[http]\ncertificate = "a.toml"\nprivate_key = "a.toml"'),
         ],
         "no PEM, or a key with a password",
+    ),
+    "a key that others may read": (
+        lambda p: [
+            "run",
+            write(p, "a.toml", AXIS + '[http]\ncertificate = "a.toml"\nprivate_key = "a.toml"'),
+        ],
+        "http.private_key: ",
     ),
     "tokens that are not there": (
         lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ntokens_file = "t"')],

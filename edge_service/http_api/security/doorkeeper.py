@@ -1,11 +1,11 @@
 """Who asks: by a token, by the session of a browser, or nobody."""
 
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from ...clock import now_ns, steady_ns
 from .access import Role
 from .attempts import Attempts
 from .sessions import Sessions
@@ -42,12 +42,12 @@ class Doorkeeper:
     Attributes:
         tokens: None: there are none, and whoever reaches the service may do anything.
         clock: UNIX time in ns, by which tokens end.
-        monotonic: s, by which sessions end and failed sign-ins are forgotten.
+        monotonic: s, also of a suspended host, by which sessions end and failed sign-ins are forgotten.
     """
 
     tokens: TokenFile | None = None
-    clock: Callable[[], int] = time.time_ns
-    monotonic: Callable[[], float] = time.monotonic
+    clock: Callable[[], int] = now_ns
+    monotonic: Callable[[], float] = lambda: steady_ns() / 1e9
     _sessions: Sessions = field(default_factory=Sessions)
     _attempts: Attempts = field(default_factory=Attempts)
     _complaint: str = ""

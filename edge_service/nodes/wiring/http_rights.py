@@ -33,9 +33,9 @@ def tls_files(http: HttpConfig) -> tuple[Path, Path] | None:
     if http.certificate is None or http.private_key is None:
         return None
     try:
+        http.certificate.read_bytes()
         read_secret(http.private_key)  # which others must not be able to read
         key = expanded(http.private_key)
-        http.certificate.read_bytes()
     except SecretError as error:
         raise ConfigError(f"http.private_key: {error}") from None
     except OSError as error:
