@@ -80,7 +80,7 @@ class Tasks:
                         if isawaitable(taken):
                             await heart.patiently(taken)
 
-        return self.start(name, work, vital=vital, may_end=True)
+        return self.start(name, work, vital=vital)
 
     def repeat(
         self,
