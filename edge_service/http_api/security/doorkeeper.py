@@ -42,7 +42,7 @@ class Doorkeeper:
     Attributes:
         tokens: None: there are none, and whoever reaches the service may do anything.
         clock: UNIX time in ns, by which tokens end.
-        monotonic: s, also of a suspended host, by which sessions end and failed sign-ins are forgotten.
+        monotonic: s, also of a suspended host, by which sessions end and failures are forgotten.
     """
 
     tokens: TokenFile | None = None
