@@ -112,3 +112,16 @@ async def test_page_asks_for_nothing_outside_and_runs_nothing_inline(client):
             assert "https://" not in text, file.name
         answer = await client.get(f"/static/{file.name}")
         assert answer.status_code == 200
+
+
+@pytest.mark.parametrize("path", ["history", "history.parquet", "history.arrow"])
+async def test_a_history_that_cannot_be_read_now_is_no_failure_of_the_service(
+    client, monkeypatch, path
+):
+    def fail(*_: object) -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr("edge_service.health.history.archive.AxisArchive.rows", fail)
+    answer = await client.get(f"/api/v1/axes/X/{path}")
+    assert answer.status_code == 503
+    assert answer.json()["detail"] == "the history cannot be read now (Too many open files)"

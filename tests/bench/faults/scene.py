@@ -93,10 +93,10 @@ class RunningService:
         body: Any = None,
         timeout_s: float = _TIMEOUT_S,
     ) -> Answer:
-        """Answer to one request; a body is sent as JSON. Raises OSError."""
+        """Answer to one request; a body is sent as JSON, bytes as they are. Raises OSError."""
         connection = http.client.HTTPConnection(self.host, self.port, timeout=timeout_s)
         try:
-            content = None if body is None else json.dumps(body)
+            content = body if body is None or isinstance(body, bytes) else json.dumps(body)
             headers = {} if body is None else {"content-type": "application/json"}
             connection.request(method, path, content, headers)
             response = connection.getresponse()
