@@ -14,11 +14,16 @@ _READ_PERIOD_S = 0.1
 
 
 def shift_clock(path: Path) -> None:
-    """Let `time.time` and `time.time_ns` differ from the real time by the seconds in a file."""
-    real_s, real_ns = time.time, time.time_ns
+    """Let the wall clock, and the one that counts a suspended host, be ahead by a file's seconds.
+
+    To the service hours pass as if the host had slept; a step of the wall clock alone would not be
+    believed.
+    """
+    real_s, real_ns, real_clock_ns = time.time, time.time_ns, time.clock_gettime_ns
     offset_s = _offset(path)
     time.time = lambda: real_s() + offset_s()
     time.time_ns = lambda: real_ns() + round(offset_s() * 1e9)
+    time.clock_gettime_ns = lambda clock: real_clock_ns(clock) + round(offset_s() * 1e9)
 
 
 def _offset(path: Path) -> Callable[[], float]:
