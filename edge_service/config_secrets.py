@@ -50,7 +50,7 @@ def with_table_secrets(
 
 
 def open_secrets(model: type[BaseModel], content: dict[str, Any], path: Path) -> list[str]:
-    """Keys of secrets that stand in a file which others may read."""
+    """Keys of secrets that stand in a file which others may read; addresses if they hold a user."""
     if not path.stat().st_mode & stat.S_IROTH:
         return []
     return [
@@ -58,7 +58,9 @@ def open_secrets(model: type[BaseModel], content: dict[str, Any], path: Path) ->
         for name, field in model.model_fields.items()
         for table in _tables_in(field.annotation)
         for key in secret_keys(table)
-        if isinstance(content.get(name), dict) and key in content[name]
+        if isinstance(content.get(name), dict)
+        and key in content[name]
+        and (key != "url" or "@" in str(content[name][key]))
     ]
 
 

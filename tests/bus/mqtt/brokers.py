@@ -145,7 +145,7 @@ async def _behave(broker: BadBroker, reader: asyncio.StreamReader, writer: Write
 
 
 @asynccontextmanager
-async def serving() -> AsyncIterator[BadBroker]:
+async def serving(port: int = 0) -> AsyncIterator[BadBroker]:
     """A broker for as long as the context lasts."""
     broker = BadBroker()
     served: set[asyncio.Task[None]] = set()
@@ -155,7 +155,7 @@ async def serving() -> AsyncIterator[BadBroker]:
         served.add(task)
         task.add_done_callback(served.discard)
 
-    server = await asyncio.start_server(meet, "127.0.0.1", 0)
+    server = await asyncio.start_server(meet, "127.0.0.1", port)
     broker.port = server.sockets[0].getsockname()[1]
     try:
         yield broker
