@@ -125,7 +125,7 @@ def _taker(
             return
         sent_ns[axis] = header.source_time_ns
         said = topic.encode(axis, header, payload)
-        await spool.put(f"{axis}/{topic.name}", said, durable=topic is EVENT)
+        await spool.put(f"{axis}/{topic.name}", said)
 
     return take
 

@@ -1,17 +1,23 @@
 """Changes of a spool's file that are repeated until the disk takes them."""
 
+import logging
 import sqlite3
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from .file import begin_anew, connect, connect_memory, is_damage
+from ...kept_database import DatabaseFailedError, KeptDatabase
+from .file import SCHEMA, rescue
 from .message import SpoolError
 
+log = logging.getLogger(__name__)
 MOST_UNWRITTEN = 2000
 """Changes that are kept in memory while the disk takes none."""
 Change = tuple[str, Sequence[object]]
+
+
+class _Undo(Exception):  # noqa: N818
+    """Leaves a transaction without a trace."""
 
 
 class Ledger:
@@ -26,8 +32,9 @@ class Ledger:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file: sqlite3.Connection | None = None
+        self._file = KeptDatabase(path, SCHEMA, rescue)
         self._unwritten: list[Change] = []
+        self._told_damages = 0
         self.problem = ""
 
     @property
@@ -35,87 +42,61 @@ class Ledger:
         """Whether no further change can be kept."""
         return len(self._unwritten) >= MOST_UNWRITTEN
 
-    def change(self, changes: Sequence[Change], *, durable: bool = False) -> None:
-        """Make changes, all or none; `durable` ones are on the disk itself afterwards."""
+    def change(self, changes: Sequence[Change]) -> None:
+        """Make changes, all or none; they are on the disk itself afterwards, unless `problem`."""
         self._unwritten += changes
-        self._write(durable=durable)
+        self.write_again()
 
     def write_again(self) -> None:
-        """Try once more to write what could not be written."""
-        if self._unwritten or self.problem:
-            self._write(durable=True)
+        """Write what could not be written."""
+        try:
+            with self._file.transaction() as file:
+                self._replay(file)
+        except DatabaseFailedError as error:
+            self.problem = str(error)
+        else:
+            self._unwritten.clear()
+            self.problem = ""
+        self._tell_damages()
 
     def read(self, question: str, *values: object) -> list[Any]:
         """Rows that answer a question. Raises SpoolError if nothing can be read."""
-        for answer in (self._from_file, self._from_file, self._from_memory):
+        try:
             try:
-                return answer(question, values)
-            except (sqlite3.Error, OSError) as error:
-                self._mend(error)
-        raise SpoolError(f"{self._path}: cannot hold messages ({self.problem})")
+                if self._unwritten:
+                    return self._on_top(self._file, question, values)
+                return self._file.rows(question, *values)
+            except DatabaseFailedError as error:
+                self.problem = str(error)
+                return self._on_top(KeptDatabase(None, SCHEMA, rescue), question, values)
+        except DatabaseFailedError as error:
+            raise SpoolError(f"{self._path}: cannot hold messages ({error})") from None
+        finally:
+            self._tell_damages()
 
     def close(self) -> None:
         """Write what waits and close the file; safe twice."""
         if self._unwritten:
-            self._write(durable=True)
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+            self.write_again()
+        self._file.close()
 
-    def _write(self, *, durable: bool) -> None:
+    def _on_top(self, file: KeptDatabase, question: str, values: Sequence[object]) -> list[Any]:
+        """Answer with all changes made, and none of them written."""
+        rows: list[Any] = []
         try:
-            file = self._opened()
-            if self._unwritten:
-                file.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
-                self._replay(file)
-                file.execute("COMMIT")
-        except (sqlite3.Error, OSError) as error:
-            self._mend(error)
-        else:
-            self._unwritten.clear()
-            self.problem = ""
-
-    def _from_file(self, question: str, values: Sequence[object]) -> list[Any]:
-        file = self._opened()
-        if not self._unwritten:
-            return file.execute(question, values).fetchall()
-        self._replay(file)
-        try:
-            return file.execute(question, values).fetchall()
-        finally:
-            _give_up(file)
-
-    def _from_memory(self, question: str, values: Sequence[object]) -> list[Any]:
-        with closing(connect_memory()) as memory:
-            self._replay(memory)
-            return memory.execute(question, values).fetchall()
+            with file.transaction() as connection:
+                connection.execute("PRAGMA cache_spill = OFF")
+                self._replay(connection)
+                rows = connection.execute(question, values).fetchall()
+                raise _Undo
+        except _Undo:
+            return rows
 
     def _replay(self, connection: sqlite3.Connection) -> None:
-        _give_up(connection)
-        connection.execute("BEGIN IMMEDIATE")
         for statement, values in self._unwritten:
             connection.execute(statement, values)
 
-    def _opened(self) -> sqlite3.Connection:
-        if self._file is None:
-            self._file = connect(self._path)
-        return self._file
-
-    def _mend(self, error: Exception) -> None:
-        """Note what was wrong; begin anew where the file is damaged."""
-        self.problem = str(error)
-        if self._file is None:
-            return
-        _give_up(self._file)
-        if isinstance(error, sqlite3.Error) and is_damage(error):
-            self._file.close()
-            self._file = None
-            try:
-                self._file = begin_anew(self._path, str(error))
-            except (sqlite3.Error, OSError) as another:
-                self.problem = str(another)
-
-
-def _give_up(connection: sqlite3.Connection) -> None:
-    if connection.in_transaction:
-        connection.execute("ROLLBACK")
+    def _tell_damages(self) -> None:
+        for damage in self._file.damages[self._told_damages :]:
+            log.warning("%s", damage)
+        self._told_damages = len(self._file.damages)

@@ -78,14 +78,14 @@ class Letters:
         self.figures = Figures()
         self.dropped = self.damaged = 0
 
-    def put(self, topic: str, payload: bytes, *, durable: bool, mark: int = 0) -> Message | None:
+    def put(self, topic: str, payload: bytes, mark: int = 0) -> Message | None:
         """Append a letter; None if it is dropped."""
         if self.ledger.is_full:
             self.dropped += 1
             return None
         before, row = self.figures.waiting, new_row(topic, payload)
         marked: list[Change] = [(_MARK, (mark,))] if mark else []
-        self.ledger.change([(INSERT, row), (_MAKE_ROOM, (self._most,)), *marked], durable=durable)
+        self.ledger.change([(INSERT, row), (_MAKE_ROOM, (self._most,)), *marked])
         while self.look().bytes > self._most_bytes:
             self.ledger.change([(_TOO_LARGE, (self._most_bytes,))])
         self.dropped += before + 1 - self.figures.waiting
@@ -129,7 +129,7 @@ class Letters:
         row = (letter.key, letter.topic, letter.payload, said)
         change = (BURIED, (*row, letter.tries, letter.reason, letter.time_ns))
         oldest = (_FORGET_OLDEST, (MOST_DEAD,))
-        self.ledger.change([change, (_DELETE, (letter.key,)), oldest], durable=True)
+        self.ledger.change([change, (_DELETE, (letter.key,)), oldest])
         self.look()
 
     def dead(self) -> list[DeadLetter]:
@@ -172,6 +172,6 @@ class Letters:
 
     def _take_from_grave(self, key: str, changes: Sequence[Change]) -> bool:
         found = bool(self.ledger.read("SELECT 1 FROM dead WHERE key = ?", key))
-        self.ledger.change(changes, durable=True)
+        self.ledger.change(changes)
         self.look()
         return found

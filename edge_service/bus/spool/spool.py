@@ -84,17 +84,17 @@ class Spool:
         """Why the disk takes nothing; "" while it does."""
         return self._letters.ledger.problem
 
-    async def put(self, topic: str, payload: bytes, *, durable: bool = False) -> None:
-        """Append a message; a `durable` one then also survives the machine.
+    async def put(self, topic: str, payload: bytes) -> None:
+        """Append a message; it is on the disk then.
 
         A disk that hangs is not waited for: the message gets there when it works again.
         """
-        done = self.put_soon(topic, payload, durable=durable)
+        done = self.put_soon(topic, payload)
         if done is not None:
             await asyncio.wait([done], timeout=PATIENCE_S)
 
     def put_soon(
-        self, topic: str, payload: bytes, *, durable: bool = False, mark: int = 0
+        self, topic: str, payload: bytes, *, mark: int = 0
     ) -> "asyncio.Future[Message | None] | None":
         """Let a message be appended; None if it is dropped, as the disk has long been hanging.
 
@@ -105,7 +105,7 @@ class Spool:
             self._left_out += 1
             return None
         self._on_their_way += 1
-        done = self._do(partial(self._letters.put, topic, payload, durable=durable, mark=mark))
+        done = self._do(partial(self._letters.put, topic, payload, mark=mark))
         done.add_done_callback(partial(self._arrive, topic))
         return done
 

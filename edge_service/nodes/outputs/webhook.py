@@ -73,7 +73,7 @@ class Webhook:
         if event.kind in self._kinds:
             body = json.dumps({"schema": EVENT.payload} | event.model_dump(mode="json"))
             topic = f"{event.axis}/{event.kind}"
-            self.spool.put_soon(topic, body.encode(), durable=True, mark=logged.id)
+            self.spool.put_soon(topic, body.encode(), mark=logged.id)
 
     async def run(self, heart: Heartbeat) -> None:
         """Send until cancelled."""
