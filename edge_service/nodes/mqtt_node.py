@@ -15,6 +15,7 @@ from ..config import ConfigError, ServiceConfig
 from ..config_tables import MqttConfig
 from ..messages.header import Header
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
+from .outputs.missed import MissedEvents
 from .outputs.report import OutputReport
 from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext
@@ -53,11 +54,13 @@ async def run(context: NodeContext) -> None:
             "waiting": len(spool),
         },
     )
+    missed = MissedEvents(context.diary.diary, spool, (axis.name for axis in config.axes))
     try:
+        await missed.put()
         async with report.running() as tasks:
             tasks.start("delivery", partial(_deliver, delivery, spool))
             for topic, subscriber in zip(SENT, subscribers, strict=True):
-                take = _taker(config.mqtt, spool, topic, attendance)
+                take = _taker(config.mqtt, spool, topic, attendance, missed)
                 tasks.follow(topic.name, subscriber, take)
             tasks.repeat("absence", _ABSENCE_PERIOD_S, partial(_note_absence, attendance, spool))
             await context.forever()
@@ -112,7 +115,11 @@ async def _deliver(delivery: MqttDelivery, spool: Spool, heart: Heartbeat) -> No
 
 
 def _taker(
-    mqtt: MqttConfig, spool: Spool, topic: Topic[Any], attendance: Attendance
+    mqtt: MqttConfig,
+    spool: Spool,
+    topic: Topic[Any],
+    attendance: Attendance,
+    missed: MissedEvents,
 ) -> Callable[[str, Header, Any], Coroutine[Any, Any, None]]:
     """What puts payloads into the spool; estimates not more often than asked for."""
     period_ns = round(1e9 * mqtt.period_s) if topic is PRELOAD else 0
@@ -125,7 +132,8 @@ def _taker(
             return
         sent_ns[axis] = header.source_time_ns
         said = topic.encode(axis, header, payload)
-        await spool.put(f"{axis}/{topic.name}", said)
+        number = await missed.number(payload) if topic is EVENT else 0
+        await spool.put(f"{axis}/{topic.name}", said, mark=number)
 
     return take
 

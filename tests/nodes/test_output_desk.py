@@ -1,14 +1,18 @@
 """What came into the diary reaches the outputs, also if the service ended in between."""
 
 import asyncio
+import json
 from pathlib import Path
 
 from pydantic import SecretStr
 
 from edge_service.bus.session import Bus, BusSettings
+from edge_service.bus.spool.spool import Spool
 from edge_service.config_tables import HistoryConfig, WebhookConfig
+from edge_service.health.events.diary import Diary
 from edge_service.messages.event import Event, Severity
 from edge_service.nodes.outputs.desk import OutputDesk
+from edge_service.nodes.outputs.missed import MissedEvents
 from edge_service.nodes.wiring.context import NodeContext
 
 from ..drivers.bench import free_port
@@ -26,6 +30,37 @@ async def _waiting(context: NodeContext) -> list[str]:
     letters = await output.spool.oldest(100)
     desk.close()
     return [letter.payload.decode().partition('"message": "')[2][0] for letter in letters]
+
+
+async def test_mqtt_catches_up_with_the_diary_and_sends_nothing_twice(tmp_path: Path) -> None:
+    diary = Diary(tmp_path / "diary.sqlite")
+
+    async def started(*heard: Event) -> list[str]:
+        """What waits after a start, and after events that were heard."""
+        spool = await Spool.open(tmp_path / "spool", 100)
+        missed = MissedEvents(diary, spool, ["X"])
+        await missed.put()
+        for event in heard:
+            await spool.put(
+                "X/event", event.model_dump_json().encode(), mark=await missed.number(event)
+            )
+        letters = await spool.oldest(100)
+        await asyncio.to_thread(spool.close)
+        return [json.loads(letter.payload)["message"] for letter in letters]
+
+    diary.add([_event(0)], 10**18)
+    assert await started() == []
+    diary.add([_event(1), _event(2), _event(3)], 10**18)
+    assert await started() == ["1", "2", "3"]
+    diary.add([_event(4), _event(5)], 10**18)
+    assert await started() == ["1", "2", "3", "4", "5"]
+    diary.close()
+    diary = Diary(tmp_path / "diary.sqlite")
+    spoken = _event(6)
+    assert await started(_event(7)) == ["1", "2", "3", "4", "5", "7"]  # not of this diary
+    diary.add([spoken], 10**18)
+    assert await started() == ["1", "2", "3", "4", "5", "7", "6"]
+    diary.close()
 
 
 async def test_an_event_between_diary_and_output_is_sent_after_the_next_start(

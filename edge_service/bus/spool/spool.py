@@ -84,12 +84,12 @@ class Spool:
         """Why the disk takes nothing; "" while it does."""
         return self._letters.ledger.problem
 
-    async def put(self, topic: str, payload: bytes) -> None:
+    async def put(self, topic: str, payload: bytes, *, mark: int = 0) -> None:
         """Append a message; it is on the disk then.
 
         A disk that hangs is not waited for: the message gets there when it works again.
         """
-        done = self.put_soon(topic, payload)
+        done = self.put_soon(topic, payload, mark=mark)
         if done is not None:
             await asyncio.wait([done], timeout=PATIENCE_S)
 

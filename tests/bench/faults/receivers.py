@@ -28,7 +28,7 @@ from .scene import RunningService, configuration, running_service
 
 TRIES = 5
 AWAY_NOTES_PERIOD_S, AWAY_LIFE_S = 5.0, 60.0
-_REACHED_S, _ARRIVED_S = 4.0, 180.0
+_REACHED_S, _ARRIVED_S = 4.0, 90.0
 NOTE = b'"kind": "note"'
 _NUMBER = re.compile(r"n(\d+)\b")
 _TABLES = """
