@@ -1,5 +1,6 @@
 // Alarms and diary: what happened, who took note, and what was done about it.
 
+import { auditNode } from "./audit.js";
 import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js";
 import { signedName } from "./session.js";
 
@@ -37,6 +38,7 @@ export function renderDiary(state) {
         button("Write a note", {}, () => ask(pending.axis, { action: "note" }, "Write a note", "It is drawn in the history.")),
         button("Part replaced", {}, () => ask(pending.axis, { action: "part_replaced" }, "Part replaced", "The trend and the use of the part begin anew. This cannot be undone.")))),
       element("ol", { class: "events", tabindex: "0", "aria-labelledby": "diary-title" }),
+      auditNode(),
     );
   }
   pending = state;
