@@ -77,8 +77,9 @@ def test_events_are_found_by_axis_time_number_and_kind(diary):
 
 @pytest.mark.parametrize("kind", DIARY_KINDS)
 def test_what_happens_all_the_time_pushes_out_nothing_else(kind, monkeypatch):
-    monkeypatch.setattr(kinds, "KINDS", {each: 10 if is_chatter(each) else 30 for each in KINDS})
-    monkeypatch.setattr(kinds, "MOST_CHATTER", 10)
+    sizes = {each: 200 if is_chatter(each) else 600 for each in KINDS}  # a 20th of it in memory
+    monkeypatch.setattr(kinds, "KINDS", sizes)
+    monkeypatch.setattr(kinds, "MOST_CHATTER", 200)
     diary = Diary()
     diary.add([event(0, kind), event(1, kind, "")], START_NS)
     for many in range(4):
@@ -91,7 +92,7 @@ def test_what_happens_all_the_time_pushes_out_nothing_else(kind, monkeypatch):
 
 
 def test_a_reader_who_was_away_too_long_learns_it(monkeypatch):
-    monkeypatch.setattr(kinds, "KINDS", {"note": 10, "alarm_raised": 10})
+    monkeypatch.setattr(kinds, "KINDS", {"note": 200, "alarm_raised": 200})
     with closing(Diary()) as diary:
         (first,) = diary.add([event(0, "alarm_raised")], START_NS)
         ids = [each.id for each in diary.add([event(n) for n in range(1, 601)], START_NS)]

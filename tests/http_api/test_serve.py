@@ -104,7 +104,7 @@ async def test_stream_is_resumed_where_it_broke_off(scene):
 
 
 async def test_reader_that_was_away_too_long_is_told(make_scene, monkeypatch):
-    monkeypatch.setattr(kinds, "KINDS", {"condition_changed": 2})
+    monkeypatch.setattr(kinds, "KINDS", {"condition_changed": 40})  # a 20th in memory
     scene = make_scene()
     first = scene.hear_event("seen")
     for number in range(499):

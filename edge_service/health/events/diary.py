@@ -20,6 +20,8 @@ log = logging.getLogger(__name__)
 _NS_PER_US = 1000
 _MOST_UNSAVED = 20_000
 _PRUNE_EVERY = 500
+_IN_MEMORY = 20
+"""By so much fewer events are kept where they live in memory."""
 _Key = tuple[int, str, str, str]
 
 
@@ -33,6 +35,7 @@ class Diary:
 
     def __init__(self, path: Path | None = None) -> None:
         self._file = KeptDatabase(path, tables.SCHEMA, tables.rescue)
+        self._shared = _IN_MEMORY if path is None else 1
         self._lock = threading.Lock()
         self._unsaved: dict[_Key, LoggedEvent] = {}
         self._entries: list[AuditEntry] = []
@@ -173,7 +176,7 @@ class Diary:
 
     def _shrink(self, axis: str, room: str) -> None:
         with self._file.transaction() as file:
-            tables.shrink(file, axis, room, room_of(room)[1])
+            tables.shrink(file, axis, room, room_of(room)[1] // self._shared)
 
     def _attempt(self, work: Callable[[], None]) -> bool:
         """Do work on the file; a failure is logged once, and the same until it succeeds again."""
