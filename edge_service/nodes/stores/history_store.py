@@ -25,7 +25,7 @@ FLUSH_PERIOD_S = 1.0
 _FLUSHES_PER_SYNC = 5
 _FLUSHES_PER_TRIAL = 3
 """While it fails it is tried less often: each trial prepares a whole hour."""
-_CHECKING_S = 0.05
+_CHECKING_S = 0.2
 _CHECK_AGAIN_AFTER_S = 86_400.0
 _READ_STEP_S = 3600.0
 _MB = 1_000_000

@@ -22,6 +22,7 @@ from .scene import running_service
 AXES = ("A1", "A2", "A3", "A4")
 _UNTOUCHED = AXES[-1]
 _RECORD_BYTES = 69
+_NAMING_PATIENCE_S, _LOOK_PERIOD_S = 15.0, 0.5
 Spoiler = Callable[[Path, random.Random], None]
 
 
@@ -84,6 +85,10 @@ class Toll:
     disturbed: list[str] = field(default_factory=list)
     unnamed: Counter[str] = field(default_factory=Counter)
 
+    def paths(self) -> Counter[str]:
+        """Wrong answers by the path within the answer."""
+        return Counter(each.partition(": ")[0].partition(" ")[2] for each in self.served)
+
 
 @dataclass(frozen=True, slots=True)
 class Truth:
@@ -115,10 +120,19 @@ def truth_of(base: Path, work: Path) -> Truth:
     return Truth(until_s, one, nothing, free)
 
 
-def _asked(history: Path, work: Path, until_s: float) -> tuple[dict[str, Answers], str]:
-    """Answers and log of a service on a folder."""
+def _asked(
+    history: Path, work: Path, until_s: float, damaged: list[str] | None = None
+) -> tuple[dict[str, Answers], str]:
+    """Answers and log of a service on a folder; it has some time to name the damaged files."""
     with running_service(kept.unreachable(AXES, history), work) as service:
-        return ask(service, AXES, until_s), service.errors.read_text("utf-8")
+        answers = ask(service, AXES, until_s)
+        patient_s = time.monotonic() + _NAMING_PATIENCE_S
+        while True:
+            said = service.errors.read_text("utf-8")
+            named = all(name in said for name in damaged or ())
+            if named or time.monotonic() > patient_s:
+                return answers, said
+            time.sleep(_LOOK_PERIOD_S)
 
 
 def spoil(history: Path, rng: random.Random) -> dict[Path, str]:
@@ -147,7 +161,7 @@ def one_round(base: Path, work: Path, truth: Truth, rng: random.Random, toll: To
     toll.damages += len(done)
     toll.kinds.update(map(kept.kind, done))
     try:
-        answers, said = _asked(history, work, truth.until_s)
+        answers, said = _asked(history, work, truth.until_s, [path.name for path in done])
     except Exception as error:  # noqa: BLE001 - whatever stops the start is the finding
         toll.blocked.append(f"{error} {[(str(path), how) for path, how in done.items()]}")
         return
@@ -184,7 +198,8 @@ def damage(work: Path, number: int, seed: int = 1, hours: int = 4) -> PipelineBe
     )
     notes = [f"{name}: {count}" for name, count in sorted(toll.kinds.items())]
     notes += [f"not named: {name}: {count}" for name, count in toll.unnamed.most_common(12)]
-    notes += [*toll.served[:8], *toll.blocked[:4]]
+    notes += [f"wrong: {path}: {count}" for path, count in toll.paths().most_common(12)]
+    notes += [*toll.served[:4], *toll.blocked[:4]]
     return PipelineBench(figures, tuple(notes))
 
 
