@@ -2,6 +2,7 @@
 
 import difflib
 import logging
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -34,6 +35,7 @@ FILE_KEYS = ("path", "folder", "certificate", "private_key", "server_certificate
 """Keys of drivers that name files or folders."""
 MQTT_FILES = ("buffer", "ca_certificate", "client_certificate", "client_key")
 _Model = TypeVar("_Model", bound=BaseModel)
+_DEEP = re.compile(rb"(?:[\[{]\s*){100}")
 
 
 class ConfigError(Exception):
@@ -322,8 +324,10 @@ def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        content = path.read_bytes()
+        if _DEEP.search(content):
+            raise ConfigError(f"{path}: no TOML: nested too deeply")
+        return tomllib.loads(content.decode())
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:
