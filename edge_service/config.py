@@ -61,15 +61,16 @@ class BusConfig(Table):
         endpoint: `tcp/<loopback address>:<port>`, where any process of this machine may read.
         security: `readers`: only with a certificate of a node may one publish; `tls`: only with a
             certificate may one read; `open`: whoever connects to `endpoint` may publish anything.
-        certificates: folder that `edge-service certs` has made; without it there are no nodes in
-            processes of their own but in an open bus.
-        tls_endpoint: where those with certificates take part.
+        certificates: folder that `edge-service certs` has made; without it nodes in processes of
+            their own make theirs, for their user alone.
+        tls_endpoint: where those with certificates take part; the port after that of `endpoint`
+            unless stated.
     """
 
     endpoint: str = "tcp/127.0.0.1:7447"
     security: Security = "readers"
     certificates: Path | None = None
-    tls_endpoint: str = "tls/127.0.0.1:7448"
+    tls_endpoint: str | None = None
 
     @field_validator("endpoint")
     @classmethod
@@ -78,8 +79,8 @@ class BusConfig(Table):
 
     @field_validator("tls_endpoint")
     @classmethod
-    def _encrypted(cls, value: str) -> str:
-        return _endpoint(value, "tls")
+    def _encrypted(cls, value: str | None) -> str | None:
+        return None if value is None else _endpoint(value, "tls")
 
     @model_validator(mode="after")
     def _certified(self) -> "BusConfig":
@@ -88,6 +89,14 @@ class BusConfig(Table):
         if self.security == "open" and self.certificates is not None:
             raise ValueError('certificates: without meaning with security = "open"')
         return self
+
+    @property
+    def secure_endpoint(self) -> str:
+        """The endpoint for those with certificates."""
+        if self.tls_endpoint is not None:
+            return self.tls_endpoint
+        host, port = split_endpoint(self.endpoint)
+        return f"tls/{host}:{port + 1 if port else 0}"
 
 
 def _endpoint(value: str, protocol: str) -> str:

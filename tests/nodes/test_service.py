@@ -111,11 +111,16 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
     assert live == offline
 
 
-@pytest.fixture(params=["certificates", "open"])
-def bus_config(request: pytest.FixtureRequest, tmp_path: Path) -> BusConfig:
+@pytest.fixture(params=["certificates", "certificates of their own", "open"])
+def bus_config(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> BusConfig:
     """A bus that nodes in processes of their own can join: with certificates, or open to all."""
     if request.param == "open":
         return BusConfig(endpoint="tcp/127.0.0.1:0", security="open")
+    if request.param == "certificates of their own":
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+        return BusConfig(endpoint="tcp/127.0.0.1:0")
     make_certificates(tmp_path, (), {role: client_name(role) for role in PUTS}, 1)
     return BusConfig(
         endpoint="tcp/127.0.0.1:0", tls_endpoint="tls/127.0.0.1:0", certificates=tmp_path

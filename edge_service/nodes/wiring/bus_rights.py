@@ -9,14 +9,11 @@ from ...bus.settings import BusSettings, TlsSettings
 from ...certificates import CertificateError, expiry
 from ...config import BusConfig, ConfigError, EdgeConfig
 from ...secret_files import SecretError, read_secret
+from .own_certificates import own_certificates
 
 log = logging.getLogger(__name__)
 _SOON_DAYS = 30.0
 _SOON = "%s: the certificate ends in %.0f days; run `edge-service certs` again and restart"
-_NODES_NEED = (
-    "bus.certificates: missing; nodes in processes of their own prove by certificates who they are"
-    " (`edge-service certs`), unless [bus] security is 'open'"
-)
 
 
 def router_settings(config: EdgeConfig) -> BusSettings:
@@ -30,9 +27,8 @@ def router_settings(config: EdgeConfig) -> BusSettings:
 
 def node_settings(config: EdgeConfig, name: str) -> BusSettings:
     """Settings of one node in a process of its own; `bus` is the router. Raises ConfigError."""
+    config = _with_certificates(config)
     bus = config.bus
-    if bus.certificates is None and bus.security != "open":
-        raise ConfigError(_NODES_NEED)
     if name == "bus":
         return router_settings(config)
     tls = None if bus.certificates is None else _tls(bus, name)
@@ -46,10 +42,22 @@ def reader_settings(config: EdgeConfig) -> BusSettings:
     return BusSettings(bus.endpoint, "client", bus.security, tls)
 
 
+def _with_certificates(config: EdgeConfig) -> EdgeConfig:
+    """The configuration; nodes that are given no certificates make their own. ConfigError."""
+    if config.bus.certificates is not None or config.bus.security == "open":
+        return config
+    try:
+        folder = own_certificates(config)
+    except (CertificateError, OSError) as error:
+        raise ConfigError(f"bus.certificates: none, and none can be made ({error})") from None
+    bus = config.bus.model_copy(update={"certificates": folder})
+    return config.model_copy(update={"bus": bus})
+
+
 def _tls(bus: BusConfig, name: str) -> TlsSettings:
     assert bus.certificates is not None
     try:
-        tls = TlsSettings.of_folder(bus.tls_endpoint, bus.certificates, name)
+        tls = TlsSettings.of_folder(bus.secure_endpoint, bus.certificates, name)
         read_secret(tls.key)  # which others must not be able to read
         warn_if_soon(tls.certificate, expiry(tls.certificate))
         return tls
