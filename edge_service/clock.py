@@ -24,6 +24,11 @@ def steady_ns() -> int:
     return time.clock_gettime_ns(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
+def wall_ns() -> int:
+    """The clock that people and time servers set: UNIX time, ns."""
+    return time.time_ns()
+
+
 class ServiceClock:
     """UNIX time of this process.
 
@@ -33,9 +38,9 @@ class ServiceClock:
     """
 
     def __init__(
-        self, wall_ns: Callable[[], int] | None = None, steady_ns: Callable[[], int] = steady_ns
+        self, wall_ns: Callable[[], int] = wall_ns, steady_ns: Callable[[], int] = steady_ns
     ) -> None:
-        self._wall_ns = wall_ns or time.time_ns
+        self._wall_ns = wall_ns
         self._steady_ns = steady_ns
         self._base_ns = self._wall_ns() - steady_ns()
         self._newest_ns = 0

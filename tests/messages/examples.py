@@ -26,7 +26,7 @@ from edge_service.messages.waveform import Waveform
 HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
 TIME_S = np.array([0.0, 1e-3, 2e-3])
 INTERVAL = Interval(value=0.14, low=0.13, high=0.15)
-NUMBERS = {name: float(index) for index, name in enumerate(FEATURE_FIELDS)} | {
+NUMBERS: dict[str, Any] = {name: float(index) for index, name in enumerate(FEATURE_FIELDS)} | {
     "fault": Fault.HOLE | Fault.REPEAT,
     "sample_count": 3,
     "reversal_count": 1,

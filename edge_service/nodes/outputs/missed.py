@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterable
 
 from ...bus.spool.spool import Spool
+from ...clock import now_ns
 from ...health.events.diary import Diary
 from ...messages.event import Event
 from ...messages.header import Header
@@ -30,7 +31,7 @@ class MissedEvents:
         last_id = self._diary.last_id
         if self._mark:
             found = await asyncio.to_thread(self._diary.after, self._mark, _MOST_MISSED)
-            epoch_ns = time.time_ns()
+            epoch_ns = now_ns()
             for sequence, logged in enumerate(found):
                 event = logged.event
                 if event.axis in self._axes and event.kind not in TASK_EVENTS:
