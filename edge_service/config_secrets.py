@@ -83,6 +83,6 @@ def _read(key: str, content: dict[str, Any], folder: Path) -> str:
     if key in content:
         raise SecretError(f"{key}: there is {key}_file as well; one of the two is enough")
     try:
-        return read_secret(secret_path(folder, Path(content[f"{key}_file"])))
+        return read_secret(secret_path(folder, Path(content[f"{key}_file"])), private=False)
     except SecretError as error:
         raise SecretError(f"{key}_file: {error}") from None
