@@ -56,7 +56,7 @@ async def run(context: NodeContext) -> None:
     )
     missed = MissedEvents(context.diary.diary, spool, (axis.name for axis in config.axes))
     try:
-        await missed.put()
+        await context.heart.patiently(missed.put())
         async with report.running() as tasks:
             tasks.start("delivery", partial(_deliver, delivery, spool))
             for topic, subscriber in zip(SENT, subscribers, strict=True):
