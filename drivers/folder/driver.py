@@ -56,6 +56,7 @@ class FolderDriver:
         self._sleep = sleep
         self._lock = threading.Lock()  # held by the one thread that reads or closes
         self._reader: ReadingProcess | None = None
+        self._turn = 0  # grows when a trace is let go of, also while its process is being started
         self._digests = Digests()
         self._ledger: Ledger | None = None
         self._last_ledger: Ledger | None = None
@@ -139,7 +140,7 @@ class FolderDriver:
         if entry is None:
             return
         unsaved, shift_s = 0, None
-        frames = self._cut(entry, path)
+        frames = self._cut(entry, path, self._turn)
         try:
             while (frame := await asyncio.to_thread(next, frames, None)) is not None:
                 await self._sleep(0.0)  # the event loop must get its turn between two reads
@@ -179,13 +180,15 @@ class FolderDriver:
             return None
         return entry
 
-    def _cut(self, entry: Entry, path: Path) -> Iterator[SampleFrame]:
+    def _cut(self, entry: Entry, path: Path, turn: int) -> Iterator[SampleFrame]:
         """Frames of the rows beyond `entry.rows`; at the end the entry is done."""
         cutter = FrameCutter(self._config.frame_s)
         try:
             reader = ReadingProcess(path, self._columns, self._axis, skip_rows=entry.rows)
-            with self._lock:
-                self._reader = reader
+            self._reader = reader
+            if self._turn != turn:  # let go of meanwhile
+                self._let_go()
+                return
             log.info("reading %s", path)
             bad = 0
             while (block := self._next(reader)) is not None:
@@ -217,6 +220,7 @@ class FolderDriver:
         ledger.save()
 
     def _let_go(self) -> None:
+        self._turn += 1  # first: whoever sets a reader looks at it afterwards
         reader, self._reader = self._reader, None
         if reader is None:
             return

@@ -19,6 +19,7 @@ from edge_service.messages.topics import Topic
 from edge_service.nodes.health_node import _Monitors
 from edge_service.nodes.stores.diary_store import DIARY, DiaryStore
 from edge_service.nodes.stores.watch_store import snapshot_path
+from edge_service.nodes.wiring import announcer
 
 from .conftest import config_of, heart
 
@@ -70,12 +71,10 @@ class Scene:
 
     async def announce(self) -> None:
         """Let the node's two tasks work off what waits."""
-        announcer = self.monitors.announcer
-        tasks = [
-            asyncio.create_task(work(heart())) for work in (announcer.announce, announcer.write)
-        ]
-        async with asyncio.timeout(20.0):
-            while announcer._waiting or announcer._writings:
+        queue = self.monitors.announcer
+        tasks = [asyncio.create_task(work(heart())) for work in (queue.announce, queue.write)]
+        async with asyncio.timeout(60.0):
+            while queue._waiting or queue._writings:
                 await asyncio.sleep(0.001)
         for task in tasks:
             task.cancel()
@@ -123,6 +122,7 @@ def images_of(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         patched.setattr(kept_database, "_connected", traced)
         patched.setattr(atomic.os, "fsync", synced)
         patched.setattr(Path, "replace", replaced)
+        patched.setattr(announcer, "PATIENCE_S", 60.0)  # images take longer than a disk may
         scene.context.diary.diary._file.close()
         yield
 

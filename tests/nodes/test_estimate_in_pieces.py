@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from edge_service.atomic import read_checked, write_checked
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE
 
@@ -66,15 +67,17 @@ def test_a_recording_on_a_clock_of_its_own_is_another_day(trace_path: Path, tmp_
 def spoiled_state(folder: Path, trace: Path, name: str) -> Path:
     state = folder / "axis.state"
     estimate(trace, COMMISSIONED, "--state", str(state))
-    content = json.loads(state.read_text())
-    texts = {
-        "torn": state.read_text()[:-20],
-        "binary": "\x00\x01",
-        "other machine": json.dumps(content | {"machine": "0" * 64}),
-        "other axis": json.dumps(content | {"axis": "Y"}),
-        "changed": json.dumps(content | {"state": content["state"].replace("0", "1", 1)}),
+    text = state.read_text()
+    content = json.loads(read_checked(state) or "")
+    others = {
+        "other machine": {"machine": "0" * 64},
+        "other axis": {"axis": "Y"},
+        "changed": {"state": content["state"].replace("0", "1", 1)},
     }
-    state.write_text(texts[name])
+    if name in others:
+        write_checked(state, json.dumps(content | others[name]))
+    else:
+        state.write_text({"torn": text[:-20], "binary": "\x00\x01"}[name])
     return state
 
 
