@@ -313,3 +313,17 @@ def test_orders_above_the_low_pass_are_not_reported() -> None:
     assert not [name for name in figures if name.startswith(("balls", "orders_3_to_8"))]
     figure = figures["once_per_rev_1500_rpm_nm"].value
     assert figure == pytest.approx(0.01 / math.sqrt(2.0), rel=0.01)
+
+
+@pytest.mark.parametrize("revolutions_per_s", [10.0, 15.0, 19.7, 23.0])
+def test_a_cruise_a_sample_short_of_a_segment_is_left_out(revolutions_per_s: float) -> None:
+    """Eight revolutions and less, of which whole ones are taken: figures, or one line."""
+    answered = set()
+    for count in range(450, 1200, 25):
+        try:
+            figures, _ = measure_signature([cruise(revolutions_per_s, np.full(count, 0.3), count)])
+            answered.add(bool(figures))
+        except ValueError as error:
+            assert "revolutions" in str(error)
+            answered.add(False)
+    assert answered == {False, True}

@@ -73,8 +73,11 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
     spectra: dict[str, list[Floats]] = defaultdict(list)
     highest: dict[str, float] = defaultdict(lambda: HIGHEST_ORDER)
     for cruise in _torque_cruises(runs, least_revolutions=SEGMENT_REVOLUTIONS):
+        segments = cruise.power_over_orders()
+        if not segments:  # a few samples short of one
+            continue
         rpm = rounded_rpm(cruise.speed_rad_s)
-        spectra[rpm] += cruise.power_over_orders()
+        spectra[rpm] += segments
         highest[rpm] = min(highest[rpm], cruise.highest_order)
     if not spectra:
         raise ValueError(f"no cruise of {SEGMENT_REVOLUTIONS} revolutions at constant speed")
