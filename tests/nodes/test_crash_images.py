@@ -74,7 +74,7 @@ class Scene:
         queue = self.monitors.announcer
         tasks = [asyncio.create_task(work(heart())) for work in (queue.announce, queue.write)]
         async with asyncio.timeout(60.0):
-            while queue._waiting or queue._writings:
+            while not queue.idle:
                 await asyncio.sleep(0.001)
         for task in tasks:
             task.cancel()

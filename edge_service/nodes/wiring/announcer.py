@@ -48,6 +48,7 @@ class _Writing:
 
     batch: Sequence[Announcement]
     problem: str = _SILENT
+    begun: bool = False
     done: asyncio.Event = field(default_factory=asyncio.Event)
 
 
@@ -66,6 +67,8 @@ class Announcer:
     ) -> None:
         self._keep, self._publish = keep, publish
         self._waiting: list[Announcement] = []
+        self._in_hand: list[Announcement] = []  # taken, and not told yet
+        self._writing: _Writing | None = None  # of what is in hand
         self._writings: list[_Writing] = []
         self._to_tell, self._to_write = asyncio.Event(), asyncio.Event()
 
@@ -74,14 +77,19 @@ class Announcer:
         self._waiting.append(announcement)
         self._to_tell.set()
 
+    @property
+    def idle(self) -> bool:
+        """True if nothing waits to be written or told."""
+        return not (self._waiting or self._in_hand or self._writings)
+
     async def announce(self, heart: Heartbeat) -> None:
-        """Publish what is kept, until cancelled."""
+        """Publish what is kept, until cancelled; begun again, it goes on with what was in hand."""
         while True:
-            with heart.idle():
-                await self._to_tell.wait()
-            batch = self._taken()
-            kept = [each for each in batch if each.must_be_kept]
-            self._tell(batch, await self._written(kept, heart) if kept else "")
+            if not self._in_hand:
+                with heart.idle():
+                    await self._to_tell.wait()
+                self._take()
+            self._tell(await self._written(heart) if self._writing else "")
 
     async def write(self, heart: Heartbeat) -> None:
         """Keep what is to be published, until cancelled."""
@@ -98,14 +106,20 @@ class Announcer:
     def flush(self) -> None:
         """Keep and publish at once all that waits; for the end."""
         unwritten = [each for writing in self._writings for each in writing.batch]
-        batch = self._taken()
-        self._tell(batch, self._keep([*unwritten, *batch]))
+        problem = self._keep([*unwritten, *self._waiting])
+        self._tell(problem)
+        self._take()
+        self._tell(problem)
 
-    async def _written(self, batch: Sequence[Announcement], heart: Heartbeat) -> str:
-        patience_s = 0.0 if self._writings else PATIENCE_S
-        writing = _Writing(batch)
-        self._writings.append(writing)
-        self._to_write.set()
+    async def _written(self, heart: Heartbeat) -> str:
+        writing = self._writing
+        assert writing is not None
+        behind = any(other is not writing for other in self._writings)
+        patience_s = 0.0 if behind else PATIENCE_S
+        if not writing.begun:
+            writing.begun = True
+            self._writings.append(writing)
+            self._to_write.set()
         heart.beat(patience_s)
         try:
             async with asyncio.timeout(patience_s):
@@ -114,12 +128,14 @@ class Announcer:
             return _SILENT
         return writing.problem
 
-    def _taken(self) -> list[Announcement]:
+    def _take(self) -> None:
         self._to_tell.clear()
-        batch, self._waiting = self._waiting, []
-        return batch
+        self._in_hand, self._waiting = self._waiting, []
+        kept = [each for each in self._in_hand if each.must_be_kept]
+        self._writing = _Writing(kept) if kept else None
 
-    def _tell(self, batch: Sequence[Announcement], problem: str) -> None:
-        for each in batch:
+    def _tell(self, problem: str) -> None:
+        while self._in_hand:
+            each = self._in_hand.pop(0)
             self._publish(each)
             each.told(problem)
