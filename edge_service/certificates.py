@@ -61,7 +61,7 @@ def make_certificates(
 
 
 def expiry(path: Path) -> datetime:
-    """When a certificate ends. Raises CertificateError."""
+    """End of a certificate. Raises CertificateError."""
     try:
         return x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc
     except OSError as error:

@@ -191,7 +191,7 @@ def _connected(path: Path | str, schema: str) -> sqlite3.Connection:
 
 
 def _damage_of(path: Path, schema: str) -> str:
-    """What is wrong with a file; empty if nothing is. Raises sqlite3.Error if it cannot be read."""
+    """Problems of a file; empty if there are none. Raises sqlite3.Error if it cannot be read."""
     if not path.exists():
         return "it is gone"
     if path.is_dir():

@@ -21,7 +21,7 @@ ENVIRONMENT = {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_TH
 
 @dataclass(frozen=True, slots=True)
 class ProcessLimits:
-    """What one process may take.
+    """Limits of one process.
 
     Attributes:
         memory_mb: of addresses; more is refused to it.

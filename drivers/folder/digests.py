@@ -13,7 +13,7 @@ _CHUNK_BYTES = 1 << 20
 
 @dataclass(slots=True)
 class _Hashed:
-    """What has been hashed of one file.
+    """Progress of the hashing of one file.
 
     Attributes:
         hasher: of the first `size` bytes.

@@ -113,7 +113,7 @@ def _read(path: Path) -> list[Entry]:
 
 
 def _saved(path: Path) -> list[Entry]:
-    """What can be read of a damaged ledger, which is set aside."""
+    """Entries that can be read of a damaged ledger, which is set aside."""
     try:
         text = path.read_text("utf-8", errors="replace")
         if text.strip("\0 \n") and not any(mark in text for mark in _MARKS):

@@ -46,7 +46,7 @@ class Refusals:
             return Counter(self._counts)
 
     def total(self, reason: Refusal) -> int:
-        """How many were refused for one reason."""
+        """Number of payloads refused for one reason."""
         return sum(count for (_, each), count in self.counts().items() if each is reason)
 
 

@@ -1,4 +1,4 @@
-"""How a process takes part in the bus, and what Zenoh is told of it."""
+"""Settings with which a process takes part in the bus, and the Zenoh configuration made of them."""
 
 import json
 from dataclasses import dataclass

@@ -77,7 +77,7 @@ async def resume_after(
 
 
 async def still_allowed(request: Request) -> Callable[[], bool]:
-    """Whether who has asked for the stream might ask for it again: tokens and sessions end."""
+    """True if the reader might ask for the stream again: tokens and sessions end."""
     doorkeeper: Doorkeeper = request.app.state.doorkeeper
     sent = credentials(request)
     return lambda: doorkeeper.identify(*sent).role >= Role.VIEWER

@@ -6,7 +6,7 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 Security = Literal["readers", "tls", "open"]
-"""Who may do what at the TCP endpoint of the bus: read, nothing, anything."""
+"""Rights at the TCP endpoint of the bus: to read, none, to do anything."""
 
 
 def is_loopback(host: str) -> bool:

@@ -72,7 +72,7 @@ class Command(Frozen):
 
 
 class Outcome(Frozen):
-    """What came of a command.
+    """Outcome of a command.
 
     Attributes:
         accepted: whether it was done.

@@ -227,7 +227,7 @@ def _server(
 
 
 class Address:
-    """Where the page is served: the port that was free at first stays, and is told once."""
+    """Address of the page: the port that was free at first stays, and is told once."""
 
     def __init__(
         self, host: str, port: int, tell: Callable[[str], None], scheme: str = "http"

@@ -121,7 +121,7 @@ def _taker(
     attendance: Attendance,
     missed: MissedEvents,
 ) -> Callable[[str, Header, Any], Coroutine[Any, Any, None]]:
-    """What puts payloads into the spool; estimates not more often than asked for."""
+    """Put payloads into the spool; estimates not more often than asked for."""
     period_ns = round(1e9 * mqtt.period_s) if topic is PRELOAD else 0
     sent_ns: dict[str, int] = {}
 

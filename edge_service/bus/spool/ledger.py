@@ -39,7 +39,7 @@ class Ledger:
 
     @property
     def is_full(self) -> bool:
-        """Whether no further change can be kept."""
+        """True if no further change can be kept."""
         return len(self._unwritten) >= MOST_UNWRITTEN
 
     def change(self, changes: Sequence[Change]) -> None:

@@ -150,7 +150,7 @@ class Letters:
         return {row[1]: Message(*row[:-1]) for row in self.ledger.read(_NEWEST)}
 
     def look(self) -> Figures:
-        """What waits now, and what is dead."""
+        """Messages that wait now, and dead letters."""
         self.figures = Figures(*self.ledger.read(_FIGURES)[0])
         return self.figures
 

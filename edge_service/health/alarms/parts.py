@@ -23,7 +23,7 @@ class Parts:
         return (before is None) is (key in self._down)
 
     def cause(self) -> tuple[bool, str]:
-        """Whether a part is down, and the first of them in words."""
+        """True if a part is down, with the first of them in words."""
         return bool(self._down), next(iter(self._down.values()), "")
 
 

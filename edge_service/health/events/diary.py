@@ -43,7 +43,7 @@ class Diary:
         self._damaged_ids: set[int] = set()
         self._told_damages = self.lost = 0
         self.damages: list[str] = []
-        """What was damaged, a line each: entries that are left out, files that were set aside."""
+        """Damages, a line each: entries that are left out, files that were set aside."""
         self._scrub = Scrub(self._note_entry, self.note_damage)
         self.problem = ""
         """Why events cannot be kept now; empty if they are."""

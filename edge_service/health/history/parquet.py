@@ -106,7 +106,7 @@ def read_rows(path: Path) -> tuple[Rows, bool]:
 
 
 def check_rows(path: Path) -> bool:
-    """Whether a file has a seal, which fits. Raises DamagedError, OSError."""
+    """True if a file has a seal, which fits. Raises DamagedError, OSError."""
     content = read_kept_bytes(path)
     return content is None or is_sealed(content)
 

@@ -80,7 +80,7 @@ class BoundedProtocol(H11Protocol):
         super().on_response_complete()
 
     def send_400_response(self, msg: str) -> None:
-        """What is no HTTP is told so as every other error is."""
+        """Answer what is no HTTP with a problem, as every other error."""
         self._refuse(HTTPStatus.BAD_REQUEST, f"this is no HTTP request: {msg}")
 
     def pause_writing(self) -> None:
@@ -121,5 +121,5 @@ class BoundedProtocol(H11Protocol):
 
 
 def bounded_protocol(limits: HttpLimits, places: Connections) -> Any:
-    """What makes the protocol of each new connection, for `uvicorn.Config(http=...)`."""
+    """Maker of the protocol of each new connection, for `uvicorn.Config(http=...)`."""
     return partial(BoundedProtocol, limits, places)

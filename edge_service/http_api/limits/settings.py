@@ -7,7 +7,7 @@ KB, MB = 1000, 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class HttpLimits:
-    """What one client, and all of them together, may take of the service.
+    """Limits of what one client, and all of them together, may take of the service.
 
     Attributes:
         connections: at once; beyond it the one that has been idle longest goes.

@@ -25,7 +25,7 @@ class SignInBody(BaseModel):
 
 
 class SessionAnswer(Answer):
-    """Who asks."""
+    """Answer with the name and role of the asker."""
 
     required: bool = Field(description="Whether this service asks for tokens at all.")
     name: str | None = Field(description="Name of the token; null if none was sent.")

@@ -1,1 +1,1 @@
-"""Who asks, and what they may do."""
+"""Identity and rights of whoever asks."""

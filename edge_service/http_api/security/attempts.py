@@ -19,7 +19,7 @@ class Attempts:
         self._clients: OrderedDict[str, deque[float]] = OrderedDict()
 
     def wait_s(self, client: str, now_s: float) -> float:
-        """How long a client must wait before it may try again; 0 if it need not."""
+        """Time that a client must wait before it may try again; 0 if it need not."""
         own = self._clients.get(_site(client), deque[float]())
         return max(_left(own, PER_CLIENT, now_s), _left(self._in_all, IN_ALL, now_s))
 

@@ -1,4 +1,4 @@
-"""Who asks: by a token, by the session of a browser, or nobody."""
+"""Identity of whoever asks: by a token, by the session of a browser, or nobody."""
 
 import logging
 from collections.abc import Callable
@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who asks, and what they may do; `name` is None where nobody has proved one."""
+    """Identity and rights of a request; `name` is None where nobody has proved one."""
 
     name: str | None
     role: Role
@@ -53,7 +53,7 @@ class Doorkeeper:
     _complaint: str = ""
 
     def identify(self, authorization: str, session_secret: str) -> Identity:
-        """Who asks; a token that is sent decides alone, else the session of the browser does.
+        """Identity of a request; a token that is sent decides alone, else the browser's session.
 
         Args:
             authorization: The header, such as `Bearer edge-...`; empty if there is none.

@@ -49,7 +49,7 @@ def _refusal(path: str, method: str, identity: Identity) -> ProblemResponse | No
 
 
 def identity_of(request: HTTPConnection) -> Identity:
-    """Who asks, as the gate has found."""
+    """Identity that the gate has found."""
     identity: Identity = request.scope[_IDENTITY]
     return identity
 
@@ -61,7 +61,7 @@ def name_in(scope: Scope) -> str | None:
 
 
 def credentials(request: HTTPConnection) -> tuple[str, str]:
-    """What a request sends to prove who asks: its authorization, and its session's secret."""
+    """Credentials of a request: its authorization, and its session's secret."""
     cookie = request.cookies.get(cookie_name(request.scope), "")
     return request.headers.get("authorization", ""), cookie
 

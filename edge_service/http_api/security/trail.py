@@ -75,7 +75,7 @@ class Trail:
             log.warning("the audit log waits for the disk")
 
     def _more_refused(self, now_ns: int) -> int | None:
-        """How many refusals were not noted before this one; None if this one is not noted."""
+        """Number of refusals not noted before this one; None if this one is not noted."""
         minute = now_ns // 60_000_000_000
         if minute == self._minute:
             self._refused += 1

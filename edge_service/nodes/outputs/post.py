@@ -27,12 +27,12 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """Another try may help."""
     NEVER = "never"
-    """What was sent was read and will not be taken."""
+    """Refusal of an event that was read and will not be taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What became of a POST, and why; the reason holds nothing that the receiver wrote."""
+    """Outcome of a POST, and why; the reason holds nothing that the receiver wrote."""
 
     outcome: Outcome
     reason: str = ""
@@ -90,7 +90,7 @@ def _failed(error: BaseException) -> Reply:
 
 
 def _cause(error: BaseException) -> str:
-    """What the system said below a library's error."""
+    """Error of the system below a library's."""
     while (below := error.__cause__ or error.__context__) is not None:
         error = below
     if isinstance(error, ssl.SSLCertVerificationError):

@@ -54,7 +54,7 @@ class DiaryStore:
 
 @dataclass(slots=True)
 class _Known:
-    """What has been told of the diary's disk."""
+    """State of the diary's disk, as last told."""
 
     problem: str = ""
     damages: int = 0

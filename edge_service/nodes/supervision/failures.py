@@ -30,7 +30,7 @@ class Failures:
         return _Borne(self, where, axis)
 
     def now(self) -> list[str]:
-        """What could not be handled in the last seconds."""
+        """Messages that could not be handled in the last seconds."""
         at_s, line = self._last
         return [line] if self._clock() - at_s < SHOWN_S else []
 

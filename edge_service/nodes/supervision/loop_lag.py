@@ -1,4 +1,4 @@
-"""How long the event loop stood still: nothing else can run while it does. Pure."""
+"""Standstill of the event loop: nothing else can run meanwhile. Pure."""
 
 SHOWN_S = 10.0
 """A time for which the worst is remembered."""
@@ -40,7 +40,7 @@ class LoopLag:
 
     @property
     def fault(self) -> str:
-        """What is wrong; empty while the loop runs as it should."""
+        """Problem of the loop; empty while it runs as it should."""
         worst_s = self.worst_s
         return f"the event loop stood still for {worst_s:.1f} s" if worst_s > LIMIT_S else ""
 

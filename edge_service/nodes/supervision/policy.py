@@ -1,4 +1,4 @@
-"""How soon a task that failed is begun again, and when it is given up. Pure."""
+"""Restart policy: pauses before a failed task is begun again, and its end. Pure."""
 
 from dataclasses import dataclass
 

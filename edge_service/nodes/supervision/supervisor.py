@@ -74,7 +74,7 @@ class Supervisor:
             raise TaskGivenUpError(f"{group.component}: {change.task} {change.reason}")
 
     def faults(self) -> list[str]:
-        """What is wrong now, a line for each task."""
+        """Problems now, a line for each task."""
         return [f"{group.component}: {fault}" for group in self for fault in group.faults()]
 
     @property

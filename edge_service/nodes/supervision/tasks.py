@@ -118,7 +118,7 @@ class Tasks:
         return sum(bool(task.fault) for task in self)
 
     def faults(self) -> list[str]:
-        """What is wrong now, a line for each task, and one for messages."""
+        """Problems now, a line for each task, and one for messages."""
         own = [f"{task.name} {task.fault}" for task in self if task.fault]
         return own + self.failures.now()
 

@@ -53,7 +53,7 @@ class ThreadWork:
 
 
 class _Outcome:
-    """What became of the work: a value, or the error that ended it."""
+    """Outcome of the work: a value, or the error that ended it."""
 
     value: Any = None
     error: BaseException | None = None

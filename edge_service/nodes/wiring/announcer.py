@@ -18,7 +18,7 @@ _SILENT = "the disk does not answer"
 
 @dataclass(slots=True)
 class Announcement:
-    """What is to be told of one axis.
+    """Events and condition to be told of one axis.
 
     Attributes:
         health: condition that goes with the events.

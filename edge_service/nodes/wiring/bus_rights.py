@@ -1,4 +1,4 @@
-"""How each process takes part in the bus, as the configuration asks for it."""
+"""Part of each process in the bus, as the configuration asks for it."""
 
 import logging
 from datetime import UTC, datetime, timedelta

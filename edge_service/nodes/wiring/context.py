@@ -103,7 +103,7 @@ class Reporter:
         self.counters: Callable[[], dict[str, int]] = dict
         self.readings: Callable[[], dict[str, float]] = dict
         self.problems: Callable[[], list[str]] = list
-        """What is wrong beside its tasks, e.g. that the disk takes nothing."""
+        """Problems beside its tasks, e.g. that the disk takes nothing."""
 
     @property
     def status(self) -> ComponentStatus:

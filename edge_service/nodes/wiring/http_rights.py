@@ -1,4 +1,4 @@
-"""Who may reach the page and the API, as the configuration asks for it."""
+"""Access to the page and the API, as the configuration asks for it."""
 
 import ssl
 from collections.abc import Callable
