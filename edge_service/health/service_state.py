@@ -27,7 +27,7 @@ from .state_settings import Keeping, StateSettings
 from .stroke import StrokeModel
 
 _LATEST_NS = 3600 * NS_PER_S
-"""What was measured longer ago than this when it comes is of another clock: no history of ours."""
+"""Greatest age on arrival: what is older is of another clock, and no history of ours."""
 
 
 @dataclass(frozen=True, slots=True)

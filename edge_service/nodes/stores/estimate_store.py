@@ -22,7 +22,7 @@ LONGEST_STOP_S = 30 * 86400.0
 AHEAD_S = 60.0
 """A state this far in the future comes from a clock that was wrong then or is wrong now."""
 UNKNOWN_STOP_S = 86400.0
-"""How long such a state was left alone nobody knows; it counts as so long."""
+"""Time for which such a state counts as left alone; nobody knows the true one."""
 DAMAGED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 
 

@@ -1,4 +1,4 @@
-"""Who may do what, tried: every route by every role, and every key of the bus by every role.
+"""Rights, tried: every route by every role, and every key of the bus by every role.
 
 `python -m tests.bench.faults.access` prints both tables as they were found on a real service with
 TLS, tokens and certificates; it ends with 1 where one differs from the tables of the product.

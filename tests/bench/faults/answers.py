@@ -23,7 +23,7 @@ Buckets = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """What a service said of one axis, apart from what it says of the present.
+    """Answers of a service about one axis, apart from those about the present.
 
     Attributes:
         leaves: paths within the answers, with values as JSON.

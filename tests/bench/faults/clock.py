@@ -28,7 +28,7 @@ STEPS_S = {
     "1970": (-56 * _YEAR_S, HOLD_S + 15.0),
     "2100": (74 * _YEAR_S, HOLD_S + 15.0),
 }
-"""How far the clock is set, s, and for how long, s; then it is set right again."""
+"""Step of the clock, s, and its length, s; then it is set right again."""
 _LEARN_S, _AFTER_S, _KEEP_S = 40.0, HOLD_S + 15.0, 70.0
 _LOOK_PERIOD_S = 0.25
 MOST_SHIFT = 0.2
@@ -49,7 +49,7 @@ def preload(service: RunningService) -> float | None:
 
 
 def trend(service: RunningService) -> Any:
-    """What the trend says now."""
+    """Answer of the trend now."""
     return service.ask("/api/v1/axes/X/health").json["trend"]
 
 

@@ -25,7 +25,7 @@ AXES = ("A1", "A2")
 MOST_READY_S = 3.0
 _CLOCK = "tests.bench.faults.shifted_clock"
 _LAST_S = 1.3
-"""What a kill may take of the newest estimates, s: they are written once a second."""
+"""Time of the newest estimates that a kill may take, s: they are written once a second."""
 _SHORTEST_S, _LONGEST_S = 1.5, 5.0
 _HOUR_S = 3600.0
 

@@ -148,7 +148,7 @@ CASES = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one case.
+    """Outcome of one case.
 
     Attributes:
         told: the component `history` was in error meanwhile.
