@@ -20,6 +20,7 @@ class Refusal(StrEnum):
     MALFORMED = "malformed"  # no payload of its topic
     MISPLACED = "misplaced"  # the payload names another axis than its key
     RIVAL = "rival"  # another publisher of the key is heard
+    SURPLUS = "surplus"  # it names one sensor more than an axis may have
     LATE = "late"  # overtaken by a newer one, or sent twice
 
 

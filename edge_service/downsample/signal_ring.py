@@ -26,11 +26,15 @@ class SignalRing:
 
     def push(self, wave: Waveform) -> None:
         """Append a piece; older ones than `keep_s` go."""
-        if self._pieces and wave.start_s < self._pieces[-1].start_s:
-            self._pieces.clear()  # a new clock
+        if self._pieces and wave.start_s < self._middle_s(self._pieces[-1]):
+            self._pieces.clear()  # a new clock, or the same piece again
         self._pieces.append(wave)
         while self._pieces[0].end_s < wave.end_s - self._keep_s:
             self._pieces.popleft()
+
+    @staticmethod
+    def _middle_s(piece: Waveform) -> float:
+        return 0.5 * (piece.start_s + piece.end_s)
 
     def cut(self, from_s: float, to_s: float) -> SampleFrame | None:
         """Signal within [from, to) as rows of a trace; None where there is none."""

@@ -21,6 +21,10 @@ PATIENCE_S = 0.5
 """Longest wait for the angle of an interval, which comes another way than the signal."""
 _GAP = 1.5
 """Periods without a value that part a signal."""
+_CLOSE = 0.5
+"""Periods after which the next value may follow at the earliest."""
+_ANGLES_S = 10.0
+"""So far the angle may be ahead of a signal."""
 _SIDES = np.concatenate([np.linspace(-2.8, -1.0, 7), np.linspace(1.0, 2.8, 7)])
 """Evaluation points of an order's surroundings, in units of how far its own peak reaches."""
 
@@ -59,8 +63,14 @@ class VibrationReducer:
     def follow(self, time_s: Floats, angle_rad: Floats) -> None:
         """Take in the angle of the screw, (n,) each, in the order of time."""
         known = np.isfinite(time_s) & np.isfinite(angle_rad)
-        if known.any():
-            self._angles.append((time_s[known], angle_rad[known]))
+        if not known.any():
+            return
+        if self._angles and time_s[known][0] < self._angles[-1][0][-1]:
+            self._angles.clear()  # a new clock
+        self._angles.append((time_s[known], angle_rad[known]))
+        oldest_s = self._angles[-1][0][-1] - self._settings.interval_s - _ANGLES_S
+        while self._angles[0][0][-1] < oldest_s:
+            self._angles.popleft()
 
     def push(self, wave: Waveform) -> list[VibrationFeatures]:
         """Take in the next piece; returns the intervals that it completes."""
@@ -77,7 +87,7 @@ class VibrationReducer:
     def _follows(self, wave: Waveform) -> bool:
         last = self._pieces[-1]
         step_s = wave.start_s - (last.end_s - last.period_s)
-        return wave.period_s == last.period_s and 0.0 < step_s < _GAP * last.period_s
+        return wave.period_s == last.period_s and _CLOSE < step_s / last.period_s < _GAP
 
     def _whole_interval(self) -> Waveform | None:
         """Values of the first interval of the grid that is complete; None if none is."""

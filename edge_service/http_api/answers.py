@@ -169,7 +169,9 @@ class TrendAnswer(Answer):
 
     status: TrendStatus
     reason: str
-    since: Timestamp = Field(validation_alias="since_time_ns")
+    since: Timestamp | None = Field(
+        validation_alias="since_time_ns", description="null before any history exists."
+    )
     basis: str = Field(description="What wear is counted against: `time` or `distance`.")
     level: float = Field(description="Probability that each interval holds the truth.")
     rate_percent_per_h: Interval | None

@@ -36,7 +36,7 @@ class Trend(Frozen):
 
     Attributes:
         reason: one sentence for people.
-        since_time_ns: start of the history that it rests on, UNIX ns.
+        since_time_ns: start of the history that it rests on, UNIX ns; None while there is none.
         basis: what the wear is counted against, `time` or `distance`.
         level: probability that each interval and band aims to hold the truth.
         rate_percent_per_h: change of the preload, percent of the load rating per hour.
@@ -46,7 +46,7 @@ class Trend(Frozen):
 
     status: TrendStatus
     reason: str
-    since_time_ns: int
+    since_time_ns: int | None
     basis: str = "time"
     level: float = 0.9
     rate_percent_per_h: Interval | None = None

@@ -3,10 +3,11 @@
 import asyncio
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..bus.refusals import Refusal
 from ..config import ConfigError
 from ..config_tables import VibrationConfig
 from ..downsample.signal_ring import SignalRing
@@ -28,6 +29,8 @@ from .wiring.stages import load_machines
 
 log = logging.getLogger(__name__)
 _MOST_WAITING = 8
+MOST_SENSORS = 32
+"""Sensors of one axis; their names come from the bus."""
 
 
 @dataclass(slots=True)
@@ -43,11 +46,20 @@ class _Sensor:
     due: list[float] = field(default_factory=list)
 
 
-class _Sensors:
-    """All sensors of all axes."""
+class Sensors:
+    """All sensors of all axes.
 
-    def __init__(self, config: VibrationConfig, machines: Mapping[str, Machine]) -> None:
-        self._config = config
+    Args:
+        refuse: told the axis whose payload names one sensor too many.
+    """
+
+    def __init__(
+        self,
+        config: VibrationConfig,
+        machines: Mapping[str, Machine],
+        refuse: Callable[[str], None],
+    ) -> None:
+        self._config, self._refuse = config, refuse
         self._settings = {
             axis: VibrationSettings(
                 config.interval_s, config.bands_hz, orders_of(config, machine), config.slip
@@ -74,6 +86,9 @@ class _Sensors:
         self.counts["waveforms"] += 1
         sensor = self._sensors.get((axis, wave.sensor))
         if sensor is None:
+            if sum(owner == axis for owner, _ in self._sensors) >= MOST_SENSORS:
+                self._refuse(axis)
+                return []
             keep_s = self._config.keep_before_s + self._config.keep_after_s + 1.0
             sensor = _Sensor(VibrationReducer(self._settings[axis]), SignalRing(keep_s))
             self._sensors[axis, wave.sensor] = sensor
@@ -109,9 +124,13 @@ async def run(context: NodeContext) -> None:
     config = context.config
     if config.vibration is None:
         raise ConfigError("vibration: missing; the node needs a [vibration] table")
-    sensors = _Sensors(config.vibration, load_machines(config))
     publishers = {axis.name: context.publisher(axis.name, VIB) for axis in config.axes}
     waves = context.subscribe(WAVE, depth=1024)
+
+    def refuse(axis: str) -> None:
+        waves.refusals.add(config.keys.key(axis, WAVE), Refusal.SURPLUS)
+
+    sensors = Sensors(config.vibration, load_machines(config), refuse)
     samples, events = context.subscribe(RAW), context.subscribe(EVENT)
     reporter = Reporter(context, "vibration")
     reporter.counters = lambda: waves.counts() | sensors.counts | {"gaps": sensors.gaps}

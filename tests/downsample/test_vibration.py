@@ -148,3 +148,32 @@ def test_the_ring_keeps_what_is_asked_for() -> None:
     assert cut.channels["a"][0] == 35.0
     assert ring.cut(0.0, 1.0) is None
     assert len(ring._pieces) <= 22
+
+
+CLOCKS = {
+    "the same piece again and again": lambda number: 0.0,
+    "a clock that hardly goes on": lambda number: 1e-9 * number,
+    "a clock that goes back": lambda number: 1e6 - number,
+    "a clock that begins anew": lambda number: 0.01 * (number % 100),
+}
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_what_is_kept_of_a_signal_is_bounded_whatever_its_clock_does(clock: str) -> None:
+    reducer, ring = VibrationReducer(VibrationSettings()), SignalRing(2.0)
+    for number in range(3000):
+        wave = Waveform("a", "V", CLOCKS[clock](number), 1e-4, np.ones(100))
+        ring.push(wave)
+        reducer.push(wave)
+    assert sum(map(len, ring._pieces)) <= 2 * 2.1 / 1e-4
+    assert sum(map(len, reducer._pieces)) <= 2 * 1.6 / 1e-4
+
+
+def test_the_angle_is_bounded_while_no_signal_comes_and_when_its_clock_begins_anew() -> None:
+    reducer = VibrationReducer(VibrationSettings())
+    for begin_s in (1000.0, 0.0):
+        for number in range(3000):
+            reducer.follow(begin_s + 0.02 * number + np.arange(20) / 1000.0, np.zeros(20))
+    kept = np.concatenate([times for times, _ in reducer._angles])
+    assert kept[-1] == pytest.approx(60.0, abs=0.01)
+    assert kept[-1] - kept[0] < 12.0

@@ -1,7 +1,14 @@
 """The JSON routes against the contract."""
 
+import math
+
 import pytest
 
+from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
+from edge_service.health.settings import HealthSettings
+from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.http_api.security.access import ROUTES
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import AxisCondition, ComponentStatus
 
@@ -195,3 +202,19 @@ async def test_bad_parameter_is_named(client, parameter, value):
     problem = answer.json()
     assert [error["parameter"] for error in problem["errors"]] == [parameter]
     assert problem["detail"].startswith(f"{parameter}: ")
+
+
+async def test_no_answer_of_a_fresh_axis_holds_a_time_that_nobody_measured(scene, client):
+    geometry = ScrewGeometry(0.02 / (2.0 * math.pi), 0.8)
+    settings = HealthSettings(warning_below_percent=60.0, fault_below_percent=30.0)
+    facts = AxisFacts("X", 6.8, geometry)
+    monitor = AxisMonitor(facts, settings, AlarmSettings(), scene.now_ns)
+    monitor.take_trend(monitor.trend_work()(), scene.now_ns)
+    scene.state.on_health(scene.header(), monitor.health(scene.now_ns), scene.now_ns)
+    paths = [path.replace("{axis}", "X") for path, methods in ROUTES.items() if "GET" in methods]
+    for path in paths:
+        if "{" not in path and path != "/api/v1/events":
+            answer = await client.get(path)
+            assert "1970" not in answer.text, path
+    trend = (await client.get("/api/v1/axes/X/health")).json()["trend"]
+    assert (trend["status"], trend["since"]) == ("too_early", None)

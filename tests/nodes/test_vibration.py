@@ -15,7 +15,7 @@ from edge_service.messages.header import Header
 from edge_service.messages.topics import EVENT, VIB, WAVE
 from edge_service.messages.vibration import VibrationFeatures
 from edge_service.messages.waveform import Waveform
-from edge_service.nodes.vibration_node import orders_of
+from edge_service.nodes.vibration_node import MOST_SENSORS, Sensors, orders_of
 from edge_service.trace.reader import open_trace
 
 from .conftest import config_of, running
@@ -110,3 +110,31 @@ def test_orders_are_those_of_the_machine_files_balls_unless_stated() -> None:
     turn = math.hypot(math.pi * 0.0206, 0.02)
     assert orders["ball_pass_nut"] + orders["ball_pass_screw"] == pytest.approx(turn / 3.175e-3)
     assert orders_of(VibrationConfig(orders={"own": 3.0}), known) == {"own": 3.0}
+
+
+def test_sensors_beyond_the_bound_are_refused_and_take_no_place_of_another() -> None:
+    refused: list[str] = []
+    machines = {"X": load_machine(DEFAULT_MACHINE), "Y": load_machine(DEFAULT_MACHINE)}
+    sensors = Sensors(VibrationConfig(), machines, refused.append)
+    values = np.random.default_rng(3).standard_normal(20_000)
+    heard = [
+        len(sensors.push(axis, Waveform(name, "V", 0.0, 1e-4, values)))
+        for axis in machines
+        for name in map(str, range(2 * MOST_SENSORS))
+    ]
+    known = [1] * MOST_SENSORS + [0] * MOST_SENSORS
+    assert heard == known + known
+    assert refused == ["X"] * MOST_SENSORS + ["Y"] * MOST_SENSORS
+    assert len(sensors.push("X", Waveform("0", "V", 2.0, 1e-4, values))) > 0
+
+
+async def test_a_surplus_sensor_is_counted_by_its_key() -> None:
+    config = config_of("simulated", {}, vibration=VibrationConfig())
+    key = config.keys.key("X", WAVE)
+    async with running(config, ("vibration",)) as service:
+        waves = service.bus.publisher(key, WAVE, "X")
+        async with asyncio.timeout(10.0):
+            while not service.bus.refused()[key, "surplus"]:
+                for number in range(MOST_SENSORS + 1):
+                    waves.publish(Waveform(str(number), "V", 0.0, 1e-4, np.zeros(10)), 1)
+                await asyncio.sleep(0.01)
