@@ -69,6 +69,7 @@ def check_config(config: Path | None) -> None:
     from drivers.registry import driver_names
 
     from ..nodes.service import check_service
+    from ..nodes.wiring.bus_certificates import check_bus
     from ..nodes.wiring.http_rights import check_access
 
     settings = load_config(config or DEFAULT_CONFIG)
@@ -78,7 +79,7 @@ def check_config(config: Path | None) -> None:
     for line in unreachable:
         click.echo(f"not reachable now: {line}")
     click.echo(f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}")
-    click.echo(f"access: {check_access(settings.http)}; bus: {settings.bus.security}")
+    click.echo(f"access: {check_access(settings.http)}; {check_bus(settings.bus)}")
     click.echo(_history(settings))
     click.echo(f"drivers installed: {', '.join(driver_names())}")
     click.echo("configuration is right")
