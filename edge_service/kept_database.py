@@ -5,8 +5,6 @@ damaged one is set aside, and a new one begun with what can be saved of it and o
 """
 
 import fcntl
-import hashlib
-import os
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator
@@ -14,16 +12,15 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from .atomic import made_folder, set_aside, sync_folder
+from .atomic import made_folder, set_aside, sync_file, sync_folder
+from .kept_copy import KeptCopy
 
 Rescue = Callable[[sqlite3.Connection, sqlite3.Connection], None]
 """(damaged file or its copy, new file): takes over what is whole; may raise sqlite3.Error."""
 _GREATEST = 2**63 - 1
-COPY_PERIOD_S = 86400.0
 _CORRUPT, _FOREIGN, _FULL = 11, 26, 13
 _BUSY_S = 2.0
 _WAL_BYTES = 4_000_000
-_COPIED = "CREATE TABLE IF NOT EXISTS copied (sha256 TEXT NOT NULL)"
 
 
 class DatabaseFailedError(Exception):
@@ -40,13 +37,15 @@ class KeptDatabase:
     """
 
     def __init__(self, path: Path | None, schema: str, rescue: Rescue) -> None:
-        self._path, self._schema, self._rescue = path, f"{schema};{_COPIED}", rescue
-        self._copy_is_checked = False
+        self._path, self._schema, self._rescue = path, schema, rescue
+        self._copy = None if path is None else KeptCopy(path)
         self._lock = threading.RLock()
         self._file: sqlite3.Connection | None = None
         self._inode = 0
         self.damages: list[str] = []
         """Damaged files that were set aside, a line each."""
+        self.rescues = 0
+        """How often the file itself was begun anew."""
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
@@ -75,39 +74,16 @@ class KeptDatabase:
 
     def copy(self, now_s: float) -> None:
         """Make the copy anew if it is a day old, or not what it was. Raises DatabaseFailedError."""
-        if self._path is None:
+        if self._copy is None:
             return
-        copy = _copy_of(self._path)
         try:
-            if not self._holds(copy, now_s):
-                self._copy_to(copy)
+            damage = self._copy.cleared_of_damage()
+            if damage:
+                self.damages.append(damage)
+            if self._copy.is_due(now_s):
+                self._copy.make(lambda part: self.rows("VACUUM INTO ?", str(part)))
         except OSError as error:
-            raise DatabaseFailedError(f"{copy.name}: {error.strerror}") from None
-
-    def _holds(self, copy: Path, now_s: float) -> bool:
-        """Tell whether the copy is young, and, once after the start, that it is what it was."""
-        if not copy.is_file():
-            return False
-        if not self._copy_is_checked:
-            known = self.rows("SELECT sha256 FROM copied")
-            self._copy_is_checked = True
-            if known and [(_sha256(copy),)] != known:
-                self.damages.append(f"{copy}: its digest is wrong; kept as {set_aside(copy).name}")
-                return False
-        return 0.0 <= now_s - copy.stat().st_mtime < COPY_PERIOD_S
-
-    def _copy_to(self, copy: Path) -> None:
-        part = copy.with_name(f".{copy.name}.part")
-        part.unlink(missing_ok=True)
-        self.rows("VACUUM INTO ?", str(part))
-        _sync(part)
-        with self.transaction() as file:
-            file.execute("DELETE FROM copied")
-            file.execute("INSERT INTO copied VALUES (?)", (_sha256(part),))
-        if copy.exists() and not copy.is_file():
-            self.damages.append(f"{copy}: it is no file; kept as {set_aside(copy).name}")
-        part.replace(copy)
-        sync_folder(copy.parent)
+            raise DatabaseFailedError(f"{self._copy.path.name}: {error.strerror}") from None
 
     def close(self) -> None:
         """Close the file; safe twice, and the next use opens it again."""
@@ -142,31 +118,33 @@ class KeptDatabase:
         made_folder(self._path.parent)
         with _alone(self._path.with_name(f"{self._path.name}.lock")):
             _finish(self._path)
-            if self._path.exists() or _copy_of(self._path).exists():
-                self._check(self._path)
+            copy = KeptCopy(self._path)
+            if self._path.exists() or copy.exists():
+                self._check(self._path, copy)
             file = _connected(self._path, self._schema)
             self._inode = self._path.stat().st_ino
         return file
 
-    def _check(self, path: Path) -> None:
-        damage = _damage_of(path, self._schema)
+    def _check(self, path: Path, copy: KeptCopy) -> None:
+        damage = _damage_of(path, self._schema, copy)
         if damage:
-            self._begin_anew(path, _new_of(path))
+            self._begin_anew((path, copy.path), _new_of(path))
+            self.rescues += 1
             aside = f", kept as {set_aside(path).name}" if path.exists() else ""
             _finish(path)
             self.damages.append(f"{path}: {damage}{aside}; begun anew with what could be saved")
 
-    def _begin_anew(self, path: Path, new: Path) -> None:
+    def _begin_anew(self, sources: tuple[Path, ...], new: Path) -> None:
         for part in _parts(new):
             part.unlink(missing_ok=True)
         with closing(_connected(new, self._schema)) as file:
-            for source in (path, _copy_of(path)):
+            for source in sources:
                 if source.is_file():
                     with suppress(sqlite3.Error), closing(sqlite3.connect(source)) as old:
                         old.text_factory = _text
                         self._rescue(old, file)
             file.execute("PRAGMA journal_mode = DELETE")
-        _sync(new)
+        sync_file(new)
 
     def _leave(self, file: sqlite3.Connection, error: BaseException) -> None:
         """Undo what was begun; after a failure of the file, the next use opens and checks it."""
@@ -190,7 +168,7 @@ def _connected(path: Path | str, schema: str) -> sqlite3.Connection:
     return file
 
 
-def _damage_of(path: Path, schema: str) -> str:
+def _damage_of(path: Path, schema: str, copy: KeptCopy) -> str:
     """Problems of a file; empty if there are none. Raises sqlite3.Error if it cannot be read."""
     if not path.exists():
         return "it is gone"
@@ -201,7 +179,7 @@ def _damage_of(path: Path, schema: str) -> str:
             ((said,),) = file.execute("PRAGMA integrity_check(1)").fetchall()
             if said != "ok":
                 return str(said).splitlines()[-1]
-            is_new = not _tables(file) and not _copy_of(path).exists()
+            is_new = not _tables(file) and not copy.exists()
             return "" if is_new or _wanted(schema) <= _tables(file) else "its tables are others"
     except sqlite3.DatabaseError as error:
         if _code(error) not in (_CORRUPT, _FOREIGN):
@@ -234,10 +212,6 @@ def _bounded(value: object) -> object:
     return min(max(value, -_GREATEST), _GREATEST) if isinstance(value, int) else value
 
 
-def _copy_of(path: Path) -> Path:
-    return path.with_name(f"{path.stem}.copy{path.suffix}")
-
-
 def _parts(path: Path) -> tuple[Path, ...]:
     """All files of one database."""
     return tuple(path.with_name(f"{path.name}{end}") for end in ("", "-wal", "-shm"))
@@ -262,13 +236,3 @@ def _alone(path: Path) -> Iterator[None]:
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())

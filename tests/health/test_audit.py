@@ -90,3 +90,66 @@ def test_the_command_prints_the_log_and_says_what_it_cannot_read(path, capsys, t
     assert '"action": "action 0"' in capsys.readouterr().out.splitlines()[0]
     assert main(["audit", str(tmp_path / "none")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def cut_off(path: Path, kept: int) -> None:
+    """Put back a diary that ends after so many entries, as damage and its copy leave it."""
+    path.unlink()
+    path.with_name("@diary.head.json").unlink()
+    with closing(Diary(path)) as diary:
+        diary.add((), START_NS, [entry(number) for number in range(kept)])
+
+
+@pytest.mark.parametrize("kept", [0, 1, 4])
+def test_entries_cut_off_at_the_end_are_named_and_no_number_is_used_again(path, kept, capsys):
+    head = path.with_name("@diary.head.json")
+    whole = head.read_bytes()
+    cut_off(path, kept)
+    head.write_bytes(whole)
+    for _ in range(2):
+        with closing(Diary(path)) as diary:
+            diary.care(1.0)
+            diary.care(2.0)
+            assert f"entries {kept + 1} to 5 are gone" in diary.audit_problem
+            assert diary.entries == 6
+    assert [each.number for each in read_audit(path)] == [*range(1, kept + 1), 6]
+    assert main(["audit", str(path.parent)]) == 1
+    assert "cannot be trusted: 6" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [None, b"", b"[]", b'{"number": 5}'])
+def test_without_a_head_a_rescued_log_says_that_its_end_may_be_gone(path, content):
+    head = path.with_name("@diary.head.json")
+    head.unlink() if content is None else head.write_bytes(content)
+    path.write_bytes(path.read_bytes()[:4000])
+    with closing(Diary(path)) as diary:
+        diary.care(1.0)
+        newest = diary.records(diary.entries, 1)[0]
+        assert newest.problem == diary.audit_problem == "entries after 0 may be gone"
+        assert sum(head.name in words for words in diary.damages) == (content is not None)
+
+
+def test_a_head_that_is_behind_or_gone_is_written_anew_without_a_word(path):
+    head = path.with_name("@diary.head.json")
+    before = head.read_bytes()
+    with closing(Diary(path)) as diary:
+        diary.add((), START_NS, [entry(5)])
+    after = head.read_bytes()
+    for found in (before, None):
+        head.unlink() if found is None else head.write_bytes(found)
+        with closing(Diary(path)) as diary:
+            diary.care(1.0)
+            assert (diary.audit_problem, diary.damages) == ("", [])
+        assert head.read_bytes() == after
+
+
+def test_a_log_that_was_written_anew_as_a_whole_is_seen_by_its_head(path):
+    head = path.with_name("@diary.head.json")
+    whole = head.read_bytes()
+    cut_off(path, 0)
+    with closing(Diary(path)) as diary:
+        diary.add((), START_NS, [entry(number + 10) for number in range(6)])
+    head.write_bytes(whole)
+    with closing(Diary(path)) as diary:
+        diary.care(1.0)
+        assert "entry 5 is not what was written" in diary.audit_problem

@@ -21,7 +21,9 @@ CREATE TRIGGER IF NOT EXISTS audit_is_not_changed BEFORE UPDATE ON audit
 CREATE TRIGGER IF NOT EXISTS audit_is_not_shortened BEFORE DELETE ON audit
     BEGIN SELECT RAISE(ABORT, 'the audit log is only appended to'); END;
 """
-_FIRST = "0" * 64
+FIRST_CHAIN = "0" * 64
+BREAK = "audit_log_damaged"
+"""Action of an entry that says what damage has taken from the log."""
 
 
 class AuditEntry(Frozen):
@@ -68,9 +70,15 @@ def append_entries(file: sqlite3.Connection, entries: Iterable[AuditEntry]) -> N
         if file.execute(same, (entry.time_ns, body)).fetchone():
             continue
         last = file.execute("SELECT number, chain FROM audit ORDER BY number DESC LIMIT 1")
-        number, chain = last.fetchone() or (0, _FIRST)
-        row = (number + 1, entry.time_ns, body, link(chain, number + 1, body))
-        file.execute("INSERT INTO audit VALUES (?, ?, ?, ?)", row)
+        number, chain = last.fetchone() or (0, FIRST_CHAIN)
+        append_row(file, number, chain, entry)
+
+
+def append_row(file: sqlite3.Connection, number: int, chain: str, entry: AuditEntry) -> None:
+    """Append an entry after the one of a number and a chain, within a transaction."""
+    body = entry.model_dump_json()
+    row = (number + 1, entry.time_ns, body, link(chain, number + 1, body))
+    file.execute("INSERT INTO audit VALUES (?, ?, ?, ?)", row)
 
 
 def link(before: str, number: int, body: str) -> str:
@@ -84,15 +92,17 @@ def checked(rows: Iterable[tuple[int, int, str, str]], first: int) -> list[Audit
     Args:
         first: number of the first record wanted; the row before it is only looked at.
     """
-    records, chain, expected = [], _FIRST, max(first - 1, 1)
+    records, chain, expected = [], FIRST_CHAIN, max(first - 1, 1)
     for number, _time_ns, body, end in rows:
         if number >= first:
-            problem = ""
-            if number != expected:
-                problem = f"{number - expected} entries before it are gone"
-            elif link(chain, number, body) != end:
+            entry, problem = _entry(body), ""
+            if number == expected and link(chain, number, body) != end:
                 problem = "it is not what was written"
-            records.append(AuditRecord(number, _entry(body), end, problem))
+            elif entry is not None and entry.action == BREAK:
+                problem = entry.outcome
+            elif number != expected:
+                problem = f"{number - expected} entries before it are gone"
+            records.append(AuditRecord(number, entry, end, problem))
         chain, expected = end, number + 1
     return records
 

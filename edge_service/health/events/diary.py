@@ -12,6 +12,7 @@ from ...kept_database import DatabaseFailedError, KeptDatabase
 from ...messages.event import Event
 from . import tables
 from .audit import AuditEntry, AuditRecord, append_entries, checked
+from .audit_head import AuditHead, newest_of
 from .kinds import is_chatter, room_of
 from .log import LoggedEvent
 from .scrub import Scrub
@@ -41,12 +42,16 @@ class Diary:
         self._entries: list[AuditEntry] = []
         self._since_pruned: Counter[tuple[str, str]] = Counter()
         self._damaged_ids: set[int] = set()
-        self._told_damages = self.lost = 0
+        self._told_damages = self.lost = self._now_ns = 0
         self.damages: list[str] = []
         """Damages, a line each: entries that are left out, files that were set aside."""
-        self._scrub = Scrub(self._note_entry, self.note_damage)
+        self._scrub = Scrub(self._note_entry, self.note_damage, self._note_audit)
+        head = None if path is None else path.with_name(f"{path.stem}.head.json")
+        self._head, self._mended = AuditHead(head, self.note_damage), -1
         self.problem = ""
         """Why events cannot be kept now; empty if they are."""
+        self.audit_problem = ""
+        """What is gone from the audit log, or changed; empty as far as it was looked at."""
         self.last_id = max((each.id for each in self._read(tables.NEWEST)), default=0)
 
     def add(
@@ -54,6 +59,7 @@ class Diary:
     ) -> tuple[LoggedEvent, ...]:
         """Number and keep events and entries of the audit log; on the disk unless `problem`."""
         with self._lock:
+            self._now_ns = now_ns
             added = [self._numbered(event, now_ns) for event in events]
             self._entries.extend(entries)
             saved = self._save()
@@ -75,7 +81,8 @@ class Diary:
     def care(self, now_s: float) -> None:
         """Write what waits, and make the daily copy; to be called every second or so."""
         with self._lock:
-            if self._unsaved or self._entries or self.problem:
+            self._now_ns = int(now_s * 1e9)
+            if self._unsaved or self._entries or self.problem or self._is_unmended:
                 self._save()
             if not self.problem:
                 self._attempt(lambda: self._file.copy(now_s))
@@ -143,14 +150,26 @@ class Diary:
             self._unsaved[key] = LoggedEvent(self.last_id, event)
         return self._unsaved[key]
 
+    @property
+    def _is_unmended(self) -> bool:
+        return self._file.rescues != self._mended
+
     def _save(self) -> dict[_Key, LoggedEvent]:
         """Write what waits; what was written, with the numbers under which it is kept."""
         saved: dict[_Key, LoggedEvent] = {}
 
         def write() -> None:
             with self._file.transaction() as file:
+                was_rescued = self._file.rescues > max(self._mended, 0)
+                gone = self._head.mend(file, was_rescued, self._now_ns)
                 saved.update({key: tables.write(file, each) for key, each in self._unsaved.items()})
                 append_entries(file, self._entries)
+                newest = newest_of(file)
+            self._head.follow(newest)
+            self._mended = self._file.rescues
+            if gone:
+                self._note_audit(gone)
+                self.note_damage(f"the audit log was damaged: {gone}")
 
         if not self._attempt(write):
             self._bound()
@@ -202,6 +221,9 @@ class Diary:
         """Say once what was damaged."""
         log.warning("%s", words)
         self.damages.append(words)
+
+    def _note_audit(self, words: str) -> None:
+        self.audit_problem = self.audit_problem or words
 
     def _rows(self, statement: str, *parameters: object) -> list[tuple[Any, ...]]:
         """Rows that can be read now."""

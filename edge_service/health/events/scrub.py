@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from ...kept_database import DatabaseFailedError, KeptDatabase
 from . import tables
-from .audit import checked
+from .audit import BREAK, AuditRecord, checked
 
 _ROWS = 1000
 _PERIOD_S = 86400.0
@@ -16,10 +16,16 @@ class Scrub:
     Args:
         on_entry: told the number of an event that is not what was written.
         on_damage: told of other damage, in a line.
+        on_audit: told of what is wrong with the audit log, in a line.
     """
 
-    def __init__(self, on_entry: Callable[[int], None], on_damage: Callable[[str], None]) -> None:
-        self._on_entry, self._on_damage = on_entry, on_damage
+    def __init__(
+        self,
+        on_entry: Callable[[int], None],
+        on_damage: Callable[[str], None],
+        on_audit: Callable[[str], None],
+    ) -> None:
+        self._on_entry, self._on_damage, self._on_audit = on_entry, on_damage, on_audit
         self._event = self._record = 0
         self._ended_s: float | None = None
         self._known: set[int] = set()
@@ -55,5 +61,12 @@ class Scrub:
             self._record = record.number
             if record.problem and record.number not in self._known:
                 self._known.add(record.number)
-                self._on_damage(f"the audit log's entry {record.number}: {record.problem}")
+                self._note(record)
         return len(rows) == _ROWS
+
+    def _note(self, record: AuditRecord) -> None:
+        """Tell of an entry; what a break in the log says was told when it was made."""
+        words = f"the audit log's entry {record.number}: {record.problem}"
+        self._on_audit(words)
+        if record.entry is None or record.entry.action != BREAK:
+            self._on_damage(words)

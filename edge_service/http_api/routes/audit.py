@@ -47,6 +47,7 @@ class AuditAnswer(Answer):
     """Part of the audit log, oldest first."""
 
     newest: int = Field(description="Number of the newest entry; entries are numbered from 1.")
+    problem: str = Field(description="What is gone or changed; empty if all entries are there.")
     entries: list[AuditEntryAnswer]
 
 
@@ -61,7 +62,8 @@ def audit(
     end = newest + 1 if before is None else min(before, newest + 1)
     first = max(end - limit, 1)
     records = state.events.records(first, end - first) if end > first else []
-    return AuditAnswer(newest=newest, entries=[_answer(each) for each in records])
+    problem = state.events.audit_problem
+    return AuditAnswer(newest=newest, problem=problem, entries=[_answer(each) for each in records])
 
 
 def _answer(record: AuditRecord) -> AuditEntryAnswer:

@@ -15,6 +15,9 @@ async function show(entries) {
   try {
     const answer = await fetchJson(`/api/v1/audit?limit=${SHOWN}`);
     const nodes = answer.entries.reverse().map(entryNode);
+    if (answer.problem) {
+      nodes.unshift(element("li", { class: "event error" }, `Not all of it is there: ${answer.problem}`));
+    }
     entries.replaceChildren(...(nodes.length ? nodes : [element("li", { class: "quiet" }, "Nothing was changed yet.")]));
   } catch (error) {
     entries.replaceChildren(element("li", { class: "quiet" }, `It cannot be read: ${error.message}`));

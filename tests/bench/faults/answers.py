@@ -14,6 +14,7 @@ from .scene import RunningService
 _STEP_S = 60.0
 _PATIENCE_S, _LOOK_PERIOD_S = 20.0, 0.2
 _TIME = re.compile(r'"\d{4}-\d\d-\d\dT[\d:.]+Z"')
+_PROBLEM = " problem"
 _SETTLE_S = 2.5
 """Until states are read and published, and damage is found by whoever looks for it."""
 _SPREAD = ("preload_percent", "drag_torque_nm", "nis", "stiffness_n_per_m", "temperature_c")
@@ -38,6 +39,8 @@ class Answers:
     ) -> list[Leaf]:
         """Answers that were neither kept nor are those of a folder in which nothing is.
 
+        An answer that says itself what is gone or changed (`problem`) is none of them.
+
         Args:
             free: paths whose values differ from run to run.
             until_s: UNIX time before which all was kept; what is dated later is of the present.
@@ -47,13 +50,26 @@ class Answers:
         wrong = [
             (path, value)
             for path, value in self.leaves - known
-            if path not in free and value != "null" and not _is_later(value, begun)
+            if path not in free
+            and value != "null"
+            and not _is_later(value, begun)
+            and not self._is_told(path, value)
         ]
         return wrong + [
             ("history", json.dumps(bucket))
             for start, bucket in self.buckets.items()
             if not _is_part(bucket, truth.buckets.get(start))
         ]
+
+    def _is_told(self, path: str, value: str) -> bool:
+        """Tell whether the answer itself says that it is not whole, or that this part is not."""
+        if path.endswith(_PROBLEM):
+            return True
+        if path.endswith("[]"):
+            part = json.loads(value)
+            return isinstance(part, dict) and bool(part.get(_PROBLEM.strip()))
+        said = dict(self.leaves).get(f"{path.rpartition(' ')[0]}{_PROBLEM}")
+        return said not in (None, '""')
 
 
 def _is_later(value: str, begun: str) -> bool:
@@ -103,7 +119,7 @@ def _ask_of(service: RunningService, paths: list[str], axis: str, until_s: float
         answer = service.ask(path.replace("{axis}", axis) + _query(path, until_s))
         if answer.status != 200:
             raise AssertionError(f"{path}: {answer.status} {answer.body[:200]!r}")
-        leaves |= set(_leaves(answer.json, path))
+        leaves |= set(_leaves(answer.json, path, rfc3339_s(until_s)))
     span = f"from={until_s - 86400.0}&to={until_s}&step={_STEP_S}"
     history = service.ask(f"/api/v1/axes/{axis}/history?{span}")
     if history.status != 200:
@@ -132,13 +148,14 @@ def _paths(service: RunningService) -> list[str]:
 _OF_NOW = ("/readyz", "/healthz", "/api/v1/health", "/api/v1/axes/{axis}/diagnosis")
 
 
-def _leaves(value: Any, path: str) -> Iterator[Leaf]:
-    """Members of an answer; those of a list wherever they stand in it."""
+def _leaves(value: Any, path: str, until: str) -> Iterator[Leaf]:
+    """Members of an answer; those of a list wherever they stand in it, unless of the present."""
     if isinstance(value, dict):
         for name, each in value.items():
-            yield from _leaves(each, f"{path} {name}")
+            yield from _leaves(each, f"{path} {name}", until)
     elif isinstance(value, list):
         for each in value:
-            yield f"{path}[]", json.dumps(each, sort_keys=True)
+            if not (isinstance(each, dict) and str(each.get("time") or "") > until):
+                yield f"{path}[]", json.dumps(each, sort_keys=True)
     else:
         yield path, json.dumps(value)

@@ -136,18 +136,21 @@ def _asked(
 
 
 def spoil(history: Path, rng: random.Random) -> dict[Path, str]:
-    """Damage every file but those of one axis; what was done to each."""
+    """Damage every file but those of one axis; what was done to each, if it changed anything.
+
+    A bit of a database in which nothing is kept can be another without any harm.
+    """
     done = {}
     for path in kept.files(history):
         if f"axis={_UNTOUCHED}" in path.parts:
             continue
         how = rng.choice(SPOILERS)
-        before = (history / path).read_bytes()
-        if not before:
+        if not (history / path).stat().st_size:
             continue
-        how(history / path, rng)
         place = history / path
-        if place.is_symlink() or place.is_dir() or place.read_bytes() != before:
+        held = kept.content(place)
+        how(place, rng)
+        if place.is_symlink() or place.is_dir() or kept.content(place) != held:
             done[path] = how.__name__
     return done
 

@@ -2,9 +2,10 @@
 
 import os
 import re
+import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
@@ -82,6 +83,18 @@ def files(kept: Path) -> list[Path]:
     """
     found = (path.relative_to(kept) for path in sorted(kept.rglob("*")) if path.is_file())
     return [path for path in found if not _OTHERS.search(path.name)]
+
+
+def content(path: Path) -> bytes | tuple[str, ...]:
+    """What is kept in a file: of a database all that can be read of it, of others their bytes."""
+    if path.suffix != ".sqlite" or ".copy" in path.name:
+        return path.read_bytes()
+    try:
+        with closing(sqlite3.connect(f"file:{path.absolute()}?mode=ro", uri=True)) as file:
+            ((sound,),) = file.execute("PRAGMA integrity_check(1)").fetchall()
+            return (str(sound), *file.iterdump())
+    except (sqlite3.Error, UnicodeDecodeError):
+        return path.read_bytes()
 
 
 def kind(path: Path) -> str:

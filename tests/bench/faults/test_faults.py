@@ -42,6 +42,10 @@ def _false(**changes: object) -> int:
         ({"buckets": {"12:00": BUCKET | {"nis": 1.0}}}, 1),
         ({"buckets": {"12:00": BUCKET | {"samples": 2}}}, 0),
         ({"buckets": {"12:00": BUCKET | {"samples": 4}}}, 1),
+        ({"leaves": frozenset({("audit newest", "4"), ("audit problem", '""')})}, 1),
+        ({"leaves": frozenset({("audit newest", "4"), ("audit problem", '"5 is gone"')})}, 0),
+        ({"leaves": frozenset({("log[]", '{"number": 1, "problem": ""}')})}, 1),
+        ({"leaves": frozenset({("log[]", '{"number": 1, "problem": "changed"}')})}, 0),
     ],
 )
 def test_an_answer_is_false_unless_it_was_kept_or_nothing_is_known(

@@ -12,7 +12,7 @@ import pytest
 
 from edge_service.health.events.audit import read_audit
 from edge_service.health.events.diary import Diary
-from edge_service.kept_database import COPY_PERIOD_S
+from edge_service.kept_copy import PERIOD_S as COPY_PERIOD_S
 
 from ..diaries import START_NS, event, numbers
 from ..test_audit import entry
