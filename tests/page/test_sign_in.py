@@ -1,13 +1,16 @@
 """Signing in on the page, by TLS and on loopback, in a real browser."""
 
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import SecretStr
 
 from edge_service.certificates import make_certificates
 from edge_service.config import HttpConfig
+from edge_service.config_tables import WebhookConfig
 from edge_service.http_api.security.tokens import add_token, revoke_token
 
 from .conftest import serious_faults
@@ -60,11 +63,72 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     page.fill("#token", screen)
     page.press("#token", "Enter")
     page.wait_for_selector("#answer[data-condition=NORMAL]")
-    page.click("text=Write a note")
-    page.click("#ask-ok")
-    page.wait_for_selector("text=this needs the role operator, yours is viewer")
-    page.click("#ask-cancel")
+    page.wait_for_selector("text=To write notes: this needs the role operator, yours is viewer.")
+    assert page.query_selector("text=Write a note") is None
     page.click("#sign-out")
     page.wait_for_selector("#token:visible")
     assert page.context.cookies() == []
     seen.faults[:] = [each for each in seen.faults if "40" not in each]  # refusals, as expected
+
+
+SUDDEN = {"scenario": "sudden", "life_h": 1.0, "acceleration": 180.0, "hold_s": 2.0}
+LOOKING = r"Sign out|\d+ (min|h|days)|1 year|All|Zoom|Reset"
+OPERATORS = {"Acknowledge", "Shelve 8 h", "Write a note", "Part replaced"}
+OPERATORS |= {"Start", "Cancel job 1", "Try all of webhook again", "Try again"}
+ADMINS = {"Remove trace.csv", "Drop"}
+REASON = "this needs the role {}, yours is {}."
+
+
+def changing(page: Any) -> set[str]:
+    """Names of the buttons that change something."""
+    nodes = page.query_selector_all("button:visible")
+    names = [node.get_attribute("aria-label") or node.inner_text() for node in nodes]
+    return {name.partition(": ")[0] for name in names if not re.fullmatch(LOOKING, name)}
+
+
+def fill(page: Any) -> None:
+    """Let there be something that every button of the page is for."""
+    then = "2026-01-01T00:00:00Z"
+    letter = {"id": "1", "time": then, "axis": "X", "message": "fell", "reason": "400", "tries": 1}
+    job = {"id": 1, "kind": "fingerprint", "axis": "X", "state": "running", "started": then}
+    answers = {
+        "recordings": {"recordings": [{"name": "trace.csv", "size": 1000, "modified": then}]},
+        "jobs": {"jobs": [job | {"files": [], "ended": None, "lines": []}]},
+        "outputs": {"outputs": [{"output": "webhook", "dead_letters": [letter]}]},
+    }
+
+    def answer(route: Any) -> None:
+        route.fulfill(json=answers[route.request.url.rpartition("/")[2]])
+
+    for path in answers:
+        page.route(f"**/api/v1/{path}", answer)
+
+
+@pytest.mark.slow
+def test_nobody_sees_a_button_that_would_be_refused(
+    make_service: Any, open_page: Any, tmp_path: Path
+) -> None:
+    secrets = {
+        role: add_token(tmp_path / "tokens.json", role, role, 1, datetime.now(UTC))
+        for role in ("viewer", "operator", "admin")
+    }
+    receiver, secret = SecretStr("http://127.0.0.1:9/"), SecretStr("a secret of some length")
+    webhook = WebhookConfig(url=receiver, secret=secret, buffer=tmp_path / "spool")
+    service = make_service(guarded(tmp_path, "http"), webhook, **SUDDEN)
+    for role, token in secrets.items():
+        page = open_page(service.address, bypass_csp=True).page
+        fill(page)
+        page.fill("#token", token)
+        page.press("#token", "Enter")
+        page.wait_for_selector("#alarms >> text=Sudden drop")
+        page.wait_for_selector("text=Not delivered")
+        page.wait_for_selector("text=trace.csv")
+        expected = {"viewer": set(), "operator": OPERATORS, "admin": OPERATORS | ADMINS}[role]
+        assert changing(page) == expected
+        assert page.locator("input[type=file]").count() == (role != "viewer")
+        reasons = " ".join(page.locator(".not-allowed").all_inner_texts())
+        assert (REASON.format("operator", role) in reasons) == (role == "viewer")
+        assert (REASON.format("admin", role) in reasons) == (role != "admin")
+        assert page.get_by_text("Audit log: who changed what").count() == (role != "viewer")
+        assert serious_faults(page) == []
+        page.context.close()

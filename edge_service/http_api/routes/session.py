@@ -8,6 +8,7 @@ from starlette.exceptions import HTTPException
 
 from ..answers import Answer
 from ..problems import documented
+from ..security.access import ROUTES, Role
 from ..security.doorkeeper import Doorkeeper, Identity, LimitedError
 from ..security.gate import cookie_name, credentials, identity_of
 from ..security.sessions import LIFETIME_S
@@ -30,6 +31,10 @@ class SessionAnswer(Answer):
     required: bool = Field(description="Whether this service asks for tokens at all.")
     name: str | None = Field(description="Name of the token; null if none was sent.")
     role: str = Field(examples=["operator"], description="What whoever asks may do.")
+    rights: dict[str, dict[str, str]] = Field(
+        examples=[{"/api/v1/audit": {"GET": "operator"}}],
+        description="Path -> method -> the least role; empty for whoever is not signed in.",
+    )
 
 
 async def doorkeeper_of(request: Request) -> Doorkeeper:
@@ -90,5 +95,20 @@ def _set_cookie(request: Request, response: Response, secret: str, age_s: float)
 
 
 def _answer(doorkeeper: Doorkeeper, identity: Identity) -> SessionAnswer:
-    required = doorkeeper.tokens is not None
-    return SessionAnswer(required=required, name=identity.name, role=identity.role.name.lower())
+    return SessionAnswer(
+        required=doorkeeper.tokens is not None,
+        name=identity.name,
+        role=_shown(identity.role),
+        rights={} if identity.role is Role.NOBODY else _rights(),
+    )
+
+
+def _rights() -> dict[str, dict[str, str]]:
+    return {
+        path: {method: _shown(role) for method, role in methods.items()}
+        for path, methods in ROUTES.items()
+    }
+
+
+def _shown(role: Role) -> str:
+    return role.name.lower()

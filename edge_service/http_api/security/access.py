@@ -9,7 +9,9 @@ class Role(IntEnum):
 
     NOBODY = 0
     VIEWER = 1  # looks
-    OPERATOR = 2  # answers alarms, writes notes, uploads, runs jobs, sends again
+    OPERATOR = (
+        2  # answers alarms, writes notes, uploads, runs jobs, sends again; reads the audit log
+    )
     ADMIN = 3  # removes what others have made
 
 
@@ -25,7 +27,7 @@ ROUTES: dict[str, dict[str, Role]] = {
     "/openapi.json": {"GET": _VIEWER},
     "/api/v1/schemas": {"GET": _VIEWER},
     "/api/v1/health": {"GET": _VIEWER},
-    "/api/v1/audit": {"GET": _VIEWER},
+    "/api/v1/audit": {"GET": _OPERATOR},
     "/api/v1/events": {"GET": _VIEWER},
     "/api/v1/axes": {"GET": _VIEWER},
     f"{_AXIS}/preload": {"GET": _VIEWER},

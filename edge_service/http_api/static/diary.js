@@ -2,8 +2,10 @@
 
 import { auditNode } from "./audit.js";
 import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js";
-import { signedName } from "./session.js";
+import { ifMay, may, signedName } from "./session.js";
 
+const COMMAND = ["POST", "/api/v1/axes/{axis}/commands"];
+const AUDIT = ["GET", "/api/v1/audit"];
 const SHOWN = 60;
 const NAMES = { preload_low: "Preload low", preload_lost: "Preload lost", rate: "Wears fast", sudden_drop: "Sudden drop", model: "Model does not fit", data_lost: "Data lost", service: "Service part down" };
 let pending = null;
@@ -13,7 +15,7 @@ export function renderAlarms(state) {
   const alarms = state.health?.alarms ?? [];
   refill(root, JSON.stringify([state.axis, alarms, state.connected]), () => [
     element("h2", { id: "alarms-title" }, alarms.length ? `Alarms (${alarms.length})` : "Alarms"),
-    ...(alarms.length ? alarms.map((alarm) => alarmNode(state, alarm)) : [element("p", { class: "quiet" }, "No alarm is active, and none waits for anybody.")]),
+    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(state, alarm)), ifMay(COMMAND, "To acknowledge or shelve", () => "")] : [element("p", { class: "quiet" }, "No alarm is active, and none waits for anybody.")]),
   ]);
 }
 
@@ -27,23 +29,27 @@ function alarmNode(state, alarm) {
   if (!alarm.acknowledged_by) buttons.append(act("acknowledge", "Acknowledge", "Says that you have taken note."));
   if (alarm.shelved_until) buttons.append(act("unshelve", "End shelving", "It calls people again."));
   else buttons.append(act("shelve", "Shelve 8 h", "For 8 hours it calls nobody; the condition is shown all the same.", { duration_s: 28800 }));
-  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${name}`), ` – ${alarm.message}`), element("p", { class: "quiet" }, `${about}; ${seen}${shelf}`), buttons);
+  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${name}`), ` – ${alarm.message}`), element("p", { class: "quiet" }, `${about}; ${seen}${shelf}`), may(COMMAND) ? buttons : "");
 }
 
 export function renderDiary(state) {
   const root = byId("diary");
   if (!root.firstChild) {
     root.replaceChildren(
-      element("div", { class: "panel-head" }, element("h2", { id: "diary-title" }, "Diary"), element("div", { class: "buttons" },
-        button("Write a note", {}, () => ask(pending.axis, { action: "note" }, "Write a note", "It is drawn in the history.")),
-        button("Part replaced", {}, () => ask(pending.axis, { action: "part_replaced" }, "Part replaced", "The trend and the use of the part begin anew. This cannot be undone.")))),
+      element("div", { class: "panel-head" }, element("h2", { id: "diary-title" }, "Diary"), ifMay(COMMAND, "To write notes", noteButtons)),
       element("ol", { class: "events", tabindex: "0", "aria-labelledby": "diary-title" }),
-      auditNode(),
+      ifMay(AUDIT, "To read who changed what", auditNode),
     );
   }
   pending = state;
   const events = state.events.slice(-SHOWN).reverse();
   refill(root.querySelector("ol"), `${state.axis}${events.length}${events[0]?.id}`, () => (events.length ? events.map(eventNode) : [element("li", { class: "quiet" }, "Nothing has happened yet.")]));
+}
+
+function noteButtons() {
+  return element("div", { class: "buttons" },
+    button("Write a note", {}, () => ask(pending.axis, { action: "note" }, "Write a note", "It is drawn in the history.")),
+    button("Part replaced", {}, () => ask(pending.axis, { action: "part_replaced" }, "Part replaced", "The trend and the use of the part begin anew. This cannot be undone.")));
 }
 
 function eventNode(event) {

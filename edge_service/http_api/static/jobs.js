@@ -1,8 +1,13 @@
 // Tests on request: upload recordings, make a fingerprint or a diagnosis, read and compare.
 
 import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js";
+import { ifMay, may } from "./session.js";
 
 const KINDS = { fingerprint: "Fingerprint", diagnose: "Diagnosis" };
+const UPLOAD = ["PUT", "/api/v1/recordings/{name}"];
+const REMOVE = ["DELETE", "/api/v1/recordings/{name}"];
+const START = ["POST", "/api/v1/jobs"];
+const CANCEL = ["DELETE", "/api/v1/jobs/{number}"];
 const POLL_MS = 1000;
 const READABLE = { m: [1e6, "µm"], "N/m": [1e-6, "N/µm"], "kg m^2": [1e4, "kg cm²"] };
 const UNIT_IN_NAME = /_(n_per_m|hz|m|kg_m2|nm_s_per_rad|nm|n|rad)$/;
@@ -24,13 +29,13 @@ function build() {
   parts.table = element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Comparison" });
   parts.file.addEventListener("change", upload);
   for (const select of [parts.left, parts.right]) select.addEventListener("change", compare);
-  const start = button("Start", { id: "job-start", class: "primary" }, startJob);
+  parts.start = button("Start", { id: "job-start", class: "primary" }, startJob);
   byId("tests").replaceChildren(
     element("h2", { id: "tests-title" }, "Tests: fingerprint and diagnosis"),
     element("p", { class: "quiet" }, "Record a test motion (edge-service record), upload the trace, and let the service compare the axis with its model or with an older fingerprint."),
     element("div", { class: "small-charts" },
-      element("div", {}, element("label", { for: "job-file" }, "Upload recordings (CSV or Parquet)"), parts.file, parts.list),
-      element("div", {}, element("label", { for: "job-kind" }, "Make a"), parts.kind, element("label", { for: "job-baseline" }, "Compare with"), parts.baseline, element("div", { class: "buttons" }, start), parts.status),
+      element("div", {}, ifMay(UPLOAD, "To upload recordings", () => element("label", { for: "job-file" }, "Upload recordings (CSV or Parquet)", parts.file)), parts.list, ifMay(REMOVE, "To remove recordings", () => "")),
+      element("div", {}, ifMay(START, "To make a fingerprint or a diagnosis", startForm), parts.status),
     ),
     element("h3", {}, "Jobs"),
     parts.jobs,
@@ -38,6 +43,10 @@ function build() {
     element("div", { class: "small-charts" }, element("label", { for: "compare-left" }, "Left", parts.left), element("label", { for: "compare-right" }, "Right", parts.right)),
     parts.table,
   );
+}
+
+function startForm() {
+  return element("div", {}, element("label", { for: "job-kind" }, "Make a"), parts.kind, element("label", { for: "job-baseline" }, "Compare with"), parts.baseline, element("div", { class: "buttons" }, parts.start));
 }
 
 export async function loadTests(state) {
@@ -53,7 +62,7 @@ export async function loadTests(state) {
   options(parts.baseline, [["", "nothing"], ...choices]);
   for (const select of [parts.left, parts.right]) options(select, [["", "choose"], ...choices]);
   const running = jobs.some((job) => job.state === "running");
-  byId("job-start").disabled = running;
+  parts.start.disabled = running;
   if (!running && parts.status.textContent === STARTED) write(parts.status, `It is ${jobs[0]?.state ?? "over"}: see below.`);
   if (running) poll(state);
 }
@@ -77,7 +86,8 @@ function recordingNode(recording) {
   const box = element("input", { type: "checkbox", name: "recording", value: recording.name, id: `recording-${recording.name}` });
   box.checked = byId(box.id)?.checked ?? false; // a choice outlasts the list's renewal
   const size = recording.size > 1e6 ? `${(recording.size / 1e6).toFixed(1)} MB` : `${(recording.size / 1e3).toFixed(1)} kB`;
-  return element("li", { class: "row" }, box, element("label", { for: box.id }, `${recording.name} (${size})`), button("Remove", { "aria-label": `Remove ${recording.name}` }, () => act(fetchJson(`/api/v1/recordings/${encodeURIComponent(recording.name)}`, { method: "DELETE" }), "Removed.")));
+  const remove = () => button("Remove", { "aria-label": `Remove ${recording.name}` }, () => act(fetchJson(`/api/v1/recordings/${encodeURIComponent(recording.name)}`, { method: "DELETE" }), "Removed."));
+  return element("li", { class: "row" }, may(START) ? box : "", element("label", { for: box.id }, `${recording.name} (${size})`), may(REMOVE) ? remove() : "");
 }
 
 function jobNode(job) {
@@ -87,7 +97,7 @@ function jobNode(job) {
     const open = name.endsWith(".html") ? { target: "_blank", rel: "noopener" } : { download: `${job.kind}_${job.id}_${name}` };
     node.append(element("a", { href: `/api/v1/jobs/${job.id}/files/${encodeURIComponent(name)}`, ...open }, name), " ");
   }
-  if (job.state === "running") node.append(button("Cancel", { "aria-label": `Cancel job ${job.id}` }, () => act(fetchJson(`/api/v1/jobs/${job.id}`, { method: "DELETE" }), "Cancelled.")));
+  if (job.state === "running" && may(CANCEL)) node.append(button("Cancel", { "aria-label": `Cancel job ${job.id}` }, () => act(fetchJson(`/api/v1/jobs/${job.id}`, { method: "DELETE" }), "Cancelled.")));
   if (job.lines.length) node.append(element("pre", { tabindex: "0" }, job.lines.join("\n")));
   return node;
 }

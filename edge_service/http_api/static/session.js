@@ -1,11 +1,23 @@
 // Who looks at the page: by the session of a token, where the service asks for one.
 
-import { byId, fetchJson, write } from "./dom.js";
+import { byId, element, fetchJson, write } from "./dom.js";
 
 const SESSION = "/api/v1/session";
+const RANKS = ["nobody", "viewer", "operator", "admin"];
 let who = null;
+let builtFor = null;
 
 export const signedName = () => who?.name ?? null;
+
+// A right is [method, path as the table of rights writes it].
+const needed = ([method, path]) => who?.rights[path]?.[method] ?? "admin";
+export const may = (right) => RANKS.indexOf(who?.role) >= RANKS.indexOf(needed(right));
+
+// What only some may do; for all others the reason why it is not there.
+export function ifMay(right, what, make) {
+  if (may(right)) return make();
+  return element("p", { class: "quiet not-allowed" }, `${what}: this needs the role ${needed(right)}, yours is ${who.role}.`);
+}
 
 export async function isSignedOut() {
   const answer = await fetchJson(SESSION).catch(() => null);
@@ -16,6 +28,8 @@ export async function isSignedOut() {
 export async function signIn() {
   who = await fetchJson(SESSION);
   if (who.role === "nobody") await askForToken();
+  if (builtFor !== null && builtFor !== who.role) return location.reload();
+  builtFor = who.role;
   byId("who").hidden = who.name === null;
   write(byId("who-name"), `${who.name} (${who.role})`);
 }

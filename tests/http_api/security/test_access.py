@@ -8,7 +8,7 @@ from fastapi.routing import iter_route_contexts
 from starlette.routing import Mount
 
 from edge_service.health.service_state import ServiceState
-from edge_service.http_api.app import create_app
+from edge_service.http_api.app import STATIC, create_app
 from edge_service.http_api.security.access import ROUTES, Role, methods_of
 
 ROWS = [(path, method) for path, methods in ROUTES.items() for method in methods]
@@ -43,9 +43,13 @@ def test_only_the_page_and_the_sign_in_are_open_to_all() -> None:
     assert opened == OPEN_TO_ALL
 
 
+NOT_FOR_VIEWERS = {"/api/v1/audit"}
+"""Who did what, from where: not for screens in the hall."""
+
+
 def test_who_only_looks_changes_nothing() -> None:
     for path, method in ROWS:
-        if path not in OPEN_TO_ALL:
+        if path not in OPEN_TO_ALL | NOT_FOR_VIEWERS:
             assert (ROUTES[path][method] is Role.VIEWER) == (method == "GET"), (path, method)
 
 
@@ -61,6 +65,31 @@ async def test_each_role_takes_what_the_table_gives_it(guarded, connect, role):
         else:
             assert answer.status_code == (401 if role is Role.NOBODY else 403), (path, method)
             assert answer.headers["content-type"] == "application/problem+json"
+
+
+@pytest.mark.parametrize("role", Role, ids=lambda role: role.name.lower())
+async def test_a_session_tells_the_table(guarded, connect, role):
+    answer = await connect().get("/api/v1/session", headers=guarded.bearer(role.name.lower()))
+    rights = answer.json()["rights"]
+    if role is Role.NOBODY:
+        assert rights == {}
+    else:
+        named = {path: {m: Role[r.upper()] for m, r in row.items()} for path, row in rights.items()}
+        assert named == ROUTES
+
+
+RIGHT = re.compile(r'\["([A-Z]+)", "(/api/[^"]+)"\]')
+CHANGE = re.compile(r'"(POST|PUT|DELETE)"')
+
+
+def test_whatever_changes_something_on_the_page_asks_for_its_right() -> None:
+    for path in sorted(STATIC.glob("*.js")):
+        code = path.read_text()
+        rights = RIGHT.findall(code)
+        assert {(row, method) for method, row in rights} <= set(ROWS), path.name
+        asked = set(CHANGE.findall(code))
+        if asked and path.name != "session.js":
+            assert asked <= {method for method, _ in rights}, path.name
 
 
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "ODD")

@@ -5,12 +5,17 @@ import logging
 
 import pytest
 
+from edge_service.http_api.security.access import ROUTES
 from edge_service.http_api.security.attempts import IN_ALL, MOST_CLIENTS, PER_CLIENT, Attempts
 from edge_service.http_api.security.sessions import LIFETIME_S, MOST_SESSIONS, Sessions
 from edge_service.http_api.security.tokens import revoke_token
 
 SESSION = "/api/v1/session"
 AXES = "/api/v1/axes"
+RIGHTS = {
+    path: {method: role.name.lower() for method, role in row.items()}
+    for path, row in ROUTES.items()
+}
 NOTE = {"action": "note", "user": "Mallory", "note": "seen"}
 
 
@@ -22,7 +27,11 @@ async def test_a_browser_signs_in_and_out(guarded, connect):
     client = connect()
     assert (await client.get(AXES)).status_code == 401
     answer = await sign_in(client, guarded.secrets["operator"])
-    assert answer.json() == {"required": True, "name": "operator 1", "role": "operator"}
+    about = answer.json()
+    assert (about.pop("rights"), about) == (
+        RIGHTS,
+        {"required": True, "name": "operator 1", "role": "operator"},
+    )
     assert (await client.get(AXES)).status_code == 200
     assert (await client.get(SESSION)).json()["name"] == "operator 1"
     held = dict(client.cookies)
@@ -87,7 +96,8 @@ async def test_who_has_signed_in_is_named_by_the_token_whatever_is_typed(guarded
 
 
 async def test_without_tokens_people_are_named_by_what_they_type(client):
-    assert (await client.get(SESSION)).json() == {"required": False, "name": None, "role": "admin"}
+    about = (await client.get(SESSION)).json()
+    assert (about["required"], about["name"], about["role"]) == (False, None, "admin")
     answer = await sign_in(client, "anything")
     assert answer.json()["required"] is False
     assert "set-cookie" not in answer.headers

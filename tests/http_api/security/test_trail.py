@@ -73,7 +73,7 @@ async def test_a_flood_of_refusals_is_counted_instead(guarded, connect):
 async def test_what_only_looks_is_not_noted(guarded, connect):
     client = connect()
     for path in ("/api/v1/audit", "/api/v1/axes", "/nothing"):
-        await client.get(path, headers=guarded.bearer("viewer"))
+        await client.get(path, headers=guarded.bearer("operator"))
     assert entries(guarded) == []
 
 
@@ -90,11 +90,11 @@ async def test_the_log_is_shown_in_pages(guarded, connect):
     for _ in range(5):
         guarded.wait(1e-6)
         await client.delete("/api/v1/jobs/1")
-    whole = (await client.get("/api/v1/audit", headers=guarded.bearer("viewer"))).json()
+    whole = (await client.get("/api/v1/audit", headers=guarded.bearer("operator"))).json()
     assert whole["newest"] == 5
     assert [each["number"] for each in whole["entries"]] == [1, 2, 3, 4, 5]
     assert not any(each["problem"] for each in whole["entries"])
     query = {"before": "4", "limit": "2"}
-    part = await client.get("/api/v1/audit", params=query, headers=guarded.bearer("viewer"))
+    part = await client.get("/api/v1/audit", params=query, headers=guarded.bearer("operator"))
     assert [each["number"] for each in part.json()["entries"]] == [2, 3]
     assert part.json()["entries"] == whole["entries"][1:3]
