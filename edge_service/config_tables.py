@@ -161,8 +161,8 @@ class WebhookConfig(Table):
         url: of the receiver; secret, as it may hold a password or a token.
         secret: what is sent is signed with it.
         kinds: of the events that are sent.
-        tries: refusals after which an event becomes a dead letter.
-        give_up_h: time of pauses after which it becomes one while the receiver is away.
+        tries: refusals after which an event becomes a dead letter if the receiver takes the next.
+        give_up_h: time of pauses after which it becomes one whatever the receiver does.
         buffer: file in which events wait; unless given in the folder of the history.
         buffer_events, buffer_mb: how many of them, and how much; then the oldest go.
     """
@@ -172,7 +172,7 @@ class WebhookConfig(Table):
     secret: SecretStr | None = None
     secret_file: Path | None = None
     kinds: tuple[str, ...] = ("alarm_raised", "alarm_cleared", "condition_changed")
-    tries: int = Field(10, ge=1, le=1000)
+    tries: int = Field(4, ge=1, le=1000)
     give_up_h: float = Field(72.0, gt=0.0, le=8760.0)
     buffer: Path | None = None
     buffer_events: int = Field(100_000, ge=1)

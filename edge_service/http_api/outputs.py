@@ -15,9 +15,9 @@ _LETTER_EXAMPLE: dict[str, Any] = {
     "kind": "alarm_raised",
     "message": "preload is at 47 % of the fresh screw's; the limit is 60 %",
     "time": "2026-01-31T12:00:00.000Z",
-    "tries": 10,
+    "tries": 5,
     "reason": "answered 500",
-    "dead_since": "2026-01-31T12:04:03.000Z",
+    "dead_since": "2026-01-31T12:00:07.000Z",
 }
 
 

@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 import hmac
 import json
+import random
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -31,6 +32,9 @@ from .receivers import FINE, MISBEHAVING, ODD_BUT_FINE, receiving
 
 SECRET = "a secret of some length"
 TRIES = 3
+GIVE_UP_TRIES = 6
+AWAY = {"busy", "away behind a proxy", "away for now"}
+SICK = (post.Outcome.REFUSED, post.Outcome.REFUSED, post.Outcome.NEVER)
 
 
 @pytest.fixture
@@ -60,17 +64,19 @@ class Sender:
     Attributes:
         problems: what it said, in order.
         pauses: that it made.
+        forever: whether the next pause has no end.
     """
 
     def __init__(self, url: str, spool: Spool, on_pause: Callable[[int], None]) -> None:
         self.pauses: list[float] = []
+        self.forever = False
         self.problems: list[str] = []
         settings = WebhookConfig(
             url=SecretStr(url),
             secret=SecretStr(SECRET),
             kinds=("alarm_raised",),
             tries=TRIES,
-            give_up_h=TRIES * LONGEST_PAUSE_S / 3600.0,
+            give_up_h=GIVE_UP_TRIES * LONGEST_PAUSE_S / 3600.0,
         )
         self._on_pause = on_pause
         self.spool = spool
@@ -79,6 +85,8 @@ class Sender:
     async def _sleep(self, seconds: float) -> None:
         self.pauses.append(seconds)
         self._on_pause(len(self.pauses))
+        if self.forever:
+            await asyncio.Event().wait()
         await asyncio.sleep(0)
 
     async def put(self, numbers: range) -> None:
@@ -163,15 +171,110 @@ async def test_an_event_that_it_never_takes_is_a_dead_letter_and_the_next_go(
         receiver.on_hang = lose_patience
         await sender.put(range(4))
         await sender.all_done()
+        tries = GIVE_UP_TRIES if name in AWAY else TRIES + 1
         assert receiver.taken == ["0", "2", "3"]
-        assert receiver.requests == 3 + TRIES
+        assert receiver.requests == 3 + tries
         assert await dead(sender) == ["1"]
         (letter,) = await sender.spool.letters()
-        assert letter.tries == TRIES
+        assert letter.tries == tries
         receiver.manner = None
         assert await sender.spool.revive(letter.key)
         await sender.all_done()
         assert receiver.taken == ["0", "2", "3", "1"]
+
+
+@pytest.mark.parametrize("name", sorted(MISBEHAVING.keys() - AWAY))
+async def test_a_sick_receiver_costs_no_event_and_no_order(
+    name: str, tmp_path: Path, lose_patience: Callable[[], None]
+) -> None:
+    async with receiving() as receiver:
+
+        def recover(pauses: int) -> None:
+            if pauses == GIVE_UP_TRIES - 1:
+                receiver.manner = None
+
+        receiver.manner, receiver.on_hang = MISBEHAVING[name], lose_patience
+        async with sending(receiver.url, tmp_path, recover) as sender:
+            await sender.put(range(5))
+            await sender.all_done()
+            assert receiver.taken == [str(number) for number in range(5)]
+            assert sender.spool.dead == 0
+
+
+async def test_with_the_default_others_wait_seconds_for_one_that_is_always_refused(
+    tmp_path: Path,
+) -> None:
+    async with receiving() as receiver, sending(receiver.url, tmp_path) as sender:
+        receiver.manner, receiver.victims = MISBEHAVING["a failure"], frozenset({"0"})
+        sender.webhook._tries = WebhookConfig().tries
+        await sender.put(range(20))
+        await sender.all_done()
+        assert await dead(sender) == ["0"]
+        assert sum(sender.pauses) < 10.0
+
+
+async def test_an_event_that_comes_while_a_refused_one_pauses_does_not_wait_for_it(
+    tmp_path: Path,
+) -> None:
+    async with receiving() as receiver:
+        receiver.manner, receiver.victims = MISBEHAVING["a failure"], frozenset({"0"})
+        resting = asyncio.Event()
+
+        def rest(pauses: int) -> None:
+            if pauses == TRIES:
+                sender.forever = True
+                resting.set()
+
+        async with sending(receiver.url, tmp_path, rest) as sender:
+            await sender.put(range(1))
+            await resting.wait()
+            await sender.put(range(1, 2))
+            await sender.all_done()
+            assert receiver.taken == ["1"]
+            assert await dead(sender) == ["0"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+async def test_whatever_is_refused_when_no_event_is_lost_doubled_or_wrongly_dead(
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sick, away and well by turns, restarts between, and events that are refused for ever."""
+    dice = random.Random(seed)
+    poisoned = {str(number) for number in range(40) if dice.random() < dice.choice((0.0, 0.1, 0.5))}
+    state, taken, posts = ["well"], [], [0]
+
+    async def reply(_poster: post.Poster, body: bytes, _headers: Any) -> post.Reply:
+        posts[0] += 1
+        message = json.loads(body)["message"]
+        if state[0] != "well":
+            return post.Reply(dice.choice(SICK) if state[0] == "sick" else post.Outcome.LATER)
+        if message in poisoned:
+            return post.Reply(dice.choice(SICK))
+        taken.append(message)
+        return post.Reply(post.Outcome.TAKEN)
+
+    monkeypatch.setattr(post.Poster, "post", reply)
+
+    def change(_pauses: int) -> None:
+        state[0] = dice.choice(("well", "sick", "away")) if posts[0] < 400 else "well"
+
+    for life in range(4):
+        async with sending("http://127.0.0.1:9/", tmp_path, change) as sender:
+            sender.webhook._most_pauses = 1_000_000
+            await sender.put(range(10 * life, 10 * life + 10))
+            before = posts[0]
+
+            async def over(before: int = before, sender: Sender = sender) -> bool:
+                return posts[0] > before + 20 or len(sender.spool) == 0
+
+            await until(over)
+    async with sending("http://127.0.0.1:9/", tmp_path, change) as sender:
+        sender.webhook._most_pauses = 1_000_000
+        await sender.put(range(40, 80))  # by which the last ones are judged
+        await sender.all_done()
+        assert taken == sorted(set(taken), key=int)
+        assert set(taken) == {str(number) for number in range(80)} - poisoned
+        assert set(await dead(sender)) == poisoned
 
 
 @pytest.mark.parametrize("name", ODD_BUT_FINE)
@@ -201,7 +304,7 @@ async def test_no_request_goes_where_a_redirect_points(tmp_path: Path) -> None:
         receiver.manner = MISBEHAVING["a redirect to itself"]
         await sender.put(range(1))
         await sender.all_done()
-        assert receiver.requests == TRIES
+        assert receiver.requests == GIVE_UP_TRIES
         assert all(head.startswith(b"POST /hook ") for head in receiver.heads)
 
 
@@ -222,7 +325,7 @@ async def test_while_it_is_away_nothing_is_lost_through_restarts(tmp_path: Path)
         port = receiver.port
     for number in range(3):
         async with sending(receiver.url, tmp_path) as sender:
-            sender.webhook._delays = 1_000_000
+            sender.webhook._most_pauses = 1_000_000
             await sender.put(range(10 * number, 10 * number + 10))
             assert len(sender.spool) == 10 * number + 10
     async with receiving(port) as again, sending(again.url, tmp_path) as sender:
@@ -235,7 +338,7 @@ async def test_pauses_grow_up_to_a_minute(tmp_path: Path) -> None:
     async with receiving() as receiver:
         pass
     async with sending(receiver.url, tmp_path) as sender:
-        sender.webhook._delays = 9
+        sender.webhook._most_pauses = 9
         await sender.put(range(1))
         await sender.all_done()
         pauses += sender.pauses

@@ -154,9 +154,9 @@ class Spool:
         self.sessions = (self.sessions + 1) % _SESSIONS
         await self._do(partial(self._letters.count_session, self.sessions))
 
-    async def wait(self) -> None:
-        """Wait until there is a message."""
-        while len(self) == 0:
+    async def wait(self, count: int = 1) -> None:
+        """Wait until there are so many messages."""
+        while len(self) < count:
             self._arrived.clear()
             try:
                 async with asyncio.timeout(_AGAIN_S if self.problem else None):

@@ -21,6 +21,8 @@ from .post import WHOLE_S, Outcome, Poster, Reply
 log = logging.getLogger(__name__)
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
+MOST_WITNESSES = 16
+"""Events behind a refused one that are tried before its receiver is taken for sick."""
 SIGNATURE = "X-Edge-Signature"
 TIMESTAMP = "X-Edge-Timestamp"
 DELIVERY = "X-Edge-Delivery"
@@ -35,7 +37,8 @@ class Webhook:
     """Sends the events of a spool, the oldest first, one at a time.
 
     A receiver that cannot be reached, or says that it is busy, is waited for with growing pauses.
-    An event that it refuses is tried `tries` times; then it is a dead letter, and the next goes.
+    Once it has refused an event `tries` times, the next ones are tried: if one is taken, and the
+    first refused once more, the first is a dead letter; else the receiver is sick and waited for.
 
     Args:
         settings: address, secret and limits.
@@ -60,7 +63,7 @@ class Webhook:
         self._poster = Poster(settings.url.get_secret_value())
         self._kinds = frozenset(settings.kinds)
         self._tries = settings.tries
-        self._delays = round(settings.give_up_h * 3600.0 / LONGEST_PAUSE_S)
+        self._most_pauses = round(settings.give_up_h * 3600.0 / LONGEST_PAUSE_S)
         self._on_change = on_change
         self._sleep = sleep
         self._pause_s = FIRST_PAUSE_S
@@ -81,18 +84,51 @@ class Webhook:
             try:
                 with heart.idle(lambda: len(self.spool) == 0):
                     await self.spool.wait()
-                (message,) = await heart.patiently(self.spool.oldest(1)) or (None,)
-                rests = message is not None and await heart.patiently(
-                    self._deliver(message), limit_s=WHOLE_S + THREAD_LIMIT_S
-                )
+                rests = await self._round(heart)
             except SpoolError as error:
                 self._on_change(str(error))
                 rests = True
             if rests:
                 await self._rest(heart)
 
-    async def _deliver(self, message: Message) -> bool:
-        """Try to send an event once; tells whether a pause is due."""
+    async def _round(self, heart: Heartbeat) -> bool:
+        """Try the oldest event, and another if it was refused too often; tells if it rests now."""
+        (first,) = await heart.patiently(self.spool.oldest(1)) or (None,)
+        if first is None:
+            return False
+        reply = await self._try(heart, first)
+        if reply.outcome is Outcome.TAKEN:
+            return False
+        if self._is_suspect(first, reply) and await self._takes_another(heart, first.refusals + 1):
+            again = reply if reply.outcome is Outcome.NEVER else await self._try(heart, first)
+            if again.outcome is Outcome.TAKEN:
+                return False
+            if again.outcome is not Outcome.LATER:
+                await heart.patiently(self._bury(first, again, 2 - (again is reply)))
+                return False
+        return await heart.patiently(self._wait_for(first, reply))
+
+    def _is_suspect(self, message: Message, reply: Reply) -> bool:
+        often = reply.outcome is Outcome.REFUSED and message.refusals + 1 >= self._tries
+        return often or reply.outcome is Outcome.NEVER
+
+    async def _takes_another(self, heart: Heartbeat, tries: int) -> bool:
+        """Tell whether the receiver takes one of those behind the first; more of them each time.
+
+        All within one round and in their order: what stands before the one that is taken was
+        refused by a receiver that is well.
+        """
+        _, *others = await heart.patiently(self.spool.oldest(1 + min(tries, MOST_WITNESSES)))
+        for witness in others:
+            if (await self._try(heart, witness)).outcome is Outcome.TAKEN:
+                return True
+        return False
+
+    async def _try(self, heart: Heartbeat, message: Message) -> Reply:
+        return await heart.patiently(self._deliver(message), limit_s=WHOLE_S + THREAD_LIMIT_S)
+
+    async def _deliver(self, message: Message) -> Reply:
+        """Try to send an event once; it is forgotten when it has arrived."""
         timestamp = str(int(now_ns() / 1e9))
         headers = {
             "Content-Type": "application/json",
@@ -107,33 +143,40 @@ class Webhook:
             self.delivered += 1
             self._pause_s = FIRST_PAUSE_S
             self._on_change("")
-            return False
-        self._on_change(f"{self._poster.place}: {reply.reason}")
-        return await self._refused(message, reply)
+        else:
+            self._on_change(f"{self._poster.place}: {reply.reason}")
+        return reply
 
-    async def _refused(self, message: Message, reply: Reply) -> bool:
-        refused = reply.outcome is not Outcome.LATER
-        tries = message.refusals + message.delays + 1
-        given_up = (
-            reply.outcome is Outcome.NEVER
-            or message.refusals + refused >= self._tries
-            or message.delays + (not refused) >= self._delays
-        )
-        if not given_up:
-            await self.spool.count(message, refused=refused)
-            return True
+    async def _wait_for(self, message: Message, reply: Reply) -> bool:
+        """Count a try that failed, and give up after too many; tells whether a pause is due."""
+        if message.refusals + message.delays + 1 >= self._most_pauses:
+            await self._bury(message, reply, 1)
+            return False
+        await self.spool.count(message, refused=reply.outcome is not Outcome.LATER)
+        return True
+
+    async def _bury(self, message: Message, reply: Reply, tries: int) -> None:
+        tries += message.refusals + message.delays
         letter = DeadLetter(
             message.key, message.topic, message.payload, tries, reply.reason, now_ns()
         )
         await self.spool.bury(letter)
         self._pause_s = FIRST_PAUSE_S
         log.warning("webhook: event %s is a dead letter: %s", message.key, reply.reason)
-        return False
 
     async def _rest(self, heart: Heartbeat) -> None:
+        """Pause; less if only now there is another event by which to judge the receiver."""
         pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
         heart.beat(pause_s)
-        await self._sleep(pause_s)
+        ends = [asyncio.ensure_future(self._sleep(pause_s))]
+        if len(self.spool) == 1:
+            ends.append(asyncio.ensure_future(self.spool.wait(2)))
+        try:
+            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for each in ends:
+                each.cancel()
+            await asyncio.gather(*ends, return_exceptions=True)
 
 
 async def open_webhook(config: EdgeConfig, on_change: Callable[[str], None]) -> Webhook | None:

@@ -26,7 +26,7 @@ from ...nodes.receivers import MISBEHAVING, Receiver, receiving
 from ..table import Figure, PipelineBench
 from .scene import RunningService, configuration, running_service
 
-TRIES = 5
+OTHERS, MOST_OTHERS_S = 20, 15.0
 AWAY_NOTES_PERIOD_S, AWAY_LIFE_S = 5.0, 60.0
 _REACHED_S, _ARRIVED_S = 4.0, 90.0
 NOTE = b'"kind": "note"'
@@ -36,7 +36,6 @@ _TABLES = """
 url = "http://127.0.0.1:{hook}/"
 secret_file = "secret"
 kinds = ["note"]
-tries = {tries}
 [mqtt]
 host = "127.0.0.1"
 port = {broker}
@@ -76,7 +75,7 @@ class Outside:
     @asynccontextmanager
     async def service(self) -> AsyncIterator[RunningService]:
         """A life of the service, which takes notes."""
-        tables = _TABLES.format(hook=self.hook_port, broker=self.broker_port, tries=TRIES)
+        tables = _TABLES.format(hook=self.hook_port, broker=self.broker_port)
         config = configuration(folder=self.folder / "history", tables=tables)
         secret = self.folder / "secret"
         secret.touch(0o600)
@@ -135,32 +134,48 @@ def _all_there(outside: Outside, receiver: Receiver, bad: BadBroker) -> bool:
     return set(outside.posted) <= hook & told
 
 
-async def refuse_one(outside: Outside) -> tuple[int, bool]:
-    """Let one event be refused for ever; dead letters shown, and whether it came when revived."""
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """What came of one event of many that was refused for ever.
+
+    Attributes:
+        letters: dead letters that were shown.
+        others_s: time from its acknowledgement until all others were there.
+        came: whether it arrived when it was tried again.
+    """
+
+    letters: int
+    others_s: float
+    came: bool
+
+
+async def refuse_one(outside: Outside) -> Refused:
+    """Let one event of many be refused for ever, and try it again when it is a dead letter."""
     async with outside.there() as (receiver, _), outside.service() as service:
         receiver.manner = receivers.MISBEHAVING["a failure"]
         receiver.victims = frozenset({f"n{outside.tried + 1} (bench)"})
         victim = await outside.note(service)
-        await outside.note(service)
+        begun_s = time.monotonic()
+        for _ in range(OTHERS):
+            await outside.note(service)
+        others = set(outside.posted) - {victim, *outside.by_hook}
+        await _until(lambda: others <= set(numbers(receiver.taken)))
+        others_s = time.monotonic() - begun_s
 
         def dead() -> int:
             outputs = service.ask("/api/v1/outputs").json["outputs"]
             return sum(len(each["dead_letters"]) for each in outputs)
 
-        async def shown() -> int:
-            return await asyncio.to_thread(dead)
-
-        begun_s, letters = time.monotonic(), 0
+        letters = 0
         while not letters and time.monotonic() - begun_s < _ARRIVED_S:
+            letters = await asyncio.to_thread(dead)
             await asyncio.sleep(0.2)
-            letters = await shown()
-        await _until(lambda: outside.posted[-1] in numbers(receiver.taken))
         receiver.manner = None
         await asyncio.to_thread(service.ask, "/api/v1/outputs/webhook/dead", "POST")
         came = await _until(lambda: victim in numbers(receiver.taken))
         receiver.taken = [text for text in receiver.taken if victim not in numbers([text])]
         outside.posted.remove(victim)
-    return letters, came
+    return Refused(letters, others_s, came)
 
 
 async def stay_away(outside: Outside, minutes: float) -> None:
@@ -203,10 +218,12 @@ async def run(folder: Path, away_minutes: float, *, manners: bool) -> PipelineBe
     dead: tuple[Figure, ...] = ()
     if manners:
         await misbehave(outside)
-        letters, came = await refuse_one(outside)
+        one = await refuse_one(outside)
+        others = f"{OTHERS} others waited behind one that is refused for ever"
         dead = (
-            Figure("dead", "dead letters shown, of 1", float(letters), "", at_least=1.0),
-            Figure("revived", "revived ones that arrived", float(came), "", at_least=1.0),
+            Figure("others", others, one.others_s, "s", at_most=MOST_OTHERS_S),
+            Figure("dead", "dead letters shown, of 1", float(one.letters), "", at_least=1.0),
+            Figure("revived", "revived ones that arrived", float(one.came), "", at_least=1.0),
         )
     if away_minutes:
         await stay_away(outside, away_minutes)
