@@ -39,6 +39,22 @@ def fingerprint(
     click.echo(run_fingerprint(machine, traces, out, baseline, pictures, axis_number))
 
 
+@click.command(epilog="Example: edge-service response AST_AX7.xml --out out/AX7")
+@click.argument("source", type=PATH)
+@click.option("--baseline", type=PATH, help="Compare with this older response.json.")
+@json_option("Print the content of response.json instead of the summary.")
+@OUT_FOLDER
+def response(source: Path, baseline: Path | None, as_json: bool, out: Path) -> None:
+    """Find modes and inertia in a frequency response that a SINUMERIK has measured.
+
+    SOURCE is the XML of an auto servo tuning or of a frequency response measurement. With the modes
+    of two masses come inertias, stiffness and damping at the motor; none needs a machine file.
+    """
+    from ..offline.response import response as run_response
+
+    click.echo(run_response(source, out, baseline, as_json=as_json))
+
+
 @click.command(epilog="Example: edge-service gap --machine m.toml trace.csv --json")
 @TRACES
 @MACHINE

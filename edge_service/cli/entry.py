@@ -10,7 +10,7 @@ from .. import __version__
 from ..config import ConfigError
 from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
 from .bench import bench
-from .diagnosis import diagnose, fingerprint, gap, reproduce
+from .diagnosis import diagnose, fingerprint, gap, reproduce, response
 from .fleet import fleet
 from .motion import motion
 from .options import InputError
@@ -98,6 +98,6 @@ for _command in (
         convert,
         simulate,
     ),
-    *(commission, estimate, motion, fingerprint, gap, diagnose, reproduce, fleet, bench),
+    *(commission, estimate, motion, fingerprint, response, gap, diagnose, reproduce, fleet, bench),
 ):
     cli.add_command(_command)

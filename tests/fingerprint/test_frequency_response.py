@@ -14,8 +14,7 @@ from edge_service.fingerprint.response.frequency_response import (
     drive_response,
     drive_responses_along,
 )
-from edge_service.fingerprint.response.two_mass_fit import TwoMassFit, fit_two_mass
-from edge_service.fingerprint.transmission.sections import modes
+from edge_service.fingerprint.response.two_mass_fit import TwoMassFit, fit_two_mass, modes
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
-from ..regression.interval_estimate import IntervalEstimate
+from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.nonlinear import Residual, Unknown, best_values, fit_profiled, unexplained_share
 from .frequency_response import FrequencyResponse
 from .segment_spectra import Complexes
@@ -25,6 +25,8 @@ _LEAST_FREQUENCIES = 10
 _LEAST_SHARE = 1e-5
 _FEW = 400
 """Frequencies on which the first valley is looked for."""
+MOST_DAMPING = math.sqrt(0.5)
+"""Damping ratio above which a mode has no peak."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,9 @@ class TwoMassFit:
         return self.model.speed_over_torque(frequency_hz)
 
 
-def fit_two_mass(measured: FrequencyResponse | Sequence[FrequencyResponse]) -> TwoMassFit:
+def fit_two_mass(
+    measured: FrequencyResponse | Sequence[FrequencyResponse], independent_share: float = 1.0
+) -> TwoMassFit:
     """Fit omega / torque = 1 / (J s + D) N(s) / D(s) exp(-s T).
 
     N = s^2 / w_a^2 + 2 z s / w_a + 1 and D(s) with w_r and z w_r / w_a, for one damper makes both.
@@ -71,6 +75,7 @@ def fit_two_mass(measured: FrequencyResponse | Sequence[FrequencyResponse]) -> T
     Args:
         measured: of `drive_response` or `drive_responses_along`, within the frequencies to be
             fitted.
+        independent_share: of the frequencies that count, where neighbours err alike.
 
     Raises:
         ValueError: fewer than ten frequencies.
@@ -98,7 +103,7 @@ def fit_two_mass(measured: FrequencyResponse | Sequence[FrequencyResponse]) -> T
         lambda values: misfit(values) / error,
         unknowns,
         [first],
-        2.0 * count / (_WINDOW_BINS if windowed else 1.0),
+        2.0 * count * independent_share / (_WINDOW_BINS if windowed else 1.0),
     )
     found = fit.parameters
     notch, damping, ratio = found["antiresonance"], found["damping"], found["ratio"]
@@ -115,6 +120,24 @@ def fit_two_mass(measured: FrequencyResponse | Sequence[FrequencyResponse]) -> T
         reduced_chi2=fit.reduced_chi2,
         model=TwoMasses(*fit.values.tolist()),
     )
+
+
+def modes(fit: TwoMassFit) -> dict[str, IntervalEstimate]:
+    """Figures of the two modes, undetermined where what was fitted does not ring.
+
+    A mode whose damping ratio is above 1/sqrt(2) has no peak (Ewins, Modal Testing): such a fit
+    bends to friction or noise on an axis whose true modes lie beyond the recording.
+    """
+    found = {
+        "antiresonance_hz": fit.antiresonance,
+        "resonance_hz": fit.resonance,
+        "resonance_damping": fit.resonance_damping,
+        "table_share": fit.table_share,
+    }
+    if not fit.resonance_damping.value >= MOST_DAMPING:
+        return found
+    note = f"no resonance: the fitted mode has a damping ratio of {fit.resonance_damping.value:.2g}"
+    return {name: undetermined(each.unit, note) for name, each in found.items()}
 
 
 def _misfit(places: Sequence[FrequencyResponse], centre_rad: float) -> Residual:

@@ -15,7 +15,7 @@ from ..response.frequency_response import (
     drive_response,
     drive_responses_along,
 )
-from ..response.two_mass_fit import TwoMassFit, fit_two_mass
+from ..response.two_mass_fit import fit_two_mass, modes
 from ..result import Contents, Curve
 from .nut_preload import preload_from_stiffness
 from .stiffness_fit import StiffnessFit, fit_stiffness
@@ -29,8 +29,6 @@ LEAST_SHAKEN = 75
 LOWEST_HZ = 5.0
 DRAG_FACTOR_TOLERANCE = 0.1
 """Drag of one preload differs by 20 % between screws (Table A.1), taken as two deviations."""
-MOST_DAMPING = math.sqrt(0.5)
-"""Damping ratio above which a mode has no peak."""
 
 
 def stiffness_places(machine: Machine) -> tuple[float, ...]:
@@ -109,24 +107,6 @@ def measure_response(recordings: Sequence[SampleFrame]) -> Contents:
         Curve("measured", frequency, np.abs(measured.response), *labels),
         Curve("fit", frequency, np.abs(fit.response(frequency)), *labels),
     )
-
-
-def modes(fit: TwoMassFit) -> dict[str, IntervalEstimate]:
-    """Figures of the two modes, undetermined where what was fitted does not ring.
-
-    A mode whose damping ratio is above 1/sqrt(2) has no peak (Ewins, Modal Testing): such a fit
-    bends to friction or noise on an axis whose true modes lie beyond the recording.
-    """
-    found = {
-        "antiresonance_hz": fit.antiresonance,
-        "resonance_hz": fit.resonance,
-        "resonance_damping": fit.resonance_damping,
-        "table_share": fit.table_share,
-    }
-    if not fit.resonance_damping.value >= MOST_DAMPING:
-        return found
-    note = f"no resonance: the fitted mode has a damping ratio of {fit.resonance_damping.value:.2g}"
-    return {name: undetermined(each.unit, note) for name, each in found.items()}
 
 
 def measure_preload(

@@ -68,7 +68,7 @@ WORDING: Mapping[str, Wording] = {
     "frequency_response": Wording(
         "Frequency response",
         "How the motor answers a torque at each frequency. Falling modes mean a softer drive.",
-        ("antiresonance_hz", "resonance_hz"),
+        ("antiresonance_hz", "resonance_hz", "response_inertia_kg_m2"),
     ),
     "inertia": Wording("Inertia", "What accelerating the whole axis takes.", ("inertia_kg_m2",)),
     "preload": Wording(
@@ -102,7 +102,18 @@ def plain(name: str) -> str:
     'backlash at 400 mm'
     """
     section, _, key = name.rpartition(".")
-    for ending in ("_nm_s_per_rad", "_n_per_m", "_rad_s", "_kg_m2", "_nm", "_hz", "_n", "_m", "_s"):
+    for ending in (
+        "_nm_s_per_rad",
+        "_nm_per_rad",
+        "_n_per_m",
+        "_rad_s",
+        "_kg_m2",
+        "_nm",
+        "_hz",
+        "_n",
+        "_m",
+        "_s",
+    ):
         if key.endswith(ending):
             key = key.removesuffix(ending)
             break

@@ -73,7 +73,7 @@ class SinumerikParser:
         self._depth = 0
         self._bytes_fed = 0
         head = file.read(CHUNK_BYTES)
-        self._decoder = _decoder(path, head)
+        self._decoder = text_decoder(path, head)
         self._parser = expat.ParserCreate("utf-8")
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
@@ -165,7 +165,7 @@ class SinumerikParser:
         )
 
 
-def _decoder(path: Path, head: bytes) -> codecs.IncrementalDecoder:
+def text_decoder(path: Path, head: bytes) -> codecs.IncrementalDecoder:
     """Decoder of the declared encoding, UTF-8 by default, that replaces what is no text."""
     declared = _DECLARED.match(head.removeprefix(_BYTE_ORDER_MARK))
     encoding = declared[1].decode().lower() if declared else "utf-8"

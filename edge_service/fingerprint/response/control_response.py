@@ -1,0 +1,223 @@
+"""Modes and inertia from a frequency response that a control has measured.
+
+The response of a real axis has many modes, two masses have one. The band that is fitted reaches
+from a tenth of the mode's antiresonance to a few times its resonance, and not halfway to the next
+notch. The mode is the lowest that stands out of the response of a rigid axis at least half as far
+as the greatest one: a machine bed sways below, drive and gears ring above.
+
+What other modes leave in that band is no noise: it is alike from one frequency to the next. The
+intervals are widened as if there were fewer frequencies, by (1 - r) / (1 + r) for the correlation r
+of neighbours (Bayley and Hammersley, 1946).
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import signal
+
+from ...messages.samples import Floats
+from ..regression.interval_estimate import IntervalEstimate, around, undetermined
+from ..result import Contents, Curve
+from .frequency_response import FrequencyResponse
+from .segment_spectra import Complexes
+from .two_mass_fit import TwoMassFit, fit_two_mass, modes
+
+LOWEST_HZ = 5.0
+LEAST_COHERENCE = 0.9
+"""Of the frequencies at which modes are looked for."""
+LEAST_PROMINENCE = math.log(2.0)
+"""Least rise of a peak, or depth of a notch, over its surroundings."""
+_INERTIA = "response_inertia_kg_m2"
+_BELOW, _ABOVE = 0.1, 3.5
+"""Ends of the fitted band over antiresonance and resonance."""
+_STRONG = 0.5
+_USABLE = 0.5
+_RIGID = 0.7
+"""An axis is nearly rigid up to this share of its antiresonance."""
+_LEAST_FREQUENCIES = 5
+_AWAY = math.log(1.2)
+"""Greatest distance of the fitted notch from that of the response."""
+_MOST_CORRELATED = 0.95
+_LEAST_SLOPE, _MOST_SLOPE = -2.0, -0.5
+"""Of the response of a mass, which falls as 1 / f, below its modes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """A notch with the peak behind it, as they stand in the response.
+
+    Attributes:
+        antiresonance_hz, resonance_hz: of notch and peak.
+        height: peak over notch against a rigid axis, 1.
+    """
+
+    antiresonance_hz: float
+    resonance_hz: float
+    height: float
+
+
+def measure_control_response(measured: FrequencyResponse, *, speed_over_torque: bool) -> Contents:
+    """Modes of two masses; inertias, stiffness and damping where the units are known.
+
+    Args:
+        measured: motor speed over torque.
+        speed_over_torque: whether it is in rad/(s N m); if not, only its modes are known.
+
+    Raises:
+        ValueError: one line; it is no response of a mass, or has too few frequencies.
+    """
+    coherent = measured.within(LOWEST_HZ, math.inf).coherent(_USABLE)
+    mode = chief_mode(modes_of(coherent))
+    _check_mass(coherent, math.inf if mode is None else _RIGID * mode.antiresonance_hz)
+    unit = "rad/(s N m)" if speed_over_torque else "unit unknown"
+    labels = ("frequency, Hz", f"speed over torque, {unit}")
+    curve = Curve("measured", measured.frequency_hz, np.abs(measured.response), *labels)
+    if mode is None:
+        return (_rigid(coherent) if speed_over_torque else {}) | _without_modes(), (curve,)
+    band = coherent.within(*_band(coherent, mode))
+    fit = fit_two_mass(band)
+    misfit = np.log(fit.response(band.frequency_hz) / band.response)
+    fit = fit_two_mass(band, independent_share=_independent_share(misfit, band.relative_error))
+    figures = _near(modes(fit), mode)
+    if speed_over_torque:
+        figures |= _mechanics(fit, figures["table_share"])
+    figures["torque_delay_s"] = fit.delay
+    fitted = np.abs(fit.response(band.frequency_hz))
+    return figures, (curve, Curve("fit", band.frequency_hz, fitted, *labels))
+
+
+def modes_of(measured: FrequencyResponse) -> list[Mode]:
+    """Every notch that a peak follows, from the lowest on."""
+    coherent = measured.coherent(LEAST_COHERENCE)
+    frequency = coherent.frequency_hz
+    level = np.log(np.abs(coherent.response) * frequency)
+    notches, _ = signal.find_peaks(-level, prominence=LEAST_PROMINENCE)
+    peaks, _ = signal.find_peaks(level, prominence=LEAST_PROMINENCE)
+    found = []
+    ends = np.append(notches[1:], len(level))
+    for notch, following in zip(notches, ends[: len(notches)], strict=True):
+        between = peaks[(peaks > notch) & (peaks < following)]
+        if len(between):
+            peak = between[np.argmax(level[between])]
+            height = math.exp(level[peak] - level[notch])
+            found.append(Mode(float(frequency[notch]), float(frequency[peak]), height))
+    return found
+
+
+def chief_mode(found: list[Mode]) -> Mode | None:
+    """The lowest mode of those that stand out; None if none does."""
+    if not found:
+        return None
+    strongest = max(math.log(mode.height) for mode in found)
+    return next(mode for mode in found if math.log(mode.height) >= _STRONG * strongest)
+
+
+def _check_mass(measured: FrequencyResponse, below_hz: float) -> None:
+    """Refuse what does not fall below a frequency as the response of a mass does."""
+    rigid = measured.within(LOWEST_HZ, below_hz)
+    if len(rigid.frequency_hz) < _LEAST_FREQUENCIES:
+        raise ValueError(
+            f"{len(rigid.frequency_hz)} coherent frequencies from {LOWEST_HZ:g} Hz up to the first "
+            f"mode; expected {_LEAST_FREQUENCIES} or more"
+        )
+    slope = np.polyfit(np.log(rigid.frequency_hz), np.log(np.abs(rigid.response)), 1)[0]
+    if not _LEAST_SLOPE < slope < _MOST_SLOPE:
+        raise ValueError(
+            f"no response of speed to torque: it goes with the power {slope:.2g} of the frequency; "
+            "expected about -1, as a mass has it"
+        )
+
+
+def _band(measured: FrequencyResponse, mode: Mode) -> tuple[float, float]:
+    """Lowest and highest frequency that two masses are held against."""
+    above = [each for each in modes_of(measured) if each.antiresonance_hz > mode.resonance_hz]
+    next_hz = above[0].antiresonance_hz if above else math.inf
+    high = min(_ABOVE * mode.resonance_hz, math.sqrt(mode.resonance_hz * next_hz))
+    return _BELOW * mode.antiresonance_hz, high
+
+
+def _near(figures: dict[str, IntervalEstimate], mode: Mode) -> dict[str, IntervalEstimate]:
+    """Figures of the fitted mode, undetermined unless it is the one that the response shows."""
+    if abs(math.log(figures["antiresonance_hz"].value / mode.antiresonance_hz)) < _AWAY:
+        return figures
+    note = f"two masses do not fit the notch at {mode.antiresonance_hz:.4g} Hz"
+    return {name: undetermined(each.unit, note) for name, each in figures.items()}
+
+
+def _without_modes() -> dict[str, IntervalEstimate]:
+    note = "no notch with a peak behind it stands out of the response"
+    return {name: undetermined("Hz", note) for name in ("antiresonance_hz", "resonance_hz")}
+
+
+def _rigid(measured: FrequencyResponse) -> dict[str, IntervalEstimate]:
+    """Inertia of an axis that shows no mode, 1 / (2 pi f |G|), averaged by its logarithm."""
+    levels = -np.log(2.0 * math.pi * measured.frequency_hz * np.abs(measured.response))
+    weights = 1.0 / (measured.relative_error**2 + np.var(levels))
+    level = float(np.average(levels, weights=weights))
+    share = _independent_share(levels - level, measured.relative_error)
+    independent = share * len(levels)
+    sigma = float(np.sqrt(1.0 / (share * np.sum(weights))))
+    found = around(level, sigma, "1", independent)
+    value, low, high = (math.exp(each) for each in (found.value, found.low, found.high))
+    return {_INERTIA: IntervalEstimate(value, low, high, "kg m^2", independent, found.note)}
+
+
+def _independent_share(misfit: Floats | Complexes, error: Floats) -> float:
+    """Share of the frequencies that count, for the correlation of neighbouring misfits."""
+    weighted = misfit / np.hypot(error, float(np.std(misfit)))
+    deviations = weighted - np.mean(weighted)
+    power = float(np.sum(np.abs(deviations) ** 2))
+    if not power > 0.0:
+        return 1.0
+    lagged = float(np.sum((deviations[1:] * np.conj(deviations[:-1])).real))
+    correlation = min(max(lagged / power, 0.0), _MOST_CORRELATED)
+    return (1.0 - correlation) / (1.0 + correlation)
+
+
+def _mechanics(fit: TwoMassFit, share: IntervalEstimate) -> dict[str, IntervalEstimate]:
+    """Inertias at the motor, and the spring between them: k = J2 w_a^2, d = 2 z_a k / w_a."""
+    found = {_INERTIA: fit.inertia}
+    if not math.isfinite(share.value):
+        units = {"stiffness_nm_per_rad": "N m/rad", "damping_nm_s_per_rad": "N m s/rad"}
+        return found | {name: undetermined(unit, share.note) for name, unit in units.items()}
+    motor_share = replace(
+        share, value=1.0 - share.value, low=1.0 - share.high, high=1.0 - share.low
+    )
+    load = _times(fit.inertia, share, "kg m^2")
+    speed = fit.antiresonance.scaled(2.0 * math.pi, "rad/s")
+    stiffness = _times(_times(load, speed, ""), speed, "N m/rad")
+    slowness = IntervalEstimate(
+        2.0 / speed.value, 2.0 / speed.high, 2.0 / speed.low, "s", speed.n_effective
+    )
+    damping = _times(_times(stiffness, fit.antiresonance_damping, ""), slowness, "N m s/rad")
+    return found | {
+        "motor_inertia_kg_m2": _times(fit.inertia, motor_share, "kg m^2"),
+        "load_inertia_kg_m2": load,
+        "stiffness_nm_per_rad": stiffness,
+        "damping_nm_s_per_rad": damping,
+    }
+
+
+def _times(first: IntervalEstimate, second: IntervalEstimate, unit: str) -> IntervalEstimate:
+    """Product of two positive quantities, with independent relative errors."""
+    value = first.value * second.value
+    low, high = (
+        math.hypot(math.log(a / first.value), math.log(b / second.value))
+        if 0.0 < a < math.inf and 0.0 < b < math.inf
+        else math.inf
+        for a, b in ((first.low, second.low), (first.high, second.high))
+    )
+    fewest = min(first.n_effective, second.n_effective)
+    return IntervalEstimate(value, value * math.exp(-low), value * math.exp(high), unit, fewest)
+
+
+def relative_error(coherence: Floats, averages: float) -> Floats:
+    """Standard deviation of a response over its magnitude, (n,).
+
+    sqrt((1 - g^2) / (2 g^2 n)) for the coherence g^2 and n averages (Bendat and Piersol, Random
+    Data, 2010, table 9.6).
+    """
+    known = np.clip(coherence, 1e-6, 1.0)
+    error: Floats = np.sqrt((1.0 - known) / (2.0 * known * max(averages, 1.0)))
+    return error

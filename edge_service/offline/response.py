@@ -1,0 +1,137 @@
+"""`edge-service response`: modes and inertia from a frequency response that a control measured."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..atomic import replaced_file
+from ..fingerprint.compare import compare_fingerprints
+from ..fingerprint.document import FingerprintError, read_fingerprint, to_document
+from ..fingerprint.fingerprint import AxisFingerprint
+from ..fingerprint.regression.interval_estimate import IntervalEstimate
+from ..fingerprint.response.control_response import (
+    LOWEST_HZ,
+    Mode,
+    measure_control_response,
+    modes_of,
+    relative_error,
+)
+from ..fingerprint.response.frequency_response import FrequencyResponse
+from ..fingerprint.result import Section, Status, examined
+from ..trace.sinumerik.tuning import MeasuredResponse, read_tuning
+from .fingerprint import render
+from .report.fingerprint_figures import draw_sections
+from .report.fingerprint_wording import plain
+from .report.pictures import write_png
+from .report.quantities import estimate
+
+SECTION = "frequency_response"
+MOTION = "multisine"
+_INERTIA = "response_inertia_kg_m2"
+
+
+def response(
+    source: Path, out_dir: Path, baseline_file: Path | None = None, *, as_json: bool = False
+) -> str:
+    """Write `response.json`, `report.html` and a picture into `out_dir`; returns a summary.
+
+    Args:
+        source: XML of a SINUMERIK's auto servo tuning, or of a frequency response measured with it.
+        baseline_file: an older `response.json` of the axis, to compare with.
+        as_json: return the document instead of lines.
+
+    Raises:
+        TraceError: the file cannot be read as such.
+        FingerprintError: the baseline is none, or of another axis.
+    """
+    measured = read_tuning(source)
+    axis = measured.axis or source.stem
+    baseline = None if baseline_file is None else read_fingerprint(baseline_file)
+    if baseline is not None and baseline.machine != axis:
+        raise FingerprintError(f"{baseline_file}: of axis {baseline.machine}, expected axis {axis}")
+    whole = _frequency_response(measured)
+    section = examined(
+        MOTION, lambda: measure_control_response(whole, speed_over_torque=bool(measured.unit))
+    )
+    section = _with_stated(section, measured.stated)
+    found = AxisFingerprint(axis, (source.name,), {SECTION: section})
+    changes = () if baseline is None else compare_fingerprints(found, baseline)
+    modes = modes_of(whole.within(LOWEST_HZ, math.inf))
+    document = _document(found, measured, modes)
+    figures = draw_sections(found, baseline)
+    with replaced_file(out_dir / "response.json") as file:
+        file.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    with replaced_file(out_dir / "report.html") as file:
+        file.write(render(found, baseline, changes, figures))
+    for name, figure in figures.items():
+        write_png(figure, out_dir / f"{name}.png")
+    if as_json:
+        return json.dumps(document, allow_nan=False)
+    lines = [f"axis {axis}, {source.name}", *_lines(section, measured.stated, modes)]
+    if baseline is not None:
+        compared = ", ".join(plain(each.name) for each in changes)
+        named = ", ".join(plain(each.name) for each in changes if each.changed)
+        lines.append(f"changed against the baseline: {named or 'nothing'}, of {compared or 'none'}")
+    return "\n".join([*lines, f"report: {out_dir / 'report.html'}"])
+
+
+def _frequency_response(measured: MeasuredResponse) -> FrequencyResponse:
+    """The response as a fit takes it: continuous, and without a window, as nobody knows of one."""
+    return FrequencyResponse(
+        frequency_hz=measured.frequency_hz,
+        response=measured.response,
+        relative_error=relative_error(measured.coherence, measured.averages),
+        coherence=measured.coherence,
+        averages=measured.averages,
+        unit=measured.unit,
+        period_s=0.0,
+        hold=False,
+        resolution_hz=0.0,
+    )
+
+
+def _with_stated(section: Section, stated: Mapping[str, float]) -> Section:
+    """The section with what the control states as a note to what was found."""
+    figures = dict(section.figures)
+    for name, key in ((_INERTIA, "total_inertia_kg_m2"), ("motor_inertia_kg_m2",) * 2):
+        if key in stated and name in figures:
+            figures[name] = _noted(figures[name], f"the control states {stated[key]:.4g} kg m2")
+    return Section(section.status, section.reason, section.motion, figures, section.curves)
+
+
+def _noted(figure: IntervalEstimate, note: str) -> IntervalEstimate:
+    return IntervalEstimate(
+        figure.value, figure.low, figure.high, figure.unit, figure.n_effective, note
+    )
+
+
+def _document(
+    found: AxisFingerprint, measured: MeasuredResponse, modes: list[Mode]
+) -> dict[str, Any]:
+    return {
+        **to_document(found),
+        "stated": measured.stated,
+        "modes": [
+            {
+                "antiresonance_hz": mode.antiresonance_hz,
+                "resonance_hz": mode.resonance_hz,
+                "height": mode.height,
+            }
+            for mode in modes
+        ],
+    }
+
+
+def _lines(section: Section, stated: Mapping[str, float], modes: list[Mode]) -> list[str]:
+    if section.status is Status.UNDETERMINED:
+        return [f"modes and inertia: undetermined, {section.reason}"]
+    lines = [f"{plain(name)}: {estimate(figure)}" for name, figure in section.figures.items()]
+    lines += [
+        f"the control states: {plain(name)} {each:.4g} kg m2" for name, each in stated.items()
+    ]
+    if modes:
+        peaks = ", ".join(f"{mode.antiresonance_hz:.4g}/{mode.resonance_hz:.4g}" for mode in modes)
+        lines.append(f"notches and peaks of the response, Hz: {peaks}")
+    return lines
