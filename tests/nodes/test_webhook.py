@@ -80,14 +80,12 @@ class Sender:
         )
         self._on_pause = on_pause
         self.spool = spool
-        self.webhook = Webhook(settings, spool, self.problems.append, self._sleep)
+        self.webhook = Webhook(settings, spool, self.problems.append, self._pause)
 
-    async def _sleep(self, seconds: float) -> None:
+    def _pause(self, seconds: float) -> asyncio.Timeout:
         self.pauses.append(seconds)
         self._on_pause(len(self.pauses))
-        if self.forever:
-            await asyncio.Event().wait()
-        await asyncio.sleep(0)
+        return asyncio.timeout(None if self.forever else 0.0)
 
     async def put(self, numbers: range) -> None:
         for number in numbers:

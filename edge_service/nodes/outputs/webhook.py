@@ -5,7 +5,9 @@ import hashlib
 import hmac
 import json
 import logging
-from collections.abc import Awaitable, Callable
+import sys
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from ...bus.spool.message import DeadLetter, Message, SpoolError
@@ -44,7 +46,7 @@ class Webhook:
         settings: address, secret and limits.
         spool: where events wait.
         on_change: called with "" when an event has arrived, else with what is wrong.
-        sleep: pauses.
+        pause: limits a pause, s.
 
     Attributes:
         spool: as given.
@@ -56,7 +58,7 @@ class Webhook:
         settings: WebhookConfig,
         spool: Spool,
         on_change: Callable[[str], None] = lambda _problem: None,
-        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+        pause: Callable[[float], asyncio.Timeout] = asyncio.timeout,
     ) -> None:
         assert settings.url is not None and settings.secret is not None
         self._secret = settings.secret.get_secret_value().encode()
@@ -65,7 +67,7 @@ class Webhook:
         self._tries = settings.tries
         self._most_pauses = round(settings.give_up_h * 3600.0 / LONGEST_PAUSE_S)
         self._on_change = on_change
-        self._sleep = sleep
+        self._pause = pause
         self._pause_s = FIRST_PAUSE_S
         self.spool = spool
         self.delivered = 0
@@ -168,15 +170,10 @@ class Webhook:
         """Pause; less if only now there is another event by which to judge the receiver."""
         pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
         heart.beat(pause_s)
-        ends = [asyncio.ensure_future(self._sleep(pause_s))]
-        if len(self.spool) == 1:
-            ends.append(asyncio.ensure_future(self.spool.wait(2)))
-        try:
-            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for each in ends:
-                each.cancel()
-            await asyncio.gather(*ends, return_exceptions=True)
+        enough = 2 if len(self.spool) == 1 else sys.maxsize
+        with suppress(TimeoutError):
+            async with self._pause(pause_s):
+                await self.spool.wait(enough)
 
 
 async def open_webhook(config: EdgeConfig, on_change: Callable[[str], None]) -> Webhook | None:
