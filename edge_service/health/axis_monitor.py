@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from ..messages.alarm import Command
+from ..messages.alarm import Command, Outcome
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
@@ -17,6 +17,7 @@ from ..messages.health import AxisHealth, ComponentHealth, Consistency
 from ..messages.trend import Trend, Use
 from .alarms.axis_alarms import AlarmSettings, AxisAlarms
 from .alarms.latch import LatchSnapshot
+from .answered import AnsweredCommand, AnsweredCommands
 from .axis_events import consistency_changed, disagreement_recorded, log_entry, preload_rose
 from .condition.condition_monitor import ConditionMonitor
 from .condition.input_watch import NS_PER_S, moved
@@ -50,7 +51,7 @@ class AxisFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisSnapshot:
-    """State that must outlive the process; the last two are missing if an older version wrote it.
+    """State that must outlive the process; what has a default is missing in older versions' files.
 
     Attributes:
         saved_ns: UNIX time up to which it is known, ns.
@@ -64,6 +65,7 @@ class AxisSnapshot:
     series: PreloadSteps
     consistency: dict[str, LearnedChannel] | None = None
     saved_ns: int = 0
+    answered: tuple[AnsweredCommand, ...] = ()
 
 
 _SNAPSHOTS = TypeAdapter(AxisSnapshot)
@@ -78,6 +80,7 @@ class AxisMonitor:
         self.axis = facts.axis
         self._now_ns = now_ns
         self._condition = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
+        self._answered = AnsweredCommands()
         self._alarms = AxisAlarms(facts.axis, facts.fresh_percent, alarms, now_ns)
         limits = settings.limits(facts.fresh_percent)
         self._limits_percent = (
@@ -127,9 +130,18 @@ class AxisMonitor:
         alarms = self._look_at_alarms(now_ns) if changed else ()
         return (*self._condition.on_component(report, now_ns), *alarms)
 
-    def refusal(self, command: Command) -> str:
-        """Why a command would change nothing; empty if it would."""
-        return self._alarms.refusal(command)
+    def answered(self, command: Command) -> Outcome | None:
+        """Outcome of a command that was asked before with the same key; None if it is new."""
+        return self._answered.outcome(command)
+
+    def obey(self, command: Command, now_ns: int) -> tuple[Outcome, tuple[Event, ...]]:
+        """Do what a person asks, or refuse what would change nothing."""
+        refusal = self._alarms.refusal(command)
+        events = () if refusal else self.on_command(command, now_ns)
+        message = refusal or next((event.message for event in events), "")
+        outcome = Outcome(accepted=not refusal, message=message)
+        self._answered.note(command, outcome)
+        return outcome, events
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Do what a person asks."""
@@ -196,6 +208,7 @@ class AxisMonitor:
             series=self._series.snapshot(),
             consistency=self._consistency.snapshot(),
             saved_ns=self._now_ns,
+            answered=tuple(self._answered.snapshot()),
         )
         document: dict[str, Any] = _SNAPSHOTS.dump_python(snapshot, mode="json")
         return document
@@ -224,6 +237,7 @@ class AxisMonitor:
             raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
         step_ns = min(self._now_ns - snapshot.saved_ns, 0)
         self._alarms.restore(snapshot.alarms, step_ns)
+        self._answered.restore(snapshot.answered)
         self._use.restore(snapshot.use)
         self._use.move(step_ns)
         self._friction.restore(snapshot.friction)

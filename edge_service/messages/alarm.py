@@ -9,6 +9,8 @@ from .estimate import Frozen
 from .event import Severity
 from .names import check_recording
 
+MOST_KEY_LETTERS = 100
+
 
 class AlarmKind(StrEnum):
     """Subject of an alarm."""
@@ -55,6 +57,8 @@ class Command(Frozen):
         note: their words.
         duration_s: how long to shelve, s.
         origin: address from which it was asked; empty for a client of the bus.
+        key: of the asker's choice, so that the same command may be asked again after a lost answer
+            without being done twice; empty: it is done each time.
     """
 
     action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced", "recorded"]
@@ -63,6 +67,7 @@ class Command(Frozen):
     note: str = Field("", max_length=1000)
     duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0)
     origin: str = Field("", max_length=200)
+    key: str = Field("", max_length=MOST_KEY_LETTERS)
 
     @model_validator(mode="after")
     def _own_recording(self) -> Self:
@@ -78,8 +83,10 @@ class Outcome(Frozen):
         accepted: whether it was done.
         kept: whether it is on the disk, so that it outlives a crash; True where nothing is kept.
         message: what was done, or why not.
+        reused: whether the command was refused because its key belongs to another one.
     """
 
     accepted: bool
     kept: bool = True
     message: str = ""
+    reused: bool = False

@@ -24,7 +24,7 @@ from ..models.machine import Machine
 from .stores.watch_store import State, WatchStore
 from .supervision.heartbeat import Heartbeat
 from .wiring.announcer import Announcement, Announcer
-from .wiring.commands import audited, obey_all
+from .wiring.commands import NotedCommand, obey_all
 from .wiring.context import NodeContext, Reporter
 from .wiring.stages import load_machines
 
@@ -114,14 +114,16 @@ class _Monitors:
     ) -> None:
         """Do what is asked of an axis; the outcome is told once it is kept."""
         at_ns, monitor = now_ns(), self.axes[axis]
-        refusal = monitor.refusal(command)
-        events = () if refusal else monitor.on_command(command, at_ns)
-        message = refusal or next((event.message for event in events), "")
+        known, change = monitor.answered(command), NotedCommand(axis, command, at_ns)
+        outcome, events = (known, ()) if known else monitor.obey(command, at_ns)
 
         def tell(problem: str) -> None:
-            told(Outcome(accepted=not refusal, kept=not problem, message=problem or message))
+            message = problem or outcome.message
+            told(outcome.model_copy(update={"kept": not problem, "message": message}))
 
-        self._announce(axis, events, audited(axis, command, refusal, at_ns), tell)
+        noted = () if known else change.outcome(outcome)
+        intents = change.intent() if events else ()
+        self._announce(axis, events, noted, tell, intents=intents, keeps=bool(command.key))
 
     def renew(self, axis: str) -> None:
         """Let time pass on an axis, and announce its condition."""
@@ -151,17 +153,21 @@ class _Monitors:
         entries: tuple[AuditEntry, ...] = (),
         told: Callable[[str], None] = lambda _problem: None,
         *,
+        intents: tuple[AuditEntry, ...] = (),
         keeps: bool = False,
     ) -> None:
         monitor = self.axes[axis]
         keeps = keeps or any(not is_chatter(event.kind) for event in events)
         snapshot = monitor.snapshot() if keeps else None
         health = monitor.health(now_ns())
-        self.announcer.put(Announcement(axis, events, health, snapshot, entries, told))
+        self.announcer.put(Announcement(axis, events, health, snapshot, entries, told, intents))
 
     def _keep(self, batch: Sequence[Announcement]) -> str:
         events = [event for each in batch for event in each.events]
         states = [State(each.axis, each.order, each.snapshot) for each in batch if each.snapshot]
+        intents = [intent for each in batch for intent in each.intents]
+        if intents:  # on the disk before what they announce
+            self._diary.add((), now_ns(), intents)
         problem = self.store.save(states, events) if states else ""
         self._diary.add(events, now_ns(), [entry for each in batch for entry in each.entries])
         return problem or self._diary.problem

@@ -310,6 +310,6 @@ def test_a_snapshot_of_version_0_1_0_can_be_read():
     monitor.restore(recorded)
     snapshot = monitor.snapshot()
     assert snapshot["alarms"].pop("service") == {"alarm": None, "shelved_until_ns": None}
-    assert snapshot == recorded | {"saved_ns": START_NS}
+    assert snapshot == recorded | {"saved_ns": START_NS, "answered": []}
     del recorded["consistency"]
     monitor.restore(recorded)

@@ -2,6 +2,7 @@
 
 import io
 
+import httpx
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -286,3 +287,49 @@ def test_examples_are_what_they_are_examples_of():
                     model.model_validate(example)
                     found += 1
     assert found >= 5
+
+
+NOTE = {"action": "note", "user": "Kim", "note": "greased"}
+KEYS = {
+    '"8e03978e-40d5-43dd-bc93-6894a57f9324"': "8e03978e-40d5-43dd-bc93-6894a57f9324",
+    "bare": "bare",
+    "": "",
+    '""': None,
+    '"half': None,
+    "two words": None,
+    "x" * 99: None,
+    '"a\\"b"': None,
+}
+
+
+@pytest.mark.parametrize("given", KEYS)
+async def test_a_key_is_passed_on_or_refused_by_name(given, make_scene):
+    sent = []
+
+    async def send(_axis, command):
+        sent.append(command.key)
+        return Outcome(accepted=True)
+
+    app = create_app(make_scene().state, lambda: 1, send_command=send)
+    transport = httpx.ASGITransport(app=app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        answer = await client.post(
+            f"{BASE}/commands", json=NOTE, headers={"idempotency-key": given}
+        )
+    if KEYS[given] is None:
+        assert (answer.status_code, sent) == (422, [])
+        assert "dempotency-key" in answer.json()["errors"][0]["parameter"]
+    else:
+        assert (answer.status_code, sent) == (202, [KEYS[given]])
+
+
+async def test_a_key_of_another_command_is_told_from_a_command_that_makes_no_sense(make_scene):
+    async def send(_axis, _command):
+        return Outcome(accepted=False, message="this key was given to another command", reused=True)
+
+    app = create_app(make_scene().state, lambda: 1, send_command=send)
+    transport = httpx.ASGITransport(app=app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        answer = await client.post(f"{BASE}/commands", json=NOTE, headers={"idempotency-key": "a"})
+    assert answer.status_code == 422
+    assert answer.json()["detail"] == "Idempotency-Key: this key was given to another command"

@@ -11,6 +11,7 @@ import pytest
 
 from edge_service import atomic, kept_database
 from edge_service.config_tables import HistoryConfig
+from edge_service.health.events.audit import BEGUN, AuditEntry
 from edge_service.health.events.diary import Diary
 from edge_service.messages.alarm import AlarmKind, Command, Outcome
 from edge_service.messages.event import Event
@@ -48,10 +49,11 @@ class Context:
 class Scene:
     """A health node on a folder of which an image is taken wherever it is written."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder / "kept"
+    def __init__(self, folder: Path, kept: Path | None = None) -> None:
+        self.folder = kept or folder / "kept"
         self._images = folder / "images"
         self.told: list[Event | AlarmKind | str] = []
+        self.outcomes: list[Outcome] = []
         self.images: list[tuple[Path, tuple[Any, ...]]] = []
         self.context = Context(self.folder, self.on_publish)
         self.monitors = _Monitors(self.context)  # type: ignore[arg-type]
@@ -92,6 +94,7 @@ class Scene:
         command = Command.model_validate({"user": "Kim"} | members)
 
         def told(outcome: Outcome) -> None:
+            self.outcomes.append(outcome)
             if outcome.accepted and outcome.kept:
                 self.told.append(f"{command.action} {command.note}")
 
@@ -127,6 +130,10 @@ def images_of(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
 
 
+def _words(entry: AuditEntry) -> str:
+    return f"{entry.action} {entry.data.get('note', '')}"
+
+
 def check(image: Path, told: tuple[Any, ...]) -> None:
     """A start on what a crash has left knows all that was told, and nothing twice."""
     context = Context(image, lambda _payload: None)
@@ -135,9 +142,16 @@ def check(image: Path, told: tuple[Any, ...]) -> None:
         events = [each.event for each in context.diary.diary.between(0, EVER, "X", 1000)]
         keys = [event.model_dump_json() for event in events]
         assert len(set(keys)) == len(keys)
-        entries = [each.entry for each in context.diary.diary.records(1, 1000)]
-        noted = [f"{each.action} {each.data.get('note', '')}" for each in entries if each]
+        entries = [each.entry for each in context.diary.diary.records(1, 1000) if each.entry]
+        noted, begun = (
+            [_words(each) for each in entries if each.outcome == outcome]
+            for outcome in ("done", BEGUN)
+        )
         assert len(set(noted)) == len(noted)
+        assert len(set(begun)) == len(begun)
+        assert set(noted) <= set(begun)
+        done = {event.message for event in events if event.kind in ("note", "part_replaced")}
+        assert done <= {f"{words.partition(' ')[2]} (Kim)" for words in begun}
         latches = monitor._alarms._latches
         for each in told:
             if isinstance(each, Event):
@@ -188,6 +202,38 @@ async def test_a_command_that_was_accepted_is_done_after_any_crash(
         check(image, told)
 
 
+KEYED = [
+    {"action": "note", "note": "greased", "key": "a"},
+    {"action": "part_replaced", "note": "new nut", "key": "b"},
+    {"action": "unshelve", "alarm": "rate", "key": "c"},
+    {"action": "shelve", "alarm": "rate", "key": "d"},
+]
+
+
+async def test_a_command_that_is_asked_again_after_any_crash_is_done_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = Scene(tmp_path)
+    with images_of(scene, monkeypatch):
+        for command in KEYED:
+            scene.command(**command)
+            await scene.announce()
+    scene.context.diary.close()
+    for image, told in scene.images:
+        check(image, told)
+        again = Scene(tmp_path / "again" / image.name, image)
+        for command in KEYED:
+            again.command(**command)
+            again.command(**command)  # and once more, while the first is on its way
+        await again.announce()
+        outcomes = [each.accepted for each in again.outcomes]
+        assert outcomes == [True, True, True, True, False, False, True, True]
+        events = [each.event for each in again.context.diary.diary.between(0, EVER, "X", 1000)]
+        kinds = [event.kind for event in events if event.data.get("user") or "shelv" in event.kind]
+        assert sorted(kinds) == ["alarm_shelved", "note", "part_replaced"]
+        again.context.diary.close()
+
+
 async def test_an_event_that_only_the_state_holds_comes_into_the_diary(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     scene.raise_alarm(AlarmKind.SUDDEN_DROP)
@@ -224,5 +270,9 @@ async def test_a_command_that_cannot_be_kept_is_not_accepted(tmp_path: Path) -> 
     scene.context.diary.close()
     diary = Diary(scene.folder / DIARY)
     assert [each.event.kind for each in diary.after(0, 10)] == ["note"]
-    assert [each.entry.data for each in diary.records(1, 10)] == [{"note": "lost?"}]
+    entries = [each.entry for each in diary.records(1, 10)]
+    assert [(each.outcome, each.data["note"]) for each in entries] == [
+        ("begun", "lost?"),
+        ("done", "lost?"),
+    ]
     diary.close()

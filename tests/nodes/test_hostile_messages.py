@@ -24,7 +24,7 @@ from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS, V
 from edge_service.nodes.downsample_node import source_time_ns
 from edge_service.nodes.health_node import axis_facts
 from edge_service.nodes.stores.disagreement_recorder import DisagreementRecorder
-from edge_service.nodes.vibration_node import _Sensors
+from edge_service.nodes.vibration_node import Sensors
 from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
 from edge_service.nodes.wiring.stages import make_downsampler, make_estimator
 
@@ -54,7 +54,9 @@ class Readers:
         )
         self.downsampler = make_downsampler(DownsampleConfig(), MACHINE)
         self.axis = EstimatedAxis("X", make_estimator(EstimatorConfig(), MACHINE))
-        self.sensors = _Sensors(VibrationConfig(keep_folder=folder), {"X": MACHINE, "Y": MACHINE})
+        self.sensors = Sensors(
+            VibrationConfig(keep_folder=folder), {"X": MACHINE, "Y": MACHINE}, lambda _axis: None
+        )
         self.recorder = DisagreementRecorder(folder / "recordings", lambda *_: None)
         self.take: dict[str, Callable[[str, Header, Any], None]] = {
             "raw": self.on_samples,
@@ -93,8 +95,8 @@ class Readers:
         self.sensors.note(event)
 
     def on_command(self, _axis: str, _header: Header, command: Any) -> None:
-        if not self.monitor.refusal(command):
-            self.tell(self.monitor.on_command(command, START_NS))
+        if self.monitor.answered(command) is None:
+            self.tell(self.monitor.obey(command, START_NS)[1])
 
     def on_report(self, _axis: str, _header: Header, report: Any) -> None:
         self.tell(self.monitor.on_component(report, START_NS))

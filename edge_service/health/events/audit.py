@@ -25,6 +25,9 @@ FIRST_CHAIN = "0" * 64
 BREAK = "audit_log_damaged"
 """Action of an entry that says what damage has taken from the log."""
 
+BEGUN = "begun"
+"""Outcome of an entry from before a change; the entry of its outcome has the same `request`."""
+
 
 class AuditEntry(Frozen):
     """One change that a person or a program made, or was refused.
@@ -34,8 +37,8 @@ class AuditEntry(Frozen):
         origin: from where: an address, `bus`, or the service itself.
         action: e.g. `acknowledge`, `PUT /api/v1/recordings/{name}`, `service_started`.
         target: axis or thing that it concerns; empty for the service.
-        outcome: what came of it.
-        data: more about it.
+        outcome: what came of it; `begun` before it is done.
+        data: more about it; `request` joins both entries of a change.
     """
 
     time_ns: int

@@ -4,7 +4,8 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Header, Query, Request
+from pydantic import AfterValidator
 from starlette.exceptions import HTTPException
 
 from ...messages.alarm import Command, Outcome
@@ -32,6 +33,23 @@ from ..security.trail import audited_elsewhere
 
 _LOG_SPAN_S = 30 * 86400.0
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
+_KEY = r'^("[!#-\[\]-~]{1,98}"|[!#-\[\]-~]{1,98})?$'
+
+
+def _unquoted(key: str) -> str:
+    return key.strip('"')
+
+
+IdempotencyKey = Annotated[
+    str,
+    Header(
+        pattern=_KEY,
+        description="Of your choice, new for each command (a UUID): asked again with the same one, "
+        "a command is answered as before and not done again. The newest 100 of an axis are known.",
+    ),
+    AfterValidator(_unquoted),
+]
+"""After draft-ietf-httpapi-idempotency-key-header; quotes may be left out."""
 SendCommand = Callable[[str, Command], Awaitable[Outcome | None]]
 """Gives a command on an axis; its outcome, or None if nobody answers."""
 
@@ -99,12 +117,13 @@ async def command(
     body: CommandBody,
     request: Request,
     send: Annotated[SendCommand | None, Depends(send_command_of)],
+    idempotency_key: IdempotencyKey = "",
 ) -> CommandAnswer:
     """Acknowledge, shelve or unshelve an alarm, write a note, or say that a part was replaced.
 
     It is done, and kept, when this is answered; it is an event as well, in the live stream and in
-    the log. 503: nobody answered, so look at the log before asking again. Whoever has sent a token
-    is named by it, whatever `user` says.
+    the log. 503: nobody answered, so ask again with the same `Idempotency-Key`, or look at the log
+    first. Whoever has sent a token is named by it, whatever `user` says.
     """
     if send is None:
         raise HTTPException(503, "this service takes no commands")
@@ -113,6 +132,7 @@ async def command(
         raise parameter_error("alarm", f"{expected} {body.action}")
     origin = "" if request.client is None else request.client.host
     asked = {"user": identity_of(request).name or body.user, "origin": origin}
+    asked["key"] = idempotency_key
     outcome = await send(axis, Command.model_validate(body.model_dump() | asked))
     if outcome is not None:
         audited_elsewhere(request)
@@ -122,6 +142,8 @@ async def command(
 def _answered(outcome: Outcome | None) -> CommandAnswer:
     if outcome is None:
         raise HTTPException(503, "the health node does not answer: the command may not be done")
+    if outcome.reused:
+        raise HTTPException(422, f"Idempotency-Key: {outcome.message}")
     if not outcome.accepted:
         raise HTTPException(409, outcome.message)
     if not outcome.kept:

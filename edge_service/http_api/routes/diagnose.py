@@ -13,6 +13,7 @@ from ..context import AxisDep, NowDep
 from ..jobs import DiagnoseBody, JobAnswer, JobBody, JobKind, JobState
 from ..limits.bodies import TRACE_TYPES, content_type
 from ..problems import documented
+from ..security.intent import ChangingRoute
 from .jobs import DeskDep
 
 _BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
@@ -30,7 +31,10 @@ _BODY = {
 }
 
 diagnose_router = APIRouter(
-    prefix="/api/v1/axes/{axis}", tags=["jobs"], responses=documented(404, 503)
+    prefix="/api/v1/axes/{axis}",
+    tags=["jobs"],
+    responses=documented(404, 503),
+    route_class=ChangingRoute,
 )
 
 

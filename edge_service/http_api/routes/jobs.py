@@ -18,13 +18,19 @@ from ..jobs import (
     RefusedError,
 )
 from ..problems import documented, problem_response
+from ..security.intent import ChangingRoute
 
 _REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"
 )
 """A report shows its own styles and pictures, and can do nothing."""
 
-job_router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=documented(404, 409, 422, 503))
+job_router = APIRouter(
+    prefix="/api/v1",
+    tags=["jobs"],
+    responses=documented(404, 409, 422, 503),
+    route_class=ChangingRoute,
+)
 
 
 async def desk_of(request: Request) -> JobDesk:

@@ -1,19 +1,20 @@
-"""Trail of what is changed through the interface: each change stands in the audit log first."""
+"""Trail of what is changed through the interface: its intent before, its outcome after."""
 
 import asyncio
 import logging
+import secrets
 from http import HTTPStatus
 
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ...health.events.audit import AuditEntry
+from ...health.events.audit import BEGUN, AuditEntry
 from ...health.service_state import ServiceState
 from ..context import Clock
 from .gate import name_in
+from .intent import BEGIN, SAFE_METHODS
 
 log = logging.getLogger(__name__)
-_SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _NO_CHANGE = (400, 404, 405, 408, 411, 413, 415, 422, 431)
 """Statuses of requests that are none; whoever sends them is refused whatever their rights."""
 _WRITE_S = 5.0
@@ -33,7 +34,11 @@ def signed_in(request: HTTPConnection, name: str | None) -> None:
 
 
 class Trail:
-    """Notes who changed what, when and from where, before they learn that it is done."""
+    """Notes who changes what, when and from where: before it is done, and what came of it.
+
+    What the disk does not take now waits in memory, and stops no change: a full disk can be helped
+    through the interface.
+    """
 
     def __init__(self, app: ASGIApp, state: ServiceState, clock: Clock) -> None:
         self._app = app
@@ -41,32 +46,53 @@ class Trail:
         self._minute = self._refused = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request, and note what came of it."""
-        if scope["type"] != "http" or scope["method"] in _SAFE_METHODS:
+        """Serve one request, and note what came of it before that is answered."""
+        if scope["type"] != "http" or scope["method"] in SAFE_METHODS:
             await self._app(scope, receive, send)
             return
+        request = ""
+
+        async def begin() -> None:
+            nonlocal request
+            request = secrets.token_hex(6)
+            await self._write(scope, BEGUN, {"request": request})
 
         async def send_noted(message: Message) -> None:
+            nonlocal request
             if message["type"] == "http.response.start":
-                await self._note(scope, message["status"])
+                await self._note(scope, message["status"], request)
+                request = ""
             await send(message)
 
-        await self._app(scope, receive, send_noted)
+        BEGIN.set(begin)
+        try:
+            await self._app(scope, receive, send_noted)
+        except Exception:
+            if request:
+                await self._note(scope, 500, request)
+            raise
 
-    async def _note(self, scope: Scope, status: int) -> None:
-        if status in _NO_CHANGE or scope.get(_ELSEWHERE):
+    async def _note(self, scope: Scope, status: int, request: str) -> None:
+        if not request and (status in _NO_CHANGE or scope.get(_ELSEWHERE)):
             return
-        now_ns = self._clock()
-        more = self._more_refused(now_ns) if status in (401, 403, 429) else 0
+        more = self._more_refused(self._clock()) if status in (401, 403, 429) else 0
         if more is None:
             return
+        data: dict[str, str | float | int | None] = {"request": request} if request else {}
+        outcome = f"{status} {HTTPStatus(status).phrase}"
+        await self._write(scope, outcome, data | ({"more_refused": more} if more else {}))
+
+    async def _write(
+        self, scope: Scope, outcome: str, data: dict[str, str | float | int | None]
+    ) -> None:
+        now_ns = self._clock()
         entry = AuditEntry(
             time_ns=now_ns,
             who=scope.get("edge_service.signed_in") or name_in(scope) or "",
             origin=(scope.get("client") or ("",))[0],
             action=f"{scope['method']} {scope['path']}"[:500],
-            outcome=f"{status} {HTTPStatus(status).phrase}",
-            data={"more_refused": more} if more else {},
+            outcome=outcome,
+            data=data,
         )
         try:
             async with asyncio.timeout(_WRITE_S):

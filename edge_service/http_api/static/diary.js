@@ -71,18 +71,19 @@ function ask(axis, command, title, text) {
   byId("ask-user").value = signedName() ?? localStorage.getItem("user") ?? "";
   byId("ask-user").readOnly = signedName() !== null;
   byId("ask-note").value = "";
+  const key = crypto.randomUUID(); // pressed again after a lost answer, it is done once
   byId("ask-form").onsubmit = (event) => {
     event.preventDefault();
-    send(axis, { ...command, user: byId("ask-user").value.trim(), note: byId("ask-note").value.trim() });
+    send(axis, key, { ...command, user: byId("ask-user").value.trim(), note: byId("ask-note").value.trim() });
   };
   byId("ask-cancel").onclick = () => byId("ask").close();
   byId("ask").showModal();
 }
 
-async function send(axis, command) {
+async function send(axis, key, command) {
   try {
     localStorage.setItem("user", command.user);
-    await fetchJson(`/api/v1/axes/${axis}/commands`, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(command) });
+    await fetchJson(`/api/v1/axes/${axis}/commands`, { method: "POST", headers: { "content-type": "application/json", "idempotency-key": `"${key}"` }, body: JSON.stringify(command) });
     byId("ask").close();
   } catch (error) {
     write(byId("ask-error"), `It was not taken: ${error.message}`);

@@ -24,6 +24,7 @@ class Announcement:
         health: condition that goes with the events.
         snapshot: state of the axis that must be kept first; None: the events change none.
         entries: for the audit log.
+        intents: for the audit log as well, before anything else is kept.
         told: called when it has been told, with the problem that kept it off the disk.
         order: grows from one announcement to the next.
     """
@@ -34,6 +35,7 @@ class Announcement:
     snapshot: dict[str, Any] | None = None
     entries: tuple[AuditEntry, ...] = ()
     told: Callable[[str], None] = field(default=lambda _problem: None)
+    intents: tuple[AuditEntry, ...] = ()
     order: int = field(default_factory=count().__next__)
 
     @property

@@ -2,9 +2,13 @@
 
 import json
 
+import httpx
 import pytest
+from fastapi.routing import iter_route_contexts
 
+from edge_service.http_api.jobs import RefusedError
 from edge_service.http_api.security.access import ROUTES, Role
+from edge_service.http_api.security.intent import SAFE_METHODS, ChangingRoute
 
 SAFE = ("GET", "HEAD", "OPTIONS")
 CHANGES = [(method, path) for path, way in ROUTES.items() for method in way if method not in SAFE]
@@ -98,3 +102,67 @@ async def test_the_log_is_shown_in_pages(guarded, connect):
     part = await client.get("/api/v1/audit", params=query, headers=guarded.bearer("operator"))
     assert [each["number"] for each in part.json()["entries"]] == [2, 3]
     assert part.json()["entries"] == whole["entries"][1:3]
+
+
+NOTED_BY_OTHERS = {
+    "/api/v1/session": "a session changes nothing that outlives the process",
+    "/api/v1/axes/{axis}/commands": "the monitor notes commands",
+}
+
+
+def test_every_route_that_changes_something_notes_its_intent(guarded):
+    plain = {
+        context.path
+        for context in iter_route_contexts(guarded.app.routes)
+        if set(context.methods or ()) - set(SAFE_METHODS)
+        and not isinstance(context.original_route, ChangingRoute)
+    }
+    assert plain == set(NOTED_BY_OTHERS)
+
+
+class Desk:
+    """Says what the audit log held when it was asked to do something, and fails."""
+
+    def __init__(self, guarded, error):
+        self._guarded, self._error = guarded, error
+        self.seen = []
+
+    def __getattr__(self, _name):
+        def work(*_args, **_more):
+            self.seen = [(each.who, each.action, each.outcome) for each in entries(self._guarded)]
+            raise self._error
+
+        return work
+
+
+BODIES = {
+    "/api/v1/jobs": {"kind": "diagnose", "axis": "X", "recordings": ["a.csv"]},
+    "/api/v1/axes/{axis}/diagnose": {"recordings": ["a.csv"]},
+}
+
+
+@pytest.mark.parametrize("error", [RefusedError(409, "no"), RuntimeError("a fault")])
+@pytest.mark.parametrize(
+    ("method", "path"), [row for row in CHANGES if row[1] not in NOTED_BY_OTHERS]
+)
+async def test_the_intent_stands_before_the_change_and_the_outcome_after_it(
+    method, path, error, guarded
+):
+    desk = guarded.app.state.desk = guarded.app.state.outputs = Desk(guarded, error)
+    body = {"json": BODIES.get(path, {})} if method != "DELETE" else {}
+    transport = httpx.ASGITransport(guarded.app, False, client=("192.0.2.9", 50000))
+    async with httpx.AsyncClient(transport=transport, base_url="https://box:8443") as client:
+        answer = await client.request(method, filled(path), headers=guarded.bearer("admin"), **body)
+    action = f"{method} {filled(path)}"
+    assert desk.seen == [("admin 1", action, "begun")]
+    before, after = entries(guarded)
+    assert (after.who, after.origin, after.action) == ("admin 1", "192.0.2.9", action)
+    assert after.outcome.split()[0] == str(answer.status_code)
+    assert after.data["request"] == before.data["request"]
+
+
+async def test_what_makes_no_sense_has_no_intent(guarded, connect):
+    guarded.app.state.desk = Desk(guarded, RefusedError(409, "no"))
+    headers = guarded.bearer("admin")
+    answer = await connect().request("POST", "/api/v1/jobs", json={"kind": "x"}, headers=headers)
+    assert (answer.status_code, entries(guarded)) == (422, [])
