@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 _PR_SET_PDEATHSIG = 1
 _NOBODY = 0
-_NICE = 10
 ENVIRONMENT = {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """Few arenas and threads, each of which takes addresses that it does not use."""
 
@@ -26,10 +25,12 @@ class ProcessLimits:
     Attributes:
         memory_mb: of addresses; more is refused to it.
         cpu_s: time of all its threads; then it is killed.
+        nice: how far it stands back behind others, 0 to 19.
     """
 
     memory_mb: float
     cpu_s: float
+    nice: int = 10
 
 
 def limited_command(
@@ -44,7 +45,7 @@ def limited_command(
             Only for a thread that lives as long as the process does.
     """
     caller = os.getpid() if dies_with_caller else _NOBODY
-    numbers = (caller, round(limits.memory_mb * 1e6), max(round(limits.cpu_s), 1))
+    numbers = (caller, round(limits.memory_mb * 1e6), max(round(limits.cpu_s), 1), limits.nice)
     return [sys.executable, "-m", "edge_service.limited_process", *map(str, numbers), *command]
 
 
@@ -82,15 +83,15 @@ def _die_with(caller: int) -> None:
 
 def main(arguments: Sequence[str]) -> None:
     """Bound this process and become the command."""
-    caller, memory_bytes, cpu_s = map(int, arguments[:3])
+    caller, memory_bytes, cpu_s, nice = map(int, arguments[:4])
     if caller != _NOBODY:
         _die_with(caller)
     _bound(memory_bytes, cpu_s)
-    os.nice(_NICE)
+    os.nice(nice)
     try:
-        os.execvpe(arguments[3], list(arguments[3:]), os.environ | ENVIRONMENT)
+        os.execvpe(arguments[4], list(arguments[4:]), os.environ | ENVIRONMENT)
     except OSError as error:
-        sys.exit(f"{arguments[3]}: cannot be run ({error.strerror})")
+        sys.exit(f"{arguments[4]}: cannot be run ({error.strerror})")
 
 
 if __name__ == "__main__":

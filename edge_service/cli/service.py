@@ -35,8 +35,10 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
     Without CONFIG the simulated drive of the embedded default is run.
     """
     from ..nodes.service import run_service
+    from ..nodes.wiring.kernels import compile_in_another_process
 
     log_to_stderr()
+    compile_in_another_process()
     asyncio.run(run_service(configured(config, port, endpoint), announce))
 
 
@@ -56,8 +58,10 @@ def node(name: "NodeName", config: Path | None, port: int | None, endpoint: str 
     Nodes prove with certificates (`edge-service certs`) who they are, unless the bus is open.
     """
     from ..nodes.service import run_node
+    from ..nodes.wiring.kernels import compile_in_another_process
 
     log_to_stderr()
+    compile_in_another_process()
     settings = configured(config, port, endpoint)
     asyncio.run(run_node(settings, name, announce))
 
@@ -132,9 +136,11 @@ def replay(
     endpoint: str | None,
 ) -> None:
     """Send a recording through the whole service, and print the last answer at its end."""
+    from ..nodes.wiring.kernels import compile_in_another_process
     from ..offline.replay import replay_trace
 
     log_to_stderr()
+    compile_in_another_process()
     if speed < 0.0:
         raise InputError(f"--speed: {speed:g}, expected 0 or more")
     settings = configured(config, port, endpoint)

@@ -9,6 +9,8 @@ from typing import Any, TypeVar, cast
 
 import numba
 
+from .kernel_cache import KernelCache
+
 _Function = TypeVar("_Function", bound=Callable[..., object])
 _KERNEL_ROOMS = ("models", "estimate")
 
@@ -17,15 +19,16 @@ def compiled(function: _Function) -> _Function:
     """Compile `function` with numba, on its first call for each set of argument types.
 
     Division by zero gives inf or nan, as in numpy. The plain Python function stays at hand as
-    `.py_func`. The machine code is cached on disk; where numba finds no folder to write to (a
+    `.py_func`. The machine code is kept on disk; where numba finds no folder to write to (a
     read-only installation without a home) it is compiled anew in each process.
     """
+    dispatcher = cast(Any, numba.njit)(error_model="numpy", nogil=True)(function)
     try:
-        return cast(_Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
+        dispatcher._cache = KernelCache(function)
     except RuntimeError as error:
         if "cannot cache function" not in str(error):
             raise
-        return cast(_Function, numba.njit(cache=False, error_model="numpy", nogil=True)(function))
+    return cast(_Function, dispatcher)
 
 
 def inlined(function: _Function) -> _Function:

@@ -91,7 +91,7 @@ def _read_all(path: Path, limits: ProcessLimits, patience_s: float) -> None:
 
 
 def _limited(code: str) -> list[str]:
-    limits = ["0", "500000000", "1"]
+    limits = ["0", "500000000", "1", "10"]
     return [
         sys.executable,
         "-m",

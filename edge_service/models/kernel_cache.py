@@ -1,0 +1,85 @@
+"""Machine code on disk: checked when it is read, and made elsewhere where the process asks for it.
+
+A compiler keeps some 250 MB of what it thought; a process that only loads machine code does not.
+"""
+
+import hashlib
+import io
+import pickle
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.serialize import dumps
+
+Elsewhere = Callable[[bytes], bool]
+"""Takes an order, has another process `fill` it, and tells whether that went well."""
+_DIGEST_BYTES = hashlib.sha256().digest_size
+_elsewhere: list[Elsewhere] = []
+
+
+def make_elsewhere(elsewhere: Elsewhere) -> None:
+    """Let what is missing from the disk be compiled by another process from now on."""
+    _elsewhere[:] = [elsewhere]
+
+
+def fill(order: bytes) -> None:
+    """Compile what an order of another process names, onto the disk."""
+    module, name, types = pickle.loads(order)
+    getattr(import_module(module), name).compile(types)
+
+
+class KernelCache(FunctionCache):
+    """Machine code of one function: damage counts as missing, a full disk as slow."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        plain = self._cache_file
+        self._cache_file = _CheckedFiles(
+            self.cache_path, self._impl.filename_base, plain._source_stamp
+        )
+
+    def load_overload(self, types: Any, target: Any) -> Any:
+        """Machine code for these argument types; None if this process has to compile it."""
+        found = super().load_overload(types, target)
+        if found is None and _elsewhere:
+            order = dumps((self._py_func.__module__, self._py_func.__name__, types))
+            if _elsewhere[0](order):
+                found = super().load_overload(types, target)
+            if found is None:  # it would not be there the next time either
+                _elsewhere.clear()
+        return found
+
+    def save_overload(self, types: Any, compiled: Any) -> None:
+        """Keep machine code, if the disk takes it."""
+        with suppress(OSError):
+            super().save_overload(types, compiled)
+
+
+class _CheckedFiles(IndexDataCacheFile):
+    """Files of one function that end in the SHA-256 of what stands before."""
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[BinaryIO]:
+        content = io.BytesIO()
+        yield content
+        written = content.getvalue()
+        with super()._open_for_write(filepath) as file:
+            file.write(written + hashlib.sha256(written).digest())
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_sound(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _is_sound(self._data_path(name)) else None
+
+
+def _is_sound(path: str) -> bool:
+    try:
+        content = Path(path).read_bytes()
+    except OSError:
+        return False
+    return hashlib.sha256(content[:-_DIGEST_BYTES]).digest() == content[-_DIGEST_BYTES:]
