@@ -1,6 +1,8 @@
 """Feature blocks in, preload estimates out: all axes."""
 
 import logging
+from contextlib import AsyncExitStack
+from functools import partial
 
 from ..clock import CLOCK
 from ..messages.event import Event
@@ -10,8 +12,9 @@ from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, FEAT, PRELOAD
 from .stores.estimate_store import EstimateStore, Kept, identity_of
 from .supervision.heartbeat import Heartbeat
+from .supervision.task import TaskChange
 from .wiring.context import NodeContext, Reporter
-from .wiring.estimated_axis import EstimatedAxis
+from .wiring.guarded_axis import GuardedAxis
 from .wiring.stages import load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
@@ -27,27 +30,38 @@ class _Axes:
 
     def __init__(self, context: NodeContext) -> None:
         config = context.config
+        self._context = context
         self.machines = load_machines(config)
-        self.axes = {
-            axis: EstimatedAxis(axis, make_estimator(config.estimator, machine))
-            for axis, machine in self.machines.items()
-        }
+        self.parts = {axis: Reporter(context, "estimate", axis) for axis in self.machines}
+        self.axes = {axis: self._guarded(axis) for axis in self.machines}
         identities = {
             axis: identity_of(machine, config.estimator) for axis, machine in self.machines.items()
         }
         folder = config.history.folder if context.keeps_estimates else None
         self._store = None if folder is None else EstimateStore(folder, identities)
-        self._context = context
         self._unwritten: dict[str, Kept] = {}
         self.problem = ""
         """Why states cannot be kept now; empty if they are."""
+
+    def _guarded(self, name: str) -> GuardedAxis:
+        part = self.parts[name]
+        make = partial(make_estimator, self._context.config.estimator, self.machines[name])
+
+        def tell_reset(reason: str) -> None:
+            part.tell(TaskChange("estimator_reset", "estimator", reason, axis.resets))
+
+        axis = GuardedAxis(name, make, partial(part.note, "estimator"), tell_reset)
+        part.problems = lambda: [axis.problem] if axis.problem else []
+        part.broken = lambda: bool(axis.problem)
+        part.counters = lambda: {"resets": axis.resets}
+        return axis
 
     def load(self) -> None:
         """Go on where the last process was."""
         if self._store is not None:
             for name, axis in self.axes.items():
                 replaced = self._context.diary.diary.newest(name, PART_REPLACED)
-                axis.restore(self._store, 0 if replaced is None else replaced.event.time_ns)
+                axis.load(self._store, 0 if replaced is None else replaced.event.time_ns)
 
     def to_keep(self) -> dict[str, Kept]:
         """State of every axis that has gone on; only in the thread of the event loop."""
@@ -61,15 +75,16 @@ class _Axes:
         if self._store is None:
             return
         self._unwritten |= kept
-        try:
-            self._store.save(self._unwritten)
-        except (OSError, ValueError) as error:
-            if not self.problem:
-                log.warning("the state of the estimates cannot be kept (%s)", error)
-            self.problem = f"the state of the estimates cannot be kept ({error})"
-        else:
-            self._unwritten = {}
-            self.problem = ""
+        problem = ""
+        for axis, each in tuple(self._unwritten.items()):
+            try:
+                self._store.save({axis: each})
+                self._unwritten.pop(axis, None)
+            except (OSError, ValueError) as error:
+                problem = f"the state of the estimates cannot be kept (axis {axis}: {error})"
+        if problem and not self.problem:
+            log.warning("%s", problem)
+        self.problem = problem
 
     def damaged_files(self) -> int:
         """Files that were set aside."""
@@ -117,13 +132,16 @@ async def run(context: NodeContext) -> None:
             await heart.sleep(RETRY_PERIOD_S if estimated.problem else SAVE_PERIOD_S)
             await heart.in_thread(estimated.write, estimated.to_keep())
 
-    async with reporter.running() as tasks:
+    async with AsyncExitStack() as parts, reporter.running() as tasks:
+        for part in estimated.parts.values():
+            await parts.enter_async_context(part.running())
         machines = estimated.machines.values()
         await context.heart.in_thread(
             warm_up, config.downsample, config.estimator, machines, limit_s=_WARM_UP_S
         )
         estimated.load()
-        reporter.to(ComponentStatus.OK)
+        for each in (reporter, *estimated.parts.values()):
+            each.to(ComponentStatus.OK)
         try:
             tasks.follow("features", features, take_features, vital=True)
             tasks.follow("events", events, take_event)

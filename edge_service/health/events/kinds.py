@@ -32,6 +32,7 @@ _KEPT = (
     "model_disagrees",
     "model_agrees",
     "disagreement_recorded",
+    "estimator_reset",
     "diary_damaged",
     "diary_failing",
     "diary_kept",

@@ -1,6 +1,7 @@
 """Errors in single messages: borne, counted, and told once a minute for each kind."""
 
 from collections.abc import Callable
+from functools import partial
 from types import TracebackType
 
 from .words import said
@@ -25,9 +26,9 @@ class Failures:
         self._told_s: dict[tuple[str, str, str], float] = {}
         self._last = (float("-inf"), "")
 
-    def borne(self, where: str, axis: str = "") -> "_Borne":
+    def borne(self, where: str, axis: str = "") -> "Borne":
         """Context in which an error is counted and goes no further."""
-        return _Borne(self, where, axis)
+        return Borne(partial(self.note, where, axis))
 
     def now(self) -> list[str]:
         """Messages that could not be handled in the last seconds."""
@@ -48,11 +49,11 @@ class Failures:
         self._tell(where, reason)
 
 
-class _Borne:
-    """Context that bears errors; a cancellation passes."""
+class Borne:
+    """Context that bears errors, each told to `note`; a cancellation passes."""
 
-    def __init__(self, failures: Failures, where: str, axis: str) -> None:
-        self._failures, self._where, self._axis = failures, where, axis
+    def __init__(self, note: Callable[[Exception], None]) -> None:
+        self._note = note
 
     def __enter__(self) -> None:
         pass
@@ -65,5 +66,5 @@ class _Borne:
     ) -> bool:
         if not isinstance(error, Exception):
             return False
-        self._failures.note(self._where, self._axis, error)
+        self._note(error)
         return True

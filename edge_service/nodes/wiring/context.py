@@ -104,6 +104,8 @@ class Reporter:
         self.readings: Callable[[], dict[str, float]] = dict
         self.problems: Callable[[], list[str]] = list
         """Problems beside its tasks, e.g. that the disk takes nothing."""
+        self.broken: Callable[[], bool] = lambda: False
+        """True while it does not do its work although its tasks do theirs."""
 
     @property
     def status(self) -> ComponentStatus:
@@ -127,7 +129,7 @@ class Reporter:
                 "task_restarts": self._tasks.restarts,
                 "message_failures": self._tasks.failures.count,
             },
-            self.readings() | {"tasks_down": float(self._tasks.down)},
+            self.readings() | {"tasks_down": float(self._tasks.down + self.broken())},
         )
         if not faults or own.status in _ENDING:
             return own
@@ -152,6 +154,10 @@ class Reporter:
             else:
                 self.to(ComponentStatus.STOPPING)
                 self.to(ComponentStatus.STOPPED)
+
+    def note(self, where: str, error: Exception) -> None:
+        """Count an error in a single message, and tell of it."""
+        self._tasks.failures.note(where, self._axis or "", error)
 
     def tell(self, change: TaskChange) -> None:
         """Tell of a change by an event and by the status."""

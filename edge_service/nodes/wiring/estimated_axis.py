@@ -28,7 +28,8 @@ class EstimatedAxis:
         self._heard: tuple[float, int] | None = None
         self._restored = False
         self._changed = False
-        self._taken = 0
+        self.taken = 0
+        """Intervals, of all estimators that it had."""
 
     def take(self, header: Header, block: FeatureBlock) -> PreloadEstimate:
         """Take the next interval; what is known after it."""
@@ -36,7 +37,7 @@ class EstimatedAxis:
             self._bridge(*self._heard, header, block)
         self._heard = block.time_s, header.source_time_ns
         self._restored, self._changed = False, True
-        self._taken += 1
+        self.taken += 1
         self._estimator.update(block)
         return self._estimator.estimate()
 
@@ -52,7 +53,7 @@ class EstimatedAxis:
         """The part is another; returns the number of intervals that were of the old one."""
         self._estimator.reset()
         self._heard, self._changed = None, False
-        return self._taken
+        return self.taken
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns: nobody was silent meanwhile."""
@@ -80,6 +81,19 @@ class EstimatedAxis:
             path = store.path(self._axis)
             log.warning("%s: %s%s; the estimate of this axis begins anew", path, error, aside)
 
+    def begin(self, estimator: PreloadEstimator, kept: Kept | None = None) -> None:
+        """Begin with another estimator, from a state. Raises StateError if it is none."""
+        self._estimator = estimator
+        self._heard, self._restored, self._changed = None, False, False
+        if kept is not None:
+            self._restore(kept)
+
+    def now(self) -> Kept | None:
+        """The state as of now; None if nothing was taken in."""
+        if self._heard is None:
+            return None
+        return Kept(*self._heard, self._estimator.snapshot(), self.taken)
+
     def _restore(self, kept: Kept) -> None:
         try:
             self._estimator.restore(kept.snapshot)
@@ -92,10 +106,10 @@ class EstimatedAxis:
 
     def to_keep(self) -> Kept | None:
         """The state, if something was taken in since it was last asked for."""
-        if not self._changed or self._heard is None:
+        if not self._changed:
             return None
         self._changed = False
-        return Kept(*self._heard, self._estimator.snapshot(), self._taken)
+        return self.now()
 
 
 def _goes_on(time_s: float, silent_s: float, block: FeatureBlock) -> bool:
