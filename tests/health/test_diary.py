@@ -166,7 +166,7 @@ def test_a_damaged_entry_is_left_out_named_and_counted(value, tmp_path, caplog):
             assert all_of(diary) == [0, 2]
         assert diary.counters()["diary_damaged_entries"] == 1
     assert [each.message for each in caplog.records] == [
-        f"the diary's entry {ids[1]} is damaged and left out"
+        f"{path}: entry {ids[1]} is damaged and left out"
     ]
 
 

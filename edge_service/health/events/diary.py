@@ -36,6 +36,7 @@ class Diary:
 
     def __init__(self, path: Path | None = None) -> None:
         self._file = KeptDatabase(path, tables.SCHEMA, tables.rescue)
+        self._name = "the diary" if path is None else str(path)
         self._shared = _IN_MEMORY if path is None else 1
         self._lock = threading.Lock()
         self._unsaved: dict[_Key, LoggedEvent] = {}
@@ -45,7 +46,7 @@ class Diary:
         self._told_damages = self.lost = self._now_ns = 0
         self.damages: list[str] = []
         """Damages, a line each: entries that are left out, files that were set aside."""
-        self._scrub = Scrub(self._note_entry, self.note_damage, self._note_audit)
+        self._scrub = Scrub(self._note_entry, self._note_in_file, self._note_audit)
         head = None if path is None else path.with_name(f"{path.stem}.head.json")
         self._head, self._mended = AuditHead(head, self.note_damage), -1
         self.problem = ""
@@ -169,7 +170,7 @@ class Diary:
             self._mended = self._file.rescues
             if gone:
                 self._note_audit(gone)
-                self.note_damage(f"the audit log was damaged: {gone}")
+                self.note_damage(f"{self._name}: of the audit log {gone}")
 
         if not self._attempt(write):
             self._bound()
@@ -217,6 +218,9 @@ class Diary:
             self.note_damage(damage)
         self._told_damages = len(self._file.damages)
 
+    def _note_in_file(self, words: str) -> None:
+        self.note_damage(f"{self._name}: {words}")
+
     def note_damage(self, words: str) -> None:
         """Say once what was damaged."""
         log.warning("%s", words)
@@ -244,7 +248,7 @@ class Diary:
     def _note_entry(self, number: int) -> None:
         if number not in self._damaged_ids:
             self._damaged_ids.add(number)
-            self.note_damage(f"the diary's entry {number} is damaged and left out")
+            self.note_damage(f"{self._name}: entry {number} is damaged and left out")
 
     def _with_unsaved(
         self, found: Iterable[LoggedEvent], wanted: Callable[[LoggedEvent], bool]

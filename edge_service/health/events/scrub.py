@@ -50,7 +50,7 @@ class Scrub:
             if logged is None:
                 self._on_entry(number)
             elif tuple(place) != tables.placed(logged):
-                self._on_damage(f"the diary's entry {number} could not be found; it can again")
+                self._on_damage(f"entry {number} could not be found; it can again")
                 with file.transaction() as changed:
                     tables.place(changed, logged)
         return len(rows) == _ROWS
@@ -66,7 +66,7 @@ class Scrub:
 
     def _note(self, record: AuditRecord) -> None:
         """Tell of an entry; what a break in the log says was told when it was made."""
-        words = f"the audit log's entry {record.number}: {record.problem}"
+        words = f"entry {record.number} of the audit log: {record.problem}"
         self._on_audit(words)
         if record.entry is None or record.entry.action != BREAK:
             self._on_damage(words)
