@@ -16,7 +16,16 @@ HOLD_S = 30.0
 """A step is followed when it has lasted for so long, s."""
 AHEAD_NS = 60 * NS_PER_S
 """No source is further ahead of its reader than this."""
+FUTURE_S = 86_400.0
+"""What is dated so far ahead was written while the clock was wrong, s."""
+_BORN_S = 1_767_225_600.0
+"""Beginning of 2026: no clock that is right shows less, since this program is younger."""
 Moved = Callable[[int], None]
+
+
+def is_future(time_s: float, now_s: float) -> bool:
+    """Tell whether something kept is dated after now; a clock that must be wrong tells nothing."""
+    return now_s >= _BORN_S and time_s > now_s + FUTURE_S
 
 
 def steady_ns() -> int:

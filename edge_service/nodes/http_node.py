@@ -74,7 +74,8 @@ async def run(context: NodeContext) -> None:
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter, keeper = Reporter(context, "http"), Reporter(context, "history")
-    reporter.readings = certificate_readings(http)
+    certificates, diary = certificate_readings(http), context.diary
+    reporter.readings = lambda: certificates() | diary.readings()
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def on_kept(axis: str, name: str) -> None:
@@ -103,7 +104,7 @@ async def run(context: NodeContext) -> None:
             tell = _follow_events(context, tasks, state, outputs, recorder)
             tasks.repeat("refusals", REFUSALS_PERIOD_S, _telling_refusals(state, tell))
             watch = HistoryWatch(keeper.to, tell)
-            keeper.counters = watch.counts
+            keeper.counters, keeper.readings = watch.counts, watch.readings
             keeping.start("flush", partial(store.run, watch))
             tasks.start("recorder", recorder.run)
             tasks.start("jobs", desk.run)

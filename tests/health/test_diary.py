@@ -190,3 +190,27 @@ def test_numbers_beyond_those_of_the_file_are_asked_for_without_harm(diary):
         assert diary.after(far, 10) == ()
         assert diary.records(far, 10) == []
         assert diary.holds_all_after(far)
+
+
+@pytest.mark.parametrize("year", [2100, 2262])
+def test_events_that_a_wrong_clock_has_dated_after_now_block_nothing(year, diary, monkeypatch):
+    monkeypatch.setitem(kinds.KINDS, "note", 60 * diary._shared)
+    monkeypatch.setattr("edge_service.health.events.diary._PRUNE_EVERY", 1)
+    wrong_ns = int((year - 1970) * 365.2425 * 86400) * NS
+    diary.add([event(0)], START_NS)
+    diary.add([event(n).model_copy(update={"time_ns": wrong_ns + n}) for n in (1, 2)], wrong_ns)
+    after = diary.add([event(n) for n in range(3, 50)], START_NS + NS)
+    ids = [each.id for each in diary.after(0, 1000)]
+    assert ids == sorted(set(ids))
+    assert ids[-1] == after[-1].id < 2**53
+    assert diary.future(START_NS + NS) == 2
+    assert diary.future(wrong_ns) == 0
+    assert diary.future(0) == 0
+    assert numbers(diary.between(0, START_NS + 60 * NS, "X", 1000)) == [0, *range(3, 50)]
+    room = room_of("note")[1] // diary._shared
+    later = [event(n) for n in range(50, room + 1)]
+    diary.add(later, START_NS + 2 * NS)
+    diary.add([event(room + 1)], START_NS + 3 * NS)
+    assert diary.future(START_NS + NS) == 0
+    assert len(all_of(diary)) == room
+    assert all_of(diary)[-1] == room + 1

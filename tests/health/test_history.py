@@ -218,3 +218,36 @@ def test_a_log_that_cannot_be_written_loses_nothing_that_was_heard(tmp_path):
     archive.flush()
     (bucket,) = archive.buckets(0.0, 10.0, 10.0)
     assert bucket.samples == 2
+
+
+def test_what_a_wrong_clock_has_dated_after_now_is_named_and_makes_room_first(
+    tmp_path, monkeypatch
+):
+    archive = AxisArchive(tmp_path / "axis=X")
+    right_s = MIDNIGHT_S + np.arange(0.0, 2.0 * HOUR, 10.0)
+    wrong_s = right_s[-1] + 74 * 365.25 * 86_400.0 + np.arange(0.0, 2.0 * HOUR, 10.0)
+    later_s = right_s[-1] + np.arange(10.0, 2.0 * HOUR + 20.0, 10.0)
+    times_s = np.concatenate([right_s, wrong_s, later_s])
+    _fill(archive, times_s, np.full(times_s.size, 5.0))
+    now_s = float(later_s[-1])
+    named = archive.future_files(now_s)
+    assert len(named) == len(set(named)) >= 4  # hours, their day, their year
+    assert not [name for name in named if name < "2090"]
+    buckets = archive.buckets(MIDNIGHT_S, now_s + 1.0, 3600.0)
+    assert sum(bucket.samples for bucket in buckets) == right_s.size + later_s.size
+    monkeypatch.setattr("edge_service.health.history.budget.now_ns", lambda: round(now_s * NS))
+    before = {path.name for path in tmp_path.rglob("*.parquet")}
+    used = sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file())
+    assert make_room(tmp_path, used - 1) == 1
+    assert before - {path.name for path in tmp_path.rglob("*.parquet")} <= set(named)
+    make_room(tmp_path, 0)
+    left = {path.name for path in tmp_path.rglob("*.parquet")}
+    assert left == {name for name in before - set(named) if len(name) == len("2026.parquet")}
+    assert archive.future_files(now_s) == []
+
+
+def test_a_clock_before_this_program_takes_nothing_for_the_future(tmp_path):
+    archive = AxisArchive(tmp_path / "axis=X")
+    _fill(archive, MIDNIGHT_S + np.arange(0.0, HOUR + 20.0, 10.0), np.full(362, 5.0))
+    assert archive.future_files(0.0) == []
+    assert archive.future_files(1_600_000_000.0) == []

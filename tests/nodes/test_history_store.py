@@ -142,3 +142,16 @@ def test_damage_is_an_event_of_its_axis_and_counted() -> None:
     assert (event.axis, event.kind) == ("X", "history_damaged")
     assert "raw/1.parquet" in event.message
     assert watch.counts() == {"damages": 1, "failed_turns": 0, "lost_estimates": 3, "adopted": 2}
+
+
+def test_files_of_the_future_are_told_once_and_counted_until_they_are_gone() -> None:
+    events: list[Event] = []
+    watch = HistoryWatch(lambda *_: None, events.append)
+    for names in (["2100.parquet"], ["2100.parquet"], ["2100.parquet", "2101.parquet"]):
+        watch.take(Turn(future={"X": names, "Y": []}))
+        watch.take(Turn())
+        assert watch.readings() == {"future_files": len(names)}
+    assert [(each.axis, each.kind) for each in events] == [("X", "history_from_future")] * 2
+    assert "2101.parquet" in events[-1].message
+    watch.take(Turn(future={"X": [], "Y": []}))
+    assert (watch.readings(), len(events)) == ({"future_files": 0.0}, 2)

@@ -19,6 +19,8 @@ from .scrub import Scrub
 
 log = logging.getLogger(__name__)
 _NS_PER_US = 1000
+_LATEST_US = 2**52
+"""A clock that shows more gives no ids: they must stay below 2**53 whatever it does."""
 _MOST_UNSAVED = 20_000
 _PRUNE_EVERY = 500
 _IN_MEMORY = 20
@@ -112,6 +114,12 @@ class Diary:
 
         return next(reversed(self._with_unsaved(filter(wanted, found), wanted)), None)
 
+    def future(self, now_ns: int) -> int:
+        """Number of events that are dated after now."""
+        after_ns = tables.future_ns(now_ns)
+        rows = self._rows(tables.DATED_AFTER, after_ns)
+        return int(rows[0][0]) if rows else 0
+
     def holds_all_after(self, last_id: int) -> bool:
         """Tell whether no event with a higher id than `last_id` had to make room."""
         rows = self._rows(tables.DROPPED)
@@ -147,7 +155,8 @@ class Diary:
     def _numbered(self, event: Event, now_ns: int) -> LoggedEvent:
         key = _key(event)
         if key not in self._unsaved:
-            self.last_id = max(self.last_id + 1, now_ns // _NS_PER_US)
+            now_us = now_ns // _NS_PER_US
+            self.last_id = max(self.last_id + 1, now_us if now_us < _LATEST_US else 0)
             self._unsaved[key] = LoggedEvent(self.last_id, event)
         return self._unsaved[key]
 
@@ -196,7 +205,8 @@ class Diary:
 
     def _shrink(self, axis: str, room: str) -> None:
         with self._file.transaction() as file:
-            tables.shrink(file, axis, room, room_of(room)[1] // self._shared)
+            most = room_of(room)[1] // self._shared
+            tables.shrink(file, axis, room, most, tables.future_ns(self._now_ns))
 
     def _attempt(self, work: Callable[[], None]) -> bool:
         """Do work on the file; a failure is logged once, and the same until it succeeds again."""

@@ -40,6 +40,8 @@ _KEPT = (
     "history_damaged",
     "history_failing",
     "history_kept",
+    "history_from_future",
+    "diary_from_future",
     "loop_stalled",
     "task_failed",
     "task_recovered",

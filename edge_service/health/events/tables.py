@@ -1,12 +1,14 @@
 """Tables of the diary: statements, check of every row, and what a damaged file still holds."""
 
 import hashlib
+import math
 import sqlite3
 from contextlib import suppress
 from typing import Any
 
 from pydantic import ValidationError
 
+from ...clock import FUTURE_S, is_future
 from ...messages.event import Event
 from .audit import AUDIT_SCHEMA
 from .kinds import room_of
@@ -29,10 +31,13 @@ WHERE axis IN ('', ?) AND time_ns >= ? AND time_ns < ? ORDER BY id DESC LIMIT ?"
 NEWEST_OF_ROOM = f"{_EVENTS} WHERE axis = ? AND room = ? ORDER BY id DESC LIMIT 1"
 DROPPED = "SELECT MAX(id) FROM dropped"
 RECORDS = "SELECT * FROM audit WHERE number >= ? ORDER BY number LIMIT ?"
+DATED_AFTER = "SELECT COUNT(*) FROM events WHERE time_ns > ?"
 LAST_RECORD = "SELECT number FROM audit ORDER BY number DESC LIMIT 1"
 ROWS = "SELECT id, body, digest, axis, room, time_ns FROM events WHERE id > ? ORDER BY id LIMIT ?"
+_NEVER_NS = 2**63 - 1
 _SURPLUS = """DELETE FROM events WHERE id IN (
-    SELECT id FROM events WHERE axis = ? AND room = ? ORDER BY id DESC LIMIT -1 OFFSET ?
+    SELECT id FROM events WHERE axis = ? AND room = ?
+    ORDER BY time_ns > ?, id DESC LIMIT -1 OFFSET ?
 ) RETURNING id"""
 
 
@@ -78,9 +83,15 @@ def place(file: sqlite3.Connection, logged: LoggedEvent) -> None:
     file.execute(change, (*placed(logged), logged.id))
 
 
-def shrink(file: sqlite3.Connection, axis: str, room: str, most: int) -> None:
-    """Remove the oldest events of a room beyond so many, and note up to which."""
-    gone = [number for (number,) in file.execute(_SURPLUS, (axis, room, most))]
+def future_ns(now_ns: int) -> int:
+    """UNIX time from which on events are dated after now, ns."""
+    return now_ns + round(FUTURE_S * 1e9) if is_future(math.inf, now_ns / 1e9) else _NEVER_NS
+
+
+def shrink(file: sqlite3.Connection, axis: str, room: str, most: int, future_ns: int) -> None:
+    """Remove the events of a room beyond so many: from the future, then the oldest; note which."""
+    surplus = file.execute(_SURPLUS, (axis, room, future_ns, most))
+    gone = [number for (number,) in surplus]
     if gone:
         file.execute("DELETE FROM dropped WHERE id <= ?", (max(gone),))
         file.execute("INSERT INTO dropped VALUES (?)", (max(gone),))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...clock import is_future
 from ...messages.estimate import PreloadEstimate
 from .buckets import Bucket, buckets
 from .file_tier import FileTier
@@ -101,6 +102,11 @@ class AxisArchive:
     def files(self) -> list[tuple[FileTier, Path]]:
         """Kept files with their tiers, the oldest of each first."""
         return [(tier, path) for tier in self._file_tiers() for path in tier.files()]
+
+    def future_files(self, now_s: float) -> list[str]:
+        """Names of kept files that are dated after now."""
+        files = [(tier.resolution, path) for tier, path in self.files()]
+        return [path.name for each, path in files if is_future(each.start_s(path.stem), now_s)]
 
     def check(self, tier: FileTier, path: Path) -> None:
         """Check one of the `files`, whoever asks for it later. Raises OSError."""

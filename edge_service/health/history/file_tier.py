@@ -119,9 +119,8 @@ class FileTier:
             return False
 
     def _span(self, path: Path) -> Span:
-        name = path.name.removesuffix(_SUFFIX)
-        start = datetime.strptime(name, self.resolution.file_name).replace(tzinfo=UTC)
-        return start.timestamp(), (start + self.resolution.file_span).timestamp()
+        start_s = self.resolution.start_s(path.name.removesuffix(_SUFFIX))
+        return start_s, start_s + self.resolution.file_span.total_seconds()
 
     def _paths(self, start_s: float, end_s: float) -> Iterator[Path]:
         """Files that may hold rows of [start_s, end_s), in order."""

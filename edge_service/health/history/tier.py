@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +25,10 @@ class Resolution:
     step_s: float
     file_name: str
     file_span: timedelta
+
+    def start_s(self, name: str) -> float:
+        """UNIX time at which a file begins, s, by its name without suffix. Raises ValueError."""
+        return datetime.strptime(name, self.file_name).replace(tzinfo=UTC).timestamp()
 
 
 RAW = Resolution("raw", 0.0, "%Y-%m-%dT%H", timedelta(hours=1))

@@ -24,6 +24,7 @@ class DiaryStore:
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
+        self._future = 0
 
     @cached_property
     def diary(self) -> Diary:
@@ -43,8 +44,13 @@ class DiaryStore:
         while True:
             await heart.sleep(CARE_PERIOD_S)
             await heart.in_thread(self.diary.care, now_ns() / 1e9, limit_s=_CARE_LIMIT_S)
-            for event in known.news(self.diary, now_ns()):
+            self._future = await heart.in_thread(self.diary.future, now_ns())
+            for event in known.news(self.diary, self._future, now_ns()):
                 tell(event)
+
+    def readings(self) -> dict[str, float]:
+        """Events now that are dated after now."""
+        return {"future_events": float(self._future)}
 
     def close(self) -> None:
         """Write what waits, and close."""
@@ -58,8 +64,9 @@ class _Known:
 
     problem: str = ""
     damages: int = 0
+    future: int = 0
 
-    def news(self, diary: Diary, now_ns: int) -> Iterator[Event]:
+    def news(self, diary: Diary, future: int, now_ns: int) -> Iterator[Event]:
         """Events of what has changed."""
         if diary.problem and not self.problem:
             words = f"the diary is in memory until the disk takes it: {diary.problem}"
@@ -68,6 +75,10 @@ class _Known:
             yield _event("diary_kept", Severity.INFO, "the diary is kept again", now_ns)
         for words in diary.damages[self.damages :]:
             yield _event("diary_damaged", Severity.WARNING, words, now_ns)
+        if future > self.future:
+            words = f"{future} events are dated after now: the clock was wrong when they were told"
+            yield _event("diary_from_future", Severity.WARNING, words, now_ns)
+        self.future = future
         self.problem, self.damages = diary.problem, len(diary.damages)
 
 

@@ -5,8 +5,10 @@ import logging
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
+from ...clock import is_future, now_ns
 from ...downsample.sample_ring import SampleRing
 from ...messages.event import Event
 from ...messages.samples import SampleFrame
@@ -101,9 +103,19 @@ class DisagreementRecorder:
             with TraceWriter(path, tuple(frames[0].channels)) as writer:
                 for frame in frames:
                     writer.write(frame)
-            for old in sorted(self._folder.glob(f"disagreement_{axis}_*.parquet"))[:-MOST_KEPT]:
+            kept = self._folder.glob(f"disagreement_{axis}_*.parquet")
+            for old in sorted(kept, key=_rank)[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)
         except (TraceError, OSError) as error:
             log.warning("%s: the disagreement cannot be kept: %s", path, error)
             return False
         return True
+
+
+def _rank(path: Path) -> tuple[bool, str]:
+    """Order in which recordings make room: those dated after now, then the oldest."""
+    try:
+        stamp = datetime.strptime(path.stem.rpartition("_")[2], "%Y%m%dT%H%M%SZ")
+    except ValueError:
+        return True, path.name
+    return not is_future(stamp.replace(tzinfo=UTC).timestamp(), now_ns() / 1e9), path.name

@@ -23,6 +23,8 @@ from .watch_store import axis_folder
 log = logging.getLogger(__name__)
 FLUSH_PERIOD_S = 1.0
 _FLUSHES_PER_SYNC = 5
+_FLUSHES_PER_LOOK = 30
+"""Into the future: its files come with a wrong clock alone."""
 _FLUSHES_PER_TRIAL = 3
 """While it fails it is tried less often: each trial prepares a whole hour."""
 _CHECKING_S = 0.2
@@ -49,6 +51,7 @@ class HistoryStore:
         }
         self.keeping = _keeping(self._folder, config, self._archives, ratios_m_per_rad)
         self._failing = False
+        self._turns = 0
         self._unchecked: Iterator[_File] = iter(())
         self._checked_s = -_CHECK_AGAIN_AFTER_S
 
@@ -94,6 +97,9 @@ class HistoryStore:
             self._look_after(turn, over=over)
         self._failing = bool(turn.problems)
         self._count(turn)
+        if self._turns % _FLUSHES_PER_LOOK == 0:
+            turn.future = self._future_files()
+        self._turns += 1
         return turn
 
     def _look_after(self, turn: Turn, *, over: bool) -> None:
@@ -111,6 +117,10 @@ class HistoryStore:
             turn.damages += [(axis, words) for words in archive.take_damages()]
             turn.lost += archive.lost
             turn.adopted += archive.adopted
+
+    def _future_files(self) -> dict[str, list[str]]:
+        now_s = now_ns() / 1e9
+        return {axis: each.future_files(now_s) for axis, each in self._archives.items()}
 
     def _keep_budget(self, folder: Path, *, over: bool) -> None:
         if not over:
