@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..exit_status import INTERNAL_FAILURE
+from .audited import HISTORY, noted
 from .options import PATH, InputError
 
 if TYPE_CHECKING:
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 @click.option(
     "--days", type=click.IntRange(1, 3650), default=825, show_default=True, help="Validity."
 )
-def certs(out: Path, names: tuple[str, ...], days: int) -> None:
+@HISTORY
+def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) -> None:
     """Make certificates: a local authority, a server (page and bus), and each role on the bus.
 
     The authority of the folder is used again if it is there, so that nobody needs to trust it anew.
@@ -30,7 +32,9 @@ def certs(out: Path, names: tuple[str, ...], days: int) -> None:
     from ..certificates import expiry, make_certificates
 
     clients = {role: client_name(role) for role in PUTS}
-    for path in make_certificates(out, names, clients, days):
+    with noted(history, "make_certificates", " ".join((str(out), *names))):
+        made = make_certificates(out, names, clients, days)
+    for path in made:
         click.echo(f"{path}: until {_day(expiry(path))}")
     click.echo(f"browsers and clients must trust {out / 'ca.pem'}; keep {out / 'ca.key'} elsewhere")
 
@@ -77,11 +81,14 @@ def token() -> None:
     "--days", type=click.IntRange(1, 3650), default=365, show_default=True, help="Validity."
 )
 @TOKENS
-def add(name: str, role: "RoleName", days: int, path: Path) -> None:
+@HISTORY
+def add(name: str, role: "RoleName", days: int, path: Path, history: Path | None) -> None:
     """Make a token, print it once, and keep its hash. A running service knows it at once."""
     from ..http_api.security.tokens import add_token
 
-    click.echo(add_token(path, name, role, days, datetime.now(UTC)))
+    with noted(history, "add_token", f"{name}, {role}, {days} days, {path}"):
+        secret = add_token(path, name, role, days, datetime.now(UTC))
+    click.echo(secret)
     click.echo(f"{path}: {name} is {role}; the token is shown only now", err=True)
 
 
@@ -102,11 +109,13 @@ def list_tokens(path: Path) -> None:
 @token.command("revoke", epilog="Example: edge-service token revoke kim --file tokens.json")
 @click.argument("name")
 @TOKENS
-def revoke(name: str, path: Path) -> None:
+@HISTORY
+def revoke(name: str, path: Path, history: Path | None) -> None:
     """End a token with all its sessions, at once."""
     from ..http_api.security.tokens import revoke_token
 
-    revoke_token(path, name)
+    with noted(history, "revoke_token", f"{name}, {path}"):
+        revoke_token(path, name)
     click.echo(f"{path}: {name} is revoked")
 
 

@@ -22,7 +22,7 @@ def start_entry(config: EdgeConfig, names: tuple[str, ...]) -> AuditEntry:
     text = json.dumps(_masked(config.model_dump(mode="json")))
     return AuditEntry(
         time_ns=now_ns(),
-        who=_user(),
+        who=user_name(),
         origin=f"process {os.getpid()}",
         action="service_started",
         target=" ".join(names),
@@ -39,7 +39,7 @@ def end_entry(names: tuple[str, ...]) -> AuditEntry:
     """Entry of an orderly end."""
     return AuditEntry(
         time_ns=now_ns(),
-        who=_user(),
+        who=user_name(),
         origin=f"process {os.getpid()}",
         action="service_stopped",
         target=" ".join(names),
@@ -47,7 +47,8 @@ def end_entry(names: tuple[str, ...]) -> AuditEntry:
     )
 
 
-def _user() -> str:
+def user_name() -> str:
+    """Name of the user whose process this is."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):  # a user without a name
