@@ -71,8 +71,9 @@ def convert(
 ) -> None:
     """Read a recording of any form and write it as a trace: CSV, Parquet or MCAP.
 
-    SOURCE is CSV, Parquet or the XML of a SINUMERIK trace; SINUMERIK and Industrial Edge names are
-    known. The machine file gives the lead and, under [columns], what comes before those names.
+    SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace, a recording of Industrial Edge or a
+    MATLAB 5 file; SINUMERIK and Industrial Edge names are known. The machine file gives the lead
+    and, under [columns], what comes before those names.
     """
     from ..offline.convert import convert as convert_trace
     from ..offline.recordings import controller_axis

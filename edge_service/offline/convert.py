@@ -74,7 +74,7 @@ def convert(
     """Read a recording as the machine file says and write it in the form of the name `out`.
 
     Args:
-        source: CSV, Parquet, SINUMERIK trace XML; Industrial Edge names are known.
+        source: in any form of `trace/forms`.
         out: ends in .csv, .parquet or .mcap; appears whole or not at all.
         machine: its [columns], and its lead where `axis` has none.
         axis: which axis of a controller's recording, and what its units need.

@@ -44,11 +44,13 @@ class Source(Protocol):
 
     Attributes:
         names: the columns that the file has.
-        ragged_rows: rows with too few or too many cells, set aside so far.
     """
 
     names: tuple[str, ...]
-    ragged_rows: int
+
+    @property
+    def ragged_rows(self) -> int:
+        """Rows with too few or too many cells, set aside so far."""
 
     @property
     def fraction_read(self) -> float:

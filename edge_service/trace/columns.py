@@ -11,6 +11,8 @@ from ..messages.channels import CHANNELS, POSITION_CHANNELS, TIME, TORQUE
 ROW_NUMBER = "#row"
 """Stands for a column with the number of the row, from 0: the clock of a file without times."""
 
+BY_NUMBER = "#"
+"""Columns of a text file without a header are #1, #2, ..."""
 _NAMES_SHOWN = 12
 
 
@@ -69,6 +71,11 @@ def choose_columns(
         column = _choose(path, channel, names, columns.get(channel), (known or {}).get(channel))
         if column is not None:
             chosen[channel] = column
+    if TIME not in chosen and f"{BY_NUMBER}1" in names:
+        raise TraceError(
+            f"{path}: numbers without a header; name the columns in the machine file: [columns] "
+            f'time_s = {{ column = "{BY_NUMBER}1", scale = 0.001 }}; {_there(names)}'
+        )
     if TIME not in chosen:
         raise TraceError(f"{path}: no column {TIME!r}{_hint(TIME, names)}; {_there(names)}")
     if not any(channel in chosen for channel in (TORQUE, *POSITION_CHANNELS)):

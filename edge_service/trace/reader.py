@@ -11,8 +11,10 @@ from ..messages.channels import CHANNELS, TIME
 from ..messages.samples import Floats, SampleFrame
 from .block import Block, Source, Text
 from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
-from .formats import controller_columns, open_source
+from .forms.registry import open_source
 from .sinumerik.controller_axis import ControllerAxis
+from .sinumerik.controller_columns import controller_columns
+from .sinumerik.edge_source import EdgeSource, edge_recording
 
 
 class TraceReader:
@@ -166,7 +168,7 @@ def open_trace(
     *,
     keep_all: bool = False,
 ) -> TraceReader:
-    """Open a trace file, told apart by content: CSV, Parquet or SINUMERIK trace XML.
+    """Open a trace file in any form of `forms/`, told apart by content.
 
     Args:
         path: the file.
@@ -184,8 +186,12 @@ def open_trace(
     except OSError as error:
         raise _unreadable(path, error) from None
     try:
-        known = controller_columns(path, source, axis, columns or {})
-        chosen = choose_columns(path, source.names, known.resolve(columns or {}), known.columns)
+        columns = dict(columns or {})
+        source = edge_recording(path, source, columns)
+        if isinstance(source, EdgeSource) and source.sets_time:
+            columns.pop(TIME, None)  # a scale of the count is its period already
+        known = controller_columns(path, source, axis, columns)
+        chosen = choose_columns(path, source.names, known.resolve(columns), known.columns)
         remarks = known.remarks(chosen)
         if keep_all:
             chosen |= _other_columns(source, chosen)
@@ -232,5 +238,5 @@ def _other_columns(source: Source, chosen: Mapping[str, ColumnMap]) -> dict[str,
 
 def _unreadable(path: Path, error: OSError) -> TraceError:
     if isinstance(error, FileNotFoundError):
-        return TraceError(f"{path}: no such file; expected a CSV, Parquet or XML trace")
+        return TraceError(f"{path}: no such file; expected a recording")
     return TraceError(f"{path}: cannot be read ({error.strerror or error})")

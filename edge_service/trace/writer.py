@@ -14,7 +14,7 @@ import numpy as np
 from ..messages.channels import TIME
 from ..messages.samples import SampleFrame
 from .columns import TraceError
-from .formats import PARQUET_SUFFIXES
+from .forms.parquet import PARQUET_SUFFIXES
 
 _ROWS_AT_ONCE = 1 << 16
 

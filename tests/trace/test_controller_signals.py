@@ -143,14 +143,6 @@ def test_without_a_lead_there_is_no_angle(tmp_path: Path) -> None:
         assert "motor_angle_rad could be ENC1_POS, lacking: the lead of the screw" in reader.remarks
 
 
-def test_cycles_are_no_time_until_their_length_is_given(tmp_path: Path) -> None:
-    path = _write(tmp_path, ".csv", EDGE.replace("time_s", "CYCLE").replace("0.002,", "1,"))
-    with pytest.raises(TraceError, match="'CYCLE' counts position-control cycles"):
-        open_trace(path, axis=AXIS)
-    frame = read_trace(path, {"time_s": ColumnMap("CYCLE", 0.002)}, axis=AXIS)
-    assert frame.time_s.tolist() == [0.0, 0.002]
-
-
 def test_names_that_only_look_like_edge_are_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "trace.csv"
     path.write_text("time_s,torque_command_nm,SPINDLE|3\n0,1,2\n1,1,2\n")

@@ -9,7 +9,7 @@ import pytest
 
 from edge_service.messages.samples import SampleFrame
 from edge_service.trace.columns import ColumnMap
-from edge_service.trace.csv_source import BLOCK_BYTES
+from edge_service.trace.forms.text import BLOCK_BYTES
 from edge_service.trace.reader import open_trace, read_trace
 
 

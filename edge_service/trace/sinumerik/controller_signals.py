@@ -22,7 +22,6 @@ from ...messages.channels import (
     SETPOINT,
     TABLE_POSITION,
     TABLE_SPEED,
-    TIME,
     TORQUE,
 )
 from ..columns import ColumnLike, ColumnMap, TraceError
@@ -45,6 +44,7 @@ EDGE_UNITS = {
     "ENC1_POS": "mm",
     "ENC2_POS": "mm",
     "DES_POS": "mm",
+    "ENC_POS": "mm",
 }
 EDGE_SIGNALS = {
     TORQUE: ("TORQUE", "CURRENT"),
@@ -53,6 +53,8 @@ EDGE_SIGNALS = {
     SETPOINT: ("DES_POS",),
 }
 EDGE_CYCLE = "CYCLE"
+EDGE_ACTIVE_ENCODER = "ENC_POS"
+"""Position of the encoder that the controller uses, whichever that is."""
 
 _SINUMERIK_NAME = re.compile(r"(?:.*/)?(?P<short>[^/\[\s]+)\s*\[.*[,;]\s*(?P<axis>\d+)\s*\]\s*")
 _SERVO_DATA = re.compile(r"nckServoData(?P<short>.+?)(?:32|64)?")
@@ -135,12 +137,25 @@ def edge_signals(names: Sequence[str]) -> list[ControllerSignal]:
     return signals if any(signal.unit for signal in signals) else []
 
 
+def edge_meanings(signals: Sequence[ControllerSignal]) -> dict[str, tuple[str, ...]]:
+    """Meaning of Edge's names in one file.
+
+    The active encoder is the table's only where no encoder is recorded by itself: it would be the
+    same one again, and two of it would show a transmission that never stretches.
+    """
+    meanings: dict[str, tuple[str, ...]] = dict(EDGE_SIGNALS)
+    if not {"ENC1_POS", "ENC2_POS"} & {signal.short for signal in signals}:
+        meanings[TABLE_POSITION] = (EDGE_ACTIVE_ENCODER,)
+    return meanings
+
+
 def map_signals(
     path: Path,
     signals: Sequence[ControllerSignal],
     meanings: Mapping[str, Sequence[str]],
     axis: ControllerAxis,
     columns: Mapping[str, ColumnLike],
+    axis_names: Mapping[int, str] | None = None,
 ) -> ControllerColumns:
     """Columns of one axis.
 
@@ -150,6 +165,7 @@ def map_signals(
         meanings: channel -> short names, the better one first.
         axis: the axis that is wanted.
         columns: of the machine file; a signal that they name says which axis is meant.
+        axis_names: number of an axis -> its name, for messages.
 
     Raises:
         TraceError: the axis is not there, or it is open which one is meant.
@@ -159,7 +175,7 @@ def map_signals(
     named = {column.column for column in columns.values()}
     meant = {signal.axis for signal in signals if signal.column in named}
     wanted = meant.pop() if axis.number is None and len(meant) == 1 else axis.number
-    number = _axis_number(path, signals, wanted)
+    number = _axis_number(path, signals, wanted, axis_names or {})
     of_axis = {s.short.lower(): s for s in reversed(signals) if s.axis == number}
     found = ControllerColumns(aliases={each.short: each.column for each in of_axis.values()})
     for channel, names in meanings.items():
@@ -185,9 +201,17 @@ def _map_signal(
     return True
 
 
-def _axis_number(path: Path, signals: Sequence[ControllerSignal], wanted: int | None) -> int:
+def _axis_number(
+    path: Path,
+    signals: Sequence[ControllerSignal],
+    wanted: int | None,
+    axis_names: Mapping[int, str],
+) -> int:
     numbers = sorted({signal.axis for signal in signals})
-    shown = ", ".join(str(number) for number in numbers) or "none"
+    named = (
+        f"{each} ({axis_names[each]})" if each in axis_names else str(each) for each in numbers
+    )
+    shown = ", ".join(named) or "none"
     if wanted is not None:
         if wanted not in numbers:
             raise TraceError(f"{path}: no signal of axis {wanted}; axes there are: {shown}")
@@ -198,12 +222,3 @@ def _axis_number(path: Path, signals: Sequence[ControllerSignal], wanted: int | 
         f"{path}: axes there are: {shown}; expected the number of the one wanted "
         "(--axis-number, or number under [axis] of the machine file)"
     )
-
-
-def check_edge_time(path: Path, names: Sequence[str], columns: Mapping[str, ColumnLike]) -> None:
-    """Refuse Edge columns that count cycles where nothing says how long a cycle is."""
-    if EDGE_CYCLE in names and TIME not in names and TIME not in columns:
-        raise TraceError(
-            f"{path}: column {EDGE_CYCLE!r} counts position-control cycles; give their length in "
-            f"the machine file: [columns] time_s = {{ column = {EDGE_CYCLE!r}, scale = 0.002 }}"
-        )

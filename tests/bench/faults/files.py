@@ -27,11 +27,19 @@ from edge_service.limited_process import ProcessLimits, limited_command, why_it_
 from ..table import Figure, PipelineBench
 from .hostile_files import right_files, spoiled
 
-KINDS = ("csv", "parquet", "xml", "config", "machine")
+KINDS = (
+    *("csv", "text", "parquet", "xml", "json", "matlab", "tuning"),
+    *("config", "machine"),
+)
 LIMITS = ProcessLimits(memory_mb=2500.0, cpu_s=3600.0)
 MOST_MEMORY_MB, LONGEST_S = 500.0, 20
 FILES_AT_ONCE = 500
-_SUFFIXES = {"csv": ".csv", "parquet": ".parquet", "xml": ".xml"}
+_SETTINGS = ("config", "machine")
+_NUMBERED = """
+[columns]
+time_s = { column = "#1" }
+torque_command_nm = { column = "#2" }
+"""
 _CONFIG = '[[axes]]\nname = "X"\nmachine = "spoiled.toml"\n'
 
 
@@ -52,14 +60,26 @@ def spoil(kind: str, seed: int, right: Sequence[bytes], folder: Path) -> list[st
     """Write the spoiled file of a seed; the arguments of the command that reads it."""
     chance = random.Random(f"{kind} {seed}")
     content = spoiled(chance.choice(right), chance)
-    if kind in _SUFFIXES:
-        path = folder / f"spoiled{_SUFFIXES[kind]}"
+    if kind not in _SETTINGS:
+        path = folder / f"spoiled.{kind}"
         path.write_bytes(content)
-        return ["convert", str(path), "--out", str(folder / "out.csv")]
+        return _reading(kind, path, folder)
     (folder / ("edge.toml" if kind == "config" else "spoiled.toml")).write_bytes(content)
     if kind == "machine":
         (folder / "edge.toml").write_text(_CONFIG)
     return ["check-config", str(folder / "edge.toml")]
+
+
+def _reading(kind: str, path: Path, folder: Path) -> list[str]:
+    """The command that reads a recording, or a servo tuning."""
+    if kind == "tuning":
+        return ["response", str(path), "--out", str(folder / "out")]
+    arguments = ["convert", str(path), "--out", str(folder / "out.csv")]
+    if kind == "text":
+        numbered = folder / "numbered.toml"
+        numbered.write_text((folder / "machine.toml").read_text() + _NUMBERED)
+        arguments += ["--machine", str(numbered)]
+    return arguments
 
 
 def problem_of(arguments: Sequence[str]) -> str:
@@ -94,7 +114,7 @@ def work(kind: str, first_seed: int, count: int) -> None:
         folder = Path(name)
         for machine in (Path(__file__).parents[3] / "deploy").glob("*.toml"):
             (folder / machine.name).write_bytes(machine.read_bytes())
-        right = right_files(folder)[kind]
+        right = right_files()[kind]
         problem_of(spoil(kind, 0, right, folder))  # loads what the command needs
         for seed in range(first_seed, first_seed + count):
             _say({"seed": seed})

@@ -2,12 +2,12 @@
 
 import random
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
+
+from tests.trace import form_files, tuning_files
 
 _CHECKOUT = Path(__file__).parents[3]
 _DEPLOY = _CHECKOUT / "deploy"
@@ -18,40 +18,37 @@ WORDS = (
     *(b"2026-01-01", b"tcp/127.0.0.1:0", b'"%s"', b"\xf0\x9f\x92\xa9", b"a" * 5000, b"\r\n", b"\t"),
 )
 _WORD = re.compile(rb"[A-Za-z0-9_.+\-]+")
-_ROWS = 300
-_XML = """<?xml version="1.0" encoding="UTF-8"?><traceSession><traceData><dataFrame>\
-<frameHeader startTime="2020-01-01T00:00:00"/>\
-<dataSignal id="s1" name="/Nck/!SEMA/measPos2 [u1, 1]" interval="0.001" unitsType="posn"/>\
-{rows}</dataFrame></traceData></traceSession>
-"""
 
 
-def right_files(folder: Path) -> dict[str, Sequence[bytes]]:
-    """Right contents by kind: `csv`, `parquet`, `xml`, `config` and `machine`."""
-    time_s = np.arange(_ROWS) / 1000.0
-    columns = {"time_s": time_s, "torque_command_nm": time_s % 0.3, "motor_angle_rad": time_s * 20}
-    rows = zip(*columns.values(), strict=True)
-    lines = [",".join(columns), *(",".join(f"{cell:.4f}" for cell in row) for row in rows), ""]
-    csv = "\n".join(lines)
-    german = csv.replace(",", ";").replace(".", ",")
-    records = "".join(f'<rec time="{row / 1000}" s1="{row % 50}"/>' for row in range(_ROWS))
+def right_files() -> dict[str, Sequence[bytes]]:
+    """Right contents by kind: the forms of a recording, a servo tuning, and files of settings."""
     configs = [_DEPLOY / "edge.toml", _DEPLOY / "drivers" / "simulated.toml"]
     machines = [
         _DEPLOY / f"{name}.toml" for name in ("machine", "commissioned", "emps", "cnc_mill")
     ]
+    csv = form_files.csv()
     return {
-        "csv": [csv.encode(), german.encode(), csv.encode("utf-16")],
-        "parquet": [_parquet(folder, columns, each) for each in ("zstd", "snappy", "none")],
-        "xml": [_XML.format(rows=records).encode()],
+        "csv": [*csv, csv[0].decode().encode("utf-16")],
+        "text": [form_files.headerless()],
+        "parquet": form_files.parquets(),
+        "xml": form_files.xmls(),
+        "json": form_files.jsons(),
+        "matlab": form_files.matlabs(),
+        "tuning": _tunings(),
         "config": [path.read_bytes() for path in configs],
         "machine": [path.read_bytes() for path in machines],
     }
 
 
-def _parquet(folder: Path, columns: Mapping[str, np.ndarray], compression: str) -> bytes:
-    path = folder / "right.parquet"
-    pyarrow.parquet.write_table(pa.table(dict(columns)), path, compression=compression)
-    return path.read_bytes()
+def _tunings() -> list[bytes]:
+    """A mass that swings on another, as a tuning and as a measurement."""
+    frequency = np.geomspace(1.0, 500.0, 60)
+    s = 2j * np.pi * frequency
+    response = ((s / 250) ** 2 + s / 4000 + 1) / ((s / 350) ** 2 + s / 5000 + 1) / (0.1 * s)
+    power = np.ones(60)
+    spectra = [np.abs(response) ** 2, 0.999 * np.abs(response) ** 2 / response, power]
+    whole = tuning_files.tuning(frequency, response, 0.99 * power, {"m_dTotalInertia": 0.1})
+    return [whole.encode("latin-1"), tuning_files.measurement(frequency, spectra).encode("latin-1")]
 
 
 def spoiled(content: bytes, chance: random.Random) -> bytes:

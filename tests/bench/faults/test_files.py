@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.trace.form_files import RIGHT
+
 from .files import KINDS, problem_of, spoil
 from .hostile_files import right_files, spoiled
 
@@ -12,9 +14,14 @@ COUNT = 40
 
 
 @pytest.fixture(scope="module")
-def right(tmp_path_factory: pytest.TempPathFactory) -> dict:
+def right() -> dict:
     """Right contents by kind."""
-    return right_files(tmp_path_factory.mktemp("right"))
+    return right_files()
+
+
+def test_every_form_of_a_recording_is_spoiled(right) -> None:
+    contents = {content for each in right.values() for content in each}
+    assert all(set(make()) <= contents for make in RIGHT.values())
 
 
 @pytest.fixture

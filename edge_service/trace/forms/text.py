@@ -6,14 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from ..messages.samples import Floats
-from .block import Block, Text, floats_from_text, number_rows
-from .columns import TraceError
-from .csv_layout import read_layout
+from ...messages.samples import Floats
+from ..block import Block, Text, floats_from_text, number_rows
+from ..columns import TraceError
+from .foreign import foreign
+from .form import Form
+from .text_layout import SPACES, read_layout
 
 BLOCK_BYTES = 1 << 19
 LONGEST_LINE = 1 << 22
 _ASCII = bytes(range(128)) + b"?" * 128
+_SPACES, _AT_ENDS = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _QUOTED = re.compile(rb'"([^"\r\n]*)"')
 
 
@@ -91,6 +94,8 @@ class CsvSource:
         if b'"' in raw:
             delimiter = self._layout.delimiter.encode()
             raw = _QUOTED.sub(lambda match: match[1].replace(delimiter, b" "), raw)
+        if self._layout.delimiter == SPACES:
+            raw = _AT_ENDS.sub(b"", _SPACES.sub(b" ", raw))
         return raw
 
     def _parse(self, raw: bytes) -> tuple[Any, list[int]]:
@@ -146,3 +151,11 @@ class CsvSource:
             if wrong is not None:
                 text[name] = wrong
         return Block(values, number, text)
+
+
+FORM = Form(
+    "text (CSV)",
+    lambda head, _path: foreign(head) is None,
+    lambda path, _axis: CsvSource(path),
+    rank=1,
+)

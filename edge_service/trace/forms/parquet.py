@@ -3,11 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from ..messages.samples import Floats
-from .block import Block, Text, floats_from_text, number_rows
-from .columns import TraceError
+from ...messages.samples import Floats
+from ..block import Block, Text, floats_from_text, number_rows
+from ..columns import TraceError
+from .form import Form
 
 MAGIC = b"PAR1"
+PARQUET_SUFFIXES = (".parquet", ".pq")
 BLOCK_ROWS = 1 << 14
 _BUFFER_BYTES = 1 << 18
 
@@ -124,3 +126,11 @@ def _floats(column: Any) -> tuple[Floats, Text | None]:
     if _holds_text(column.type):
         return floats_from_text(column)
     return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), None
+
+
+def _recognises(head: bytes, path: Path) -> bool:
+    magic = head[: len(MAGIC)]
+    return magic == MAGIC or (not magic.strip() and path.suffix.lower() in PARQUET_SUFFIXES)
+
+
+FORM = Form("Parquet", _recognises, lambda path, _axis: ParquetSource(path))

@@ -6,22 +6,14 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from .columns import TraceError
+from ..columns import BY_NUMBER, TraceError
+from .foreign import BYTE_ORDER_MARK
 
 _DELIMITERS = (",", ";", "\t")
+_SURE = ("\t", ";")
+SPACES = " "
+"""Any number of spaces."""
 _SAMPLE_LINES = 20
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-_FOREIGN = {
-    b"\x1f\x8b": "a gzip archive: unpack it first",
-    b"PK\x03\x04": "a zip archive or a spreadsheet: export it as CSV",
-    b"\x89PNG": "a PNG image",
-    b"\xff\xd8\xff": "a JPEG image",
-    b"%PDF": "a PDF document",
-    b"\x89MCAP": "an MCAP file, which is written but not read: keep the CSV or Parquet form",
-    b"\xff\xfe": "UTF-16 text: save it as UTF-8",
-    b"\xfe\xff": "UTF-16 text: save it as UTF-8",
-    b"<": "an HTML or XML document",
-}
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ufffd]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
@@ -54,7 +46,7 @@ class _Line:
 
 def read_layout(path: Path, head: bytes) -> Layout:
     """Layout of a text file whose first bytes are `head`; TraceError if it is no trace."""
-    _refuse_foreign(path, head)
+    _refuse_empty(path, head)
     terminator = b"\n" if b"\n" in head else b"\r"
     lines = _lines(head, terminator)
     comments = []
@@ -62,26 +54,21 @@ def read_layout(path: Path, head: bytes) -> Layout:
         comments.append(lines.pop(0))
     if not lines and not comments:
         raise TraceError(f"{path}: holds no line of text; expected a header such as time_s,...")
-    header, rows = _header_and_rows(path, comments, lines)
-    delimiter, names = _names(path, header)
+    delimiter, names, rows = _names_and_rows(path, comments, lines)
     cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
     start = rows[0].start if rows else len(head)
     point = _decimal_point(delimiter, cells)
     return Layout(_fit_names(names, cells), delimiter, point, terminator, start)
 
 
-def _refuse_foreign(path: Path, head: bytes) -> None:
-    text = head.removeprefix(_BYTE_ORDER_MARK).lstrip()
-    if not text:
+def _refuse_empty(path: Path, head: bytes) -> None:
+    if not head.removeprefix(BYTE_ORDER_MARK).strip():
         raise TraceError(f"{path}: the file is empty; expected a header such as time_s,...")
-    for magic, what in _FOREIGN.items():
-        if text.startswith(magic):
-            raise TraceError(f"{path}: no trace but {what}")
 
 
 def _lines(head: bytes, terminator: bytes) -> list[_Line]:
     """The lines of `head` with their positions."""
-    start = len(_BYTE_ORDER_MARK) if head.startswith(_BYTE_ORDER_MARK) else 0
+    start = len(BYTE_ORDER_MARK) if head.startswith(BYTE_ORDER_MARK) else 0
     lines = []
     for number, raw in enumerate(head[start:].split(terminator), start=1):
         lines.append(_Line(number, start, _decode(raw).strip(" \r\n")))
@@ -97,45 +84,58 @@ def _decode(raw: bytes) -> str:
         return raw.decode("latin-1")
 
 
-def _header_and_rows(
+def _names_and_rows(
     path: Path, comments: list[_Line], lines: list[_Line]
-) -> tuple[_Line, list[_Line]]:
-    """The line with the names and the lines below it.
+) -> tuple[str, list[str], list[_Line]]:
+    """Delimiter, names, and the lines below them.
 
     Some programs (numpy.savetxt) write the names as a comment: the last comment is the header if
-    the first line below holds as many numbers.
+    the first line below holds as many numbers. Columns without any name go by their number.
     """
     if not lines:
         raise TraceError(f"{path}: holds comments only; expected a header such as time_s,...")
     first = lines[0]
-    delimiter, cells = _names(path, first)
-    if not all(_is_number(cell) for cell in cells if cell):
-        return first, lines[1:]
+    if _CONTROL.search(first.text):
+        raise TraceError(f"{path}: line {first.number}: no text; expected a header of column names")
+    delimiter, cells = _cells(first.text, lines[1].text if len(lines) > 1 else "")
+    if not _all_numbers(cells):
+        return delimiter, cells, lines[1:]
     if comments and comments[-1].text:
-        comment = comments[-1]
-        names = _Line(comment.number, comment.start, comment.text.lstrip("# "))
-        if len(_split(names.text, delimiter)) == len(cells):
-            return names, lines
-    raise TraceError(
-        f"{path}: line {first.number}: no header but numbers; expected column names such as time_s"
-    )
+        names = _split(comments[-1].text.lstrip("# "), delimiter)
+        if len(names) == len(cells):
+            return delimiter, names, lines
+    return delimiter, [f"{BY_NUMBER}{column}" for column in range(1, len(cells) + 1)], lines
 
 
-def _names(path: Path, line: _Line) -> tuple[str, list[str]]:
-    """Delimiter and cells of a header line: the delimiter that gives the most cells."""
-    if _CONTROL.search(line.text):
-        raise TraceError(f"{path}: line {line.number}: no text; expected a header of column names")
-    cells = {delimiter: _split(line.text, delimiter) for delimiter in _DELIMITERS}
+def _cells(line: str, below: str) -> tuple[str, list[str]]:
+    """Delimiter and cells of the first line: the delimiter that gives the most cells.
+
+    Between numbers a comma may also be the decimal point: any other delimiter comes first. Spaces
+    part words within a name, too: they are the delimiter if nothing else is, and of numbers only.
+    """
+    cells = {delimiter: _split(line, delimiter) for delimiter in (*_DELIMITERS, SPACES)}
+    for delimiter in _SURE:
+        if len(cells[delimiter]) > 1 and _all_numbers(cells[delimiter]):
+            return delimiter, cells[delimiter]
     delimiter = max(_DELIMITERS, key=lambda delimiter: len(cells[delimiter]))
+    row = cells[SPACES] if _all_numbers(cells[SPACES]) else _split(below, SPACES)
+    if len(cells[delimiter]) == 1 < len(cells[SPACES]) == len(row) and _all_numbers(row):
+        return SPACES, cells[SPACES]
     return delimiter, cells[delimiter]
 
 
 def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == SPACES:
+        return line.split()
     try:
         cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
     except csv.Error:
         return [line]
     return [cell.strip() for cell in cells]
+
+
+def _all_numbers(cells: list[str]) -> bool:
+    return all(_is_number(cell) for cell in cells if cell)
 
 
 def _is_number(cell: str) -> bool:

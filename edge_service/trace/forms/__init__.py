@@ -1,0 +1,1 @@
+"""Forms of recordings: one module each, found by themselves."""

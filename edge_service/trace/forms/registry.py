@@ -1,0 +1,37 @@
+"""The forms of a recording, told apart by their first bytes."""
+
+import functools
+import importlib
+import pkgutil
+from pathlib import Path
+
+from .. import forms
+from ..block import Source
+from ..columns import TraceError
+from ..sinumerik.controller_axis import ControllerAxis
+from .foreign import named
+from .form import Form
+
+HEAD_BYTES = 1 << 16
+
+
+@functools.cache
+def all_forms() -> tuple[Form, ...]:
+    """Every form that a module of this folder holds, in the order of asking."""
+    names = sorted(module.name for module in pkgutil.iter_modules(forms.__path__))
+    modules = [importlib.import_module(f"{forms.__name__}.{name}") for name in names]
+    found = [module.FORM for module in modules if hasattr(module, "FORM")]
+    return tuple(sorted(found, key=lambda form: form.rank))
+
+
+def open_source(path: Path, axis: ControllerAxis) -> Source:
+    """Open a file in the form that its content has. Raises TraceError and OSError."""
+    if path.exists() and not path.is_file():
+        names = ", ".join(form.name for form in all_forms())
+        raise TraceError(f"{path}: a folder or device; expected a file: {names}")
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    form = next((form for form in all_forms() if form.recognises(head, path)), None)
+    if form is None:
+        raise TraceError(f"{path}: no trace but {named(head)}")
+    return form.open(path, axis)
