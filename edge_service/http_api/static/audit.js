@@ -2,7 +2,8 @@
 
 import { clock, element, fetchJson } from "./dom.js";
 
-const SHOWN = 100;
+const SHOWN = 200;
+const BEGUN = "begun";
 
 export function auditNode() {
   const entries = element("ol", { class: "events", tabindex: "0", "aria-label": "Audit log" });
@@ -14,7 +15,7 @@ export function auditNode() {
 async function show(entries) {
   try {
     const answer = await fetchJson(`/api/v1/audit?limit=${SHOWN}`);
-    const nodes = answer.entries.reverse().map(entryNode);
+    const nodes = once(answer.entries).reverse().map(entryNode);
     if (answer.problem) {
       nodes.unshift(element("li", { class: "event error" }, `Not all of it is there: ${answer.problem}`));
     }
@@ -24,8 +25,15 @@ async function show(entries) {
   }
 }
 
+// The intent of a change is shown only while its outcome is missing.
+function once(entries) {
+  const ended = new Set(entries.filter((entry) => entry.outcome !== BEGUN).map((entry) => entry.data.request));
+  return entries.filter((entry) => entry.outcome !== BEGUN || !ended.has(entry.data.request));
+}
+
 function entryNode(entry) {
-  const text = `${entry.action ?? "unreadable"} ${entry.target ?? ""}: ${entry.problem || entry.outcome} (from ${entry.origin ?? "?"})`;
+  const outcome = entry.outcome === BEGUN ? "begun, without an outcome so far: look whether it was done" : entry.outcome;
+  const text = `${entry.action ?? "unreadable"} ${entry.target ?? ""}: ${entry.problem || outcome} (from ${entry.origin ?? "?"})`;
   return element(
     "li",
     { class: `event ${entry.problem ? "error" : "info"}` },
