@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.cli.entry import main
@@ -68,6 +68,7 @@ def test_a_time_of_the_machine_file_replaces_the_count(tmp_path: Path) -> None:
     assert not any("CYCLE" in each for each in reader.remarks)
 
 
+@settings(deadline=None)
 @given(
     st.lists(st.integers(0, 1000), min_size=1, max_size=60),
     st.lists(st.integers(1, 20), min_size=1),

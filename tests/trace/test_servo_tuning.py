@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.trace.columns import TraceError
@@ -24,6 +24,7 @@ def _read(tmp_path: Path, text: str):
     return read_tuning(path)
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(), max_size=20))
 def test_doubles_come_back_bit_for_bit(values: list[float]) -> None:
     found = doubles_from_base85(base85(values))
