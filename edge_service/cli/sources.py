@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, load_config
+from ..exit_status import DONE
 from .options import (
     AXIS_NUMBER,
     CONFIG,
@@ -40,13 +41,13 @@ def doctor(
     axis: str | None,
     seconds: float,
     as_json: bool,
-) -> None:
+) -> int:
     """Check that a source is what its configuration says: rate, quality, units and signs.
 
     Give recordings and their machine file, or a configuration whose drivers shall be listened to
-    while the axis moves.
+    while the axis moves. Ends with status 1 where something is doubtful.
     """
-    from ..offline.doctor import examine_sources, examine_traces
+    from ..offline.doctor import DOUBTED, examine_sources, examine_traces
 
     if bool(traces) == (config is not None):
         raise InputError("doctor: expected either TRACES or --config")
@@ -56,6 +57,7 @@ def doctor(
         examined = asyncio.run(examine_sources(load_config(config), axis, seconds))
     for each in examined:
         click.echo(each.as_json() if as_json else each.as_text())
+    return DOUBTED if any(each.doubts for each in examined) else DONE
 
 
 @click.command(

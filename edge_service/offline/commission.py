@@ -13,6 +13,7 @@ from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.wiring.stages import make_downsampler
+from .examination import require_sound
 from .recordings import open_recording
 from .report.quantities import tolerated
 
@@ -37,10 +38,12 @@ def commission_to_file(
     Raises:
         ConfigError: a file is wrong, or the recordings cannot determine what is needed.
         TraceError: a recording cannot be read.
+        ExaminationError: a unit, a sign or a column is wrong, or the torque is doubtful.
     """
     if any(out.resolve() == given.resolve() for given in traces):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     nominal = load_machine(machine_file, axis_number)
+    require_sound(nominal, traces, strict=("columns", "torque"))
     uncommissioned = nominal.model_copy(update={"commissioned": None})
     limits = steady_limits(uncommissioned)
     recordings = [_blocks(trace, nominal, config, limits) for trace in traces]

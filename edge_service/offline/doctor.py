@@ -19,11 +19,13 @@ from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
-from .recordings import read_recording
+from .examination import examine
 from .report.quantities import against
 
 FEW = 0.01
 """Share of samples that may be less than good without a doubt about their source."""
+DOUBTED = 1
+"""Exit status of a source that was examined and is not all right."""
 _MARKS = {Verdict.FITS: "ok", Verdict.DOUBTFUL: "DOUBT", Verdict.UNKNOWN: "?"}
 
 
@@ -38,15 +40,17 @@ class Examination:
     @property
     def doubts(self) -> int:
         """Number of checks that found something wrong."""
-        return sum(finding.verdict is Verdict.DOUBTFUL for finding in self.findings)
+        return sum(finding.is_doubtful for finding in self.findings)
 
     def as_text(self) -> str:
         """A line per check."""
         lines = [f"axis {self.axis}: {self.source}"]
-        lines += [
-            f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{_against(each)}"
-            for each in self.findings
-        ]
+        for each in self.findings:
+            lines.append(
+                f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{_against(each)}"
+            )
+            if each.remedy:
+                lines.append(f"        {'':<11}-> {each.remedy}")
         lines.append(f"  {self.doubts} of {len(self.findings)} checks found something to doubt")
         return "\n".join(lines)
 
@@ -67,9 +71,8 @@ def examine_traces(
 ) -> Examination:
     """Check recordings against a machine file. Raises ConfigError and TraceError."""
     machine = load_machine(machine_file, axis_number)
-    frames = [read_recording(machine, path) for path in traces]
     source = ", ".join(path.name for path in traces)
-    return Examination(machine.axis.name, source, tuple(check_plausibility(machine, frames)))
+    return Examination(machine.axis.name, source, tuple(examine(machine, traces)))
 
 
 async def examine_sources(
@@ -174,4 +177,6 @@ def _as_dict(finding: CheckResult) -> dict[str, object]:
         "verdict": finding.verdict.value,
         "sentence": finding.sentence,
         "figure": number,
+        "compared": finding.compared,
+        "remedy": finding.remedy,
     }

@@ -18,6 +18,7 @@ from ..nodes.stores.estimate_store import (
     write_kept,
 )
 from ..nodes.wiring.stages import make_downsampler, make_estimator
+from .examination import require_sound
 from .recordings import open_recording
 
 UNKNOWN_STOP_S = 86_400.0
@@ -85,6 +86,11 @@ def estimate_to_csv(
 
     Args:
         state: gone on from if it is there, and left behind.
+
+    Raises:
+        ConfigError: the machine file or the state is wrong, or a file would be overwritten.
+        TraceError: the trace cannot be read.
+        ExaminationError: a unit, a sign or a column is wrong.
     """
     for given in (trace, machine_file, *(() if state is None else (state,))):
         if out.resolve() == given.resolve():
@@ -92,6 +98,7 @@ def estimate_to_csv(
     if state is not None and state.resolve() in (trace.resolve(), machine_file.resolve()):
         raise ConfigError(f"--state {state}: would overwrite an input; choose another file")
     machine = load_machine(machine_file, axis_number)
+    require_sound(machine, [trace])
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)

@@ -24,6 +24,7 @@ from ..fingerprint.result import Status
 from ..messages.arrays import finite_or_none
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
+from .examination import require_sound
 from .recordings import read_recording
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
@@ -49,6 +50,7 @@ def fingerprint(
         ConfigError: the machine file is wrong.
         TraceError: a recording cannot be read.
         FingerprintError: no recording, two of one name, a baseline that is none or of another axis.
+        ExaminationError: a unit, a sign or a column is wrong.
     """
     machine = load_machine(machine_file, axis_number)
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
@@ -56,7 +58,9 @@ def fingerprint(
         raise FingerprintError(
             f"{baseline_file}: of axis {baseline.machine}, expected axis {machine.axis.name}"
         )
-    found = fingerprint_axis(machine, _recordings(machine, traces), baseline)
+    recordings = _recordings(machine, traces)
+    require_sound(machine, traces)
+    found = fingerprint_axis(machine, recordings, baseline)
     changes = () if baseline is None else compare_fingerprints(found, baseline)
     document = to_document(found)
     if baseline is not None:

@@ -59,7 +59,7 @@ def doubts(findings: dict[str, CheckResult]) -> dict[str, str]:
 def test_an_axis_that_is_what_it_says_raises_no_doubt(healthy: SampleFrame) -> None:
     findings = found(healthy)
     assert {each.verdict for each in findings.values()} == {Verdict.FITS}
-    assert len(findings) == 9
+    assert len(findings) == 10
     lead = findings["lead"].figure
     assert lead is not None
     assert lead.low <= 20.0 + 1e-3
@@ -205,5 +205,5 @@ def test_slow_samples_are_called_slow_and_nothing_else(healthy: SampleFrame, eve
 def test_channels_that_are_not_there_are_not_judged(healthy: SampleFrame) -> None:
     only = SampleFrame(healthy.time_s, {TORQUE: healthy.channels[TORQUE]})
     findings = found(only)
-    assert set(findings) == {"rate", "torque"}
+    assert set(findings) == {"rate", "signals", "torque"}
     assert findings["torque"].verdict is Verdict.UNKNOWN

@@ -42,6 +42,9 @@ class CheckResult:
         sentence: what it found, for people.
         figure: the number behind it; None where there is none.
         expected: what the machine file says, in the figure's unit.
+        compared: what was held against what.
+        remedy: what to do about a doubt.
+        forbids: no answer can be right while this is so, in a unit or a sign for instance.
     """
 
     name: str
@@ -49,6 +52,14 @@ class CheckResult:
     sentence: str
     figure: IntervalEstimate | None = None
     expected: float | None = None
+    compared: str = ""
+    remedy: str = ""
+    forbids: bool = False
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Tell whether something is wrong, or may be."""
+        return self.verdict is Verdict.DOUBTFUL
 
 
 def judge_factor(

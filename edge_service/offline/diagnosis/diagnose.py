@@ -18,6 +18,7 @@ from ...diagnose.session.twin import rigid_baseline
 from ...models.effects.registry import machine_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
+from ..examination import examine
 from ..report.diagnosis_document import augmented_toml, bad_data_document, to_document
 from ..report.diagnosis_page import render, render_bad_data
 from .doubts import beside_doubts, doubts
@@ -74,6 +75,9 @@ def _diagnosed(
     runs = read_runs(machine, traces, progress)
     names = [path.name for path in traces]
     check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
+    if not check.faults:
+        forbidding = [each for each in examine(machine, traces) if each.forbids]
+        check = replace(check, faults=tuple(f"{e.sentence}; {e.remedy}" for e in forbidding))
     if check.faults:
         document = bad_data_document(check.faults, _gap_if_any(machine, runs), check.remarks)
         _write(out, document, text, render_bad_data(machine, names, check))

@@ -18,6 +18,7 @@ from ...diagnose.session.session import (
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import Floats
 from ...models.effects.registry import machine_effects
+from ..examination import require_sound
 from .sessions import NOTHING_TO_COMPARE, DiagnosisError, one_line, opened_recordings
 
 
@@ -33,8 +34,10 @@ def gap(
         ConfigError: the machine file is wrong.
         TraceError: a recording cannot be read.
         DiagnosisError: the recordings hold no motion to compare.
+        ExaminationError: a unit, a sign or a column is wrong.
     """
     machine = load_machine(machine_file, axis_number)
+    require_sound(machine, traces)
     modelled = machine_effects(machine)
     torque, transmission = _Spread(), _Spread()
     with one_line():

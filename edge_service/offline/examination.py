@@ -1,0 +1,92 @@
+"""Examination of recording files before a command answers: the checks that `doctor` prints."""
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..config import ConfigError
+from ..fingerprint.checks.check_result import CheckResult
+from ..fingerprint.checks.plausibility import check_plausibility
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from .recordings import open_recording
+
+MOST_ROWS = 600_000
+"""Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
+
+
+class ExaminationError(ConfigError):
+    """Recordings that contradict the machine file, so that no answer is right; one line."""
+
+
+def examine(machine: Machine, traces: Sequence[Path]) -> list[CheckResult]:
+    """Every check that these files allow; errors as `open_trace`."""
+    frames: list[SampleFrame] = []
+    unread: dict[str, None] = {}
+    for path in traces:
+        with open_recording(machine, path) as reader:
+            frames += spread(reader)
+            unread |= dict.fromkeys(reader.ignored)
+    return check_plausibility(machine, frames, tuple(unread))
+
+
+def require_sound(
+    machine: Machine, traces: Sequence[Path], strict: Collection[str] = ()
+) -> list[CheckResult]:
+    """Examine recordings and go on only where an answer can be right; returns the findings.
+
+    Args:
+        strict: names of checks whose every doubt forbids an answer.
+
+    Raises:
+        ExaminationError: a mistake of unit, sign or column; the text names the worst.
+    """
+    findings = examine(machine, traces)
+    for each in findings:
+        if each.forbids or (each.is_doubtful and each.name in strict):
+            names = ", ".join(str(path) for path in traces)
+            raise ExaminationError(
+                f"{names}: {each.sentence}; {each.remedy} (see `edge-service doctor`)"
+            )
+    return findings
+
+
+def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
+    """Unbroken pieces of a recording, of at most `MOST_ROWS` rows in all.
+
+    Of a longer one every second block is kept, or every fourth, and so on.
+    """
+    kept: list[tuple[int, SampleFrame]] = []
+    stride, held = 1, 0
+    for number, frame in enumerate(frames):
+        if number % stride == 0:
+            kept.append((number, frame))
+            held += len(frame)
+        while held > MOST_ROWS and len(kept) > 1:
+            stride *= 2
+            kept = [each for each in kept if each[0] % stride == 0]
+            held = sum(len(each) for _, each in kept)
+    return list(_joined(kept))
+
+
+def _joined(kept: Sequence[tuple[int, SampleFrame]]) -> Iterator[SampleFrame]:
+    """Blocks that follow one another as one piece each."""
+    piece: list[SampleFrame] = []
+    before = -2
+    for number, frame in kept:
+        if piece and number != before + 1:
+            yield _one(piece)
+            piece = []
+        piece.append(frame)
+        before = number
+    if piece:
+        yield _one(piece)
+
+
+def _one(piece: Sequence[SampleFrame]) -> SampleFrame:
+    channels = {
+        name: np.concatenate([frame.channels[name] for frame in piece])
+        for name in piece[0].channels
+    }
+    return SampleFrame(np.concatenate([frame.time_s for frame in piece]), channels)
