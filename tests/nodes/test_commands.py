@@ -8,6 +8,8 @@ import httpx
 import pytest
 
 from edge_service.config_tables import HistoryConfig
+from edge_service.messages.alarm import Command
+from edge_service.messages.topics import COMMAND
 from edge_service.nodes.service import NodeName
 
 from .conftest import config_of, running, until
@@ -61,3 +63,33 @@ async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Pat
                 ("Kim", "127.0.0.1", "unshelve"),
             ]
             assert entries[-1]["outcome"].startswith("refused: ")
+
+
+async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path) -> None:
+    """By HTTP and by the bus, with another start between."""
+    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    header, notes = {"idempotency-key": '"a"'}, []
+    command = Command(action="note", user="Kim", note="greased", key="a")
+    for _ in range(2):
+        async with running(config) as service:
+            address = await asyncio.wait_for(service.address, 20.0)
+            bus = service.bus.publisher(config.keys.key("X", COMMAND), COMMAND, "X")
+            async with httpx.AsyncClient(base_url=address) as client:
+
+                async def accepted(client: httpx.AsyncClient = client) -> Any:
+                    answer = await client.post(PATH, json=NOTE, headers=header)
+                    return answer if answer.status_code == 202 else None
+
+                bus.publish(command, 1)
+                answer = await until(accepted)
+                bus.publish(command, 1)
+                assert answer.json() == {"accepted": True, "outcome": "greased (Kim)"}
+                other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=header)
+                assert other.status_code == 422
+                assert "another command" in other.json()["detail"]
+                events = (await client.get("api/v1/axes/X/log")).json()["events"]
+                notes.append([each["message"] for each in events if each["kind"] == "note"])
+                audit = (await client.get("api/v1/audit")).json()["entries"]
+                outcomes = [each["outcome"] for each in audit if each["action"] == "note"]
+    assert notes == [["greased (Kim)"]] * 2
+    assert outcomes == ["begun", "done"]

@@ -146,7 +146,7 @@ import sys
 from pathlib import Path
 sys.path[:0] = [{root!r}]
 from edge_service.health.events.diary import Diary
-from edge_service.kept_database import COPY_PERIOD_S
+from edge_service.kept_copy import PERIOD_S as COPY_PERIOD_S
 from tests.health.diaries import START_NS, event
 diary = Diary(Path({path!r}))
 for number in range({first}, 10**9):
