@@ -15,6 +15,7 @@ from .tuning_files import base85, measurement, tuning
 
 FREQUENCY = np.array([0.5, 1.0, 2.0, 4.0])
 RESPONSE = np.array([1.0, 0.5j, -0.25, 1e-3 - 2j])
+LAGGING = np.array([-1j, -0.5j, 0.1 - 0.25j, 1e-3 + 2j])
 COHERENCE = np.array([0.0, 0.5, 1.0, 0.9])
 
 
@@ -49,9 +50,10 @@ def test_a_tuning_gives_its_response_and_what_it_states(tmp_path: Path) -> None:
 
 def test_a_measurement_is_the_own_spectrum_over_the_cross_spectrum(tmp_path: Path) -> None:
     source = np.full(4, 2.0 + 0j)
-    output = np.abs(RESPONSE) ** 2 * source
-    found = _read(tmp_path, measurement(FREQUENCY, [output, output / RESPONSE, source]))
-    np.testing.assert_allclose(found.response, RESPONSE, rtol=1e-12)
+    output = np.abs(LAGGING) ** 2 * source
+    for cross in (output / LAGGING, output / np.conj(LAGGING)):
+        found = _read(tmp_path, measurement(FREQUENCY, [output, cross, source]))
+        np.testing.assert_allclose(found.response, LAGGING, rtol=1e-12)
     np.testing.assert_allclose(found.coherence, 1.0, rtol=1e-12)
     assert (found.axis, found.unit) == ("1", "")
 

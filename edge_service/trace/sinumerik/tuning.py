@@ -16,6 +16,8 @@ from ..columns import TraceError
 from .tuning_parser import MEASUREMENT_ROOT, SPECTRA, TUNING_ROOT, Complexes, TuningParser
 
 _ROUNDING = 1e-6
+_LOWEST = 5
+"""One in so many frequencies, the lowest, shows the sign of the phase."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +73,10 @@ def _measured(found: TuningParser) -> MeasuredResponse:
 
 
 def _from_spectra(found: TuningParser) -> MeasuredResponse:
-    """G = S_yy / S_uy and |S_uy|^2 / (S_uu S_yy), of a measurement with its spectra."""
+    """G = S_yy / S_uy and |S_uy|^2 / (S_uu S_yy), of a measurement with its spectra.
+
+    Which of the two is conjugated in S_uy no file says: a mass lags behind its torque.
+    """
     if len(found.spectra) < SPECTRA:
         raise ValueError(f"{len(found.spectra)} spectra; expected own, cross and own spectrum")
     curves = [each.curve() for each in found.spectra]
@@ -82,6 +87,10 @@ def _from_spectra(found: TuningParser) -> MeasuredResponse:
     with np.errstate(all="ignore"):
         response = output / cross
         coherence = np.abs(cross) ** 2 / np.abs(output * source)
+    lowest = response[: len(response) // _LOWEST + 1]
+    lowest = lowest[np.isfinite(lowest)]
+    if len(lowest) and np.median(lowest.imag) > 0.0:
+        response = np.conj(response)
     return _checked(found, frequency, response, coherence, "")
 
 

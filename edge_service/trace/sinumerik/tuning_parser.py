@@ -19,7 +19,8 @@ MOST_FREQUENCIES = 1 << 17
 LONGEST_TEXT = 1 << 23
 DEEPEST = 64
 SPECTRA = 3
-_RESPONSES = {"FrequencyResponseFunction", "CrossSpectrum"}
+_SPECTRUM = "CrossSpectrum"
+_RESPONSES = {"FrequencyResponseFunction", _SPECTRUM}
 _STATED = {
     "m_dMotorInertia": "motor_inertia_kg_m2",
     "m_dTotalInertia": "total_inertia_kg_m2",
@@ -36,6 +37,7 @@ class RawResponse:
 
     name: str
     mechanics: bool
+    spectrum: bool
     arrays: dict[str, Floats] = field(default_factory=dict)
 
     def curve(self) -> tuple[Floats, Complexes]:
@@ -104,7 +106,7 @@ class TuningParser:
         self._text, self._text_size = [], 0
         if tag in _RESPONSES:
             inside = any(each == "m_SpeedControllerList" for _, each in self._stack)
-            self._response = RawResponse(name or tag, inside)
+            self._response = RawResponse(name or tag, inside, tag == _SPECTRUM)
         elif tag == "NumericArray":
             self._format = attributes.get("format", "")
         self._stack.append((tag, name))
@@ -160,7 +162,7 @@ class TuningParser:
             self.plant, self.coherence = response, None
         elif response.name == "m_pMeasCoherence" and response.mechanics:
             self.coherence = response
-        elif self.root != TUNING_ROOT and len(self.spectra) < SPECTRA:
+        elif response.spectrum and len(self.spectra) < SPECTRA:
             self.spectra.append(response)
 
 
