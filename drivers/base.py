@@ -15,6 +15,8 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
 ENTRY_POINT_GROUP = "edge_service.drivers"
+QUIET_S = 10.0
+"""Silence of a source after which `no data` is told, s."""
 
 
 class DriverConfig(BaseModel):
@@ -69,7 +71,8 @@ class Driver(Protocol):
 
     `open` and `close` may be called in any order and twice; `frames` ends when the source ends
     (a recording) or raises DriverUnavailableError when it is lost. After `close`, `open` starts
-    afresh.
+    afresh. Waiting for the next frame is never ended from outside: a machine may be silent. A
+    driver whose source is rightly silent for longer than `QUIET_S` has a `quiet_s` of its own.
     """
 
     config_model: ClassVar[type[DriverConfig]]

@@ -11,11 +11,13 @@ import numpy as np
 from pydantic import Field
 
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.threads import Threads
 from edge_service.trace.columns import TraceError
 from edge_service.trace.reading_process import ReadingProcess
 from edge_service.trace.sinumerik.controller_axis import ControllerAxis
 
 from .base import (
+    QUIET_S,
     DriverConfig,
     DriverContext,
     DriverMisconfiguredError,
@@ -67,6 +69,7 @@ class ReplayDriver:
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.paced = config.speed > 0.0
+        self.quiet_s = QUIET_S + (LONGEST_STEP_S / config.speed if self.paced else 0.0)
         self._config = config
         self._columns = context.machine.columns
         self._axis = ControllerAxis(
@@ -75,6 +78,7 @@ class ReplayDriver:
         self._clock = clock
         self._sleep = sleep
         self._reader: ReadingProcess | None = None
+        self._threads = Threads(f"replay {context.axis}", 2)  # one may hang while the other closes
         self._lock = threading.Lock()  # held by the one thread that opens, reads or closes
         self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
 
@@ -91,7 +95,7 @@ class ReplayDriver:
 
     async def open(self) -> None:
         """Open the trace and check its columns; raises DriverMisconfiguredError."""
-        await asyncio.to_thread(self._open)
+        await self._threads.run(self._open)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of about `frame_s` until the end of the trace, or until `close`."""
@@ -109,11 +113,11 @@ class ReplayDriver:
 
     async def probe(self) -> Probe:
         """Channels and rate of the first rows; raises DriverMisconfiguredError as `open` does."""
-        return await asyncio.to_thread(self._probe)
+        return await self._threads.run(self._probe)
 
     async def close(self) -> None:
         """Close the trace, once a read that is under way has ended; safe twice."""
-        await asyncio.to_thread(self._close)
+        await self._threads.run(self._close)
 
     async def _cut_frames(self, reader: ReadingProcess) -> AsyncGenerator[SampleFrame, None]:
         cutter = FrameCutter(self._config.frame_s)
@@ -132,13 +136,13 @@ class ReplayDriver:
         following: ReadingProcess | None = reader
         while following is not None:
             reader, starts = following, newest_s > -np.inf
-            while (block := await asyncio.to_thread(self._read, reader)) is not None:
+            while (block := await self._threads.run(self._read, reader)) is not None:
                 if starts:
                     shift_s, starts = newest_s + LOOP_GAP_S - float(block.time_s[0]), False
                 shifted = SampleFrame(block.time_s + shift_s, block.channels)
                 newest_s = max(newest_s, float(shifted.time_s.max()))
                 yield shifted
-            following = await asyncio.to_thread(self._start_again, reader)
+            following = await self._threads.run(self._start_again, reader)
 
     def _open(self) -> None:
         with self._lock:

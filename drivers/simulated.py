@@ -18,6 +18,7 @@ from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints
 from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
 from edge_service.models.plant.encoders import Sensors
 from edge_service.models.screw.wear import RUN_IN_SHARE, SCENARIOS, Wear
+from edge_service.threads import Threads
 
 from .base import (
     DriverConfig,
@@ -233,7 +234,7 @@ class SimulatedDriver:
         """Put the axis at home; the first time, compile the plant in a thread."""
         if self._running is None:
             axis = _SimulatedAxis(self._config, self._context)
-            await asyncio.to_thread(self._compile)
+            await Threads("simulated").run(self._compile)
             self._running = axis
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:

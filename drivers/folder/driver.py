@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import threading
 from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
 from contextlib import aclosing
@@ -11,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from edge_service.messages.samples import SampleFrame
+from edge_service.threads import Threads
 from edge_service.trace.columns import TraceError
 from edge_service.trace.reading_process import ReadingProcess
 from edge_service.trace.sinumerik.controller_axis import ControllerAxis
@@ -39,6 +41,8 @@ class FolderDriver:
 
     config_model: ClassVar[type[DriverConfig]] = FolderConfig
     paced = False
+    quiet_s = math.inf
+    """Nobody knows when the next trace comes."""
 
     def __init__(
         self,
@@ -54,6 +58,7 @@ class FolderDriver:
         )
         self._ledger_path = config.ledger or config.folder / f".edge-service-{context.axis}.json"
         self._sleep = sleep
+        self._threads = Threads(f"folder {context.axis}", 2)  # one may hang while the other closes
         self._lock = threading.Lock()  # held by the one thread that reads or closes
         self._reader: ReadingProcess | None = None
         self._turn = 0  # grows when a trace is let go of, also while its process is being started
@@ -77,7 +82,7 @@ class FolderDriver:
     async def open(self) -> None:
         """Look into folder and ledger. Raises like all drivers."""
         if self._ledger is None:
-            self._ledger = await asyncio.to_thread(self._open)
+            self._ledger = await self._threads.run(self._open)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of one trace after the other, until `close` or the folder is gone."""
@@ -93,18 +98,18 @@ class FolderDriver:
                         yield frame
             if self._ledger is ledger:
                 if ledger.unsaved:
-                    await asyncio.to_thread(ledger.save)
+                    await self._threads.run(ledger.save)
                 await self._sleep(config.poll_s)
 
     async def probe(self) -> Probe:
         """Describe what the folder holds. Raises like `open`."""
-        await asyncio.to_thread(self._open)
+        await self._threads.run(self._open)
         return Probe(f"traces in {self._config.folder}", await self._channels(), None)
 
     async def close(self) -> None:
         """End `frames`; safe twice."""
         self._ledger = None
-        await asyncio.to_thread(self._let_go)
+        await self._threads.run(self._let_go)
 
     def _open(self) -> Ledger:
         Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
@@ -116,7 +121,7 @@ class FolderDriver:
         """Channels of the first trace that can be read; none while there is none."""
         config = self._config
         paths = Arrivals(config.folder, config.pattern, 0.0).complete(0.0)
-        return await asyncio.to_thread(self._first_channels, paths)
+        return await self._threads.run(self._first_channels, paths)
 
     def _first_channels(self, paths: list[Path]) -> tuple[str, ...]:
         for path in paths:
@@ -129,20 +134,20 @@ class FolderDriver:
 
     async def _arrived(self, arrivals: Arrivals, now_s: float) -> list[Path]:
         try:
-            return await asyncio.to_thread(arrivals.complete, now_s)
+            return await self._threads.run(arrivals.complete, now_s)
         except DriverUnavailableError:
             self._ledger = None
             raise
 
     async def _read(self, ledger: Ledger, path: Path) -> AsyncGenerator[SampleFrame, None]:
         """The rows of a trace that were not read before; what was read is written down."""
-        entry = await asyncio.to_thread(self._begin, ledger, path)
+        entry = await self._threads.run(self._begin, ledger, path)
         if entry is None:
             return
         unsaved, shift_s = 0, None
         frames = self._cut(entry, path, self._turn)
         try:
-            while (frame := await asyncio.to_thread(next, frames, None)) is not None:
+            while (frame := await self._threads.run(next, frames, None)) is not None:
                 await self._sleep(0.0)  # the event loop must get its turn between two reads
                 if self._ledger is not ledger:
                     return
@@ -156,10 +161,10 @@ class FolderDriver:
                 unsaved += len(frame)
                 yield shifted
                 if unsaved >= SAVE_ROWS:
-                    await asyncio.to_thread(ledger.save)
+                    await self._threads.run(ledger.save)
                     unsaved = 0
         finally:
-            await asyncio.to_thread(self._finish, ledger)
+            await self._threads.run(self._finish, ledger)
 
     def _begin(self, ledger: Ledger, path: Path) -> Entry | None:
         """Its entry, unless it has been read already; one that has grown is read on."""

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator
 from starlette.exceptions import HTTPException
 
 from ..health.service_state import ServiceState
+from ..threads import Threads
 from .times import parse_moment
 
 Given = ParamSpec("Given")
@@ -76,12 +77,20 @@ def parameter_error(parameter: str, message: str) -> RequestValidationError:
     )
 
 
+QUESTIONS = Threads("question", 8)
+"""Readers of files for requests: a disk that hangs holds up no more of them."""
+_ANSWER_S = 30.0
+
+
 async def from_history(
     ask: Callable[Given, Answer], *args: Given.args, **kwargs: Given.kwargs
 ) -> Answer:
     """Answer of a question to the history, which reads files; 503 where that fails."""
     try:
-        return await asyncio.to_thread(ask, *args, **kwargs)
+        async with asyncio.timeout(_ANSWER_S):
+            return await QUESTIONS.run(ask, *args, **kwargs)
+    except TimeoutError:
+        raise HTTPException(503, "the disk with the history does not answer") from None
     except OSError as error:
         detail = f"the history cannot be read now ({error.strerror or error})"
         raise HTTPException(503, detail) from None

@@ -1,6 +1,5 @@
 """The live stream: server-sent events, resumable, with a bounded backlog per reader."""
 
-import asyncio
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from typing import Annotated
@@ -17,7 +16,7 @@ from ..health.service_state import ServiceState
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .answers import EventAnswer
 from .compose import health_answer, live_answer, preload_answer, service_answer
-from .context import AxisFilterDep, Clock, StateDep, clock_of
+from .context import QUESTIONS, AxisFilterDep, Clock, StateDep, clock_of
 from .limits.connections import is_loopback
 from .problems import documented
 from .security.access import Role
@@ -144,7 +143,7 @@ async def _stream(
     seen_id = 0 if resume_id is None else resume_id
     first_id = state.events.last_id if resume_id is None else resume_id
     yield format_sse_event(id=str(first_id), retry=RETRY_MS)
-    if resume_id and not await asyncio.to_thread(state.events.holds_all_after, resume_id):
+    if resume_id and not await QUESTIONS.run(state.events.holds_all_after, resume_id):
         yield _lost(None, "older events are no longer kept")
     while resume_id is not None and (missed := await _missed(state, seen_id)):
         seen_id = missed[-1].id
@@ -167,7 +166,7 @@ async def _stream(
 
 async def _missed(state: ServiceState, seen_id: int) -> tuple[LoggedEvent, ...]:
     """The next events that a reader has not seen, a page of them."""
-    return await asyncio.to_thread(state.events.after, seen_id, _PAGE)
+    return await QUESTIONS.run(state.events.after, seen_id, _PAGE)
 
 
 def _everything(

@@ -2,10 +2,17 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
-from contextlib import aclosing
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import aclosing, contextmanager
 
-from drivers.base import Driver, DriverContext, DriverMisconfiguredError, DriverUnavailableError
+from drivers.base import (
+    QUIET_S,
+    Driver,
+    DriverContext,
+    DriverMisconfiguredError,
+    DriverUnavailableError,
+)
 from drivers.registry import UnknownDriverError, load_driver
 
 from ..bus.publisher import Publisher
@@ -20,6 +27,7 @@ from .wiring.context import NodeContext, Reporter
 
 log = logging.getLogger(__name__)
 BACKOFF_FIRST_S, BACKOFF_CAP_S = 0.5, 5.0
+OPEN_S, LET_GO_S = 60.0, 10.0  # beyond which a driver that opens or closes is shown, or left
 CREDIT_S = 3.0  # axis time that an unpaced source may run ahead of its estimates
 CREDIT_PATIENCE_S = 1.0  # wall time after which it goes on without an answer
 
@@ -46,18 +54,20 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     counts = {"samples": 0, "frames": 0, "reconnects": 0}
     reporter.counters = lambda: counts | driver.counters
     reporter.readings = lambda: driver.readings
+    silence = Silence(getattr(driver, "quiet_s", QUIET_S))
+    reporter.problems = silence.problems
 
     async def read(heart: Heartbeat) -> None:
         """Read until the source ends. Raises ConfigError if the driver's settings cannot work."""
         try:
             while lost := await _read(
-                context, axis, driver, publisher, waves, reporter, counts, heart
+                context, axis, driver, publisher, waves, reporter, counts, silence, heart
             ):
                 await _retry_later(reporter, counts, lost, heart)
         except DriverMisconfiguredError as error:
             raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
         finally:
-            await driver.close()
+            await _let_go(axis.name, driver)
 
     async with reporter.running() as tasks:
         with context.heart.idle():
@@ -72,12 +82,12 @@ async def _read(
     waves: Publisher[Waveform],
     reporter: Reporter,
     counts: dict[str, int],
+    silence: "Silence",
     heart: Heartbeat,
 ) -> DriverUnavailableError | None:
     """Read until the source ends (None) or is lost (the error)."""
     try:
-        with heart.idle():
-            await driver.open()
+        await heart.patiently(driver.open(), limit_s=OPEN_S)
         if reporter.status is not ComponentStatus.OK:
             log.info("axis %s: %s is there", axis.name, axis.driver)
         reporter.to(ComponentStatus.OK)
@@ -85,7 +95,7 @@ async def _read(
         async with aclosing(frames):
             source = frames if driver.paced else _credited(context, axis.name, frames)
             while True:
-                with heart.idle():  # an axis without data is seen by whoever misses them
+                with silence.of_source(), heart.idle():  # it may be silent, but says so
                     frame = await anext(source, None)
                 if frame is None:
                     break
@@ -98,6 +108,41 @@ async def _read(
     except DriverUnavailableError as error:
         return error
     return None
+
+
+class Silence:
+    """Time for which a source has said nothing.
+
+    Args:
+        quiet_s: longest time that is no problem, s.
+    """
+
+    def __init__(self, quiet_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._quiet_s, self._clock = quiet_s, clock
+        self._since_s: float | None = None
+
+    @contextmanager
+    def of_source(self) -> Iterator[None]:
+        """Wait inside for what it says next."""
+        self._since_s = self._clock()
+        try:
+            yield
+        finally:
+            self._since_s = None
+
+    def problems(self) -> list[str]:
+        """Say that it is silent, and for how long."""
+        silent_s = 0.0 if self._since_s is None else self._clock() - self._since_s
+        return [f"no data for {silent_s:.0f} s"] if silent_s > self._quiet_s else []
+
+
+async def _let_go(axis: str, driver: Driver) -> None:
+    """Close a driver; one whose read hangs is left to itself."""
+    try:
+        async with asyncio.timeout(LET_GO_S):
+            await driver.close()
+    except TimeoutError:
+        log.warning("axis %s: the driver does not close; it is left", axis)
 
 
 async def _retry_later(

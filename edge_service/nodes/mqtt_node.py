@@ -110,8 +110,8 @@ class Attendance:
 
 
 async def _deliver(delivery: MqttDelivery, spool: Spool, heart: Heartbeat) -> None:
-    with heart.idle():  # the connection has deadlines of its own
-        await delivery.run()
+    with heart.idle(lambda: delivery.waits and len(spool) == 0):
+        await delivery.run(heart)
 
 
 def _taker(

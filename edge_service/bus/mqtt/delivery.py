@@ -1,23 +1,51 @@
 """Messages of a spool to an MQTT broker: in order, at least once, however long it is away."""
 
 import asyncio
+import logging
 import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import aiomqtt
 from pydantic import SecretStr
 
 from ...cancellation import heed_cancellation
-from ..spool.message import Message, SpoolError
+from ...clock import now_ns
+from ..spool.message import DeadLetter, Message, SpoolError
 from ..spool.spool import Spool
 from .packet import Packet, PayloadForm
+from .suspicion import Suspicion
 
+log = logging.getLogger(__name__)
 BATCH = 64
 """Messages that may wait for their acknowledgement at once."""
 BACKOFF_FIRST_S, BACKOFF_CAP_S = 0.5, 5.0
+_STEP_TIMEOUTS = 3.0
+"""Longest step, in times that an answer may take: a connection waits for two."""
+_T = TypeVar("_T")
+
+
+class Life(Protocol):
+    """Sign of life, for whoever looks."""
+
+    def beat(self, quiet_s: float = 0.0) -> None:
+        """Say that there may be silence for so long now."""
+
+    async def patiently(self, waited: Awaitable[_T]) -> _T:
+        """Wait for the disk, which may hang."""
+
+
+class _Unseen:
+    """Life at which nobody looks."""
+
+    def beat(self, quiet_s: float = 0.0) -> None:
+        pass
+
+    async def patiently(self, waited: Awaitable[_T]) -> _T:
+        return await waited
 
 
 class MqttError(Exception):
@@ -57,7 +85,8 @@ class MqttDelivery:
     """Empties a spool into a broker.
 
     A message stays on disk until the broker has it. One that it got just before a connection broke
-    may come twice: its `sequence` and `boot_epoch` tell.
+    may come twice: its `sequence` and `boot_epoch` tell. One at which connections break while the
+    broker takes others is a dead letter.
 
     Args:
         form: packets for a message, and for our coming and going.
@@ -85,14 +114,19 @@ class MqttDelivery:
         """Messages that the broker has."""
         self.connections = 0
         """Times that the broker was reached."""
+        self.waits = False
+        """True while it is connected and waits for a message."""
+        self._life: Life = _Unseen()
+        self._suspicion = Suspicion()
+        self._sent: Message | None = None  # the first of what is on its way
         self._delivered_before = 0
         self._late_until = 0
         self._turn = asyncio.Lock()
         self._tls = _tls(settings)
 
-    async def run(self) -> None:
+    async def run(self, life: Life | None = None) -> None:
         """Deliver until cancelled."""
-        tries = 0
+        tries, self._life = 0, life or _Unseen()
         while True:
             try:
                 await self._connected()
@@ -100,13 +134,30 @@ class MqttDelivery:
                 tries = 1 if self.delivered > self._delivered_before else tries + 1
                 self._delivered_before = self.delivered
                 self._on_change(f"{self._settings.host}:{self._settings.port}: {error}")
-            await self._sleep(min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(tries - 1, 10)))
+                if isinstance(error, aiomqtt.MqttError) and await self._judge(str(error)):
+                    continue
+            pause_s = min(BACKOFF_CAP_S, BACKOFF_FIRST_S * 2.0 ** min(tries - 1, 10))
+            self._life.beat(pause_s)
+            await self._sleep(pause_s)
+
+    async def _judge(self, reason: str) -> bool:
+        """Set the first message aside if it is to blame; tells if the next is to be tried now."""
+        first = self._sent
+        if first is None or not self._suspicion.broke():
+            return first is not None and self._suspicion.hurries
+        tries = self._suspicion.tries + 1
+        log.warning("mqtt: message %s is a dead letter: %s", first.key, reason)
+        letter = DeadLetter(first.key, first.topic, first.payload, tries, reason, now_ns())
+        await self._life.patiently(self._spool.bury(letter))
+        return False
 
     async def _connected(self) -> None:
         """Deliver as long as the connection lasts. Raises the library's error."""
+        self.waits, self._sent = False, None
+        self._step()
         async with _connection(self._client()) as client:
             self.connections += 1
-            await self._spool.count_session()
+            await self._life.patiently(self._spool.count_session())
             try:
                 if self._form.commands is not None:
                     await client.subscribe(self._form.commands, qos=1)
@@ -115,9 +166,14 @@ class MqttDelivery:
                 heed_cancellation()
                 await _first_to_end(self._deliver_all(client), self._obey(client))
             except asyncio.CancelledError:
-                with suppress(aiomqtt.MqttError):
-                    await _publish(client, self._form.farewell())
+                with suppress(aiomqtt.MqttError, TimeoutError):
+                    async with asyncio.timeout(self._settings.timeout_s):
+                        await _publish(client, self._form.farewell())
                 raise
+
+    def _step(self) -> None:
+        """Begin what only the broker can hold up, and not for long."""
+        self._life.beat(_STEP_TIMEOUTS * self._settings.timeout_s)
 
     def _client(self) -> aiomqtt.Client:
         settings = self._settings
@@ -141,6 +197,7 @@ class MqttDelivery:
         newest = self._spool.newest
         self._late_until = max((each.number for each in newest.values()), default=0)
         for packet in self._form.greeting(newest):
+            self._step()
             await _publish(client, packet)
 
     async def _obey(self, client: aiomqtt.Client) -> None:
@@ -154,9 +211,17 @@ class MqttDelivery:
     async def _deliver_all(self, client: aiomqtt.Client) -> None:
         while True:
             heed_cancellation()
+            self.waits = True
             await self._spool.wait()
+            self.waits = False
+            self._step()
             async with self._turn:
-                await self._deliver(client, await self._spool.oldest(BATCH))
+                oldest = await self._life.patiently(self._spool.oldest(BATCH))
+                if oldest:
+                    self._sent = oldest[0]
+                    await self._deliver(client, self._suspicion.choose(oldest))
+                    self._suspicion.taken()
+                    self._sent = None
 
     async def _deliver(self, client: aiomqtt.Client, batch: list[Message]) -> None:
         """Publish a batch; what the broker has leaves the spool even if the rest fails."""
@@ -173,12 +238,13 @@ class MqttDelivery:
         if self._form.commands is not None:
             # Nothing acknowledges quality of service 0. A subscription is, and a broker reads one
             # packet after the other: once it answers, it has what was sent before.
+            self._step()
             await client.subscribe(self._form.commands, qos=1)
         failed = [result for result in results if isinstance(result, BaseException)]
         outcomes = zip(packets, results, strict=True)
         lost = {message.number for (message, _), result in outcomes if result is not None}
         taken = [message for message in batch if message.number not in lost]
-        await self._spool.remove(taken)
+        await self._life.patiently(self._spool.remove(taken))
         self.delivered += len(taken)
         if failed:
             raise failed[0]

@@ -5,8 +5,9 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from queue import SimpleQueue
-from types import TracebackType
 from typing import Any, TypeVar
+
+from ...threads import Outcome
 
 T = TypeVar("T")
 _CLOSE_S = 5.0
@@ -40,25 +41,5 @@ class DiskThread:
     def _run(self) -> None:
         while (each := self._work.get()) is not None:
             work, done = each
-            with _Outcome(done):
+            with Outcome(done):
                 done.set_result(work())
-
-
-class _Outcome:
-    """Context whose error belongs to whoever waits for the work."""
-
-    def __init__(self, done: Future[Any]) -> None:
-        self._done = done
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        error: BaseException | None,
-        _where: TracebackType | None,
-    ) -> bool:
-        if error is not None:
-            self._done.set_exception(error)
-        return True

@@ -1,6 +1,5 @@
 """Routes of one axis' work, and commands of a person about it."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
@@ -26,7 +25,7 @@ from ..compose import (
     traces_answer,
     use_answer,
 )
-from ..context import AxisDep, Moment, NowDep, StateDep, moment_query, parameter_error
+from ..context import AxisDep, Moment, NowDep, StateDep, from_history, moment_query, parameter_error
 from ..problems import documented
 from ..security.gate import identity_of
 from ..security.trail import audited_elsewhere
@@ -103,7 +102,7 @@ async def log(
     """Events and notes of the axis and of the service."""
     end_s = now_ns / 1e9 + 1.0 / PRELOAD.rate_hz if end_s is None else end_s
     start_s = end_s - _LOG_SPAN_S if start_s is None else start_s
-    return await asyncio.to_thread(log_answer, state, axis, start_s, end_s, limit)
+    return await from_history(log_answer, state, axis, start_s, end_s, limit)
 
 
 @work_router.post(

@@ -10,6 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ...health.events.audit import BEGUN, AuditEntry
 from ...health.service_state import ServiceState
+from ...threads import Threads
 from ..context import Clock
 from .gate import name_in
 from .intent import BEGIN, SAFE_METHODS
@@ -18,6 +19,7 @@ log = logging.getLogger(__name__)
 _NO_CHANGE = (400, 404, 405, 408, 411, 413, 415, 422, 431)
 """Statuses of requests that are none; whoever sends them is refused whatever their rights."""
 _WRITE_S = 5.0
+_THREAD = Threads("audit log")
 _REFUSED_PER_MIN = 60
 """Refusals that are noted each; the next one after that minute says how many more there were."""
 _ELSEWHERE = "edge_service.audited"
@@ -96,7 +98,7 @@ class Trail:
         )
         try:
             async with asyncio.timeout(_WRITE_S):
-                await asyncio.to_thread(self._diary.add, (), now_ns, (entry,))
+                await asyncio.shield(_THREAD.run(self._diary.add, (), now_ns, (entry,)))
         except TimeoutError:
             log.warning("the audit log waits for the disk")
 

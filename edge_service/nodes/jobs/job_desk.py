@@ -178,8 +178,7 @@ class ProcessJobDesk:
         while True:
             with heart.idle(self._begun.empty):
                 job, process = await self._begun.get()
-            with heart.idle():  # it has a deadline of its own
-                await self._follow(job, process)
+            await heart.patiently(self._follow(job, process), limit_s=self._longest_s + 2 * _REAP_S)
 
     async def cancel(self, number: int) -> JobAnswer:
         """End a job that runs."""

@@ -1,6 +1,5 @@
 """Recordings on disk: whole or not at all, and never more than there is room for."""
 
-import asyncio
 import contextlib
 import os
 import re
@@ -15,6 +14,7 @@ from typing import BinaryIO
 from ...atomic import made_folder, replaced_bytes
 from ...http_api.jobs import RecordingAnswer, RefusedError
 from ...http_api.times import rfc3339_s
+from ...threads import Threads
 
 MOST_AT_ONCE = 4
 LEFT_FREE_BYTES = 200_000_000
@@ -35,6 +35,7 @@ class Recordings:
         self.folder = folder
         self._most_bytes = most_bytes
         self._uploads = 0
+        self._threads = Threads("upload", MOST_AT_ONCE)
         self._coming_bytes = 0
         for left in folder.glob(".*.part*"):
             with contextlib.suppress(OSError):
@@ -64,7 +65,7 @@ class Recordings:
         path = self._named(name)
         with self._place():
             try:
-                await asyncio.to_thread(made_folder, self.folder)
+                await self._threads.run(made_folder, self.folder)
                 await self._write(path, chunks)
                 return _answer(path, path.stat())
             except OSError as error:
@@ -73,19 +74,19 @@ class Recordings:
     async def _write(self, path: Path, chunks: AsyncIterator[bytes]) -> None:
         """Write to a file that takes its name at the end; no disk holds up the event loop."""
         closing, size = ExitStack(), 0
-        file = await asyncio.to_thread(closing.enter_context, replaced_bytes(path))
+        file = await self._threads.run(closing.enter_context, replaced_bytes(path))
         try:
             async for batch in _batches(chunks):
                 size += len(batch)
                 self._coming_bytes += len(batch)
-                await asyncio.to_thread(self._append, file, batch)
+                await self._threads.run(self._append, file, batch)
             if size == 0:
                 raise RefusedError(422, f"{path.name}: empty")
         except BaseException:
-            await asyncio.to_thread(closing.__exit__, *sys.exc_info())
+            await self._threads.run(closing.__exit__, *sys.exc_info())
             raise
         else:
-            await asyncio.to_thread(closing.close)
+            await self._threads.run(closing.close)
         finally:
             self._coming_bytes -= size
 

@@ -1,6 +1,5 @@
 """Events that came into the diary and, as the service ended then, to no output on the bus."""
 
-import asyncio
 import time
 from collections.abc import Iterable
 
@@ -10,6 +9,7 @@ from ...health.events.diary import Diary
 from ...messages.event import Event
 from ...messages.header import Header
 from ...messages.topics import EVENT
+from ...threads import Threads
 from ..supervision.task import TASK_EVENTS
 
 _MOST_MISSED, _NEAR = 10_000, 200
@@ -25,12 +25,13 @@ class MissedEvents:
     def __init__(self, diary: Diary, spool: Spool, axes: Iterable[str]) -> None:
         self._diary, self._spool, self._axes = diary, spool, frozenset(axes)
         self._mark = spool.mark
+        self._thread = Threads("missed events")
 
     async def put(self) -> None:
         """Put what was missed before this start; a new spool has missed nothing."""
         last_id = self._diary.last_id
         if self._mark:
-            found = await asyncio.to_thread(self._diary.after, self._mark, _MOST_MISSED)
+            found = await self._thread.run(self._diary.after, self._mark, _MOST_MISSED)
             epoch_ns = now_ns()
             for sequence, logged in enumerate(found):
                 event = logged.event
@@ -43,7 +44,7 @@ class MissedEvents:
 
     async def number(self, event: Event) -> int:
         """Number of an event that was heard; 0 if this process' diary does not know it."""
-        for logged in await asyncio.to_thread(self._diary.after, self._mark, _NEAR):
+        for logged in await self._thread.run(self._diary.after, self._mark, _NEAR):
             if logged.event == event:
                 self._mark = logged.id
                 return logged.id

@@ -88,7 +88,7 @@ class Announcer:
         """Publish what is kept, until cancelled; begun again, it goes on with what was in hand."""
         while True:
             if not self._in_hand:
-                with heart.idle():
+                with heart.idle(lambda: not self._waiting):
                     await self._to_tell.wait()
                 self._take()
             self._tell(await self._written(heart) if self._writing else "")
@@ -96,7 +96,7 @@ class Announcer:
     async def write(self, heart: Heartbeat) -> None:
         """Keep what is to be published, until cancelled."""
         while True:
-            with heart.idle():
+            with heart.idle(lambda: not self._writings):
                 await self._to_write.wait()
             self._to_write.clear()
             while self._writings:

@@ -36,7 +36,7 @@ class Teller:
     async def run(self, heart: Heartbeat) -> None:
         """Keep events and tell them, until cancelled."""
         while True:
-            with heart.idle():
+            with heart.idle(lambda: not self._waiting):
                 await self._wake.wait()
             self._wake.clear()
             while self._waiting:

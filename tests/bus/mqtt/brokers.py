@@ -105,11 +105,15 @@ class BadBroker:
         manner: how connections are treated.
         connections: how many there were.
         taken: payloads that were acknowledged, as they came.
+        poison: payloads at which it closes the connection.
+        ignored: payloads that it never acknowledges.
     """
 
     manner: Manner | None = None
     connections: int = 0
     taken: list[bytes] = field(default_factory=list)
+    poison: frozenset[bytes] = frozenset()
+    ignored: frozenset[bytes] = frozenset()
     port: int = 0
 
     async def serve(self, reader: asyncio.StreamReader, writer: Writer) -> None:
@@ -136,7 +140,9 @@ async def _behave(broker: BadBroker, reader: asyncio.StreamReader, writer: Write
         match kind >> 4:
             case 1:
                 writer.write(WELCOME)
-            case 3:
+            case 3 if any(content.endswith(each) for each in broker.poison):
+                return
+            case 3 if not any(content.endswith(each) for each in broker.ignored):
                 broker.acknowledge(content, writer)
             case 8:
                 writer.write(bytes([SUBACK << 4, 3, *content[:2], 1]))

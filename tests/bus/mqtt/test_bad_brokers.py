@@ -15,6 +15,41 @@ from .conftest import empty, stop
 TRIES = 2
 
 
+async def no_pause(_seconds: float) -> None:
+    await asyncio.sleep(0)
+
+
+@pytest.mark.parametrize("ways", [("poison",), ("ignored",), ("poison", "ignored")])
+@pytest.mark.parametrize("bad", [{0}, {3}, {3, 4, 5}, {0, 5, 6, 11}])
+async def test_a_message_at_which_the_broker_breaks_off_is_a_dead_letter_and_the_others_go(
+    bad: set[int], ways: tuple[str, ...], tmp_path: Path
+) -> None:
+    async with serving() as broker:
+        refused = frozenset(b"<%d>" % number for number in bad)
+        for way in ways:
+            setattr(broker, way, refused)
+        spool = await Spool.open(tmp_path / "spool", 100_000)
+        for number in range(20):
+            await spool.put("X/x", b"<%d>" % number)
+        settings = MqttSettings("127.0.0.1", broker.port, "test", timeout_s=0.1)
+        delivery = MqttDelivery(settings, PlainJson("t"), spool, lambda _problem: None, no_pause)
+        delivering = asyncio.create_task(delivery.run())
+        count = 20
+        while spool.dead < len(bad):  # by what comes later the last ones are judged
+            await spool.put("X/x", b"<%d>" % count)
+            count += 1
+            await asyncio.sleep(0.02)
+        await empty(spool)
+        first = list(dict.fromkeys(broker.taken))
+        assert {letter.payload for letter in await spool.letters()} == refused
+        expected = [b"<%d>" % number for number in range(count) if number not in bad]
+        assert sorted(first) == sorted(expected)
+        if ways == ("poison",):  # what is not acknowledged in time does not hold up the others
+            assert first == expected
+        await stop(delivering)
+        spool.close()
+
+
 @pytest.mark.parametrize("name", MISBEHAVING)
 async def test_a_broker_that_comes_to_its_senses_gets_all_in_order(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

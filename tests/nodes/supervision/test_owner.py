@@ -26,8 +26,6 @@ WAITED_FOR = {
     "bus/session.py": {"to_thread"},
     "bus/mqtt/delivery.py": {"ensure_future", "gather"},
     "bus/spool/disk_thread.py": {"Thread"},
-    "nodes/jobs/recordings.py": {"to_thread"},
-    "nodes/outputs/missed.py": {"to_thread"},
     "nodes/outputs/post.py": {"gather"},
 }
 """Begun and waited for within a supervised task or a request; the thread of a spool is a daemon."""

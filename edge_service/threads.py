@@ -1,0 +1,79 @@
+"""Daemon threads for one kind of work each: what hangs holds up nothing of another kind."""
+
+import asyncio
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from types import TracebackType
+from typing import Any, ParamSpec, TypeVar
+
+Given = ParamSpec("Given")
+T = TypeVar("T")
+IDLE_S = 10.0
+"""Time after which a thread without work ends."""
+_Work = tuple[Callable[[], Any], "Future[Any]"]
+
+
+class Threads:
+    """Threads that begin when there is work; neither a process nor its end waits for them.
+
+    Args:
+        most: threads at once; what comes beside waits.
+    """
+
+    def __init__(self, name: str, most: int = 1) -> None:
+        self._name, self._most = name, most
+        self._waiting: deque[_Work] = deque()
+        self._changed = threading.Condition()
+        self._alive = self._busy = 0
+
+    async def run(self, work: Callable[Given, T], *args: Given.args, **kwargs: Given.kwargs) -> T:
+        """What the work returns or raises. Being cancelled leaves a thread at work."""
+        done: Future[T] = Future()
+        with self._changed:
+            self._waiting.append((partial(work, *args, **kwargs), done))
+            if self._alive < self._most and len(self._waiting) > self._alive - self._busy:
+                self._alive += 1
+                threading.Thread(target=self._serve, name=self._name, daemon=True).start()
+            self._changed.notify()
+        return await asyncio.wrap_future(done)
+
+    def _serve(self) -> None:
+        while (each := self._next()) is not None:
+            work, done = each
+            if done.set_running_or_notify_cancel():
+                with Outcome(done):
+                    done.set_result(work())
+            with self._changed:
+                self._busy -= 1
+
+    def _next(self) -> _Work | None:
+        """The next work; None if none comes for a while: the thread has ended then."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: self._waiting, IDLE_S):
+                self._alive -= 1
+                return None
+            self._busy += 1
+            return self._waiting.popleft()
+
+
+class Outcome:
+    """Context whose error belongs to whoever waits for the work."""
+
+    def __init__(self, done: "Future[Any]") -> None:
+        self._done = done
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        error: BaseException | None,
+        _where: TracebackType | None,
+    ) -> bool:
+        if error is not None:
+            self._done.set_exception(error)
+        return True

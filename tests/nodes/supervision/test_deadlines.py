@@ -1,0 +1,225 @@
+"""Nothing waits for ever unseen: a driver, a broker or a disk that never answers is shown."""
+
+import ast
+import asyncio
+from collections.abc import AsyncGenerator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.base import Probe
+from edge_service.bus.mqtt import delivery as mqtt_delivery
+from edge_service.bus.mqtt.delivery import MqttDelivery, MqttSettings
+from edge_service.bus.mqtt.plain_json import PlainJson
+from edge_service.bus.spool.spool import Spool
+from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.samples import SampleFrame
+from edge_service.messages.topics import STATUS
+from edge_service.nodes import acquire_node
+from edge_service.nodes.acquire_node import Silence
+from edge_service.nodes.mqtt_node import _deliver
+from edge_service.nodes.supervision.heartbeat import Heartbeat
+from edge_service.nodes.supervision.supervisor import Supervisor
+
+from ...bus.mqtt.brokers import serving
+from ...documents import ROOT
+from ..conftest import PATIENCE_S, config_of, running, until
+
+UNLIMITED = {
+    "edge_service/nodes/wiring/context.py": 1,  # a node whose tasks do the work
+    "edge_service/nodes/acquire_node.py": 2,  # the same, and a machine, which may be silent
+}
+"""Places that may wait for ever while there is something to do, and why nothing is lost by it."""
+
+
+def unlimited(text: str) -> int:
+    """Number of times that a module is idle whatever waits for it."""
+    calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
+    return sum(
+        isinstance(each.func, ast.Attribute) and each.func.attr == "idle" and not each.args
+        for each in calls
+    )
+
+
+def test_whoever_waits_says_that_there_is_nothing_to_do() -> None:
+    paths = [path for house in ("edge_service", "drivers") for path in (ROOT / house).rglob("*.py")]
+    found = {
+        path.relative_to(ROOT).as_posix(): unlimited(path.read_text("utf-8")) for path in paths
+    }
+    assert {place: count for place, count in found.items() if count} == UNLIMITED
+
+
+# drivers
+
+
+async def never(*_args: Any) -> Any:
+    """Never return."""
+    await asyncio.Event().wait()
+
+
+class HungDriver:
+    """A driver one of whose calls never returns.
+
+    Attributes:
+        calls: of each kind, so far.
+    """
+
+    paced = True
+    quiet_s = 0.0
+    counters: dict[str, int] = {}
+    readings: dict[str, float] = {}
+
+    def __init__(self, hangs: str) -> None:
+        self._hangs = hangs
+        self.calls: list[str] = []
+
+    async def _call(self, name: str) -> None:
+        self.calls.append(name)
+        if name == self._hangs:
+            await never()
+
+    async def open(self) -> None:
+        await self._call("open")
+
+    async def frames(self) -> AsyncGenerator[SampleFrame, None]:
+        await self._call("frames")
+        raise RuntimeError("on purpose")
+        yield
+
+    async def probe(self) -> Probe:
+        raise NotImplementedError
+
+    async def close(self) -> None:
+        await self._call("close")
+
+
+async def report_of(driver: HungDriver, says: str, monkeypatch: pytest.MonkeyPatch) -> Supervisor:
+    """Let an axis read from a driver until its component says something."""
+    monkeypatch.setattr(acquire_node, "make_driver", lambda _axis: driver)
+    supervisor = Supervisor()
+    config = config_of("simulated", {})
+    async with running(config, ("acquire",), supervisor=supervisor) as service:
+        keys = config.keys
+        reports = service.bus.subscribe(keys.all_components(STATUS), STATUS, depth=1024)
+
+        async def said() -> ComponentHealth:
+            async for _, _, report in reports:
+                if report.component == "acquire" and says in report.reason:
+                    return report
+            raise AssertionError
+
+        async with asyncio.timeout(PATIENCE_S):
+            report = await said()
+        assert report.status is ComponentStatus.RECOVERABLE_ERROR
+        return supervisor
+
+
+async def test_a_silent_machine_is_shown_as_no_data_and_left_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    driver = HungDriver("frames")
+    await report_of(driver, "no data for ", monkeypatch)
+    assert driver.calls[:2] == ["open", "frames"]
+    assert driver.calls.count("frames") == 1  # no restart
+
+
+async def test_a_driver_that_never_opens_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(acquire_node, "OPEN_S", 0.0)
+    driver = HungDriver("open")
+    await report_of(driver, "hangs", monkeypatch)
+    assert driver.calls.count("open") == 1
+
+
+async def test_a_driver_that_never_closes_is_left_and_begun_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(acquire_node, "LET_GO_S", 0.0)
+    driver = HungDriver("close")
+    await report_of(driver, "ended (RuntimeError", monkeypatch)
+    assert driver.calls[:3] == ["open", "frames", "close"]
+
+
+def test_silence_is_told_after_its_time_and_only_while_it_lasts() -> None:
+    now_s = [0.0]
+    silence = Silence(10.0, lambda: now_s[0])
+    assert silence.problems() == []
+    with silence.of_source():
+        now_s[0] = 10.0
+        assert silence.problems() == []
+        now_s[0] = 12.0
+        assert silence.problems() == ["no data for 12 s"]
+    assert silence.problems() == []
+
+
+# MQTT
+
+
+class Scene:
+    """A delivery to a good broker, under a sign of life with a clock of its own."""
+
+    def __init__(self, port: int, spool: Spool) -> None:
+        self.now_s = 0.0
+        self.heart = Heartbeat("delivery", 1.2, lambda: self.now_s)
+        settings = MqttSettings("127.0.0.1", port, "test")
+        self.delivery = MqttDelivery(settings, PlainJson("t"), spool, lambda _problem: None)
+        self.heart.begin()
+        self.work = partial(_deliver, self.delivery, spool, self.heart)
+
+    def shown_after(self, seconds: float) -> tuple[bool, bool]:
+        """Whether the task would be begun again, and whether it would be shown as hanging."""
+        late = False
+        for _ in range(round(seconds / 0.2)):
+            self.now_s += 0.2
+            late = late or self.heart.is_late(self.now_s)
+        return late, self.heart.is_thread_late(self.now_s)
+
+
+@pytest.fixture(params=["publish", "oldest", "remove", "count_session", None])
+def hung(request: pytest.FixtureRequest) -> str | None:
+    """What never returns; None if all does."""
+    name: str | None = request.param
+    return name
+
+
+async def test_a_delivery_that_hangs_is_seen(
+    hung: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reached = asyncio.Event()
+
+    async def hangs(*_args: Any) -> Any:
+        reached.set()
+        await never()
+
+    publish = mqtt_delivery._publish
+
+    async def some(client: Any, packet: Any) -> None:
+        if packet.topic.endswith("/online"):
+            await publish(client, packet)
+        else:
+            await hangs()
+
+    async with serving() as broker:
+        spool = await Spool.open(tmp_path / "spool", 100)
+        if hung == "publish":
+            monkeypatch.setattr(mqtt_delivery, "_publish", some)
+        elif hung is not None:
+            monkeypatch.setattr(spool, hung, hangs)
+        scene = Scene(broker.port, spool)
+        delivering = asyncio.ensure_future(scene.work())
+        await spool.put("X/x", b"1")
+        if hung is None:
+
+            async def idle() -> bool:
+                return scene.delivery.waits and len(spool) == 0 and scene.delivery.delivered == 1
+
+            await until(idle)
+        else:
+            async with asyncio.timeout(PATIENCE_S):
+                await reached.wait()
+        expected = {"publish": (True, False), None: (False, False)}.get(hung, (False, True))
+        assert scene.shown_after(60.0) == expected
+        delivering.cancel()
+        await asyncio.wait([delivering])
+        spool.close()

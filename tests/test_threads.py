@@ -1,0 +1,169 @@
+"""Threads of one kind of work: bounded, and blocked ones starve no other kind."""
+
+import ast
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers import replay
+from drivers.base import DriverContext
+from drivers.replay import ReplayConfig, ReplayDriver
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.health.events.diary import Diary
+from edge_service.http_api.context import from_history
+from edge_service.nodes.supervision.heartbeat import Heartbeat
+from edge_service.threads import Threads
+
+from .documents import ROOT
+
+PATIENCE_S = 30.0
+HUNG = 40
+
+
+@contextmanager
+def hanging() -> Iterator[threading.Event]:
+    """An event for which threads wait; they go on at the end."""
+    go_on = threading.Event()
+    try:
+        yield go_on
+    finally:
+        go_on.set()
+
+
+async def until_waiting(threads: Threads, busy: int) -> None:
+    """Wait until so many threads are at work."""
+    async with asyncio.timeout(PATIENCE_S):
+        while threads._busy < busy:
+            await asyncio.sleep(0.001)
+
+
+async def test_work_returns_or_raises() -> None:
+    threads = Threads("test")
+    assert await threads.run(divmod, 7, 2) == (3, 1)
+    with pytest.raises(ZeroDivisionError):
+        await threads.run(divmod, 7, 0)
+    assert await threads.run(int, "11", base=2) == 3
+
+
+async def test_no_more_threads_than_allowed_and_none_more_than_needed() -> None:
+    threads = Threads("test", 3)
+    for _ in range(10):
+        await threads.run(int)
+    assert threads._alive <= 2  # one may not have put its work down yet
+    with hanging() as go_on:
+        works = [asyncio.ensure_future(threads.run(go_on.wait)) for _ in range(10)]
+        await until_waiting(threads, 3)
+        assert threads._alive == 3
+        go_on.set()
+        await asyncio.gather(*works)
+
+
+async def test_who_ceases_to_wait_takes_back_what_was_not_begun() -> None:
+    threads, begun = Threads("test"), []
+    with hanging() as go_on:
+        first = asyncio.ensure_future(threads.run(go_on.wait))
+        await until_waiting(threads, 1)
+        second = asyncio.ensure_future(threads.run(begun.append, 2))
+        await asyncio.sleep(0)
+        first.cancel()
+        second.cancel()
+        await asyncio.gather(first, second, return_exceptions=True)
+        assert threads._busy == 1  # nothing can end it
+    await threads.run(begun.append, 3)
+    assert begun == [3]
+
+
+async def test_a_thread_without_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("edge_service.threads.IDLE_S", 0.0)
+    threads = Threads("test", 2)
+    for _ in range(50):
+        assert await threads.run(int, 5) == 5
+    async with asyncio.timeout(PATIENCE_S):
+        while threads._alive:
+            await asyncio.sleep(0.001)
+
+
+class _HungProcess:
+    """A reading process whose file is on a disk that does not answer."""
+
+    rows_read, bad_cells, ragged_rows = 0, {}, 0
+
+    def __init__(self, go_on: threading.Event, *_args: Any) -> None:
+        self._go_on = go_on
+
+    def __next__(self) -> Any:
+        self._go_on.wait()
+        raise StopIteration
+
+    def release(self) -> None:
+        pass
+
+
+async def answers(diary: Diary) -> None:
+    """Everything else that reads in threads: requests, outputs, tasks and the loop itself."""
+    async with asyncio.timeout(PATIENCE_S):
+        assert await from_history(int, 7) == 7
+        assert await Threads("missed events").run(diary.after, 0, 1) == ()
+        assert await Heartbeat("task", float("inf"), lambda: 0.0).in_thread(int, 7) == 7
+        assert await asyncio.get_running_loop().getaddrinfo("127.0.0.1", 9)
+
+
+async def test_forty_reads_that_hang_starve_nobody_else(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    machine = load_machine(DEFAULT_MACHINE)
+    with hanging() as go_on:
+        monkeypatch.setattr(replay, "ReadingProcess", partial(_HungProcess, go_on))
+        config = ReplayConfig(path=tmp_path / "hung.csv")
+        drivers = [ReplayDriver(config, DriverContext(f"X{n}", machine)) for n in range(HUNG)]
+        reads = []
+        for driver in drivers:
+            await driver.open()
+            reads.append(asyncio.ensure_future(anext(driver.frames(), None)))
+        for driver in drivers:
+            await until_waiting(driver._threads, 1)
+        await answers(Diary())
+        go_on.set()
+        await asyncio.gather(*reads)
+        for driver in drivers:
+            await driver.close()
+
+
+async def test_requests_that_hang_starve_no_driver(tmp_path: Path) -> None:
+    with hanging() as go_on:
+        asked = [asyncio.ensure_future(from_history(go_on.wait)) for _ in range(HUNG)]
+        await asyncio.sleep(0)
+        async with asyncio.timeout(PATIENCE_S):
+            assert await Threads("replay X", 2).run(int, 7) == 7
+            assert await asyncio.get_running_loop().getaddrinfo("127.0.0.1", 9)
+        go_on.set()
+        assert all(await asyncio.gather(*asked))
+
+
+SHARED = {"to_thread", "run_in_executor", "run_in_threadpool"}
+ALLOWED = {"edge_service/bus/session.py": {"to_thread"}}
+"""The bus is opened and closed once, while nothing else runs."""
+
+
+def shared_by(path: Path) -> set[str]:
+    """Calls in a module that use the thread pool that all share."""
+    called = (
+        each.func
+        for each in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(each, ast.Call)
+    )
+    return SHARED & {
+        each.attr if isinstance(each, ast.Attribute) else ast.unparse(each) for each in called
+    }
+
+
+def test_nobody_works_in_the_pool_that_all_share() -> None:
+    paths = [path for house in ("edge_service", "drivers") for path in (ROOT / house).rglob("*.py")]
+    found = {path.relative_to(ROOT).as_posix(): shared_by(path) for path in paths}
+    assert {place: names for place, names in found.items() if names} == ALLOWED
