@@ -9,6 +9,7 @@ import click
 from .. import __version__
 from ..config import ConfigError
 from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
+from .adopt import adopt
 from .bench import bench
 from .diagnosis import diagnose, fingerprint, gap, reproduce, response
 from .fleet import fleet
@@ -98,6 +99,18 @@ for _command in (
         convert,
         simulate,
     ),
-    *(commission, estimate, motion, fingerprint, response, gap, diagnose, reproduce, fleet, bench),
+    *(
+        adopt,
+        commission,
+        estimate,
+        motion,
+        fingerprint,
+        response,
+        gap,
+        diagnose,
+        reproduce,
+        fleet,
+        bench,
+    ),
 ):
     cli.add_command(_command)

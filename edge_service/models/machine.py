@@ -109,11 +109,17 @@ class ModelConfig(_Table):
 
 
 class ColumnConfig(_Table):
-    """One foreign column: SI value = `scale` * column + `offset`."""
+    """One foreign column: SI value = `scale` * (column - `minus`) + `offset`.
+
+    With a `direction` the column has no sign of its own, such as a supply current, and takes that
+    of the direction in which the column of that name changes.
+    """
 
     column: str
     scale: float = 1.0
     offset: float = 0.0
+    minus: str = ""
+    direction: str = ""
 
 
 def _as_column(raw: Any) -> Any:

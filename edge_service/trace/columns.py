@@ -35,14 +35,33 @@ class ColumnLike(Protocol):
     def offset(self) -> float:
         """Added after scaling, in SI units."""
 
+    @property
+    def minus(self) -> str:
+        """Column that is taken off before scaling; empty for none."""
+
+    @property
+    def direction(self) -> str:
+        """Column whose direction of change gives the values their sign; empty for none."""
+
 
 @dataclass(frozen=True, slots=True)
 class ColumnMap:
-    """One column of a file: SI value = `scale` * column + `offset`."""
+    """One column of a file: SI value = `scale` * (column - `minus`) + `offset`.
+
+    With a `direction` the column has no sign of its own, and takes that of the direction in which
+    the other column changes, or changed last.
+    """
 
     column: str
     scale: float = 1.0
     offset: float = 0.0
+    minus: str = ""
+    direction: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every column that it needs."""
+        return tuple(filter(None, (self.column, self.minus, self.direction)))
 
 
 def choose_columns(
@@ -84,9 +103,9 @@ def choose_columns(
             f"{path}: no torque and no position channel; expected one of {expected}; "
             f"{_there(names)}"
         )
-    for column in chosen.values():
-        if list(names).count(column.column) > 1:
-            raise TraceError(f"{path}: column {column.column!r} is there more than once")
+    for name in {name for column in chosen.values() for name in column.names}:
+        if list(names).count(name) > 1:
+            raise TraceError(f"{path}: column {name!r} is there more than once")
     return chosen
 
 
@@ -98,16 +117,23 @@ def _choose(
     known: ColumnMap | None,
 ) -> ColumnMap | None:
     if mapped is not None and mapped.column in names:
-        return ColumnMap(mapped.column, mapped.scale, mapped.offset)
+        for name in filter(None, (mapped.minus, mapped.direction)):
+            if name not in names:
+                raise _absent(path, name, channel, names)
+        return ColumnMap(mapped.column, mapped.scale, mapped.offset, mapped.minus, mapped.direction)
     if channel in names:
         return ColumnMap(channel)
     if mapped is None or known is not None:
         return known
     if channel == TIME and mapped.column == ROW_NUMBER:
         return ColumnMap(ROW_NUMBER, mapped.scale, mapped.offset)
-    raise TraceError(
-        f"{path}: no column {mapped.column!r}, which the machine file gives for {channel}"
-        f"{_hint(mapped.column, names)}; {_there(names)}"
+    raise _absent(path, mapped.column, channel, names)
+
+
+def _absent(path: Path, column: str, channel: str, names: Sequence[str]) -> TraceError:
+    return TraceError(
+        f"{path}: no column {column!r}, which the machine file gives for {channel}"
+        f"{_hint(column, names)}; {_there(names)}"
     )
 
 

@@ -11,6 +11,7 @@ from ..messages.channels import CHANNELS, TIME
 from ..messages.samples import Floats, SampleFrame
 from .block import Block, Source, Text
 from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
+from .direction_sign import DirectionSign
 from .forms.registry import open_source
 from .sinumerik.controller_axis import ControllerAxis
 from .sinumerik.controller_columns import controller_columns
@@ -49,10 +50,16 @@ class TraceReader:
         self._remarks = remarks
         self._only_text: dict[str, Text] = {}
         self._has_number: set[str] = set()
-        names = dict.fromkeys(column.column for column in columns.values())
+        names = dict.fromkeys(name for column in columns.values() for name in column.names)
         self.ignored = tuple(name for name in source.names if name and name not in names)
         self._needed = {
-            column.column for name, column in columns.items() if name == TIME or name in CHANNELS
+            each
+            for name, column in columns.items()
+            if name == TIME or name in CHANNELS
+            for each in column.names
+        }
+        self._directions = {
+            channel: DirectionSign() for channel, column in columns.items() if column.direction
         }
         self._source.want([name for name in names if name != ROW_NUMBER])
 
@@ -120,6 +127,11 @@ class TraceReader:
         column = self._columns[channel]
         is_row_number = column.column == ROW_NUMBER
         values = block.row_number if is_row_number else block.values[column.column]
+        if column.minus:
+            values = values - block.values[column.minus]
+        if channel in self._directions:
+            signs = self._directions[channel].of(block.values[column.direction])
+            values = np.abs(values) * signs
         if (column.scale, column.offset) != (1.0, 0.0):
             with np.errstate(over="ignore", invalid="ignore"):
                 values = values * column.scale + column.offset

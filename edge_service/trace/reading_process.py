@@ -180,7 +180,10 @@ class ReadingProcess:
 def _request(
     path: Path, columns: Mapping[str, ColumnLike], axis: ControllerAxis, skip_rows: int
 ) -> str:
-    named = {name: (each.column, each.scale, each.offset) for name, each in columns.items()}
+    named = {
+        name: (each.column, each.scale, each.offset, each.minus, each.direction)
+        for name, each in columns.items()
+    }
     return json.dumps([str(path), named, asdict(axis), skip_rows])
 
 

@@ -96,10 +96,18 @@ class ControllerColumns:
 
     def resolve(self, columns: Mapping[str, ColumnLike]) -> dict[str, ColumnLike]:
         """A machine file's columns with short names written out."""
+
+        def written_out(name: str) -> str:
+            return self.aliases.get(name, name)
+
         return {
-            channel: ColumnMap(self.aliases[column.column], column.scale, column.offset)
-            if column.column in self.aliases
-            else column
+            channel: ColumnMap(
+                written_out(column.column),
+                column.scale,
+                column.offset,
+                written_out(column.minus),
+                written_out(column.direction),
+            )
             for channel, column in columns.items()
         }
 

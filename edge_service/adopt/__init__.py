@@ -1,0 +1,1 @@
+"""Adoption of a machine from its recordings: which column is which, in which unit and sign."""

@@ -1,0 +1,79 @@
+"""What is said of a machine that nobody has described: each guess with its reason."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """One thing that was found, or assumed.
+
+    Attributes:
+        subject: a key of the machine file, or what else it is about.
+        words: what, and why, in one line.
+        assumed: nothing in the recordings says so; the owner should look at it.
+    """
+
+    subject: str
+    words: str
+    assumed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One thing that recordings cannot tell.
+
+    Attributes:
+        option: of the command, which answers it.
+        words: question with its unit.
+        why: what cannot be answered without.
+    """
+
+    option: str
+    words: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Column of one channel: SI value = scale * (column - minus), with the sign of `direction`."""
+
+    column: str
+    scale: float
+    minus: str = ""
+    direction: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What the owner says; None where nothing is said.
+
+    Attributes:
+        lead_m: travel of the table per revolution of the motor.
+        torque_constant: N m at the motor per A, or per unit of the column that tells the torque.
+        period_s: of the samples, where no column holds the time.
+    """
+
+    lead_m: float | None = None
+    torque_constant: float | None = None
+    period_s: float | None = None
+
+
+@dataclass(slots=True)
+class Understanding:
+    """The columns of one axis as they are understood."""
+
+    columns: dict[str, Choice] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    questions: list[Question] = field(default_factory=list)
+    lead_m: float | None = None
+    lead_sigma_m: float = 0.0
+
+    def say(self, subject: str, words: str, *, assumed: bool = False) -> None:
+        """Add a guess."""
+        self.guesses.append(Guess(subject, words, assumed))
+
+    def ask(self, option: str, words: str, why: str) -> None:
+        """Add a question, once."""
+        question = Question(option, words, why)
+        if question not in self.questions:
+            self.questions.append(question)

@@ -1,0 +1,105 @@
+"""Inertia and friction of an axis whose torque's sign nobody has said."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fingerprint.checks.channel_regression import CUTOFF_HZ
+from ..fingerprint.regression.interval_estimate import IntervalEstimate, around, undetermined
+from ..fingerprint.regression.inverse_dynamics import identify_inverse_dynamics
+from ..fingerprint.regression.prepared_run import PreparationSettings, prepare
+from ..messages.channels import TORQUE
+from ..messages.samples import SampleFrame
+
+_STEADY_SHARE = 0.7
+"""Of the top speed of a run: faster than this it is not starting or stopping."""
+_LEAST_ROWS, _LEAST_PASSAGES = 5, 3
+SLOW_HZ = 50.0
+"""Slower recordings do not hold what the torque does between two samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mechanics:
+    """Parameters of torque = J a + D v + F sgn(v) + offset, at the motor.
+
+    Attributes:
+        is_inverted: the torque counts against the motion; the parameters are already turned.
+        most_inertia: kg m2 that explain all of the torque; the inertia is less.
+        seconds: of motion behind it.
+    """
+
+    inertia: IntervalEstimate
+    viscous: IntervalEstimate
+    coulomb: IntervalEstimate
+    offset: IntervalEstimate
+    is_inverted: bool
+    most_inertia: float
+    seconds: float
+
+
+def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
+    """Friction alone, from steady motion: for a torque that has its sign from the direction.
+
+    Half the difference of the torque between both directions; its interval comes from the scatter
+    between passages. How it parts into dry and viscous friction is not told.
+
+    Raises:
+        ValueError: one line; too little motion, or no clock.
+    """
+    settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
+    means: dict[float, list[float]] = {1.0: [], -1.0: []}
+    seconds = 0.0
+    for frame in frames:
+        for run in prepare(frame, settings):
+            speed = run.speed_rad_s
+            top = float(np.percentile(np.abs(speed), 98.0))
+            for sign, found in means.items():
+                steady = sign * speed > _STEADY_SHARE * top
+                if np.count_nonzero(steady) >= _LEAST_ROWS:
+                    found.append(float(np.mean(run.channels[TORQUE][steady])))
+                    seconds += run.period_s * np.count_nonzero(steady)
+    ahead, back = (np.array(means[sign]) for sign in (1.0, -1.0))
+    why = "a torque without a sign is wrong while the axis brakes"
+    nothing = undetermined("kg m^2", why), undetermined("N m s/rad", why)
+    most = _most_inertia(frames, settings)
+    if min(len(ahead), len(back)) < _LEAST_PASSAGES:
+        unknown = undetermined("N m", "too little steady motion both ways")
+        return Mechanics(*nothing, unknown, unknown, False, most, seconds)
+    sigma = 0.5 * float(
+        np.hypot(np.std(ahead) / len(ahead) ** 0.5, np.std(back) / len(back) ** 0.5)
+    )
+    passages = float(min(len(ahead), len(back)))
+    level = around(0.5 * float(ahead.mean() - back.mean()), sigma, "N m", passages)
+    load = around(0.5 * float(ahead.mean() + back.mean()), sigma, "N m", passages)
+    return Mechanics(*nothing, level, load, False, most, seconds)
+
+
+def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
+    """Identify the parameters, and whether the torque is inverted.
+
+    Raises:
+        ValueError: one line; too little motion, or no clock.
+    """
+    settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
+    fit = identify_inverse_dynamics(frames, settings)
+    names = ("inertia", "viscous", "coulomb", "offset")
+    inertia, viscous, coulomb, offset = (fit.parameters[name] for name in names)
+    inverted = coulomb.value < 0.0 if inertia.holds(0.0) else inertia.high < 0.0
+    if inverted:
+        inertia, viscous, coulomb, offset = (
+            each.scaled(-1.0, each.unit) for each in (inertia, viscous, coulomb, offset)
+        )
+    most = _most_inertia(frames, settings)
+    return Mechanics(inertia, viscous, coulomb, offset, inverted, most, fit.seconds)
+
+
+def _most_inertia(frames: Sequence[SampleFrame], settings: PreparationSettings) -> float:
+    """Inertia with which the strongest acceleration would take the largest torque, kg m2."""
+    torque, acceleration = [], []
+    for frame in frames:
+        for run in prepare(frame, settings):
+            torque.append(np.abs(run.channels[TORQUE][run.moving]))
+            acceleration.append(np.abs(run.acceleration_rad_s2[run.moving]))
+    strong = float(np.percentile(np.concatenate(acceleration), 99.0))
+    return float(np.percentile(np.concatenate(torque), 99.0)) / strong if strong > 0.0 else 0.0

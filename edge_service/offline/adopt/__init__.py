@@ -1,0 +1,1 @@
+"""`edge-service adopt`: a machine file from recordings."""

@@ -1,0 +1,138 @@
+"""The proposed machine file as text: what was found, with the reason beside each line."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ...adopt.guess import Choice, Guess, Understanding
+from ...adopt.mechanics import Mechanics
+from ...fingerprint.regression.interval_estimate import IntervalEstimate
+
+_LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-4, 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class DataSheet:
+    """What no recording holds; None where the owner has not said it."""
+
+    name: str = "X"
+    number: int | None = None
+    dynamic_load_rating_n: float | None = None
+    preload_n: float | None = None
+    preload_drag_nm: float | None = None
+    nut_stiffness_n_per_m: float | None = None
+
+
+_UNKNOWN = {
+    "dynamic_load_rating_n": "the screw's data sheet; without it there is no preload in percent",
+    "preload_n": "the screw's data sheet; preload of the fresh screw",
+    "preload_drag_nm": "the fresh screw's own drag; the data sheet has it, or 5.3.11 of the thesis",
+    "nut_stiffness_n_per_m": "the nut's data sheet; without it intervals are wider",
+}
+
+
+def machine_text(
+    files: Sequence[str],
+    understood: Understanding,
+    mechanics: Mechanics | None,
+    sheet: DataSheet,
+    stroke_m: float | None,
+) -> str:
+    """The machine file; lines that nothing is known for stand in it as comments."""
+    said = _said(understood.guesses)
+    lines = [
+        f"# Proposed by `edge-service adopt` from {', '.join(files)}.",
+        "# Each line has its reason; look first at those that are assumed.",
+        "",
+        "[axis]",
+        f'name = "{sheet.name}"',
+    ]
+    if sheet.number is not None:
+        lines.append(f"number = {sheet.number}  # the controller's number of the axis")
+    lines += [*_comments(said, "lead_m"), _number("lead_m", understood.lead_m, "unknown: --lead")]
+    if stroke_m is not None:
+        lines.append(f"# stroke_m = ...  # at least {stroke_m:.4g} m, over which it was recorded")
+    lines += [_of_sheet(sheet, "dynamic_load_rating_n"), "", "[model]"]
+    lines += _model(mechanics, sheet)
+    lines += [_of_sheet(sheet, name) for name in ("preload_n", "nut_stiffness_n_per_m")]
+    lines += ["", "[columns]"]
+    for channel, choice in understood.columns.items():
+        lines += [*_comments(said, channel), f"{channel} = {_column(choice)}"]
+    left = [name for name in said if name not in ("lead_m", *understood.columns)]
+    if left:
+        lines += ["", "# Not used:", *(line for name in left for line in _comments(said, name))]
+    return "\n".join(lines) + "\n"
+
+
+def _said(guesses: Sequence[Guess]) -> dict[str, list[Guess]]:
+    said: dict[str, list[Guess]] = {}
+    for guess in guesses:
+        said.setdefault(guess.subject, []).append(guess)
+    return said
+
+
+def _comments(said: Mapping[str, Sequence[Guess]], subject: str) -> list[str]:
+    return [
+        f"# {subject}: {'(assumed) ' if each.assumed else ''}{each.words.removeprefix('assumed: ')}"
+        for each in said.get(subject, ())
+    ]
+
+
+def _model(mechanics: Mechanics | None, sheet: DataSheet) -> list[str]:
+    if mechanics is None:
+        return [
+            "# inertia_kg_m2 = ...  # unknown: no torque in N m, or no lead",
+            _of_sheet(sheet, "preload_drag_nm"),
+        ]
+    lines = [_inertia(mechanics)]
+    viscous, coulomb = mechanics.viscous, mechanics.coulomb
+    if viscous.determined and viscous.value > 0.0:
+        lines.append(f"viscous_nm_s_per_rad = {_quantity(viscous)}")
+    if sheet.preload_drag_nm is not None:
+        lines.append(f"preload_drag_nm = {sheet.preload_drag_nm!r}  # as given")
+    elif coulomb.determined and coulomb.value > 0.0 and sheet.preload_n is None:
+        lines.append(
+            f"preload_drag_nm = {_quantity(coulomb)}  # all dry friction of the axis, as recorded"
+        )
+    else:
+        lines.append(_of_sheet(sheet, "preload_drag_nm"))
+    return lines
+
+
+def _inertia(mechanics: Mechanics) -> str:
+    inertia = mechanics.inertia
+    if inertia.determined and inertia.low > 0.0:
+        return f"inertia_kg_m2 = {_quantity(inertia)}  # of motor, screw and table, at the motor"
+    half = 0.5 * mechanics.most_inertia
+    return (
+        f"inertia_kg_m2 = {{ value = {half:.3g}, tolerance = 0.6 }}  # (assumed) half of "
+        f"{mechanics.most_inertia:.3g}, with which it would take all of the torque: the recording "
+        "does not tell"
+    )
+
+
+def _quantity(found: IntervalEstimate) -> str:
+    tolerance = min(max(found.sigma / abs(found.value), _LEAST_TOLERANCE), _MOST_TOLERANCE)
+    return f"{{ value = {found.value:.5g}, tolerance = {tolerance:.2g} }}"
+
+
+def _column(choice: Choice) -> str:
+    members = [f"column = {_text(choice.column)}", f"scale = {choice.scale!r}"]
+    if choice.minus:
+        members.append(f"minus = {_text(choice.minus)}")
+    if choice.direction:
+        members.append(f"direction = {_text(choice.direction)}")
+    return "{ " + ", ".join(members) + " }"
+
+
+def _text(text: str) -> str:
+    """A TOML string."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _of_sheet(sheet: DataSheet, name: str) -> str:
+    value = getattr(sheet, name)
+    return _number(name, value, _UNKNOWN[name])
+
+
+def _number(name: str, value: float | None, why: str) -> str:
+    return f"# {name} = ...  # {why}" if value is None else f"{name} = {float(value)!r}"

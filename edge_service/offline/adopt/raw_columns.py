@@ -1,0 +1,114 @@
+"""Columns of a recording as they stand in the file, and those of one axis."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...adopt.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
+from ...messages.samples import Floats
+from ...trace.columns import TraceError
+from ...trace.formats import open_source
+from ...trace.sinumerik.controller_axis import ControllerAxis
+
+_MOST_ROWS = 500_000
+"""Rows that the meaning of the columns is judged by."""
+_OF_AXIS = (
+    Quantity.SETPOINT,
+    Quantity.MOTOR_POSITION,
+    Quantity.TABLE_POSITION,
+    Quantity.POSITION,
+    Quantity.TORQUE,
+    Quantity.CURRENT,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawColumns:
+    """The numeric columns of a file.
+
+    Attributes:
+        names: in the order of the file, with what they mean.
+        values: column -> values, shape (n,) each.
+    """
+
+    names: tuple[ColumnName, ...]
+    values: Mapping[str, Floats]
+
+    @property
+    def axes(self) -> list[str]:
+        """Axes of which a position or an effort is there, as the file spells them."""
+        return list(dict.fromkeys(e.axis for e in self.names if e.axis and e.quantity in _OF_AXIS))
+
+    def of_axis(self, axis: str) -> tuple[ColumnName, ...]:
+        """Columns of an axis, and those of none."""
+        return tuple(each for each in self.names if each.axis in ("", axis))
+
+
+def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
+    """Read a file of any form.
+
+    Args:
+        given: what the owner says of columns, `QUANTITY=COLUMN` or `QUANTITY=COLUMN:UNIT`.
+
+    Raises:
+        TraceError: it cannot be read, has no numbers, or not what is said of it.
+    """
+    try:
+        source = open_source(path, ControllerAxis())
+    except OSError as error:
+        raise TraceError(f"{path}: cannot be read ({error.strerror or error})") from None
+    try:
+        able = [name for name in dict.fromkeys(source.names) if source.holds_numbers(name)]
+        single = [name for name in able if name and list(source.names).count(name) == 1]
+        source.want(single)
+        blocks, rows = [], 0
+        while rows < _MOST_ROWS and (block := source.read_block()) is not None:
+            blocks.append(block.values)
+            rows += len(block)
+    finally:
+        source.close()
+    values = {name: np.concatenate([block[name] for block in blocks]) for name in single if blocks}
+    numeric = [name for name, each in values.items() if np.isfinite(each).any()]
+    if not numeric:
+        raise TraceError(f"{path}: holds no column of numbers")
+    names = _with_given(path, column_names(numeric), given)
+    return RawColumns(tuple(names), {name: values[name] for name in numeric})
+
+
+def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -> list[ColumnName]:
+    said = dict(_parse(text) for text in given)
+    there = {each.name for each in names}
+    for name in said:
+        if name not in there:
+            raise TraceError(f"{path}: --column: no column {name!r}; there are {_listed(there)}")
+    chosen = {quantity for quantity, _ in said.values()}
+    result = []
+    for each in names:
+        if each.name in said:
+            quantity, unit = said[each.name]
+            result.append(replace(each, quantity=quantity, unit=unit or each.unit))
+        elif each.quantity in chosen:
+            result.append(replace(each, quantity=Quantity.OTHER))
+        else:
+            result.append(each)
+    return result
+
+
+def _parse(text: str) -> tuple[str, tuple[Quantity, str]]:
+    """Column, with its quantity and unit. Raises TraceError."""
+    word, equals, rest = text.partition("=")
+    name, colon, unit = rest.rpartition(":")
+    if not colon:
+        name, unit = rest, ""
+    if not equals or word not in QUANTITIES or not name:
+        words = ", ".join(QUANTITIES)
+        raise TraceError(f"--column {text!r}: expected QUANTITY=COLUMN[:UNIT], of {words}")
+    if unit and not unit_of(unit):
+        raise TraceError(f"--column {text!r}: {unit!r} is no unit that is known")
+    return name, (QUANTITIES[word], unit_of(unit))
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(sorted(repr(name) for name in names)[:12])

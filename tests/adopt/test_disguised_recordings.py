@@ -1,0 +1,230 @@
+"""A recording of the foreign plant in many disguises: each is seen through, or said unknown."""
+
+import csv
+import math
+import tomllib
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edge_service.adopt.guess import Known
+from edge_service.config import load_machine
+from edge_service.offline.adopt.adopt import Request, adopt
+from edge_service.offline.recordings import read_recording
+from edge_service.trace.columns import TraceError
+
+from ..foreign_plant import DIAGNOSIS, case, simulate
+
+Columns = dict[str, Any]
+LEAD_MM = 1e3 * DIAGNOSIS.lead_m
+TURN = 2.0 * math.pi
+
+
+@lru_cache(maxsize=1)
+def truth() -> Columns:
+    """Eleven seconds of production at 1 kHz, in SI units."""
+    columns = simulate(case(motion="production", duration_s=12.0, seed=5)).columns
+    return {name: np.array(values) for name, values in columns.items()}
+
+
+def write(path: Path, columns: Columns) -> Path:
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(columns)
+        rows.writerows(zip(*(np.asarray(each).tolist() for each in columns.values()), strict=True))
+    return path
+
+
+def _renamed(**named: tuple[str, float]) -> Columns:
+    """Columns under other names, each divided by its factor to SI."""
+    t = truth()
+    return {name: t[channel] / factor for channel, (name, factor) in named.items()}
+
+
+def german() -> Columns:
+    return _renamed(
+        time_s=("Zeit [ms]", 1e-3),
+        torque_command_nm=("Drehmoment [Nm]", 1.0),
+        motor_angle_rad=("Motorwinkel [°]", TURN / 360.0),
+        table_position_m=("Tisch Lage [mm]", 1e-3),
+        position_setpoint_m=("Sollwert Lage [mm]", 1e-3),
+    )
+
+
+def american() -> Columns:
+    return _renamed(
+        time_s=("Timestamp (s)", 1.0),
+        torque_command_nm=("Torque (mNm)", 1e-3),
+        motor_angle_rad=("Motor Position (rev)", TURN),
+        motor_speed_rad_s=("Motor Speed (rpm)", TURN / 60.0),
+        table_position_m=("LinearScale (um)", 1e-6),
+        position_setpoint_m=("CommandPosition (mm)", 1e-3),
+    )
+
+
+def without_units() -> Columns:
+    return _renamed(
+        time_s=("timestamp", 1e-6),
+        torque_command_nm=("torque_Nm", 1.0),
+        motor_angle_rad=("motor_angle", TURN / 360.0),
+        table_position_m=("linear_encoder_position", 1e-3),
+        position_setpoint_m=("position_ref", 1e-3),
+    )
+
+
+def inverted_torque() -> Columns:
+    columns = german()
+    return columns | {"Drehmoment [Nm]": -columns["Drehmoment [Nm]"]}
+
+
+def inverted_angle() -> Columns:
+    columns = german()
+    return columns | {"Motorwinkel [°]": -columns["Motorwinkel [°]"]}
+
+
+def industrial_edge() -> Columns:
+    t = truth()
+    return {
+        "CYCLE": np.round(t["time_s"] / 0.001).astype(int)[::2] // 2,
+        "DES_POS|3": 1e3 * t["position_setpoint_m"][::2],
+        "ENC1_POS|3": t["motor_angle_rad"][::2] / TURN * LEAD_MM,
+        "ENC2_POS|3": 1e3 * t["table_position_m"][::2],
+        "TORQUE|3": t["torque_command_nm"][::2],
+    }
+
+
+def set_point_and_error() -> Columns:
+    t = truth()
+    return {
+        "t_s": t["time_s"],
+        "set_point_mm": 1e3 * t["position_setpoint_m"],
+        "following_error_mm": 1e3 * (t["position_setpoint_m"] - t["table_position_m"]),
+        "torque_nm": t["torque_command_nm"],
+    }
+
+
+def one_encoder() -> Columns:
+    return _renamed(
+        time_s=("time", 1.0),
+        torque_command_nm=("Torque", 1.0),
+        motor_angle_rad=("theta_rad", 1.0),
+        position_setpoint_m=("x_ref_mm", 1e-3),
+    )
+
+
+def ros() -> Columns:
+    return _renamed(
+        time_s=("stamp_ns", 1e-9),
+        torque_command_nm=("axis_x.effort", 1.0),
+        motor_angle_rad=("axis_x.motor_position_rad", 1.0),
+        table_position_m=("axis_x.table_position_m", 1.0),
+    )
+
+
+DISGUISES: dict[str, tuple[Callable[[], Columns], Known]] = {
+    "German": (german, Known()),
+    "American": (american, Known()),
+    "without units": (without_units, Known()),
+    "one encoder": (one_encoder, Known()),
+    "ROS": (ros, Known()),
+    "inverted torque": (inverted_torque, Known()),
+    "inverted angle": (inverted_angle, Known()),
+    "Industrial Edge": (industrial_edge, Known(lead_m=DIAGNOSIS.lead_m)),
+    "set point and error": (set_point_and_error, Known(lead_m=DIAGNOSIS.lead_m)),
+}
+
+
+@pytest.mark.parametrize("name", DISGUISES)
+def test_a_machine_file_reads_the_disguised_recording_as_what_it_was(
+    name: str, tmp_path: Path
+) -> None:
+    disguise, known = DISGUISES[name]
+    path, out = write(tmp_path / "r.csv", disguise()), tmp_path / "machine.toml"
+    adopt(Request([path], out, known=known))
+    machine = load_machine(out)
+    assert machine.axis.lead_m == pytest.approx(DIAGNOSIS.lead_m, rel=2e-3)
+    frame = read_recording(machine, path)
+    every = len(truth()["time_s"]) // len(frame)
+    assert np.diff(frame.time_s) == pytest.approx(np.diff(truth()["time_s"][::every]), rel=1e-6)
+    for channel, values in frame.channels.items():
+        true = truth()[channel][::every][: len(frame)]
+        assert np.std(values - true) < 0.01 * np.std(true) + 1e-12, channel
+    inertia = machine.model.inertia_kg_m2
+    assert abs(inertia.value / DIAGNOSIS.inertia_kg_m2 - 1.0) < 0.1
+
+
+def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> None:
+    t = truth()
+    columns = {
+        "t_s": t["time_s"],
+        "x_mm": 1e3 * t["table_position_m"],
+        "i_A": t["torque_command_nm"],
+    }
+    path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
+    text = adopt(Request([path], out))
+    assert "--lead" in text and "--torque-constant" in text
+    document = tomllib.loads(out.read_text("utf-8"))
+    assert "lead_m" not in document["axis"] and "torque_command_nm" not in document["columns"]
+    assert "inertia_kg_m2" not in document["model"]
+    answers = {"--lead": LEAD_MM, "--torque-constant": 2.0}
+    asked: list[str] = []
+
+    def ask(question: Any) -> float | None:
+        asked.append(question.option)
+        return answers[question.option]
+
+    adopt(Request([path], out), ask)
+    assert sorted(asked) == sorted(answers)
+    machine = load_machine(out)
+    assert machine.model.inertia_kg_m2.value == pytest.approx(
+        2.0 * DIAGNOSIS.inertia_kg_m2, rel=0.1
+    )
+
+
+def test_a_table_made_of_the_motors_angle_is_no_second_encoder(tmp_path: Path) -> None:
+    t = truth()
+    columns = german() | {"Tisch Lage [mm]": np.round(t["motor_angle_rad"] / TURN * LEAD_MM, 4)}
+    path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
+    assert "no second encoder" in adopt(Request([path], out))
+    machine = load_machine(out)
+    assert "table_position_m" not in machine.columns
+    assert machine.axis.lead_m == pytest.approx(DIAGNOSIS.lead_m, rel=1e-3)
+
+
+def test_a_current_without_a_sign_gets_that_of_the_direction(tmp_path: Path) -> None:
+    t = truth()
+    columns = {
+        "t_s": t["time_s"],
+        "set_point_mm": 1e3 * t["position_setpoint_m"],
+        "x_mm": 1e3 * t["table_position_m"],
+        "supply_current_A": np.abs(t["torque_command_nm"]),
+    }
+    path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
+    text = adopt(Request([path], out, known=Known(DIAGNOSIS.lead_m, 1.0)))
+    assert "has no sign" in text
+    machine = load_machine(out)
+    torque = read_recording(machine, path).channels["torque_command_nm"]
+    speed = np.gradient(t["position_setpoint_m"], t["time_s"])
+    steady = (np.abs(speed) > 0.5 * np.abs(speed).max()) & np.isfinite(torque)
+    assert np.mean(np.sign(torque[steady]) == np.sign(speed[steady])) > 0.95
+
+
+def test_several_axes_are_refused_with_their_list(tmp_path: Path) -> None:
+    columns = industrial_edge() | {"ENC1_POS|5": truth()["time_s"][::2]}
+    path = write(tmp_path / "r.csv", columns)
+    with pytest.raises(TraceError, match=r"axes there are: 3, 5; .*--axis-number"):
+        adopt(Request([path], tmp_path / "m.toml"))
+    adopt(Request([path], tmp_path / "m.toml", axis_number=3, known=Known(DIAGNOSIS.lead_m)))
+    assert load_machine(tmp_path / "m.toml").axis.number == 3
+
+
+def test_a_clock_that_starts_anew_is_said_aloud(tmp_path: Path) -> None:
+    columns = german()
+    time_ms = columns["Zeit [ms]"]
+    columns["Zeit [ms]"] = np.where(time_ms < 6000.0, time_ms, time_ms - 6000.0)
+    path = write(tmp_path / "r.csv", columns)
+    assert "starts anew 1 times" in adopt(Request([path], tmp_path / "m.toml"))
