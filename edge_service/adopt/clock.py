@@ -26,7 +26,7 @@ def find_clock(
     names: list[ColumnName], values: dict[str, Floats], known: Known, found: Understanding
 ) -> Floats | None:
     """Time of every sample, s; None where nothing tells it. Says and asks what there is to it."""
-    for quantity in (Quantity.TIME, Quantity.COUNTER):
+    for quantity in _order(names, known):
         for each in names:
             if each.quantity is quantity:
                 scale = _scale(each, values[each.name], known, found)
@@ -34,6 +34,15 @@ def find_clock(
                     found.columns[TIME] = Choice(each.name, scale)
                     return scale * values[each.name]
     return _by_rows(names, values, known, found)
+
+
+def _order(names: list[ColumnName], known: Known) -> tuple[Quantity, ...]:
+    """Kinds of clocks, the better one first; a period that is given outdoes one that is assumed."""
+    if known.period_s is None:
+        return Quantity.TIME, Quantity.COUNTER
+    if any("|" in each.name for each in names):
+        return (Quantity.COUNTER,)
+    return Quantity.COUNTER, Quantity.TIME
 
 
 def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding) -> float | None:

@@ -42,6 +42,10 @@ class Choice:
     minus: str = ""
     direction: str = ""
 
+    def is_plain(self, channel: str) -> bool:
+        """True if a reader takes the column for the channel without being told."""
+        return self == Choice(channel, 1.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Known:

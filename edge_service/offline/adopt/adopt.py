@@ -61,6 +61,8 @@ def adopt(request: Request, ask: Ask | None = None) -> str:
     raw = read_columns(request.files[0], request.columns)
     axis, number = _axis(request, raw)
     understood = _understand(raw, axis, request.known, ask)
+    for remark in raw.remarks:
+        understood.say("file", remark)
     frames = [_read(path, understood, number) for path in request.files]
     mechanics = _mechanics(frames, understood)
     sheet = replace(request.sheet, number=number)
@@ -135,8 +137,9 @@ def _read(path: Path, understood: Understanding, number: int | None) -> SampleFr
     columns = {
         channel: ColumnMap(each.column, each.scale, 0.0, each.minus, each.direction)
         for channel, each in understood.columns.items()
+        if not each.is_plain(channel)
     }
-    positions = [name for name in columns if name in CHANNELS]
+    positions = [name for name in understood.columns if name in CHANNELS]
     if not positions:
         asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
         raise TraceError(f"{path}: nothing in it is understood{f' ({asked})' if asked else ''}")

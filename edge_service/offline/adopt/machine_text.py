@@ -56,7 +56,9 @@ def machine_text(
     lines += [_of_sheet(sheet, name) for name in ("preload_n", "nut_stiffness_n_per_m")]
     lines += ["", "[columns]"]
     for channel, choice in understood.columns.items():
-        lines += [*_comments(said, channel), f"{channel} = {_column(choice)}"]
+        lines += _comments(said, channel)
+        if not choice.is_plain(channel):
+            lines.append(f"{channel} = {_column(choice)}")
     left = [name for name in said if name not in ("lead_m", *understood.columns)]
     if left:
         lines += ["", "# Not used:", *(line for name in left for line in _comments(said, name))]

@@ -9,8 +9,9 @@ import numpy as np
 from ...adopt.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
 from ...messages.samples import Floats
 from ...trace.columns import TraceError
-from ...trace.formats import open_source
+from ...trace.forms.registry import open_source
 from ...trace.sinumerik.controller_axis import ControllerAxis
+from ...trace.sinumerik.edge_source import edge_recording
 
 _MOST_ROWS = 500_000
 """Rows that the meaning of the columns is judged by."""
@@ -31,10 +32,12 @@ class RawColumns:
     Attributes:
         names: in the order of the file, with what they mean.
         values: column -> values, shape (n,) each.
+        remarks: what its reader had to say, one line each.
     """
 
     names: tuple[ColumnName, ...]
     values: Mapping[str, Floats]
+    remarks: tuple[str, ...] = ()
 
     @property
     def axes(self) -> list[str]:
@@ -56,7 +59,7 @@ def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
         TraceError: it cannot be read, has no numbers, or not what is said of it.
     """
     try:
-        source = open_source(path, ControllerAxis())
+        source = edge_recording(path, open_source(path, ControllerAxis()), {})
     except OSError as error:
         raise TraceError(f"{path}: cannot be read ({error.strerror or error})") from None
     try:
@@ -74,7 +77,7 @@ def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
     if not numeric:
         raise TraceError(f"{path}: holds no column of numbers")
     names = _with_given(path, column_names(numeric), given)
-    return RawColumns(tuple(names), {name: values[name] for name in numeric})
+    return RawColumns(tuple(names), {name: values[name] for name in numeric}, source.remarks)
 
 
 def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -> list[ColumnName]:
