@@ -22,13 +22,13 @@ _LETTER_EXAMPLE: dict[str, Any] = {
 
 
 class DeadLetterAnswer(Answer):
-    """An event that could not be delivered and is tried no more, until somebody asks for it."""
+    """A message that could not be delivered and is tried no more, until somebody asks for it."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [_LETTER_EXAMPLE]})
 
     id: str
     axis: str
-    kind: str
+    kind: str = Field(description="Of the event; of another message its topic.")
     message: str
     time: Timestamp = Field(description="Of the event.")
     tries: int

@@ -56,6 +56,7 @@ async def run(context: NodeContext) -> None:
     )
     missed = MissedEvents(context.diary.diary, spool, (axis.name for axis in config.axes))
     try:
+        context.spools["mqtt"] = spool
         await context.heart.patiently(missed.put())
         async with report.running() as tasks:
             tasks.start("delivery", partial(_deliver, delivery, spool))
@@ -65,6 +66,7 @@ async def run(context: NodeContext) -> None:
             tasks.repeat("absence", _ABSENCE_PERIOD_S, partial(_note_absence, attendance, spool))
             await context.forever()
     finally:
+        context.spools.pop("mqtt", None)
         spool.close()
 
 

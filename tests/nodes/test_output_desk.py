@@ -6,16 +6,20 @@ from pathlib import Path
 
 from pydantic import SecretStr
 
+from edge_service.bus.mqtt.packet import GONE
 from edge_service.bus.session import Bus, BusSettings
+from edge_service.bus.spool.message import DeadLetter
 from edge_service.bus.spool.spool import Spool
 from edge_service.config_tables import HistoryConfig, WebhookConfig
 from edge_service.health.events.diary import Diary
 from edge_service.messages.event import Event, Severity
+from edge_service.nodes.mqtt_node import SENT
 from edge_service.nodes.outputs.desk import OutputDesk
 from edge_service.nodes.outputs.missed import MissedEvents
 from edge_service.nodes.wiring.context import NodeContext
 
 from ..drivers.bench import free_port
+from ..messages.examples import HEADER, PAYLOADS
 from .conftest import config_of
 
 
@@ -61,6 +65,32 @@ async def test_mqtt_catches_up_with_the_diary_and_sends_nothing_twice(tmp_path: 
     diary.add([spoken], 10**18)
     assert await started() == ["1", "2", "3", "4", "5", "7", "6"]
     diary.close()
+
+
+async def test_dead_letters_of_a_node_beside_are_shown_and_tried_again(tmp_path: Path) -> None:
+    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
+    context = NodeContext(config_of("simulated", {}), bus)
+    desk = await OutputDesk.open(context)
+    assert await desk.dead_letters("mqtt") == []
+    spool = context.spools["mqtt"] = await Spool.open(tmp_path / "spool", 100)
+    for topic in SENT:
+        await spool.put(f"X/{topic.name}", topic.encode("X", HEADER, PAYLOADS[topic.name]))
+    await spool.put(f"X/{GONE}", b"")
+    for each in await spool.oldest(10):
+        await spool.bury(DeadLetter(each.key, each.topic, each.payload, 7, "lost", 5))
+    shown = await desk.dead_letters("mqtt")
+    assert [(each.axis, each.kind, each.tries) for each in shown] == [
+        ("X", "preload", 7),
+        ("X", "health", 7),
+        ("X", "alarm_raised", 7),
+        ("X", "gone", 7),
+    ]
+    await desk.forget("mqtt", shown[0].id)
+    await desk.revive("mqtt", shown[1].id)
+    await desk.revive_all("mqtt")
+    assert (len(spool), spool.dead) == (3, 0)
+    await asyncio.to_thread(spool.close)
+    await bus.close()
 
 
 async def test_an_event_between_diary_and_output_is_sent_after_the_next_start(

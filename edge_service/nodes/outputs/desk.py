@@ -1,12 +1,13 @@
 """Outputs of one service: every event is offered to each, and their dead letters are kept here."""
 
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from typing import Any
 
 from ...bus.spool.message import DeadLetter
+from ...bus.spool.spool import Spool
 from ...health.events.diary import Diary
 from ...health.events.log import LoggedEvent
 from ...http_api.jobs import RefusedError
@@ -22,13 +23,14 @@ MOST_MISSED = 10_000
 class OutputDesk:
     """The outputs as configured."""
 
-    def __init__(self) -> None:
+    def __init__(self, spools: Mapping[str, Spool]) -> None:
+        self._spools = spools
         self._outputs: dict[str, tuple[EventOutput, OutputReport]] = {}
 
     @classmethod
     async def open(cls, context: NodeContext) -> "OutputDesk":
         """Open what is configured. Raises ConfigError."""
-        desk = cls()
+        desk = cls(context.spools)
         for name, make in OUTPUTS.items():
             report = OutputReport(context, name)
             output = await make(context.config, report.tell)
@@ -54,35 +56,37 @@ class OutputDesk:
             yield
 
     async def dead_letters(self, name: str) -> list[DeadLetterAnswer]:
-        """Dead letters of an output, the oldest first; none of one that is elsewhere."""
-        if name not in self._outputs:
-            return []
-        letters = await self._outputs[name][0].spool.letters()
-        return [_shown(letter) for letter in letters]
+        """Dead letters of an output, the oldest first; none of one in another process."""
+        spool = self._spool(name)
+        return [] if spool is None else [_shown(letter) for letter in await spool.letters()]
 
     async def revive(self, name: str, key: str) -> None:
         """Try a dead letter again, after all that waits. Raises RefusedError."""
-        _found(name, key, await self._output(name).spool.revive(key))
+        _found(name, key, await self._known(name).revive(key))
 
     async def revive_all(self, name: str) -> None:
         """Try all dead letters of an output again, in their order. Raises RefusedError."""
-        spool = self._output(name).spool
+        spool = self._known(name)
         for letter in await spool.letters():
             await spool.revive(letter.key)
 
     async def forget(self, name: str, key: str) -> None:
         """Drop a dead letter. Raises RefusedError."""
-        _found(name, key, await self._output(name).spool.forget(key))
+        _found(name, key, await self._known(name).forget(key))
 
     def close(self) -> None:
         """Close the files; safe twice."""
         for output, _ in self._outputs.values():
             output.spool.close()
 
-    def _output(self, name: str) -> EventOutput:
-        if name not in self._outputs:
+    def _spool(self, name: str) -> Spool | None:
+        return self._outputs[name][0].spool if name in self._outputs else self._spools.get(name)
+
+    def _known(self, name: str) -> Spool:
+        spool = self._spool(name)
+        if spool is None:
             raise RefusedError(404, f"there is no output {name!r} with dead letters here")
-        return self._outputs[name][0]
+        return spool
 
 
 async def _catch_up(output: EventOutput, diary: Diary) -> None:
@@ -106,13 +110,14 @@ def _found(name: str, key: str, found: bool) -> None:
 
 
 def _shown(letter: DeadLetter) -> DeadLetterAnswer:
-    event: dict[str, Any] = json.loads(letter.payload)
+    axis, _, topic = letter.topic.partition("/")
+    event: dict[str, Any] = json.loads(letter.payload or "{}")
     return DeadLetterAnswer(
         id=letter.key,
-        axis=event["axis"],
-        kind=event["kind"],
-        message=event["message"],
-        time=event["time_ns"],
+        axis=axis,
+        kind=event.get("kind", topic),
+        message=event.get("message", topic),
+        time=event.get("time_ns", event.get("source_time_ns", letter.time_ns)),
         tries=letter.tries,
         reason=letter.reason,
         dead_since=letter.time_ns,

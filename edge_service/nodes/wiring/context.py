@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from ...bus.publisher import Publisher
 from ...bus.session import Bus
+from ...bus.spool.spool import Spool
 from ...bus.subscriber import Subscriber
 from ...clock import now_ns
 from ...config import EdgeConfig
@@ -35,6 +36,7 @@ class NodeContext:
         keeps_estimates: whether the estimators go on where the last process was.
         supervisor: owner of all tasks of the process.
         heart: sign of life of the node that it is given to.
+        spools: where other nodes of the process keep what could not be delivered, by output.
     """
 
     config: EdgeConfig
@@ -46,6 +48,7 @@ class NodeContext:
         default_factory=lambda: Heartbeat("node", float("inf"), time.monotonic)
     )
 
+    spools: dict[str, Spool] = field(default_factory=dict)
     _diary: DiaryStore | None = None
 
     def __post_init__(self) -> None:
