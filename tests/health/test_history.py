@@ -1,5 +1,6 @@
 """The history against plain calculations: any resolution, crashes, damage, budget."""
 
+import tracemalloc
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -251,3 +252,19 @@ def test_a_clock_before_this_program_takes_nothing_for_the_future(tmp_path):
     _fill(archive, MIDNIGHT_S + np.arange(0.0, HOUR + 20.0, 10.0), np.full(362, 5.0))
     assert archive.future_files(0.0) == []
     assert archive.future_files(1_600_000_000.0) == []
+
+
+def test_an_hour_takes_no_more_memory_than_its_first_minute(tmp_path):
+    """What was asked for is not kept, and what is heard goes where room was taken at once."""
+    archive = AxisArchive(tmp_path)
+    tracemalloc.start()
+    try:
+        taken = []
+        for minute in range(30):
+            times_s = MIDNIGHT_S + 60.0 * minute + np.arange(0.0, 60.0)
+            _fill(archive, times_s, np.full(times_s.size, 5.0))
+            assert archive.buckets(MIDNIGHT_S, MIDNIGHT_S + HOUR, 1.0)
+            taken.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert taken[-1] - taken[0] < 50_000

@@ -3,7 +3,12 @@
 import subprocess
 import sys
 
-HEAVY = ("scipy.signal", "scipy.linalg", "scipy.stats", "pyarrow", "matplotlib", "filterpy")
+HEAVY = (
+    *("scipy.signal", "scipy.linalg", "scipy.stats", "scipy.special", "pyarrow", "matplotlib"),
+    *("filterpy", "httpx", "rich", "pymodbus", "asyncua", "aiomqtt", "google.protobuf", "mcap"),
+    *("jinja2", "tomlkit", "edge_service.diagnose", "edge_service.offline"),
+    "edge_service.fingerprint",
+)
 
 
 def test_the_nodes_load_no_library_before_it_is_needed() -> None:

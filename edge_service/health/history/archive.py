@@ -152,7 +152,7 @@ class AxisArchive:
         """Single estimates of an hour in files and log, and its minutes if they know of more."""
         end_s = start_s + HOUR_S
         known, before = self._raw.read(start_s, end_s), self._minute.read(start_s, end_s)
-        rows = self._open.rows().between(start_s, end_s)
+        rows = self._open.rows(start_s, end_s)
         fresh = rows.take(~np.isin(rows.time_s, known.time_s))
         if int(before.samples.sum()) > len(known):
             return joined([known, fresh]), aggregate(joined([before, fresh]), start_s, 60.0)

@@ -4,11 +4,10 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from ...messages.samples import Floats
-from .record import RECORD_BYTES, rows_of
-from .rows import Rows, joined, no_rows
+from .record import RECORD_BYTES, rows_of, steps_of
+from .record_room import RecordRoom
+from .rows import Rows
 from .segment import SegmentLog
 
 HOUR_S = 3600.0
@@ -33,9 +32,7 @@ class OpenRecords:
         self._pending: deque[bytes] = deque(maxlen=MOST_RECORDS)
         self._log = None if path is None else SegmentLog(path, tell)
         self._is_open = path is None
-        self._records = bytearray()
-        self._rows = no_rows()
-        self._converted = 0
+        self._records = RecordRoom()
 
     def append(self, record: bytes) -> None:
         """Take a record in."""
@@ -45,43 +42,39 @@ class OpenRecords:
     def open(self) -> None:
         """Go on from the log of the last run, once. Raises OSError."""
         if self._log is not None and not self._is_open:
-            self._records = bytearray(self._log.open()) + self._records
-            self._forget_rows()
+            self._records.replace(self._log.open() + bytes(self._records.view()))
             self._is_open = True
 
-    def rows(self) -> Rows:
-        """All of them, by time as far as they came so."""
+    def rows(self, start_s: float, end_s: float) -> Rows:
+        """Those of [start_s, end_s), by time."""
         self._take()
-        if self._converted < len(self._records):
-            self._rows = joined([self._rows, rows_of(self._records[self._converted :])])
-            self._converted = len(self._records)
-        return self._rows
+        return rows_of(self._records.view(), start_s, end_s)
 
     def hours(self) -> Floats:
         """UNIX times of the beginnings of their hours, s, in order."""
-        hours: Floats = np.unique(np.floor(self.rows().time_s / HOUR_S)) * HOUR_S
-        return hours
+        self._take()
+        return steps_of(self._records.view(), HOUR_S)
 
     def write(self, *, sync: bool = False) -> None:
         """Bring the log up to date. Raises OSError: what is missing is written next time."""
         self._take()
         if self._log is not None:
             self.open()
-            self._log.write(self._records, sync=sync)
+            self._log.write(self._records.view(), sync=sync)
 
     def an_hour_is_over(self) -> bool:
         """Tell whether they are of more than one hour, or too many."""
         if len(self._records) > MOST_RECORDS * RECORD_BYTES:
             return True
-        ends = bytes(self._records[:RECORD_BYTES] + self._records[-RECORD_BYTES:])
-        return len(ends) > 0 and np.unique(np.floor(rows_of(ends).time_s / HOUR_S)).size > 1
+        records = self._records.view()
+        ends = bytes(records[:RECORD_BYTES]) + bytes(records[-RECORD_BYTES:])
+        return steps_of(ends, HOUR_S).size > 1
 
     def clear(self) -> None:
         """Forget those that were taken: they are kept elsewhere by now. Raises OSError."""
         if self._log is not None:
             self._log.clear()
-        self._records.clear()
-        self._forget_rows()
+        self._records.replace(b"")
 
     def make_room(self) -> None:
         """Take the new ones in; the oldest go where there are far too many and no file for them."""
@@ -92,13 +85,9 @@ class OpenRecords:
         excess += MOST_RECORDS // 4
         self._tell(f"{excess} estimates are lost: for hours no file could take them")
         self.lost += excess
-        del self._records[: excess * RECORD_BYTES]
-        self._forget_rows()
+        self._records.replace(bytes(self._records.view()[excess * RECORD_BYTES :]))
         if self._log is not None:
             self._log.rewrite()
 
     def _take(self) -> None:
-        self._records += b"".join(self._pending.popleft() for _ in range(len(self._pending)))
-
-    def _forget_rows(self) -> None:
-        self._rows, self._converted = no_rows(), 0
+        self._records.extend(b"".join(self._pending.popleft() for _ in range(len(self._pending))))

@@ -1,14 +1,18 @@
 """One estimate as a record of fixed size with a checksum."""
 
+import math
 import struct
 import zlib
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from .rows import QUANTITIES, STATUSES, Rows, single_rows
+from ...messages.samples import Floats
+from .rows import QUANTITIES, STATUSES, Integers, Rows, single_rows
 
+Content = bytes | bytearray | memoryview
 NAN = float("nan")
 _NUMBERS = 2 + len(QUANTITIES)
 _BODY = struct.Struct(f"<qb{_NUMBERS}d")
@@ -90,11 +94,24 @@ def _next_good(content: bytes, start: int) -> int:
     return len(content)
 
 
-def rows_of(content: bytes | bytearray) -> Rows:
-    """Records as rows, by time; of two of the same microsecond the later one counts."""
-    records = np.frombuffer(bytes(content), _RECORD)
-    time_us = records["time_ns"] // 1000
-    backwards = time_us[::-1]
+def steps_of(content: Content, step_s: float) -> Floats:
+    """UNIX times of the beginnings of the steps that hold records, s, in order."""
+    time_s = _time_us(np.frombuffer(content, _RECORD)) / 1e6
+    steps: Floats = np.unique(np.floor(time_s / step_s)) * step_s
+    return steps
+
+
+def _time_us(records: npt.NDArray[np.void]) -> Integers:
+    times: Integers = records["time_ns"] // 1000
+    return times
+
+
+def rows_of(content: Content, start_s: float = -math.inf, end_s: float = math.inf) -> Rows:
+    """Records of [start_s, end_s) as rows, by time; of two of one microsecond the later counts."""
+    records = np.frombuffer(content, _RECORD)
+    time_s = _time_us(records) / 1e6
+    records = records[(time_s >= start_s) & (time_s < end_s)]
+    backwards = _time_us(records)[::-1]
     _, last = np.unique(backwards, return_index=True)
     records = records[::-1][last]
     numbers = np.ascontiguousarray(records["numbers"].T.astype(np.float64))

@@ -14,7 +14,7 @@ from ...atomic import (
     set_aside,
     sync_folder,
 )
-from .record import scan
+from .record import Content, scan
 
 
 class SegmentLog:
@@ -50,7 +50,7 @@ class SegmentLog:
             self._tell(f"{self._path}: {found.torn_bytes} bytes were torn off at its end")
         return found.records
 
-    def write(self, records: bytes | bytearray, *, sync: bool = False) -> None:
+    def write(self, records: Content, *, sync: bool = False) -> None:
         """Bring the file to hold all of `records`; with `sync` on the disk. Raises OSError."""
         if self._damaged:
             self._renew(records)
@@ -67,7 +67,7 @@ class SegmentLog:
             os.truncate(self._path, 0)
         self.rewrite()
 
-    def _renew(self, records: bytes | bytearray) -> None:
+    def _renew(self, records: Content) -> None:
         """Replace a damaged file, which is kept beside it, by the good records."""
         with replaced_bytes(self._path) as file:
             file.write(records)
@@ -84,7 +84,7 @@ class SegmentLog:
         except OSError:  # a folder, or a file system without links
             set_aside(self._path)
 
-    def _extend(self, records: bytes | bytearray, *, sync: bool) -> None:
+    def _extend(self, records: Content, *, sync: bool) -> None:
         if self._synced == 0:
             made_folder(self._path.parent)
         handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
@@ -95,7 +95,7 @@ class SegmentLog:
         finally:
             os.close(handle)
 
-    def _write_rest(self, handle: int, records: bytes | bytearray) -> None:
+    def _write_rest(self, handle: int, records: Content) -> None:
         size = os.fstat(handle).st_size
         if size < self._held:  # somebody cut or removed it
             self.rewrite()

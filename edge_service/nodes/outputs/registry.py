@@ -7,7 +7,6 @@ from ...bus.spool.spool import Spool
 from ...config import EdgeConfig
 from ...health.events.log import LoggedEvent
 from ..supervision.heartbeat import Heartbeat
-from .webhook import open_webhook
 
 
 class EventOutput(Protocol):
@@ -28,7 +27,15 @@ class EventOutput(Protocol):
         """Send what was kept until cancelled."""
 
 
+async def _open_webhook(config: EdgeConfig, on_change: Callable[[str], None]) -> EventOutput | None:
+    if config.webhook.url is None:
+        return None
+    from .webhook import open_webhook  # its client takes 8 MB
+
+    return await open_webhook(config, on_change)
+
+
 OpenOutput = Callable[[EdgeConfig, Callable[[str], None]], Awaitable[EventOutput | None]]
 """Opens an output as configured, None if it is not; told what to call with what is wrong now."""
-OUTPUTS: dict[str, OpenOutput] = {"webhook": open_webhook}
+OUTPUTS: dict[str, OpenOutput] = {"webhook": _open_webhook}
 """Openers by the name that the output reports under."""
