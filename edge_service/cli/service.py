@@ -35,10 +35,10 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
     Without CONFIG the simulated drive of the embedded default is run.
     """
     from ..nodes.service import run_service
-    from ..nodes.wiring.kernels import compile_in_another_process
+    from ..nodes.wiring.memory import stay_small
 
     log_to_stderr()
-    compile_in_another_process()
+    stay_small()
     asyncio.run(run_service(configured(config, port, endpoint), announce))
 
 
@@ -58,10 +58,10 @@ def node(name: "NodeName", config: Path | None, port: int | None, endpoint: str 
     Nodes prove with certificates (`edge-service certs`) who they are, unless the bus is open.
     """
     from ..nodes.service import run_node
-    from ..nodes.wiring.kernels import compile_in_another_process
+    from ..nodes.wiring.memory import stay_small
 
     log_to_stderr()
-    compile_in_another_process()
+    stay_small()
     settings = configured(config, port, endpoint)
     asyncio.run(run_node(settings, name, announce))
 
@@ -136,11 +136,11 @@ def replay(
     endpoint: str | None,
 ) -> None:
     """Send a recording through the whole service, and print the last answer at its end."""
-    from ..nodes.wiring.kernels import compile_in_another_process
+    from ..nodes.wiring.memory import stay_small
     from ..offline.replay import replay_trace
 
     log_to_stderr()
-    compile_in_another_process()
+    stay_small()
     if speed < 0.0:
         raise InputError(f"--speed: {speed:g}, expected 0 or more")
     settings = configured(config, port, endpoint)

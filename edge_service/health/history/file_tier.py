@@ -13,7 +13,8 @@ from .parquet import ADOPTED, check_rows, read_rows, write_rows
 from .rows import Rows, aggregate, in_order, joined, no_rows
 from .tier import Resolution, outside
 
-_CACHED_ROWS = 20_000
+_CACHED_ROWS = 9_000
+"""A year of hours, six days of minutes; an hour of single estimates is read anew each time."""
 _UNITS_AT_ONCE = 10
 """Files of finer rows that are read in one turn to make rows anew."""
 _SUFFIX = ".parquet"
@@ -148,9 +149,9 @@ class FileTier:
         rows = self._cache.pop(path, None)
         if rows is None:
             rows = self._sound_rows(path)
-        if len(rows):
+        if 0 < len(rows) <= _CACHED_ROWS:
             self._cache[path] = rows
-        while len(self._cache) > 1 and sum(map(len, self._cache.values())) > _CACHED_ROWS:
+        while sum(map(len, self._cache.values())) > _CACHED_ROWS:
             self._cache.popitem(last=False)
         return rows
 

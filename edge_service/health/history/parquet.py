@@ -116,7 +116,7 @@ def _decoded(content: bytes) -> Rows:
     import pyarrow.parquet as pq
 
     try:
-        return from_table(pq.read_table(pa.BufferReader(content), use_threads=False))
+        return from_table(pq.ParquetFile(pa.BufferReader(content)).read(use_threads=False))
     except MemoryError:
         raise OSError(errno.ENOMEM, "too little memory") from None
     except (pa.ArrowException, *_UNREADABLE) as error:
