@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from ..atomic import replaced_file
 from ..fingerprint.compare import compare_fingerprints
 from ..fingerprint.document import FingerprintError, read_fingerprint, to_document
 from ..fingerprint.fingerprint import AxisFingerprint
-from ..fingerprint.regression.interval_estimate import IntervalEstimate
+from ..fingerprint.regression.interval_estimate import IntervalEstimate, undetermined
 from ..fingerprint.response.control_response import (
     LOWEST_HZ,
     Mode,
@@ -30,6 +31,11 @@ from .report.quantities import estimate
 SECTION = "frequency_response"
 MOTION = "multisine"
 _INERTIA = "response_inertia_kg_m2"
+_MECHANICS = {
+    *(_INERTIA, "motor_inertia_kg_m2", "load_inertia_kg_m2"),
+    *("stiffness_nm_per_rad", "damping_nm_s_per_rad"),
+}
+_ALIKE = math.log(2.0)
 
 
 def response(
@@ -93,18 +99,31 @@ def _frequency_response(measured: MeasuredResponse) -> FrequencyResponse:
 
 
 def _with_stated(section: Section, stated: Mapping[str, float]) -> Section:
-    """The section with what the control states as a note to what was found."""
+    """The section with what the control states as a note to what was found.
+
+    Inertias far from each other are in other units, or of other parts: then none is told.
+    """
     figures = dict(section.figures)
+    total = stated.get("total_inertia_kg_m2")
+    if total and _INERTIA in figures and not _alike(figures[_INERTIA].value, total):
+        note = (
+            f"{figures[_INERTIA].value:.3g} kg m2, where the control states {total:.3g}: in doubt"
+        )
+        for name in _MECHANICS & figures.keys():
+            figures[name] = undetermined(figures[name].unit, note)
+        return replace(section, figures=figures)
     for name, key in ((_INERTIA, "total_inertia_kg_m2"), ("motor_inertia_kg_m2",) * 2):
         if key in stated and name in figures:
             figures[name] = _noted(figures[name], f"the control states {stated[key]:.4g} kg m2")
-    return Section(section.status, section.reason, section.motion, figures, section.curves)
+    return replace(section, figures=figures)
+
+
+def _alike(found: float, stated: float) -> bool:
+    return math.isfinite(found) and found > 0.0 and abs(math.log(found / stated)) < _ALIKE
 
 
 def _noted(figure: IntervalEstimate, note: str) -> IntervalEstimate:
-    return IntervalEstimate(
-        figure.value, figure.low, figure.high, figure.unit, figure.n_effective, note
-    )
+    return replace(figure, note=note)
 
 
 def _document(
@@ -124,10 +143,15 @@ def _document(
     }
 
 
+def _told(figure: IntervalEstimate) -> str:
+    """The figure, or why there is none."""
+    return estimate(figure) if figure.determined else f"undetermined, {figure.note}"
+
+
 def _lines(section: Section, stated: Mapping[str, float], modes: list[Mode]) -> list[str]:
     if section.status is Status.UNDETERMINED:
         return [f"modes and inertia: undetermined, {section.reason}"]
-    lines = [f"{plain(name)}: {estimate(figure)}" for name, figure in section.figures.items()]
+    lines = [f"{plain(name)}: {_told(figure)}" for name, figure in section.figures.items()]
     lines += [
         f"the control states: {plain(name)} {each:.4g} kg m2" for name, each in stated.items()
     ]

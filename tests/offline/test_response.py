@@ -84,6 +84,23 @@ def test_a_measurement_has_modes_and_no_inertia(tmp_path: Path, capsys) -> None:
     assert not any("inertia" in name for name in figures)
 
 
+def test_an_inertia_far_from_the_one_stated_is_not_told(source: Path, tmp_path: Path) -> None:
+    source.write_text(source.read_text().replace(">0.11<", ">0.00011<"))
+    assert main(["response", str(source), "--out", str(tmp_path / "out")]) == 0
+    figures = _figures(tmp_path / "out")
+    assert figures["response_inertia_kg_m2"]["value"] is None
+    assert "in doubt" in figures["response_inertia_kg_m2"]["note"]
+    assert figures["stiffness_nm_per_rad"]["value"] is None
+    assert figures["resonance_hz"]["value"] == pytest.approx(PEAK_HZ, rel=0.01)
+
+
+def test_a_linear_motor_has_modes_and_no_inertia(source: Path, tmp_path: Path) -> None:
+    linear = '<boolean name="m_bMotorIsRotary">false</boolean><LinkedList name="m_listMech'
+    source.write_text(source.read_text().replace('<LinkedList name="m_listMech', linear))
+    assert main(["response", str(source), "--out", str(tmp_path / "out")]) == 0
+    assert not any("inertia" in name for name in _figures(tmp_path / "out"))
+
+
 def test_what_is_no_response_of_a_mass_is_said(tmp_path: Path, capsys) -> None:
     source, out = tmp_path / "loop.xml", tmp_path / "out"
     loop = 1.0 / (1.0 + 1j * FREQUENCY / 100.0)

@@ -135,6 +135,17 @@ def test_events_of_a_new_run_belong_to_it(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.channels[TOOL], [1.0, 2.0, math.nan, 3.0])
 
 
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [(EVENTS, "the NC blocks"), ("SignalName,Type,Axis,Address\nA,B,,C\n", "the list of signals")],
+)
+def test_a_file_beside_a_recording_says_which_to_open(tmp_path: Path, content, what) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(content)
+    with pytest.raises(TraceError, match=f"holds {what} of a recording .* expected its"):
+        open_trace(path)
+
+
 def test_events_that_are_none_are_a_remark(tmp_path: Path) -> None:
     path = _csv(tmp_path / "T_hfdata.csv", [100, 101])
     (tmp_path / "T_hfblockevent.csv").write_text("a,b\n1,2\n")
@@ -192,7 +203,7 @@ def test_json_without_the_count_in_its_list_has_it_in_its_rows(tmp_path: Path) -
 
 
 def test_json_may_be_cut_at_any_chunk(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("edge_service.trace.sinumerik.json_messages.CHUNK_BYTES", 7)
+    monkeypatch.setattr("edge_service.trace.forms.json_messages.CHUNK_BYTES", 7)
     path = tmp_path / "recording.json"
     content = edge_json(_rows(list(range(10, 40))))
     path.write_bytes(json.dumps(json.loads(content), indent=1).encode())

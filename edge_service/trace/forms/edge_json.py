@@ -17,9 +17,9 @@ from ...messages.samples import Floats
 from ..block import Block, Text, number_rows
 from ..columns import TraceError
 from ..sinumerik.controller_signals import EDGE_CYCLE
-from ..sinumerik.edge_source import EdgeContext
-from ..sinumerik.json_messages import JsonError, JsonMessages
+from ..sinumerik.edge_context import EdgeContext
 from .form import Form
+from .json_messages import JsonError, JsonMessages
 
 BLOCK_ROWS = 1 << 12
 MOST_SIGNALS = 4096

@@ -29,7 +29,7 @@ class MeasuredResponse:
         frequency_hz: rising, (n,).
         response: complex, (n,).
         coherence: share of the output's power that the input explains, 0 to 1, (n,).
-        unit: of the response; empty where the file does not say it.
+        unit: of the response; empty where the file does not say it, or of a linear motor.
         averages: measurements behind each value; 1 where the file does not say it.
         stated: what the control has taken from it, by name with its unit.
     """
@@ -69,7 +69,8 @@ def _measured(found: TuningParser) -> MeasuredResponse:
         raise ValueError("a response without its coherence (m_pMeasCoherence)")
     at, values = found.coherence.curve()
     coherence = np.interp(frequency, at, values.real)
-    return _checked(found, frequency, response, coherence, "rad/(s N m)")
+    unit = "rad/(s N m)" if found.rotary else ""
+    return _checked(found, frequency, response, coherence, unit)
 
 
 def _from_spectra(found: TuningParser) -> MeasuredResponse:

@@ -61,6 +61,7 @@ class TuningParser:
         self.path = path
         self.root = ""
         self.axis_name = ""
+        self.rotary = True
         self.stated: dict[str, float] = {}
         self.plant: RawResponse | None = None
         self.coherence: RawResponse | None = None
@@ -136,6 +137,8 @@ class TuningParser:
             self._response = None
         elif name == "m_szAxisName" and len(self._stack) == 1:
             self.axis_name = text[:40]
+        elif name == "m_bMotorIsRotary":
+            self.rotary = text != "false"
         elif name in _STATED:
             self._state(_STATED[name], text)
 
