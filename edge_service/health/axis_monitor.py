@@ -78,7 +78,8 @@ class AxisMonitor:
         self, facts: AxisFacts, settings: HealthSettings, alarms: AlarmSettings, now_ns: int
     ) -> None:
         self.axis = facts.axis
-        self._now_ns = now_ns
+        self._now_ns = self._begun_ns = now_ns
+        self._stop_ns = 0
         self._condition = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
         self._answered = AnsweredCommands()
         self._alarms = AxisAlarms(facts.axis, facts.fresh_percent, alarms, now_ns)
@@ -187,14 +188,22 @@ class AxisMonitor:
         self._trend, self._trend_ns = trend, now_ns
 
     def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns: all that has a time moves along."""
+        """The clock was set by a step, ns: all that has a time moves along.
+
+        Except where it shows that the stop before this start was shorter than it seemed: trend and
+        use from before were dated by a clock that was right.
+        """
         self._now_ns += step_ns
+        before_ns = self._begun_ns if -self._stop_ns <= step_ns < 0 else 0
+        self._begun_ns += step_ns
+        self._stop_ns = max(self._stop_ns + step_ns, 0)
         heard_ns, heard_s = self._heard
         self._heard = (heard_ns + step_ns, heard_s)
         self._since_ns = moved(self._since_ns, step_ns)
-        for part in (self._condition, self._alarms, self._use):
+        for part in (self._condition, self._alarms):
             part.move(step_ns)
-        self._series.move(step_ns / NS_PER_S)
+        self._use.move(step_ns, before_ns)
+        self._series.move(step_ns / NS_PER_S, before_ns / NS_PER_S)
         self._trend_ns = 0  # its dates are due
 
     def snapshot(self) -> dict[str, Any]:
@@ -236,6 +245,7 @@ class AxisMonitor:
         if snapshot.axis != self.axis:
             raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
         step_ns = min(self._now_ns - snapshot.saved_ns, 0)
+        self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
         self._alarms.restore(snapshot.alarms, step_ns)
         self._answered.restore(snapshot.answered)
         self._use.restore(snapshot.use)

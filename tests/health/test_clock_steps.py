@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from edge_service.health.alarms.axis_alarms import AlarmSettings
@@ -10,6 +11,7 @@ from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.service_state import ServiceState
 from edge_service.health.settings import HealthSettings
 from edge_service.health.trend.preload_history import PreloadHistory
+from edge_service.health.trend.remaining_life import preload_trend
 from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.messages.alarm import AlarmKind, Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
@@ -192,3 +194,45 @@ def test_a_history_of_the_future_ends_now() -> None:
     assert (time_s[1:] > time_s[:-1]).all()
     assert time_s[-1] == pytest.approx(1.8e9 + 1000.0, abs=10.0)
     assert (percent[0], percent[-1]) == (5.0, 4.0)
+
+
+@pytest.mark.parametrize("stop_s", [5, 3600, 40 * 86400])
+@pytest.mark.parametrize("ahead_ns", [74 * 365 * DAY_NS, 30 * DAY_NS], ids=["2100", "a month"])
+def test_a_start_with_a_clock_that_was_ahead_leaves_the_trend_where_it_is(
+    stop_s: int, ahead_ns: int
+) -> None:
+    before = Run()
+    before.go()
+    kept = before.monitor.snapshot()
+    begun_ns = before.now_ns + stop_s * NS
+
+    def started(ahead_ns: int) -> AxisMonitor:
+        monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), begun_ns + ahead_ns)
+        monitor.restore(kept)
+        for number in range(300):
+            at_ns = begun_ns + number * NS + (ahead_ns if number < 150 else 0)
+            if number == 150 and ahead_ns:
+                monitor.move(-ahead_ns)
+            monitor.tick(at_ns)
+            percent = 2.0 - 0.001 * number
+            estimate = PreloadEstimate(
+                time_s=float(number),
+                status=EstimateStatus.ESTIMATED,
+                preload_percent=percent,
+                low=percent - 0.1,
+                high=percent + 0.1,
+            )
+            monitor.on_preload(Header(number, 1, at_ns, number), estimate, at_ns)
+        return monitor
+
+    right, wrong = started(0), started(ahead_ns)
+    now_ns = begun_ns + 300 * NS
+    assert wrong.health(now_ns).use == right.health(now_ns).use
+    times = [each.snapshot()["series"] for each in (right, wrong)]
+    points = [each._series.points() for each in (right, wrong)]
+    assert points[0][0][0] == pytest.approx(points[1][0][0], abs=1.0)
+    assert points[0][0][-1] == pytest.approx(points[1][0][-1], abs=times[0]["step_s"])
+    assert (np.diff(points[1][0]) > 0.0).all()
+    limits = {"warning": 1.0}
+    trends = [preload_trend(*each, limits) for each in points]
+    assert trends[0].status == trends[1].status

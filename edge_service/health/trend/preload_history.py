@@ -1,5 +1,6 @@
 """Preload since the part came into use, in few points however long that is."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,10 +57,28 @@ class PreloadHistory:
         if len(self._rows) > MOST_POINTS:
             self._coarsen()
 
-    def move(self, step_s: float) -> None:
-        """The clock was set by a step, s: the distances in time stay."""
-        for row in self._rows:
-            row[0] += step_s / self._step_s
+    def move(self, step_s: float, since_s: float = -math.inf) -> None:
+        """The clock was set by a step, s: the distances in time stay.
+
+        Args:
+            since_s: what is older stays where it is; what comes to lie on it is joined to it.
+        """
+        rows, self._rows = self._rows, []
+        for row in rows:
+            if (row[0] + 1.0) * self._step_s > since_s:
+                row[0] += step_s / self._step_s
+            if self._rows and row[0] <= self._rows[-1][0]:
+                self._join(row)
+            else:
+                self._rows.append(row)
+
+    def _join(self, row: list[float]) -> None:
+        last = self._rows[-1]
+        count = last[1] + row[1]
+        last[2:] = [
+            (last[1] * a + row[1] * b) / count for a, b in zip(last[2:], row[2:], strict=True)
+        ]
+        last[1] = count
 
     def newest(self) -> float | None:
         """Preload of the newest step, percent; None if there is none."""

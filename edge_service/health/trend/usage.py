@@ -73,9 +73,10 @@ class UsageCounter:
             force_way_m=tuple(round(each, 3) for each in self._force_way_m.tolist()),
         )
 
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._since_ns += step_ns
+    def move(self, step_ns: int, since_ns: int = 0) -> None:
+        """The clock was set by a step, ns; what began before `since_ns` stays where it is."""
+        if self._since_ns >= since_ns:
+            self._since_ns += step_ns
 
     def restore(self, use: Use) -> None:
         """Go on from what was counted."""

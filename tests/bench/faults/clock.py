@@ -9,6 +9,7 @@ python -m tests.bench.faults.clock
 import os
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ STEPS_S = {
 }
 """Step of the clock, s, and its length, s; then it is set right again."""
 _LEARN_S, _AFTER_S, _KEEP_S = 40.0, HOLD_S + 15.0, 70.0
-_LOOK_PERIOD_S = 0.25
+_LOOK_PERIOD_S, _AGAIN_S = 0.25, 5.0
 MOST_SHIFT = 0.2
 """Percent of the load rating."""
 
@@ -87,19 +88,47 @@ def undisturbed_run(folder: Path) -> Looks:
         return looks(service, time.monotonic(), _LEARN_S + longest_s + _AFTER_S + _KEEP_S)
 
 
-def steps_told(service: RunningService) -> int:
-    """Steps of the clock that the service has followed, and told."""
+def told(service: RunningService, kind: str) -> int:
+    """Events of a kind, whatever time they carry."""
     events = service.ask("/api/v1/axes/X/log?from=0&to=9e9").json["events"]
-    return sum(event["kind"] == "clock_changed" for event in events)
+    return sum(event["kind"] == kind for event in events)
 
 
-def set_clock(folder: Path, step_s: float, for_s: float) -> tuple[Looks, bool, bool, int]:
-    """One service whose clock is set, and set right again.
+@dataclass(frozen=True, slots=True)
+class After:
+    """Outcome of a clock that was set, and set right again.
 
-    Returns:
-        Looks since then, whether the trend goes on, whether the estimate's state is kept on, and
-        the steps that were told.
+    Attributes:
+        seen: looks at the preload since then.
+        goes_on, kept: whether the trend goes on, and whether the estimate's state is kept on.
+        steps: steps that were told.
+        named: events that name what is dated after now.
+        goes_on_again: whether a second start on the same folder is ready and adds rows.
     """
+
+    seen: Looks
+    goes_on: bool
+    kept: bool
+    steps: int
+    named: int
+    goes_on_again: bool
+
+
+def goes_on_again(config: str, folder: Path) -> bool:
+    """Start once more on the folder; tell whether rows and ids go on."""
+    with running_service(config, folder, "tests.bench.faults.clock") as service:
+        service.wait_ready()
+        begun_s, note = time.time(), '{"action": "note", "user": "clock", "note": "again"}'
+        answer = service.ask("/api/v1/axes/X/commands", "POST", note.encode())
+        time.sleep(_AGAIN_S)
+        rows = service.ask(f"/api/v1/axes/X/history?from={begun_s}&step=1").json["buckets"]
+        events = service.ask("/api/v1/axes/X/log").json["events"]
+        ids = [event["id"] for event in events]
+        return answer.status == 202 and len(rows) > 0 and ids == sorted(set(ids)) and bool(ids)
+
+
+def set_clock(folder: Path, step_s: float, for_s: float) -> After:
+    """One service whose clock is set, and set right again."""
     offset, state = folder / "offset", folder / "history" / "axis=X" / "estimate.json"
     offset.write_text("0")
     os.environ[VARIABLE] = str(offset)
@@ -116,7 +145,9 @@ def set_clock(folder: Path, step_s: float, for_s: float) -> tuple[Looks, bool, b
         first = trend(service)
         seen += looks(service, ready_s, _KEEP_S)
         kept = state.exists() and state.stat().st_mtime > kept_s
-        return seen, trend(service) != first, kept, steps_told(service)
+        goes_on, steps = trend(service) != first, told(service, "clock_changed")
+        named = told(service, "history_from_future") + told(service, "diary_from_future")
+    return After(seen, goes_on, kept, steps, named, goes_on_again(config, folder))
 
 
 def set_clocks(folder: Path, names: list[str]) -> PipelineBench:
@@ -129,16 +160,26 @@ def set_clocks(folder: Path, names: list[str]) -> PipelineBench:
     for number, name in enumerate(names):
         place = folder / str(number)
         place.mkdir()
-        seen, goes_on, kept, told = set_clock(place, *STEPS_S[name])
-        expected = 2.0 if STEPS_S[name][1] > HOLD_S else 0.0
-        shift, key = shift_between(seen, undisturbed), name.replace(" ", "_")
-        without = float(sum(percent is None for _, percent in seen))
+        after = set_clock(place, *STEPS_S[name])
+        step_s, for_s = STEPS_S[name]
+        expected = 2.0 if for_s > HOLD_S else 0.0
+        named = 2.0 if for_s > HOLD_S and step_s > 0.0 else 0.0
+        shift, key = shift_between(after.seen, undisturbed), name.replace(" ", "_")
+        without = float(sum(percent is None for _, percent in after.seen))
         figures += [
             Figure(f"{key}_shift", f"{name}: shift", shift, "%", at_most=MOST_SHIFT),
             Figure(f"{key}_without", "looks without a number", without, "", at_most=0.0),
-            Figure(f"{key}_trend", "the trend goes on", float(goes_on), "", at_least=1.0),
-            Figure(f"{key}_told", "steps followed and told", told, "", expected, expected),
-            Figure(f"{key}_kept", "the state is kept on", float(kept), "", at_least=1.0),
+            Figure(f"{key}_trend", "the trend goes on", float(after.goes_on), "", at_least=1.0),
+            Figure(f"{key}_told", "steps followed and told", after.steps, "", expected, expected),
+            Figure(f"{key}_kept", "the state is kept on", float(after.kept), "", at_least=1.0),
+            Figure(f"{key}_named", "kinds from the future, named", after.named, "", named, named),
+            Figure(
+                f"{key}_again",
+                "a second start goes on",
+                float(after.goes_on_again),
+                "",
+                at_least=1.0,
+            ),
         ]
     return PipelineBench(tuple(figures), ("one axis, wall clock set and set right again",))
 
