@@ -89,7 +89,8 @@ class Scene:
 
     def _take(self) -> float | None:
         self._number += 1
-        self.now_s = time_s = self._number * PERIOD_S
+        self.now_s += PERIOD_S
+        time_s = self._number * PERIOD_S
         header = Header(self._number, 1, round(1e9 * time_s), 0)
         estimate = self.axis.take(header, interval(time_s))
         has_number = estimate.status is EstimateStatus.ESTIMATED
@@ -114,6 +115,14 @@ def test_one_that_always_raises_gives_no_number_and_is_tried_ever_less_often() -
     assert scene.made <= 2 * len(scene.errors) + 1
     assert scene.resets == []  # there is no state to blame
     assert scene.axis.to_keep() is None
+
+
+def test_one_that_fails_for_days_is_tried_for_days() -> None:
+    scene = Scene(lambda _number, _taken: True)
+    for _ in range(2000):
+        scene.now_s += 31.0
+        assert scene.feed(1) == [None]
+    assert len(scene.errors) == 2000
 
 
 def test_one_interval_that_raises_costs_a_second_of_the_state() -> None:

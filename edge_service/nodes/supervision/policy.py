@@ -20,6 +20,9 @@ class RestartPolicy:
     steady_s: float = 60.0
 
 
+_MOST_DOUBLINGS = 60
+
+
 class Restarts:
     """Count of the failures of one task."""
 
@@ -35,4 +38,6 @@ class Restarts:
         if self._in_a_row > policy.most:
             return None
         self.total += 1
-        return float(min(policy.cap_s, policy.first_s * 2.0 ** (self._in_a_row - 1)))
+        return float(
+            min(policy.cap_s, policy.first_s * 2.0 ** min(self._in_a_row - 1, _MOST_DOUBLINGS))
+        )

@@ -107,7 +107,7 @@ class GuardedAxis:
     def _failed(self, block: FeatureBlock | None, error: Exception) -> None:
         now_s = self._clock()
         pause_s = self._pauses.pause_s(now_s - self._begun_s)
-        self._due_s = now_s + (POLICY.cap_s if pause_s is None else pause_s)
+        self._due_s = now_s + (pause_s or POLICY.cap_s)
         self.problem = f"the estimator fails: {said(error)}"
         self._note(error)
         if block is not None and self._sound is not None:
