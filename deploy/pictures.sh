@@ -1,6 +1,6 @@
 #!/bin/sh
 # Draws the pictures of the documents anew: the motions, the healthy axis, its warm-up, the
-# puzzle, and the rows of the estimator's bench.
+# puzzle, the real screw's wear where its recording is there, and the rows of the estimator's bench.
 set -eu
 cd "$(dirname "$0")/.."
 sh deploy/setup.sh
@@ -31,5 +31,10 @@ cd "$OLDPWD"
 for name in friction stiffness frequency_response signature; do
     cp "$scratch/healthy/$name.png" "deploy/pictures/$name.png"
 done
+wear=../shared/data/xjtu_wear/lower_screw_drag_nm.txt
+if [ -f "$wear" ]; then
+    edge-service reproduce wear "$wear" --out "$scratch/wear"
+    cp "$scratch/wear/wear.png" deploy/pictures/wear.png
+fi
 cp "$scratch/runs/friction_runs.png" "$scratch/motions.png" "$scratch/puzzle/puzzle.png" \
     "$scratch/estimator/estimator.png" deploy/pictures/

@@ -1,11 +1,22 @@
 """Commands that hold a model against an axis: fingerprint, gap, diagnosis, the thesis' studies."""
 
 import json
+import math
 from pathlib import Path
 
 import click
 
-from .options import AXIS_NUMBER, MACHINE, OUT_FOLDER, PATH, TRACES, Greedy, json_option
+from .options import (
+    ABOVE_0,
+    AXIS_NUMBER,
+    MACHINE,
+    OUT_FOLDER,
+    PATH,
+    TRACES,
+    Greedy,
+    InputError,
+    json_option,
+)
 from .terminal import progress
 
 
@@ -104,7 +115,8 @@ def diagnose(
 
 
 @click.command(epilog="Example: edge-service reproduce --out out/reproduce")
-@click.argument("study", type=click.Choice(["thesis", "puzzle"]), default="thesis")
+@click.argument("study", type=click.Choice(["thesis", "puzzle", "wear"]), default="thesis")
+@click.argument("file", type=PATH, required=False)
 @click.option(
     "--out",
     type=PATH,
@@ -112,12 +124,58 @@ def diagnose(
     show_default=True,
     help="Folder that the report is written to.",
 )
-def reproduce(study: str, out: Path) -> None:
+@click.option("--stage-h", type=ABOVE_0, default=35.0, show_default=True, help="wear: h per line.")
+@click.option(
+    "--speed-rpm", type=ABOVE_0, default=300.0, show_default=True, help="wear: speed at first."
+)
+@click.option(
+    "--speed-step-rpm",
+    type=click.FloatRange(min=0.0),
+    default=200.0,
+    show_default=True,
+    help="wear: by so much the speed rises,",
+)
+@click.option(
+    "--speed-step-h",
+    type=ABOVE_0,
+    default=140.0,
+    show_default=True,
+    help="wear: after so many hours each.",
+)
+@json_option("wear: print the account as one JSON object.")
+def reproduce(
+    study: str,
+    file: Path | None,
+    out: Path,
+    stage_h: float,
+    speed_rpm: float,
+    speed_step_rpm: float,
+    speed_step_h: float,
+    as_json: bool,
+) -> None:
     """Repeat the simulations and Table 4.2 of the thesis beside the published figures.
 
     STUDY puzzle: the diagnosis finds why linear models did not fit the thesis' test bench
     (Figure 5.13).
+
+    STUDY wear FILE: a real screw that wore out, one drag torque a line (N m, the first of the fresh
+    screw); what the trend of the service says after every line, beside a straight line.
     """
+    if (study == "wear") != (file is not None):
+        raise InputError("reproduce: STUDY wear, and no other, needs a FILE of drag torques")
+    if file is not None:
+        from ..offline.wear.reproduce import reproduce_wear
+        from ..offline.wear.stages import Schedule
+
+        figures = stage_h, speed_rpm, speed_step_rpm, speed_step_h
+        if not all(map(math.isfinite, figures)):
+            raise InputError("reproduce: hours and speeds must be finite numbers")
+        schedule = Schedule(*figures)
+        found = reproduce_wear(file, schedule, out)
+        click.echo(json.dumps(found.as_dict()) if as_json else found.as_text())
+        if not as_json:
+            click.echo(f"picture: {out / 'wear.png'}")
+        return
     if study == "puzzle":
         from ..offline.thesis.puzzle import reproduce_puzzle
 

@@ -10,6 +10,7 @@ from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 PATH = click.Path(path_type=Path)
+ABOVE_0 = click.FloatRange(0.0, 1e9, min_open=True)
 CONFIG = click.argument("config", type=PATH, required=False)
 TRACE = click.argument("trace", type=PATH)
 TRACES = click.argument("traces", nargs=-1, required=True, type=PATH)

@@ -5,7 +5,7 @@ import pytest
 
 from edge_service.health.trend.preload_history import MOST_POINTS, PreloadHistory, PreloadSteps
 from edge_service.health.trend.remaining_life import preload_trend, project_wear
-from edge_service.health.trend.segmented_regression import draw_trends
+from edge_service.health.trend.wear_laws import draw_trends
 from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.trend_coverage import coverage, simulate_life
@@ -89,9 +89,43 @@ def test_estimates_that_only_begin_to_know_are_no_history():
 
 
 def test_too_little_history_is_said():
-    trend = _trend(np.arange(10.0), np.linspace(7.0, 6.0, 10))
+    trend = _trend(np.arange(5.0), np.linspace(7.0, 6.0, 5))
     assert trend.status is TrendStatus.TOO_EARLY
     assert trend.rate_percent_per_h is None
+    close = _trend(np.arange(20.0) / 3600.0, np.linspace(7.0, 6.0, 20))
+    assert close.status is TrendStatus.TOO_EARLY
+
+
+def test_a_few_points_far_apart_are_history_enough():
+    rng = np.random.default_rng(12)
+    days = np.arange(8.0)
+    trend = _trend(days, 7.0 - 0.2 * days + 0.05 * rng.standard_normal(8))
+    assert trend.status is TrendStatus.FALLING
+    (warning, _) = trend.crossings
+    assert warning.earliest_ns < 14.0 * DAY_S * NS < warning.latest_ns
+
+
+@pytest.mark.parametrize("power", [0.6, 1.0, 1.8])
+def test_wear_that_slows_down_or_speeds_up_is_dated(power):
+    rng = np.random.default_rng(13)
+    days = np.arange(40.0)
+    percent = 7.0 - 1.6 * (days / 40.0) ** power + 0.03 * rng.standard_normal(40)
+    day = 40.0 * (2.8 / 1.6) ** (1.0 / power)
+    (warning, _) = _trend(days, percent).crossings
+    assert warning.earliest_ns < day * DAY_S * NS < warning.latest_ns
+    assert 0.7 * day < warning.likely_ns / NS / DAY_S < 1.4 * day
+
+
+def test_the_way_ahead_is_that_of_the_newest_use():
+    """Twice the speed since the last quarter: the date by the way comes sooner than by the hour."""
+    rng = np.random.default_rng(14)
+    days = np.arange(40.0)
+    way_m = 1000.0 * np.where(days < 30.0, days, 30.0 + 4.0 * (days - 30.0))
+    percent = 7.0 - 2.0e-5 * way_m + 0.02 * rng.standard_normal(40)
+    warning = _trend(days, percent, way_m).crossings[0]
+    left_days = (2.8 / 2.0e-5 - way_m[-1]) / 4000.0
+    likely_days = warning.likely_ns / NS / DAY_S - 39.0
+    assert likely_days == pytest.approx(left_days, rel=0.3)
 
 
 def test_a_rise_is_told_and_has_no_date():

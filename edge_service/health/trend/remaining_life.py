@@ -8,12 +8,15 @@ import numpy.typing as npt
 from ...messages.estimate import Interval
 from ...messages.samples import Floats
 from ...messages.trend import Crossing, Trend, TrendStatus
-from .segmented_regression import TrendDraws, draw_trends
+from .wear_laws import TrendDraws, draw_trends
 
 NS_PER_S = 1_000_000_000
 _SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
 _SEED = 20260131
 _BLOCKS = 8
+_SLOWEST_M_S = 1e-9
+_WAY_WEARS = float(np.log(4.0))
+"""Log odds of wear by the way against wear by the hour, before anything is seen (convention)."""
 MEMORY_S = 600.0
 """Assumption: an estimator that erred errs anew after so long; a faster change may be its own."""
 _WIDE = 2.0
@@ -40,7 +43,7 @@ class WearProjection:
     """Draws of a trend, with what turns its s into time.
 
     Attributes:
-        draws: equally likely lines.
+        draws: equally likely courses.
         basis: `time` or `distance`.
         s_per_s: future progress of s per second of each draw, (n,).
     """
@@ -49,11 +52,15 @@ class WearProjection:
     basis: str
     s_per_s: Floats
 
+    def seconds_to(self, limit_percent: float) -> Floats:
+        """Time that each course needs to reach the limit, s, (n,); inf if it never does."""
+        return self.draws.way_to(limit_percent) / self.s_per_s
+
 
 def project_wear(
     time_s: Floats, distance_m: Floats, percent: Floats, sigma_level: float
 ) -> WearProjection | None:
-    """The better explained of wear against time and wear against distance; None if too early.
+    """Wear against distance, unless time explains it clearly better; None if too early.
 
     Args:
         time_s, distance_m, percent: The history; the distance may be NaN or not grow, then time
@@ -67,7 +74,7 @@ def project_wear(
     if np.all(np.isfinite(distance_m)) and np.all(np.diff(distance_m) >= 0.0):
         memory_m = MEMORY_S * float(np.ptp(distance_m)) / float(np.ptp(time_s))
         by_distance = draw_trends(distance_m, percent, sigma_level, rng, memory_m)
-        if by_distance is not None and by_distance.evidence > by_time.evidence:
+        if by_distance is not None and by_distance.evidence + _WAY_WEARS > by_time.evidence:
             speed_m_s = _future_speed(time_s, distance_m, by_distance.slope.size, rng)
             return WearProjection(by_distance, "distance", speed_m_s)
     return WearProjection(by_time, "time", np.ones(by_time.slope.size))
@@ -76,15 +83,13 @@ def project_wear(
 def _future_speed(
     time_s: Floats, distance_m: Floats, count: int, rng: np.random.Generator
 ) -> Floats:
-    """Distance per second in future, m/s: as in the newer half of the past, and as uncertain."""
-    half = time_s.size // 2
-    index = np.linspace(half, time_s.size - 1, _BLOCKS + 1).round().astype(int)
-    index = np.unique(index)
-    speeds = np.diff(distance_m[index]) / np.diff(time_s[index])
-    mean, scatter = float(speeds.mean()), float(speeds.std(ddof=1)) if speeds.size > 1 else 0.0
-    error = scatter / max(mean, 1e-12) / np.sqrt(speeds.size)
-    spread = np.hypot(error, 0.5 * scatter / max(mean, 1e-12))
-    speeds_m_s: Floats = mean * np.exp(spread * rng.standard_normal(count))
+    """Distance per second in future, m/s: that of the newest quarter, and as changeable as ever."""
+    index = np.unique(np.linspace(0, time_s.size - 1, _BLOCKS + 1).round().astype(int))
+    speed = np.maximum(np.diff(distance_m[index]) / np.diff(time_s[index]), _SLOWEST_M_S)
+    recent = float(speed[-max(speed.size // 4, 1) :].mean())
+    change = np.diff(np.log(speed))
+    spread = float(np.sqrt(np.mean(change**2))) if change.size else 0.0
+    speeds_m_s: Floats = recent * np.exp(spread * rng.standard_normal(count))
     return speeds_m_s
 
 
@@ -170,7 +175,7 @@ def _crossing(
     span_s: float,
     settings: TrendSettings,
 ) -> Crossing:
-    remaining = future.draws.way_to(limit_percent) / future.s_per_s
+    remaining = future.seconds_to(limit_percent)
     horizon_s = settings.horizon * span_s
     times = [
         round((now_s + each) * NS_PER_S) if each <= horizon_s else None

@@ -1,4 +1,4 @@
-"""Coverage of the true time of reaching the limit by the trend's band, on simulated wear.
+"""Coverage of the true time of reaching the limit by the trend's band, on simulated years of wear.
 
 `python -m tests.bench.estimator.trend_coverage` prints it.
 """
@@ -10,10 +10,12 @@ import numpy as np
 
 from edge_service.health.trend.remaining_life import TrendSettings, project_wear
 from edge_service.messages.samples import Floats
-from edge_service.models.screw.wear import Wear
+
+from ..wear.histories import WEARING, loss
 
 DAY_S = 86400.0
 _LONGEST_DAYS = 3000
+_LONGEST_AGE = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,18 +60,19 @@ class Coverage:
 
 
 def simulate_life(rng: np.random.Generator) -> Life:
-    """Wear of the thesis' shape: steeper at first, then linear; more preload wears faster."""
+    """Wear by one of several laws; more preload wears faster."""
     start = rng.uniform(4.0, 10.0)
     life_m = 3.0e6 / (start / 7.0) * np.exp(0.3 * rng.standard_normal())
-    wear = Wear(start, 0.0, run_in_loss=rng.uniform(0.1, 0.35))
     weekday = np.arange(_LONGEST_DAYS) % 7
     slow = 0.15 * np.cumsum(rng.standard_normal(_LONGEST_DAYS)) / np.sqrt(200.0)
     daily_m = np.where(weekday < 5, 7000.0, 1500.0) * np.exp(
         0.25 * rng.standard_normal(_LONGEST_DAYS) + np.clip(slow, -0.4, 0.4)
     )
     distance_m: Floats = np.cumsum(daily_m).astype(np.float64)
-    truth = wear.preload_percent(distance_m, life_m)
+    law = WEARING[rng.integers(len(WEARING))]
+    worn = loss(law, np.minimum(distance_m / life_m, _LONGEST_AGE), rng)
     limit = 0.3 * start
+    truth = np.maximum(start - (start - limit) * worn, 0.0)
     crossing = int(np.argmax(truth <= limit))
     half_width = rng.uniform(0.1, 0.4)
     bias = half_width / 1.96 * rng.standard_normal()
@@ -108,7 +111,7 @@ def crossing_draws(
     future = project_wear(time_s, distance_m, percent, sigma_level)
     if future is None or future.draws.falling_probability() < TrendSettings().certain:
         return None
-    return future.draws.way_to(limit_percent) / future.s_per_s
+    return future.seconds_to(limit_percent)
 
 
 def coverage(lives: int, seed: int = 1) -> Coverage:

@@ -1,0 +1,149 @@
+"""Outcome of stated dates: what came, how many bands held it, and how far off they were."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.samples import Floats
+from .stages import WearTest
+from .statements import LEVEL, Date, Dates, line_dates, trend_dates
+
+LIMITS = (90.0, 85.0, 80.0)
+_LONGEST = 5.0
+"""A date further away than so many times the truth counts as that: an open end has a score."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """Time at which a limit was crossed, h from new, straight between readings; inf if never.
+
+    Attributes:
+        first_h: when a reading first lay below.
+        last_h: when the last reading above it was left for good.
+    """
+
+    first_h: float
+    last_h: float
+
+
+def crossing(test: WearTest, limit: float) -> Crossing:
+    """When the drag fell below a limit, percent of fresh; as readings scatter, perhaps twice."""
+    below = test.percent < limit
+    first = int(np.argmax(below)) if below.any() else below.size
+    last = below.size if not below[-1] else below.size - int(np.argmin(below[::-1]))
+    return Crossing(_between(test, first, limit), _between(test, last, limit))
+
+
+def _between(test: WearTest, after: int, limit: float) -> float:
+    """Time at which the readings pass the limit on their way to the given one, h."""
+    if after >= test.percent.size:
+        return math.inf
+    if after == 0:
+        return float(test.time_h[0])
+    high, low = test.percent[after - 1 : after + 1]
+    step_h = test.time_h[after] - test.time_h[after - 1]
+    return float(test.time_h[after - 1] + step_h * (high - limit) / (high - low))
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What was said after one reading.
+
+    Attributes:
+        time_h: when, h from new.
+        percent: the reading, percent of fresh.
+        trend, line: dates stated.
+    """
+
+    time_h: float
+    percent: float
+    trend: Dates
+    line: Dates
+
+
+def stages(test: WearTest, limits: Sequence[float] = LIMITS, every: int = 1) -> list[Stage]:
+    """Ask the trend and the line after every reading, each time with the readings until then."""
+    found = []
+    for count in range(1, test.time_h.size + 1, every):
+        seen = WearTest(test.time_h[:count], test.distance_m[:count], test.drag_nm[:count])
+        said = trend_dates(seen, limits), line_dates(seen, limits)
+        found.append(Stage(float(seen.time_h[-1]), float(seen.percent[-1]), *said))
+    return found
+
+
+def holds(date: Date, time_h: float) -> bool:
+    """Tell whether a band holds what came."""
+    return date.earliest_h <= time_h <= date.latest_h
+
+
+def interval_score(date: Date, time_h: float) -> float:
+    """Weighted interval score of a band and its middle (Bracher et al. 2021), h; less is better.
+
+    It is the score of the interval and the error of the middle, and approximates the CRPS.
+    """
+    low, middle, high = (
+        min(each, _LONGEST * time_h) for each in (date.earliest_h, date.likely_h, date.latest_h)
+    )
+    missed = max(low - time_h, 0.0) + max(time_h - high, 0.0)
+    return (abs(middle - time_h) + (1.0 - LEVEL) * (high - low) + 2.0 * missed) / 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Account of the dates that were asked for before their limit was crossed.
+
+    Attributes:
+        asked, stated, held: questions, dates, and bands that held what came.
+        scores: weighted interval score of each date, share of the time until the crossing.
+        lead_h: from the first date that held until the crossing, by limit.
+        said_after: dates stated for a limit that had been crossed by then.
+    """
+
+    asked: int
+    stated: int
+    held: int
+    scores: tuple[float, ...]
+    lead_h: dict[float, float]
+    said_after: int
+
+    @property
+    def coverage(self) -> float:
+        """Share of bands that held what came."""
+        return self.held / self.stated if self.stated else math.nan
+
+
+def tally(
+    asked: Sequence[Stage], came_h: dict[float, float], dates_of: Callable[[Stage], Dates]
+) -> Tally:
+    """Hold all dates against when each limit was crossed, h; inf: it never was."""
+    reached = {limit: time_h for limit, time_h in came_h.items() if math.isfinite(time_h)}
+    pairs = [(stage, limit) for stage in asked for limit in reached]
+    open_ = [(stage, limit) for stage, limit in pairs if stage.time_h < reached[limit]]
+    stated = [(stage, limit) for stage, limit in open_ if limit in dates_of(stage)]
+    held = [each for each in stated if holds(dates_of(each[0])[each[1]], reached[each[1]])]
+    first = {limit: stage.time_h for stage, limit in reversed(held)}
+    return Tally(
+        asked=len(open_),
+        stated=len(stated),
+        held=len(held),
+        scores=tuple(
+            interval_score(dates_of(stage)[limit], reached[limit]) / reached[limit]
+            for stage, limit in stated
+        ),
+        lead_h={limit: reached[limit] - at_h for limit, at_h in first.items()},
+        said_after=sum(1 for stage, limit in pairs if limit in dates_of(stage)) - len(stated),
+    )
+
+
+def paired_scores(asked: Sequence[Stage], came_h: dict[float, float]) -> Floats:
+    """Scores of the trend and of the line where both had a date before the crossing, (n, 2)."""
+    pairs = [
+        [interval_score(dates[limit], came_h[limit]) / came_h[limit] for dates in both]
+        for stage in asked
+        for both in [(stage.trend, stage.line)]
+        for limit in came_h
+        if stage.time_h < came_h[limit] < math.inf and all(limit in dates for dates in both)
+    ]
+    return np.array(pairs, np.float64).reshape(-1, 2)
