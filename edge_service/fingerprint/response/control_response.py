@@ -17,22 +17,24 @@ import numpy as np
 from scipy import signal
 
 from ...messages.samples import Floats
-from ..regression.interval_estimate import IntervalEstimate, around, undetermined
+from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ..result import Contents, Curve
 from .frequency_response import FrequencyResponse
 from .segment_spectra import Complexes
 from .two_mass_fit import TwoMassFit, fit_two_mass, modes
 
 LOWEST_HZ = 5.0
-LEAST_COHERENCE = 0.9
-"""Of the frequencies at which modes are looked for."""
+LEAST_COHERENCE = 0.5
 LEAST_PROMINENCE = math.log(2.0)
 """Least rise of a peak, or depth of a notch, over its surroundings."""
+_OUT_OF_NOISE = 6.0
+"""The same, in standard deviations of the response."""
+_RIGID_WITHIN = math.log(1.2)
+"""Most that the inertia of a rigid axis seems to differ from its lower to its upper frequencies."""
 _INERTIA = "response_inertia_kg_m2"
 _BELOW, _ABOVE = 0.1, 3.5
 """Ends of the fitted band over antiresonance and resonance."""
 _STRONG = 0.5
-_USABLE = 0.5
 _RIGID = 0.7
 """An axis is nearly rigid up to this share of its antiresonance."""
 _LEAST_FREQUENCIES = 5
@@ -67,7 +69,7 @@ def measure_control_response(measured: FrequencyResponse, *, speed_over_torque: 
     Raises:
         ValueError: one line; it is no response of a mass, or has too few frequencies.
     """
-    coherent = measured.within(LOWEST_HZ, math.inf).coherent(_USABLE)
+    coherent = measured.within(LOWEST_HZ, math.inf).coherent(LEAST_COHERENCE)
     mode = chief_mode(modes_of(coherent))
     _check_mass(coherent, math.inf if mode is None else _RIGID * mode.antiresonance_hz)
     unit = "rad/(s N m)" if speed_over_torque else "unit unknown"
@@ -91,9 +93,13 @@ def modes_of(measured: FrequencyResponse) -> list[Mode]:
     """Every notch that a peak follows, from the lowest on."""
     coherent = measured.coherent(LEAST_COHERENCE)
     frequency = coherent.frequency_hz
+    if not len(frequency):
+        return []
     level = np.log(np.abs(coherent.response) * frequency)
-    notches, _ = signal.find_peaks(-level, prominence=LEAST_PROMINENCE)
-    peaks, _ = signal.find_peaks(level, prominence=LEAST_PROMINENCE)
+    noise = float(np.median(coherent.relative_error))
+    prominence = max(LEAST_PROMINENCE, _OUT_OF_NOISE * noise)
+    notches, _ = signal.find_peaks(-level, prominence=prominence)
+    peaks, _ = signal.find_peaks(level, prominence=prominence)
     found = []
     ends = np.append(notches[1:], len(level))
     for notch, following in zip(notches, ends[: len(notches)], strict=True):
@@ -151,13 +157,21 @@ def _without_modes() -> dict[str, IntervalEstimate]:
 
 
 def _rigid(measured: FrequencyResponse) -> dict[str, IntervalEstimate]:
-    """Inertia of an axis that shows no mode, 1 / (2 pi f |G|), averaged by its logarithm."""
+    """Inertia of an axis that shows no mode, 1 / (2 pi f |G|), averaged by its logarithm.
+
+    Raises:
+        ValueError: it seems to have another one at higher frequencies.
+    """
     levels = -np.log(2.0 * math.pi * measured.frequency_hz * np.abs(measured.response))
+    lower, upper = np.array_split(levels, 2)
+    if abs(float(np.median(lower) - np.median(upper))) > _RIGID_WITHIN:
+        raise ValueError("the axis is not rigid, and no mode stands out of the noise")
     weights = 1.0 / (measured.relative_error**2 + np.var(levels))
     level = float(np.average(levels, weights=weights))
     share = _independent_share(levels - level, measured.relative_error)
     independent = share * len(levels)
-    sigma = float(np.sqrt(1.0 / (share * np.sum(weights))))
+    own = float(np.sqrt(1.0 / (share * np.sum(weights))))
+    sigma = math.hypot(own, _RIGID_WITHIN / normal_quantile())  # a mode may be hidden in the noise
     found = around(level, sigma, "1", independent)
     value, low, high = (math.exp(each) for each in (found.value, found.low, found.high))
     return {_INERTIA: IntervalEstimate(value, low, high, "kg m^2", independent, found.note)}
@@ -218,6 +232,6 @@ def relative_error(coherence: Floats, averages: float) -> Floats:
     sqrt((1 - g^2) / (2 g^2 n)) for the coherence g^2 and n averages (Bendat and Piersol, Random
     Data, 2010, table 9.6).
     """
-    known = np.clip(coherence, 1e-6, 1.0)
+    known = np.clip(coherence, 1e-6, 1.0 - 1e-9)
     error: Floats = np.sqrt((1.0 - known) / (2.0 * known * max(averages, 1.0)))
     return error

@@ -66,6 +66,7 @@ class TuningParser:
         self.plant: RawResponse | None = None
         self.coherence: RawResponse | None = None
         self.spectra: list[RawResponse] = []
+        self._candidate: RawResponse | None = None
         self._stack: list[tuple[str, str]] = []
         self._response: RawResponse | None = None
         self._format = ""
@@ -162,9 +163,10 @@ class TuningParser:
 
     def _keep(self, response: RawResponse) -> None:
         if response.name == "m_pPlant" and response.mechanics:
-            self.plant, self.coherence = response, None
+            self._candidate = response
+            self.plant = self.plant or response
         elif response.name == "m_pMeasCoherence" and response.mechanics:
-            self.coherence = response
+            self.plant, self.coherence = self._candidate, response
         elif response.spectrum and len(self.spectra) < SPECTRA:
             self.spectra.append(response)
 
