@@ -170,7 +170,13 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
     document = tomllib.loads(out.read_text("utf-8"))
     assert "lead_m" not in document["axis"] and "torque_command_nm" not in document["columns"]
     assert "inertia_kg_m2" not in document["model"]
-    answers = {"--lead": LEAD_MM, "--torque-constant": 2.0}
+    answers = {
+        "--lead": LEAD_MM,
+        "--torque-constant": 2.0,
+        "--load-rating": 7450.0,
+        "--preload": None,
+        "--nut-stiffness": None,
+    }
     asked: list[str] = []
 
     def ask(question: Any) -> float | None:
@@ -180,6 +186,8 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
     adopt(Request([path], out), ask)
     assert sorted(asked) == sorted(answers)
     machine = load_machine(out)
+    assert machine.axis.dynamic_load_rating_n == 7450.0
+    assert machine.model.preload_n is None
     assert machine.model.inertia_kg_m2.value == pytest.approx(
         2.0 * DIAGNOSIS.inertia_kg_m2, rel=0.1
     )

@@ -20,7 +20,7 @@ from ...trace.columns import ColumnMap, TraceError
 from ...trace.reader import read_trace
 from ...trace.sinumerik.controller_axis import ControllerAxis
 from .channels_picture import write_channels_picture
-from .machine_text import DataSheet, machine_text
+from .machine_text import SHEET_QUESTIONS, DataSheet, machine_text
 from .raw_columns import RawColumns, read_columns
 
 Ask = Callable[[Question], float | None]
@@ -65,7 +65,7 @@ def adopt(request: Request, ask: Ask | None = None) -> str:
         understood.say("file", remark)
     frames = [_read(path, understood, number) for path in request.files]
     mechanics = _mechanics(frames, understood)
-    sheet = replace(request.sheet, number=number)
+    sheet = _asked(replace(request.sheet, number=number), ask)
     if request.sheet.name == DataSheet().name and axis and not axis.isdigit():
         sheet = replace(sheet, name=axis)
     names = [path.name for path in request.files]
@@ -120,6 +120,22 @@ def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Un
     if unused:
         found.say("columns", f"not needed: {', '.join(unused)}")
     return found
+
+
+def _asked(sheet: DataSheet, ask: Ask | None) -> DataSheet:
+    """The data sheet with what whoever is at the terminal knows of it."""
+    if ask is None:
+        return sheet
+    said = {
+        name: ask(question) if getattr(sheet, name) is None else getattr(sheet, name)
+        for name, question in SHEET_QUESTIONS.items()
+    }
+    return replace(
+        sheet,
+        dynamic_load_rating_n=said["dynamic_load_rating_n"],
+        preload_n=said["preload_n"],
+        nut_stiffness_n_per_m=said["nut_stiffness_n_per_m"],
+    )
 
 
 def _with_answer(known: Known, question: Question, value: float | None) -> Known:

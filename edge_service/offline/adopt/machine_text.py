@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ...adopt.guess import Choice, Guess, Understanding
+from ...adopt.guess import Choice, Guess, Question, Understanding
 from ...adopt.mechanics import Mechanics
 from ...fingerprint.regression.interval_estimate import IntervalEstimate
 
@@ -28,6 +28,16 @@ _UNKNOWN = {
     "preload_drag_nm": "the fresh screw's own drag; the data sheet has it, or 5.3.11 of the thesis",
     "nut_stiffness_n_per_m": "the nut's data sheet; without it intervals are wider",
 }
+
+
+SHEET_QUESTIONS = {
+    "dynamic_load_rating_n": Question(
+        "--load-rating", "Dynamic load rating of the screw, N", "preload in percent"
+    ),
+    "preload_n": Question("--preload", "Preload of the fresh screw, N", "preload in percent"),
+    "nut_stiffness_n_per_m": Question("--nut-stiffness", "Stiffness of the nut, N/m", "intervals"),
+}
+"""Key of the machine file -> what a person is asked for."""
 
 
 def machine_text(
