@@ -12,13 +12,14 @@ from ...adopt.mechanics import Mechanics, identify_mechanics, steady_friction
 from ...adopt.names import Quantity
 from ...adopt.understand import understand
 from ...atomic import replaced_file
-from ...config import ConfigError
+from ...config import ConfigError, load_machine
 from ...messages.channels import CHANNELS, TABLE_POSITION, TORQUE
 from ...messages.samples import SampleFrame
 from ...models.screw.ball_screw import transmission_ratio
 from ...trace.columns import ColumnMap, TraceError
 from ...trace.reader import read_trace
 from ...trace.sinumerik.controller_axis import ControllerAxis
+from ..examination import examine
 from .channels_picture import write_channels_picture
 from .machine_text import SHEET_QUESTIONS, DataSheet, machine_text
 from .raw_columns import RawColumns, read_columns
@@ -73,6 +74,7 @@ def adopt(request: Request, ask: Ask | None = None) -> str:
     with replaced_file(request.out) as file:
         file.write(text)
     lines = [f"{request.out}: written", *_understood_lines(understood), *_found(mechanics)]
+    lines += _examined(request, mechanics)
     lines += _able(frames, understood, mechanics, sheet)
     if request.picture is not None:
         _draw(frames[0], names[0], request.picture)
@@ -215,6 +217,17 @@ def _found(mechanics: Mechanics | None) -> list[str]:
         value = f"{each.value:.4g} {each.unit} ({interval})" if each.determined else interval
         lines.append(f"  {name}: {value}")
     return lines
+
+
+def _examined(request: Request, mechanics: Mechanics | None) -> list[str]:
+    """Findings of the checks that every command begins with, on the file as it was written."""
+    if mechanics is None:
+        missing = "the machine file is not whole: lead_m or inertia_kg_m2 is missing"
+        return [f"not examined: {missing}"]
+    findings = examine(load_machine(request.out), request.files)
+    doubts = [each for each in findings if each.is_doubtful]
+    lines = [f"examined: {len(findings)} checks, {len(doubts)} of them doubtful"]
+    return lines + [f"  {each.name}: {each.sentence}" for each in doubts]
 
 
 def _able(
