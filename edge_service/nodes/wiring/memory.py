@@ -1,6 +1,7 @@
 """Memory of a service: what was big and is done with goes back to the machine."""
 
 import ctypes
+import os
 
 from .kernels import compile_in_another_process
 
@@ -20,4 +21,5 @@ def stay_small() -> None:
         mallopt(_ARENA_MAX, 2)
         mallopt(_MMAP_THRESHOLD, _BIG_BYTES)
         mallopt(_TRIM_THRESHOLD, _BIG_BYTES)
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # its own keeps a heap per thread
     compile_in_another_process()

@@ -13,6 +13,8 @@ from typing import Any
 from ..pipeline.process_meter import ServiceProcess, Usage
 
 START_PATIENCE_S = 120.0
+KERNELS = Path(tempfile.gettempdir()) / "edge-service-bench-kernels"
+"""Where machine code is kept between benchmarks."""
 _LOOK_PERIOD_S = 0.05
 _TIMEOUT_S = 10.0
 _CHECKOUT = Path(__file__).parents[3]
@@ -140,7 +142,6 @@ def running_service(
     """Serve a configuration from `folder` for as long as the context lasts."""
     path = folder / "edge.toml"
     path.write_text(config, encoding="utf-8")
-    kernels = Path(tempfile.gettempdir()) / "edge-service-bench-kernels"
-    with ServiceProcess(["run", str(path)], folder, kernels, module) as process:
+    with ServiceProcess(["run", str(path)], folder, KERNELS, module) as process:
         host, port = process.wait_for_address(START_PATIENCE_S)
         yield RunningService(process, host, port, folder / "stderr.txt")

@@ -37,8 +37,10 @@ class Look:
 
 
 def look(service: RunningService, axes: tuple[str, ...], begun_s: float) -> Look:
-    """Measure, and ask for the preload of every axis."""
+    """Measure, and ask for the preload of every axis, its history, and the metrics."""
     answers = [service.ask(f"/api/v1/axes/{axis}/preload").json for axis in axes]
+    for path in ("/metrics", *(f"/api/v1/axes/{axis}/history" for axis in axes)):
+        service.ask(path)
     return Look(
         time.monotonic() - begun_s,
         service.usage().rss_bytes,

@@ -1,8 +1,12 @@
 """Tests of what the soak makes of its readings."""
 
+from pathlib import Path
+
 import pytest
 
-from .soak import Look, slope_per_h
+from . import scene
+from .scene import configuration, running_service
+from .soak import MOST_MEMORY_MB, Look, look, slope_per_h
 
 
 def looks(growth_bytes_per_s: float) -> list[Look]:
@@ -23,3 +27,16 @@ def test_growth_is_that_after_the_warm_up(growth_bytes_per_s: float) -> None:
 
 def test_what_does_not_change_does_not_grow() -> None:
     assert slope_per_h(looks(250.0), "descriptors") == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_two_axes_fit_while_kernels_are_missing_and_history_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scene, "KERNELS", tmp_path / "kernels")
+    axes = ("X", "Y")
+    with running_service(configuration(axes, folder=tmp_path / "history"), tmp_path) as service:
+        service.wait_ready(400.0)
+        for _ in range(20):
+            look(service, axes, 0.0)
+        assert service.usage().peak_rss_bytes < 1e6 * MOST_MEMORY_MB
