@@ -24,18 +24,25 @@ from .options import (
 @AXIS_NUMBER
 @out_option("Machine file to write.")
 @service_config_option("Service configuration that gives the length of the intervals.")
+@click.option(
+    "--assume-fresh",
+    is_flag=True,
+    help="Take the screw for fresh where the recordings and the data sheet do not show it.",
+)
 def commission(
     traces: tuple[Path, ...],
     machine: Path,
     axis_number: int | None,
     out: Path,
     config: Path | None,
+    assume_fresh: bool,
 ) -> None:
     """Learn from recordings of a healthy, cold axis what the estimator needs."""
     from ..offline.commission import commission_to_file
 
     service = load_config(config or DEFAULT_CONFIG)
-    click.echo(commission_to_file(machine, traces, out, service, axis_number))
+    done = commission_to_file(machine, traces, out, service, axis_number, assume_fresh=assume_fresh)
+    click.echo(done)
 
 
 @click.command(

@@ -13,6 +13,11 @@ def _pairs(raw: Any) -> Any:
     return tuple(tuple(pair) for pair in raw) if isinstance(raw, list) else raw
 
 
+def _is_none(value: object) -> bool:
+    """Left out where it is not known, so that kept states of older files stay theirs."""
+    return value is None
+
+
 class TransmissionConfig(_Table):
     """`[commissioned.transmission]`: the stretch between both encoders; absent with one encoder.
 
@@ -58,6 +63,7 @@ class CommissionedConfig(_Table):
         edge_noise_rad2_s2: variance of the speed at the border of two phases, where it matters.
         motion_s: steady motion behind all this.
         slowest_rad_s, cruise_rad_s2: what counts as steady on an axis that moves slowly.
+        assumed_fresh: somebody said that the screw was fresh; the recordings did not show it.
     """
 
     torque_offset_nm: float = 0.0
@@ -73,3 +79,4 @@ class CommissionedConfig(_Table):
     slowest_rad_s: float | None = Field(None, gt=0.0)
     cruise_rad_s2: float | None = Field(None, gt=0.0)
     transmission: TransmissionConfig | None = None
+    assumed_fresh: bool | None = Field(None, exclude_if=_is_none)

@@ -7,6 +7,7 @@ import tomlkit
 
 from ..atomic import replaced_file
 from ..config import ConfigError, EdgeConfig, load_machine
+from ..estimate.commissioning.fresh_screw import doubt_of_fresh_screw
 from ..estimate.commissioning.identification import CommissioningError, commissioned
 from ..estimate.commissioning.steady_phases import observed_limits
 from ..messages.features import FeatureBlock
@@ -32,8 +33,13 @@ def commission_to_file(
     out: Path,
     config: EdgeConfig,
     axis_number: int | None = None,
+    *,
+    assume_fresh: bool = False,
 ) -> str:
     """Write the commissioned machine file; returns what was learned, in lines.
+
+    Args:
+        assume_fresh: take the screw for fresh where the recordings do not show it.
 
     Raises:
         ConfigError: a file is wrong, or the recordings cannot determine what is needed.
@@ -55,13 +61,25 @@ def commission_to_file(
     except CommissioningError as error:
         names = ", ".join(str(trace) for trace in traces)
         raise ConfigError(f"{names}: {error}") from error
+    doubt = doubt_of_fresh_screw(nominal, machine)
+    if doubt:
+        if not assume_fresh:
+            raise ConfigError(f"{traces[0]}: {doubt}; or say that it is healthy: --assume-fresh")
+        machine = _assumed_fresh(machine)
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
     if axis_number is not None:
         document["axis"]["number"] = axis_number
     _write_model(document, machine)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
-    return "\n".join([f"{out}: commissioned", *_summary(machine)])
+    assumed = [f"  assumed with --assume-fresh, not shown: {doubt}"] if doubt else []
+    return "\n".join([f"{out}: commissioned", *_summary(machine), *assumed])
+
+
+def _assumed_fresh(machine: Machine) -> Machine:
+    assert machine.commissioned is not None
+    learned = machine.commissioned.model_copy(update={"assumed_fresh": True})
+    return machine.model_copy(update={"commissioned": learned})
 
 
 def _blocks(

@@ -146,9 +146,19 @@ def _summary(
                 f"record `edge-service motion {section.motion}`"
             )
     if baseline is not None:
-        named = ", ".join(plain(change.name) for change in changes if change.changed)
-        lines.append(f"changed against the baseline: {named or 'nothing'}")
+        lines.append(_against_baseline(changes))
         new = ", ".join(plain(name) for name in appeared_figures(found, baseline))
         lines += [f"seen only now: {new}"] if new else []
     lines.append(f"report: {out_dir / 'report.html'}")
     return "\n".join(lines)
+
+
+def _against_baseline(changes: Sequence[FigureChange]) -> str:
+    """What changed, or what was compared where nothing did; of the rest nothing is known."""
+    named = ", ".join(plain(change.name) for change in changes if change.changed)
+    if named:
+        return f"changed against the baseline: {named}"
+    if not changes:
+        return "changed against the baseline: cannot tell, no figure is determined in both"
+    compared = ", ".join(plain(change.name) for change in changes)
+    return f"changed against the baseline: nothing of {len(changes)} figures: {compared}"

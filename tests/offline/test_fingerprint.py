@@ -100,6 +100,29 @@ def test_the_same_recordings_give_the_same_bytes(
         assert (tmp_path / name).read_bytes() == (walked / "healthy" / name).read_bytes()
 
 
+def test_nothing_that_changed_is_said_with_what_was_compared(
+    walked: Path, rubbing: Path, tmp_path: Path
+) -> None:
+    old = walked / "healthy" / "fingerprint.json"
+    said = fingerprint(rubbing, [walked / "healthy_acceleration.parquet"], tmp_path, old)
+    (line,) = [each for each in said.splitlines() if each.startswith("changed")]
+    changes = json.loads((tmp_path / "fingerprint.json").read_text())["changes"]
+    assert changes and not any(each["significant"] and each["material"] for each in changes)
+    assert f"nothing of {len(changes)} figures: " in line
+    assert all(plain(each["figure"]) in line for each in changes)
+    none = json.loads(old.read_text())
+    for section in none["sections"].values():
+        section |= {"status": "undetermined", "reason": "left out", "figures": {}}
+    (tmp_path / "none.json").write_text(json.dumps(none))
+    said = fingerprint(
+        rubbing,
+        [walked / "healthy_acceleration.parquet"],
+        tmp_path / "out",
+        tmp_path / "none.json",
+    )
+    assert "cannot tell, no figure is determined in both" in said
+
+
 def test_bad_input_is_one_line_and_leaves_nothing(walked: Path, tmp_path: Path) -> None:
     trace = walked / "healthy_reversals.parquet"
     other = tmp_path / "y.toml"

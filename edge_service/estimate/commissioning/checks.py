@@ -12,6 +12,7 @@ from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
+from .fresh_screw import SIGMAS, guide_drag
 from .steady_phases import CommissioningError, SteadyPhases
 from .torque_balance import TorqueBalance
 from .torque_lag import torque_lag
@@ -34,7 +35,6 @@ WORN_SHARE = 0.7
 """Share of the fresh screw's drag: a healthy screw, run in and cold, has more."""
 NUT_SHARES = (0.03, 1.0)
 """Nut's share of the series compliance: screw, bearings and coupling are softer than nothing."""
-SIGMAS = 3.0
 
 
 def require_signed_torque(phases: SteadyPhases) -> None:
@@ -177,7 +177,7 @@ def require_fresh_screw(
     screw = machine.model.preload_drag_nm
     if screw is None or machine.model.preload_n is None:
         return
-    guide = _guide_drag(machine, transmission)
+    guide = guide_drag(machine, transmission) or Quantity(value=0.0)
     whole = f"the axis shows {torque.coulomb_nm:.3g} N m of Coulomb friction"
     if screw.value > 1.1 * torque.coulomb_nm:
         raise CommissioningError(
@@ -198,16 +198,6 @@ def require_fresh_screw(
             "N m (model.preload_drag_nm) beside what the guides show: check both, and the scale "
             f"of columns.{TORQUE}"
         )
-
-
-def _guide_drag(machine: Machine, transmission: TransmissionConfig | None) -> Quantity:
-    """Friction that the stretch shows at reversals, N m; nothing where no mass gives its size."""
-    mass = machine.model.table_mass_kg
-    if transmission is None or mass is None:
-        return Quantity(value=0.0)
-    stretch_sigma = transmission.stretch_sigma_s2 / transmission.stretch_per_acceleration_s2
-    value = transmission.reversal_force_n * machine.transmission_ratio_m_per_rad
-    return Quantity(value=value, tolerance=float(np.hypot(mass.tolerance, stretch_sigma)))
 
 
 def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None) -> None:

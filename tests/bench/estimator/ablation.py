@@ -156,7 +156,7 @@ def on_second_axis(folder: Path, sheet: bool) -> list[Ablated]:
         nominal = folder / ("nominal_sheet.toml" if sheet else "nominal.toml")
         healthy = folder / ("commissioning_one_encoder" if one_encoder else "commissioning")
         out = folder / f"taught-{sheet:d}-{one_encoder:d}.toml"
-        commission_to_file(nominal, sorted(healthy.glob("*.csv")), out, config)
+        commission_to_file(nominal, sorted(healthy.glob("*.csv")), out, config, assume_fresh=True)
         machines[one_encoder] = load_machine(out)
     for trace in sorted((folder / "traces").glob("*.csv")):
         machine = machines[trace.stem == _ONE_ENCODER]

@@ -1,0 +1,75 @@
+"""A worn screw is not learned as fresh; where the data sheet cannot tell, it is asked about."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from edge_service.cli.entry import main
+from edge_service.config import load_machine
+from edge_service.estimate.commissioning.fresh_screw import doubt_of_fresh_screw
+from edge_service.estimate.commissioning.identification import commissioned
+from edge_service.trace.writer import TraceWriter
+
+from .plain_axis import PlainAxis
+from .test_commissioning_checks import BENCH, HEAVY, SMALL, cut
+
+ONE = replace(BENCH, one_encoder=True)
+OTHERS = {"guide_force_n": BENCH.guide_n, "bearing_drag_nm": BENCH.bearing_nm}
+FRESH = {"preload_drag_nm": BENCH.screw_nm}
+HALF_NM = 0.5 * BENCH.screw_nm
+SHOWN: dict[str, tuple[PlainAxis, dict[str, float]]] = {
+    "two encoders": (BENCH, {}),
+    "lead 5": (SMALL, {}),
+    "400 kg upright": (HEAVY, {}),
+    "one encoder, others stated": (ONE, OTHERS),
+    "one encoder and nothing else": (replace(ONE, guide_n=0.0, bearing_nm=0.0), {}),
+}
+DOUBTED: dict[str, tuple[PlainAxis, dict[str, float], str]] = {
+    "half": (replace(BENCH, screw_nm=HALF_NM, bearing_nm=0.04), FRESH, "worn, warm"),
+    "one encoder, others not stated": (ONE, {}, "may be guides and bearings"),
+    "one encoder, half": (replace(ONE, screw_nm=HALF_NM), FRESH, "may be guides and bearings"),
+    "one encoder, others stated, a fifth": (
+        replace(ONE, screw_nm=0.8 * BENCH.screw_nm),
+        FRESH | OTHERS,
+        "worn, warm",
+    ),
+}
+
+
+def doubt(axis: PlainAxis, stated: dict[str, float]) -> str:
+    nominal = axis.machine(**stated)
+    return doubt_of_fresh_screw(nominal, commissioned([cut(axis)], nominal))
+
+
+@pytest.mark.parametrize(("axis", "stated"), SHOWN.values(), ids=SHOWN)
+def test_a_fresh_screw_is_seen_to_be_fresh(axis: PlainAxis, stated: dict[str, float]) -> None:
+    assert doubt(axis, stated) == ""
+
+
+@pytest.mark.parametrize(("axis", "stated", "reason"), DOUBTED.values(), ids=DOUBTED)
+def test_what_may_be_worn_is_asked_about(
+    axis: PlainAxis, stated: dict[str, float], reason: str
+) -> None:
+    assert reason in doubt(axis, stated)
+
+
+def test_what_was_assumed_stays_in_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame, trace, nominal = ONE.frame(), tmp_path / "t.parquet", tmp_path / "m.toml"
+    with TraceWriter(trace, tuple(frame.channels)) as writer:
+        writer.write(frame)
+    nominal.write_text(
+        f"[axis]\nlead_m = {ONE.lead_m}\ndynamic_load_rating_n = 7450.0\n"
+        f"[model]\ninertia_kg_m2 = {ONE.inertia_kg_m2}\npreload_n = 500.0\n"
+        f"preload_drag_nm = {ONE.screw_nm}\n"
+    )
+    out = tmp_path / "out.toml"
+    command = ["commission", "--machine", str(nominal), str(trace), "--out", str(out)]
+    assert main(command) == 2
+    assert "--assume-fresh" in capsys.readouterr().err and not out.exists()
+    assert main([*command, "--assume-fresh"]) == 0
+    assert "assumed with --assume-fresh, not shown" in capsys.readouterr().out
+    learned = load_machine(out).commissioned
+    assert learned is not None and learned.assumed_fresh
