@@ -99,11 +99,23 @@ def test_several_axes_are_listed_by_number_and_name(tmp_path: Path, capsys) -> N
     assert main(chosen) == 0
 
 
-@pytest.mark.parametrize("command", ["convert", "doctor", "fingerprint", "gap", "diagnose"])
-def test_no_command_takes_the_first_of_several_axes(command, tmp_path, capsys) -> None:
+COMMANDS = {
+    "convert": ["--out", "out.csv"],
+    "doctor": [],
+    "gap": [],
+    "fingerprint": ["--out", "out"],
+    "diagnose": ["--out", "out"],
+    "estimate": ["--out", "out.csv"],
+    "commission": ["--out", "out.toml"],
+    "motion isolability": [],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_command_takes_the_first_of_several_axes(command, tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
     path = _csv(tmp_path / "x.csv", [1, 2, 3], axes=(1, 2))
-    out = [] if command in ("doctor", "gap") else ["--out", str(tmp_path / "out.csv")]
-    assert main([command, str(path), *out]) == 2
+    assert main([*command.split(), str(path), *COMMANDS[command]]) == 2
     said = capsys.readouterr().err
     assert "axes there are: 1, 2" in said
     assert len(said.splitlines()) == 1
