@@ -21,7 +21,9 @@ from ..fingerprint.response.control_response import (
 )
 from ..fingerprint.response.frequency_response import FrequencyResponse
 from ..fingerprint.result import Section, Status, examined
-from ..trace.sinumerik.tuning import MeasuredResponse, read_tuning
+from ..trace.columns import TraceError
+from ..trace.forms.registry import head_of, name_of
+from ..trace.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
 from .fingerprint import render
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import plain
@@ -52,7 +54,7 @@ def response(
         TraceError: the file cannot be read as such.
         FingerprintError: the baseline is none, or of another axis.
     """
-    measured = read_tuning(source)
+    measured = _read(source)
     axis = measured.axis or source.stem
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
     if baseline is not None and baseline.machine != axis:
@@ -81,6 +83,20 @@ def response(
         named = ", ".join(plain(each.name) for each in changes if each.changed)
         lines.append(f"changed against the baseline: {named or 'nothing'}, of {compared or 'none'}")
     return "\n".join([*lines, f"report: {out_dir / 'report.html'}"])
+
+
+def _read(source: Path) -> MeasuredResponse:
+    """The response in a file. Raises TraceError, also for what is none, by its name."""
+    try:
+        head = head_of(source)
+    except OSError as error:
+        raise TraceError(f"{source}: cannot be read ({error.strerror or error})") from None
+    if not is_tuning(head):
+        raise TraceError(
+            f"{source}: no servo tuning or frequency response of a SINUMERIK but "
+            f"{name_of(head, source)}"
+        )
+    return read_tuning(source)
 
 
 def _frequency_response(measured: MeasuredResponse) -> FrequencyResponse:

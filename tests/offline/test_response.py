@@ -109,13 +109,32 @@ def test_what_is_no_response_of_a_mass_is_said(tmp_path: Path, capsys) -> None:
     assert "undetermined, no response of speed to torque" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\3\4", b"<a/>", b"\xff\xfe<\0", bytes(range(256))])
-def test_what_is_no_tuning_is_one_line_and_status_2(content, tmp_path: Path, capsys) -> None:
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "nothing: the file is empty"),
+        (b"PK\3\4", "a zip archive"),
+        (b"<a/>", "XML document <a>"),
+        (b"\xff\xfe<\0", "UTF-16"),
+        (b"time_s,x\n0,1\n", "a recording, text (CSV)"),
+        (b"<traceSession>", "a recording, SINUMERIK trace XML"),
+        (b"<DynamicModelAxisController>", "cut off or damaged"),
+    ],
+)
+def test_what_is_no_tuning_is_one_line_and_status_2(content, says, tmp_path, capsys) -> None:
     source = tmp_path / "a.xml"
     source.write_bytes(content)
     assert main(["response", str(source), "--out", str(tmp_path / "out")]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert says in said
     assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_and_a_missing_file_are_one_line(tmp_path: Path, capsys) -> None:
+    for source in (tmp_path, tmp_path / "missing.xml"):
+        assert main(["response", str(source), "--out", str(tmp_path / "out")]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the servo tuning is not here")

@@ -26,12 +26,29 @@ def all_forms() -> tuple[Form, ...]:
 
 def open_source(path: Path, axis: ControllerAxis) -> Source:
     """Open a file in the form that its content has. Raises TraceError and OSError."""
+    head = head_of(path)
+    form = _form(head, path)
+    if form is None:
+        raise TraceError(f"{path}: no trace but {named(head)}")
+    return form.open(path, axis)
+
+
+def head_of(path: Path) -> bytes:
+    """First bytes of a file. Raises TraceError for a folder, and OSError."""
     if path.exists() and not path.is_file():
         names = ", ".join(form.name for form in all_forms())
         raise TraceError(f"{path}: a folder or device; expected a file: {names}")
     with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    form = next((form for form in all_forms() if form.recognises(head, path)), None)
-    if form is None:
-        raise TraceError(f"{path}: no trace but {named(head)}")
-    return form.open(path, axis)
+        return file.read(HEAD_BYTES)
+
+
+def name_of(head: bytes, path: Path) -> str:
+    """Name of what a file is by its first bytes: a form of recordings, or something else."""
+    if not head.strip():
+        return "nothing: the file is empty"
+    form = _form(head, path)
+    return named(head) if form is None else f"a recording, {form.name}"
+
+
+def _form(head: bytes, path: Path) -> Form | None:
+    return next((form for form in all_forms() if form.recognises(head, path)), None)
