@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from ...messages.samples import Floats
 
@@ -185,7 +184,7 @@ def _fits(laws: _Laws, percent: Floats) -> tuple[_Fits, float]:
     fits = [_fit(laws, percent, correlation) for correlation in correlations]
     names = ("mean", "root", "scatter", "evidence")
     joined = _Fits(*(np.concatenate([getattr(fit, name) for fit in fits]) for name in names))
-    return joined, float(logsumexp(joined.evidence))
+    return joined, float(np.logaddexp.reduce(joined.evidence))
 
 
 def _fit(laws: _Laws, percent: Floats, rho: float) -> _Fits:
