@@ -15,6 +15,8 @@ _STEP_S = 60.0
 _PATIENCE_S, _LOOK_PERIOD_S = 20.0, 0.2
 _TIME = re.compile(r'"\d{4}-\d\d-\d\dT[\d:.]+Z"')
 _PROBLEM = " problem"
+_PRESENT = " components"
+"""States of the parts of a service are of the present, whatever the folder holds."""
 _SETTLE_S = 2.5
 """Until states are read and published, and damage is found by whoever looks for it."""
 _SPREAD = ("preload_percent", "drag_torque_nm", "nis", "stiffness_n_per_m", "temperature_c")
@@ -150,6 +152,8 @@ _OF_NOW = ("/readyz", "/healthz", "/api/v1/health", "/api/v1/axes/{axis}/diagnos
 
 def _leaves(value: Any, path: str, until: str) -> Iterator[Leaf]:
     """Members of an answer; those of a list wherever they stand in it, unless of the present."""
+    if path.endswith(_PRESENT):
+        return
     if isinstance(value, dict):
         for name, each in value.items():
             yield from _leaves(each, f"{path} {name}", until)
