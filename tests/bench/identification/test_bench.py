@@ -12,6 +12,7 @@ from edge_service.fingerprint.regression.interval_estimate import around, undete
 
 from .bench import IdentificationBench, Recovery, run, share_interval
 from .cases import Recovered, recoveries
+from .response_coverage import held
 
 RARE = 1e-4
 
@@ -95,3 +96,10 @@ def test_coverage_over_many_axes() -> None:
     held = sum(each.held for each in bench.recoveries)
     count = sum(each.count for each in bench.recoveries)
     assert 0.93 < held / count < 0.985
+
+
+def test_intervals_of_a_control_s_response_hold_most_truths() -> None:
+    answers = [held(seed) for seed in range(4)]
+    assert all(answers)
+    kept = [each for answer in answers for each in answer.values()]
+    assert sum(kept) >= 0.8 * len(kept)
