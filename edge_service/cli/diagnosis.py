@@ -43,8 +43,15 @@ def fingerprint(
 ) -> None:
     """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload.
 
-    Several friction tests of one session are also drawn over one another, from first to last.
+    Several friction tests of one session are also drawn over one another, from first to last. A
+    servo tuning of a SINUMERIK, given alone, tells modes and inertia and needs no machine file.
     """
+    from ..offline.response import is_servo_tuning
+    from ..offline.response import response as run_response
+
+    if len(traces) == 1 and is_servo_tuning(traces[0]):
+        click.echo(run_response(traces[0], out, baseline, name="fingerprint.json"))
+        return
     from ..offline.fingerprint import fingerprint as run_fingerprint
 
     click.echo(run_fingerprint(machine, traces, out, baseline, pictures, axis_number))

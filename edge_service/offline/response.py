@@ -41,14 +41,20 @@ _ALIKE = math.log(2.0)
 
 
 def response(
-    source: Path, out_dir: Path, baseline_file: Path | None = None, *, as_json: bool = False
+    source: Path,
+    out_dir: Path,
+    baseline_file: Path | None = None,
+    *,
+    as_json: bool = False,
+    name: str = "response.json",
 ) -> str:
-    """Write `response.json`, `report.html` and a picture into `out_dir`; returns a summary.
+    """Write the document, `report.html` and a picture into `out_dir`; returns a summary.
 
     Args:
         source: XML of a SINUMERIK's auto servo tuning, or of a frequency response measured with it.
         baseline_file: an older `response.json` of the axis, to compare with.
         as_json: return the document instead of lines.
+        name: of the document.
 
     Raises:
         TraceError: the file cannot be read as such.
@@ -69,12 +75,12 @@ def response(
     modes = modes_of(whole.within(LOWEST_HZ, math.inf))
     document = _document(found, measured, modes)
     figures = draw_sections(found, baseline)
-    with replaced_file(out_dir / "response.json") as file:
+    with replaced_file(out_dir / name) as file:
         file.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
     with replaced_file(out_dir / "report.html") as file:
         file.write(render(found, baseline, changes, figures))
-    for name, figure in figures.items():
-        write_png(figure, out_dir / f"{name}.png")
+    for drawn, figure in figures.items():
+        write_png(figure, out_dir / f"{drawn}.png")
     if as_json:
         return json.dumps(document, allow_nan=False)
     lines = [f"axis {axis}, {source.name}", *_lines(section, measured.stated, modes)]
@@ -83,6 +89,14 @@ def response(
         named = ", ".join(plain(each.name) for each in changes if each.changed)
         lines.append(f"changed against the baseline: {named or 'nothing'}, of {compared or 'none'}")
     return "\n".join([*lines, f"report: {out_dir / 'report.html'}"])
+
+
+def is_servo_tuning(source: Path) -> bool:
+    """Tell whether a file holds a response instead of samples; False if it cannot be read."""
+    try:
+        return is_tuning(head_of(source))
+    except OSError:
+        return False
 
 
 def _read(source: Path) -> MeasuredResponse:

@@ -50,6 +50,16 @@ def test_modes_and_inertia_are_written_and_said(source: Path, tmp_path: Path, ca
     assert (out / "frequency_response.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_fingerprint_takes_a_tuning_as_it_takes_recordings(source: Path, tmp_path: Path) -> None:
+    then, now = tmp_path / "then", tmp_path / "now"
+    assert main(["fingerprint", str(source), "--out", str(then)]) == 0
+    baseline = ["--baseline", str(then / "fingerprint.json")]
+    assert main(["fingerprint", str(source), *baseline, "--out", str(now)]) == 0
+    found = json.loads((now / "fingerprint.json").read_text())
+    figures = found["sections"]["frequency_response"]["figures"]
+    assert figures["resonance_hz"]["value"] == pytest.approx(PEAK_HZ, rel=0.01)
+
+
 def test_json_is_the_document_and_a_baseline_names_what_it_compares(
     source: Path, tmp_path: Path, capsys
 ) -> None:
