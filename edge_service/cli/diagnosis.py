@@ -16,6 +16,7 @@ from .options import (
     Greedy,
     InputError,
     json_option,
+    out_option,
 )
 from .terminal import progress
 
@@ -119,6 +120,38 @@ def diagnose(
     from ..offline.diagnosis.diagnose import diagnose as run_diagnosis
 
     click.echo(run_diagnosis(machine, traces, out, progress, reference, axis_number))
+
+
+@click.command(epilog="Example: edge-service drift monday.csv friday.csv --machine m.toml")
+@TRACES
+@MACHINE
+@AXIS_NUMBER
+@click.option(
+    "--by",
+    multiple=True,
+    metavar="COLUMN",
+    help="Compare only rows alike in this column too; tool and NC block by default.",
+)
+@out_option("Folder for drift.json, drift.png and report.html.", required=False)
+@json_option("Print the answer as one JSON object.")
+def drift(
+    traces: tuple[Path, ...],
+    machine: Path,
+    axis_number: int | None,
+    by: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Compare the same moves in recordings of several days, oldest first: what changed since when.
+
+    Repeats within a recording tell the scatter; there and back tell friction from a load.
+    """
+    from ..offline.drift.drift import drift as compare
+
+    found = compare(machine, traces, out, axis_number, by)
+    click.echo(json.dumps(found.as_dict()) if as_json else found.as_text())
+    if out is not None and not as_json:
+        click.echo(f"report: {out / 'report.html'}")
 
 
 @click.command(epilog="Example: edge-service reproduce --out out/reproduce")

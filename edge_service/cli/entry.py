@@ -11,7 +11,7 @@ from ..config import ConfigError
 from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
 from .adopt import adopt
 from .bench import bench
-from .diagnosis import diagnose, fingerprint, gap, reproduce, response
+from .diagnosis import diagnose, drift, fingerprint, gap, reproduce, response
 from .fleet import fleet
 from .motion import motion
 from .options import InputError
@@ -108,6 +108,7 @@ for _command in (
         response,
         gap,
         diagnose,
+        drift,
         reproduce,
         fleet,
         bench,

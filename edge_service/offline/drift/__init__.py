@@ -1,0 +1,1 @@
+"""Recordings of one axis on several days, compared move by move."""

@@ -1,0 +1,110 @@
+"""Days of an axis compared: a known change is found at its size, and none where there is none."""
+
+import numpy as np
+import pytest
+
+from edge_service.fingerprint.drift.changes import Drift, SectionDrift, compare_moves
+from edge_service.fingerprint.drift.moves import Move
+from edge_service.offline.drift.wording import verdict
+
+from ... import foreign_plant as plant
+from .plants import Day, compared
+
+SLOW = 0
+"""The feed of the part, where dry friction is most of the torque."""
+
+
+def drift_of(found: SectionDrift, name: str) -> Drift:
+    return next(each for each in found.drifts if each.name == name)
+
+
+def test_a_day_without_a_change_has_none() -> None:
+    found = compared(Day(), Day(), Day())
+    assert len(found) == 2
+    assert all(each.section.both_ways for each in found)
+    assert not any(any(drift.changed) for each in found for drift in each.drifts)
+    assert verdict(found, ()).startswith(
+        "nothing changed beyond repeat scatter (compared: friction"
+    )
+
+
+def test_more_friction_is_found_at_its_size_and_is_no_load() -> None:
+    machine = plant.Machine()
+    found = compared(Day(), Day(friction=1.1))[SLOW]
+    friction = drift_of(found, "friction_nm")
+    assert friction.since == 1
+    assert friction.changes[-1].low < 0.1 * machine.coulomb_nm < friction.changes[-1].high
+    assert friction.changes[-1].value == pytest.approx(0.1 * machine.coulomb_nm, rel=0.1)
+    assert drift_of(found, "load_nm").since is None
+
+
+def test_a_fifth_of_the_preload_less_is_that_much_less_drag() -> None:
+    machine = plant.Machine()
+    friction = drift_of(compared(Day(), Day(preload_share=0.8))[SLOW], "friction_nm")
+    assert friction.since == 1
+    assert friction.changes[-1].low < -0.2 * machine.preload_drag_nm < friction.changes[-1].high
+
+
+def test_heat_is_named_where_it_was_warm() -> None:
+    found = compared(Day(), Day(warm=True))
+    assert drift_of(found[SLOW], "friction_nm").since == 1
+    assert all(each.may_be_heat for each in found)
+    assert "K warmer, which may be all of it" in verdict(found, ())
+
+
+def test_the_day_of_a_change_is_told_and_one_that_went_again() -> None:
+    found = compared(Day(), Day(), Day(friction=1.15), Day(friction=1.15))[SLOW]
+    assert drift_of(found, "friction_nm").since == 2
+    gone = drift_of(compared(Day(), Day(friction=1.15), Day())[SLOW], "friction_nm")
+    assert gone.since is None
+    assert gone.changed == (True, False)
+
+
+def drawn(rng: np.random.Generator, memory: float) -> list[Move]:
+    """Moves there and back whose torque has 3 % of scatter with a memory from repeat to repeat."""
+    moves, error = [], rng.standard_normal()
+    for number in range(24):
+        error = memory * error + np.sqrt(1.0 - memory**2) * rng.standard_normal()
+        way = 1.0 if number % 2 else -1.0
+        figures = {
+            "torque_nm": way * 0.3 * (1.0 + 0.03 * error) + 0.05,
+            "torque_spread_nm": 0.02 * (1.0 + 0.1 * rng.standard_normal()),
+            "following_error_m": way * 1e-4 + 5e-6 * rng.standard_normal(),
+        }
+        ends = (0.1, 0.3) if way > 0 else (0.3, 0.1)
+        moves.append(Move((), *ends, way * 0.1, 2.1, figures))
+    return moves
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5])
+def test_a_healthy_axis_is_rarely_accused(memory: float) -> None:
+    """At most one report in twenty, of three recordings with all their quantities."""
+    rng = np.random.default_rng(5)
+    accused = 0
+    for _ in range(200):
+        found = compare_moves([drawn(rng, memory) for _ in range(3)])
+        accused += any(any(drift.changed) for each in found for drift in each.drifts)
+    assert accused <= 0.05 * 200
+
+
+def test_where_there_is_no_way_back_friction_and_load_are_one() -> None:
+    rng = np.random.default_rng(6)
+    (found,) = compare_moves(
+        [[move for move in drawn(rng, 0.0) if move.speed_m_s > 0.0] for _ in range(2)]
+    )
+    assert next(drift.name for drift in found.drifts) == "torque_nm"
+    assert not found.section.both_ways
+
+
+def test_what_is_not_repeated_in_every_recording_is_not_compared() -> None:
+    rng = np.random.default_rng(7)
+    assert compare_moves([drawn(rng, 0.0), drawn(rng, 0.0)[:3]]) == ()
+
+
+@pytest.mark.slow
+def test_forty_healthy_days_of_other_axes_accuse_none_too_often() -> None:
+    accused = 0
+    for seed in range(2, 42):
+        found = compared(Day(), Day(), seed=seed)
+        accused += any(any(drift.changed) for each in found for drift in each.drifts)
+    assert accused <= 2
