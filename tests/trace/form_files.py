@@ -136,6 +136,11 @@ def _bomb_of_zeros() -> bytes:
     return header + struct.pack("<II", 15, len(packed)) + packed
 
 
+def _length_beyond_the_file() -> bytes:
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2s", 0x0100, b"IM")
+    return header + struct.pack("<II", 15, 0xFFFF_FFFF) + zlib.compress(bytes(100))
+
+
 def _endless_element() -> bytes:
     start = edge_json([[5000, 1.0, 1.0, 1.0]]).replace(b'"Footer"', b'"F"')
     return start[: start.index(b'{"HFData"')] + b'{"HFData": [[' + b"1.0," * 10_000_000
@@ -144,6 +149,9 @@ def _endless_element() -> bytes:
 def _long_line() -> bytes:
     return b"time_s,torque_command_nm\n" + b"1" * (6 << 20)
 
+
+LYING: dict[str, Callable[[], bytes]] = {"MATLAB 5": _length_beyond_the_file}
+"""Name of a form -> a file of it that states more than it holds."""
 
 GREEDY: dict[str, Callable[[], bytes]] = {
     "MATLAB 5": _bomb_of_zeros,

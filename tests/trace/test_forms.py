@@ -1,6 +1,7 @@
 """Every form that enrols itself, held to one behaviour: read, or refused in one line."""
 
 import random
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from edge_service.trace.reader import open_trace
 from edge_service.trace.reading_process import ReadingProcess
 from edge_service.trace.sinumerik.controller_axis import ControllerAxis
 
-from .form_files import GREEDY, RIGHT
+from .form_files import GREEDY, LYING, RIGHT
 
 AXIS = ControllerAxis(number=None, lead_m=0.01)
 NAMES = [form.name for form in all_forms()]
@@ -78,6 +79,18 @@ def test_a_file_that_asks_for_too_much_is_refused_within_the_limits(name, tmp_pa
         list(reader)
     assert "\n" not in str(caught.value)
     assert "more than" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", sorted(LYING))
+def test_a_length_beyond_the_file_takes_no_memory(name, tmp_path, capsys) -> None:
+    path = tmp_path / "recording"
+    path.write_bytes(LYING[name]())
+    tracemalloc.start()
+    try:
+        assert _check_answer(path, tmp_path, capsys) == 2
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("name", NAMES)

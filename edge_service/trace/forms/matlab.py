@@ -10,7 +10,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -24,7 +24,7 @@ BLOCK_ROWS = 1 << 14
 LARGEST_BYTES = 1 << 28
 """Of all variables together, unpacked."""
 _HEADER_BYTES, _TAG_BYTES, _COMPRESSED = 128, 8, 15
-_MOST_COLUMNS = 4096
+_MOST_COLUMNS, _CHUNK = 4096, 1 << 20
 _BROKEN = (
     *(ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, OSError, MemoryError),
     *(NotImplementedError, OverflowError, RecursionError, zlib.error),
@@ -103,22 +103,26 @@ def _check_size(path: Path) -> None:
             kind, length = (
                 int.from_bytes(each, "big" if swapped else "little") for each in (tag[:4], tag[4:])
             )
-            size += _unpacked(file.read(length), LARGEST_BYTES) if kind == _COMPRESSED else length
-            if kind != _COMPRESSED:
+            if kind == _COMPRESSED:
+                size += _unpacked(file, length)
+            else:
+                size += length
                 file.seek(length, 1)
             if size > LARGEST_BYTES:
                 raise TraceError(f"{path}: unpacks to more than {LARGEST_BYTES >> 20} MB")
 
 
-def _unpacked(packed: bytes, most: int) -> int:
-    """Bytes that a packed variable holds, counted without keeping them."""
-    unpacker, count = zlib.decompressobj(), 0
-    try:
-        while packed and count <= most:
-            count += len(unpacker.decompress(packed, 1 << 20))
-            packed = unpacker.unconsumed_tail
-    except zlib.error:
-        return count  # whoever reads it says what is wrong
+def _unpacked(file: BinaryIO, length: int) -> int:
+    """Bytes that a packed variable of a length holds, counted without keeping them."""
+    unpacker, count, end = zlib.decompressobj(), 0, file.tell() + length
+    while count <= LARGEST_BYTES and (packed := file.read(min(_CHUNK, end - file.tell()))):
+        try:
+            while packed and count <= LARGEST_BYTES:
+                count += len(unpacker.decompress(packed, _CHUNK))
+                packed = unpacker.unconsumed_tail
+        except zlib.error:
+            break  # whoever reads it says what is wrong
+    file.seek(end)
     return count
 
 

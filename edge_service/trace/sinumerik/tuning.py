@@ -15,6 +15,8 @@ from ...messages.samples import Floats
 from ..columns import TraceError
 from .tuning_parser import MEASUREMENT_ROOT, SPECTRA, TUNING_ROOT, Complexes, TuningParser
 
+LARGEST = 1e30
+"""No response and no frequency is greater; nor is its inverse."""
 _ROUNDING = 1e-6
 _LOWEST = 5
 """One in so many frequencies, the lowest, shows the sign of the phase."""
@@ -99,8 +101,8 @@ def _checked(
     found: TuningParser, frequency: Floats, response: Complexes, coherence: Floats, unit: str
 ) -> MeasuredResponse:
     """The response where it is one. Raises ValueError for a coherence that is none."""
-    kept = (frequency > 0.0) & np.isfinite(response) & (np.abs(response) > 0.0)
-    kept &= np.isfinite(coherence)
+    kept = (frequency > 0.0) & (frequency < LARGEST) & np.isfinite(coherence)
+    kept &= (np.abs(response) > 1.0 / LARGEST) & (np.abs(response) < LARGEST)
     if not kept.any():
         raise ValueError("a response without a number")
     if np.any((coherence[kept] < -_ROUNDING) | (coherence[kept] > 1.0 + _ROUNDING)):
