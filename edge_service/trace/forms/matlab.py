@@ -6,14 +6,17 @@ those of the length that most of them have. MATLAB's own `table` and `timetable`
 nothing but MATLAB can read; version 7.3 is HDF5.
 """
 
+import json
+import subprocess
+import sys
+import tempfile
 import zlib
-from collections import Counter
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from ...limited_process import ProcessLimits, limited_command, why_it_ended
 from ...messages.samples import Floats
 from ..block import Block, number_rows
 from ..columns import TraceError
@@ -24,17 +27,13 @@ BLOCK_ROWS = 1 << 14
 LARGEST_BYTES = 1 << 28
 """Of all variables together, unpacked."""
 _HEADER_BYTES, _TAG_BYTES, _COMPRESSED = 128, 8, 15
-_MOST_COLUMNS, _CHUNK = 4096, 1 << 20
-_BROKEN = (
-    *(ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, OSError, MemoryError),
-    *(NotImplementedError, OverflowError, RecursionError, zlib.error),
-)
-"""What loadmat raises on a damaged file, beside its own."""
-_AS_CSV = "write it with writetimetable(T, 'x.csv') or writetable(T, 'x.csv')"
+LIMITS = ProcessLimits(memory_mb=2000.0, cpu_s=120.0)
+LONGEST_S = 180.0
+_CHUNK = 1 << 20
 
 
 class MatlabSource:
-    """The table of a file, which is read whole."""
+    """The table of a file, which a process of its own unpacks: damaged ones can end loadmat."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -42,18 +41,40 @@ class MatlabSource:
         self._wanted: list[str] = []
         self._start = 0
         _check_size(path)
-        columns, objects = _columns_of(_loaded(path))
-        self._columns = _of_one_length(columns)
-        if not self._columns:
-            what = (
-                "a table or timetable object, which only MATLAB reads" if objects else "no column"
-            )
-            hint = _AS_CSV if objects else "expected vectors of numbers"
-            raise TraceError(f"{path}: holds {what}; {hint}")
-        self._rows = len(next(iter(self._columns.values())))
-        self.names = tuple(self._columns)
-        other = [name for name in columns if name not in self._columns]
+        self._unpacked = tempfile.TemporaryFile()  # noqa: SIM115  # open as long as the source
+        try:
+            self._head = self._unpack()
+        except BaseException:
+            self._unpacked.close()
+            raise
+        self.names = tuple(self._head["columns"])
+        self._rows, self._first = int(self._head["rows"]), self._unpacked.tell()
+        other = self._head["other"]
         self.remarks = (f"of another length: {', '.join(other[:12])}",) if other else ()
+
+    def _unpack(self) -> dict[str, Any]:
+        """Let a process write the columns; what it says of them. Raises TraceError and OSError."""
+        command = [sys.executable, "-m", "edge_service.trace.forms.matlab_process", str(self.path)]
+        try:
+            ended = subprocess.run(
+                limited_command(command, LIMITS, dies_with_caller=False),
+                stdin=subprocess.DEVNULL,
+                stdout=self._unpacked,
+                stderr=subprocess.DEVNULL,
+                check=False,
+                timeout=LONGEST_S,
+            )
+        except subprocess.TimeoutExpired:
+            raise TraceError(f"{self.path}: not unpacked within {LONGEST_S:g} s") from None
+        self._unpacked.seek(0)
+        line = self._unpacked.readline()
+        if ended.returncode != 0 or not line:
+            why = why_it_ended(ended.returncode, LIMITS) or "the process ended"
+            raise TraceError(f"{self.path}: a damaged MATLAB file ({why})")
+        head: dict[str, Any] = json.loads(line)
+        if "error" in head:
+            raise TraceError(f"{self.path}: {head['error']}")
+        return head
 
     @property
     def fraction_read(self) -> float:
@@ -62,7 +83,7 @@ class MatlabSource:
 
     def holds_numbers(self, name: str) -> bool:
         """Every column does."""
-        return name in self._columns
+        return name in self.names
 
     def want(self, names: list[str]) -> None:
         """Read these columns only."""
@@ -70,39 +91,35 @@ class MatlabSource:
 
     def close(self) -> None:
         """Let go of the table; safe twice."""
-        self._start = self._rows
+        self._unpacked.close()
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end."""
+        """The next rows, or None at the end. Raises OSError."""
         rows = min(BLOCK_ROWS, self._rows - self._start)
         if rows <= 0:
             return None
-        part = slice(self._start, self._start + rows)
+        values = {name: self._part(self.names.index(name), rows) for name in self._wanted}
         number = number_rows(self._start, rows)
         self._start += rows
-        return Block({name: self._columns[name][part] for name in self._wanted}, number)
+        return Block(values, number)
 
-
-def _loaded(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        return dict(loadmat(path, squeeze_me=False, struct_as_record=True, chars_as_strings=True))
-    except (*_BROKEN, MatReadError) as error:
-        reason = " ".join(str(error).split())[:100] or type(error).__name__
-        raise TraceError(f"{path}: a truncated or damaged MATLAB file ({reason})") from None
+    def _part(self, column: int, rows: int) -> Floats:
+        self._unpacked.seek(self._first + 8 * (column * self._rows + self._start))
+        values: Floats = np.frombuffer(self._unpacked.read(8 * rows))
+        return values
 
 
 def _check_size(path: Path) -> None:
     """Refuse a file that unpacks to more than it may take, before anything keeps it."""
-    size = 0
+    size, whole = 0, path.stat().st_size
     with path.open("rb") as file:
         swapped = file.read(_HEADER_BYTES)[126:128] == b"MI"
-        while len(tag := file.read(_TAG_BYTES)) == _TAG_BYTES:
+        while tag := file.read(_TAG_BYTES):
             kind, length = (
                 int.from_bytes(each, "big" if swapped else "little") for each in (tag[:4], tag[4:])
             )
+            if len(tag) < _TAG_BYTES or file.tell() + length > whole:
+                raise TraceError(f"{path}: a truncated or damaged MATLAB file")
             if kind == _COMPRESSED:
                 size += _unpacked(file, length)
             else:
@@ -124,77 +141,6 @@ def _unpacked(file: BinaryIO, length: int) -> int:
             break  # whoever reads it says what is wrong
     file.seek(end)
     return count
-
-
-def _columns_of(variables: Mapping[str, Any]) -> tuple[dict[str, Floats], bool]:
-    """Every column of numbers by name, and whether there are objects that nobody can read."""
-    from scipy.io.matlab import MatlabFunction, MatlabOpaque
-
-    columns: dict[str, Floats] = {}
-    objects = False
-    for name, value in variables.items():
-        if isinstance(value, (MatlabOpaque, MatlabFunction)):
-            objects = True
-        elif not name.startswith("__"):
-            columns |= _columns_in(name, value, variables)
-    return dict(list(columns.items())[:_MOST_COLUMNS]), objects
-
-
-def _columns_in(name: str, value: Any, beside: Mapping[str, Any]) -> dict[str, Floats]:
-    """Columns of a variable: a vector, a matrix with its names, a struct of such."""
-    if not isinstance(value, np.ndarray):
-        return {}
-    if value.dtype.names is not None:
-        return _columns_of_struct(value)
-    if value.ndim != 2 or value.dtype.kind not in "biuf":
-        return {}
-    if 1 in value.shape:
-        return {name: value.ravel().astype(np.float64)} if value.size > 1 else {}
-    names = _names_for(value.shape[1], beside) or [
-        f"{name}_{column}" for column in range(1, value.shape[1] + 1)
-    ]
-    matrix = value.astype(np.float64)
-    return {each: matrix[:, column] for column, each in enumerate(names[:_MOST_COLUMNS])}
-
-
-def _columns_of_struct(value: Any) -> dict[str, Floats]:
-    if value.size != 1:
-        return {}
-    record = value.ravel()[0]
-    fields = {field: record[field] for field in value.dtype.names}
-    columns: dict[str, Floats] = {}
-    for field, each in fields.items():
-        columns |= _columns_in(field, each, fields)
-    return columns
-
-
-def _names_for(width: int, beside: Mapping[str, Any]) -> list[str] | None:
-    """Names for the columns of a matrix: of a variable that holds so many different ones."""
-    for value in beside.values():
-        names = list(_texts(value))
-        if len(names) == width == len(set(names)) and all(names):
-            return names
-    return None
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """Texts in a char matrix or in a cell of strings."""
-    if not isinstance(value, np.ndarray):
-        return
-    for cell in value.ravel()[:_MOST_COLUMNS]:
-        text = cell.ravel()[0] if isinstance(cell, np.ndarray) and cell.size == 1 else cell
-        if not isinstance(text, str):
-            return
-        yield text.strip()
-
-
-def _of_one_length(columns: Mapping[str, Floats]) -> dict[str, Floats]:
-    """The columns of the length that most of them have, the longer one of two alike."""
-    lengths = Counter(len(values) for values in columns.values())
-    if not lengths:
-        return {}
-    length = max(lengths, key=lambda each: (lengths[each], each))
-    return {name: values for name, values in columns.items() if len(values) == length}
 
 
 FORM = Form(
