@@ -50,6 +50,14 @@ def test_a_lack_of_lubrication_is_the_friction_that_others_found(machine: Path) 
 
 
 @real
+def test_a_current_without_a_sign_is_refused(machine: Path, capsys) -> None:
+    machine.write_text(machine.read_text().replace(', direction = "set_point"', ""))
+    days = [str(CRANFIELD / f"{name}.csv") for name in ("normal", "backlash1")]
+    assert main(["drift", *days, "--machine", str(machine)]) == 2
+    assert "torque_command_nm stays on one side both ways" in capsys.readouterr().err
+
+
+@real
 def test_backlash_is_no_more_friction(machine: Path) -> None:
     """The same: -3.7 %, where the healthy actuator varies by 2 %."""
     report = drift(machine, [CRANFIELD / "normal.csv", CRANFIELD / "backlash1.csv"], by=["load"])
@@ -69,6 +77,17 @@ def test_two_halves_of_the_healthy_actuator_are_alike(machine: Path, tmp_path: P
             writer.writerows(row for row in rows if (int(row["run"]) <= 5) is early)
     report = drift(machine, list(halves.values()), by=["load"])
     assert report.verdict.startswith("nothing changed beyond repeat scatter")
+
+
+@pytest.mark.skipif(not (DATA / "emps").is_dir(), reason="needs the EMPS recordings")
+def test_pulses_of_force_are_neither_friction_nor_load() -> None:
+    """The second record has pulses of force along the same moves, the axis is the same."""
+    files = [DATA / "emps" / f"emps_{name}.csv" for name in ("estimation", "validation_pulses")]
+    (section,) = drift(Path(__file__).parents[2] / "deploy/emps.toml", files).sections
+    changed = {each.name: each.since is not None for each in section.drifts}
+    assert not changed["friction_nm"]
+    assert not changed["load_nm"]
+    assert changed["torque_spread_nm"]
 
 
 def written(path: Path, friction_nm: float, *, seed: int, span_m: float = 0.1) -> Path:

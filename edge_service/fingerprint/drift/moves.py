@@ -12,7 +12,7 @@ from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TEMPERATURE, T
 from ...messages.samples import Floats, SampleFrame
 from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
 
-_CUTOFF_HZ = 20.0
+CUTOFF_HZ = 20.0
 _REST_SHARE = 0.02
 """Slower than this share of the fastest move is rest."""
 _STEADY_SHARE = 0.95
@@ -62,7 +62,7 @@ def find_moves(
         ValueError: one line; torque and position are missing, or the clock stands.
     """
     known = [frame for frame in frames if len(frame)]
-    settings = PreparationSettings.sampled(ratio_m_per_rad, known, _CUTOFF_HZ)
+    settings = PreparationSettings.sampled(ratio_m_per_rad, known, CUTOFF_HZ)
     runs = list(prepare(known, settings))
     courses = [_course(run) for run in runs]
     speeds = [np.gradient(course, run.period_s) for course, run in zip(courses, runs, strict=True)]

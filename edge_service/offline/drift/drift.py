@@ -9,14 +9,17 @@ from typing import Any
 
 from ...atomic import replaced_file
 from ...config import ConfigError, load_machine
+from ...fingerprint.checks.torque_sign import judge_sign
 from ...fingerprint.drift.changes import SectionDrift, compare_moves
-from ...fingerprint.drift.moves import Move, by_context, find_moves
+from ...fingerprint.drift.moves import CUTOFF_HZ, Move, by_context, find_moves
 from ...fingerprint.drift.sections import most_frequent
 from ...fingerprint.regression.interval_estimate import LEVEL
+from ...fingerprint.regression.prepared_run import PreparationSettings
 from ...messages.samples import SampleFrame
 from ...models.machine import Machine
 from ...models.screw.ball_screw import transmission_ratio
 from ...trace.columns import TraceError
+from ..examination import ExaminationError
 from ..recordings import open_recording
 from ..report.page import rendered
 from ..report.pictures import as_svg, write_png
@@ -25,6 +28,8 @@ from .wording import QUANTITIES, place, sentences, verdict
 
 BLOCK_COLUMNS = ("HFBlockEvent.ActiveTool", "HFBlockEvent.GCode")
 """Columns of Industrial Edge that tell one program section from another."""
+
+_MOST_ROWS = 5_000_000
 
 
 class DriftError(ConfigError):
@@ -118,7 +123,7 @@ def drift(
             recording has them.
 
     Raises:
-        ConfigError: the machine file is wrong, or no section is common to all recordings.
+        ConfigError: the machine file is wrong, a unit or a sign is, or nothing is common to all.
         TraceError: a recording cannot be read.
     """
     if len(traces) < 2:
@@ -140,8 +145,13 @@ def drift(
 
 
 def _frames(machine: Machine, path: Path) -> list[SampleFrame]:
+    frames = []
     with open_recording(machine, path, keep_all=True) as reader:
-        return list(reader)
+        for frame in reader:
+            frames.append(frame)
+            if reader.rows_read > _MOST_ROWS:
+                raise TraceError(f"{path}: more than {_MOST_ROWS} rows; cut the recording")
+    return frames
 
 
 def _columns(
@@ -162,6 +172,7 @@ def _moves(
 ) -> list[Move]:
     ratio = transmission_ratio(machine.axis.lead_m)
     try:
+        _require_sign(path, frames, ratio)
         return [
             move
             for context, part in by_context(frames, names)
@@ -169,6 +180,14 @@ def _moves(
         ]
     except ValueError as error:
         raise TraceError(f"{path}: {error}") from None
+
+
+def _require_sign(path: Path, frames: Sequence[SampleFrame], ratio: float) -> None:
+    """Refuse a torque without a sign: its friction would pass for a load."""
+    settings = PreparationSettings.sampled(ratio, frames, CUTOFF_HZ)
+    finding = judge_sign(frames, settings)
+    if finding is not None and finding.forbids:
+        raise ExaminationError(f"{path}: {finding.sentence}; {finding.remedy}")
 
 
 def _nothing_common(traces: Sequence[Path], moves: Sequence[Sequence[Move]]) -> str:
