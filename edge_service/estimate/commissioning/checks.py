@@ -9,7 +9,6 @@ import numpy as np
 
 from ...messages.channels import TORQUE
 from ...messages.features import FeatureBlock
-from ...messages.samples import Floats
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
 from .fresh_screw import SIGMAS, guide_drag
@@ -35,41 +34,6 @@ WORN_SHARE = 0.7
 """Share of the fresh screw's drag: a healthy screw, run in and cold, has more."""
 NUT_SHARES = (0.03, 1.0)
 """Nut's share of the series compliance: screw, bearings and coupling are softer than nothing."""
-
-
-def require_signed_torque(phases: SteadyPhases) -> None:
-    """Require torque that changes with the direction of motion: no rectified current.
-
-    A load that hangs may keep torque on one side, but then torque still follows the signed
-    acceleration and friction, J a + D v + C sgn v + offset, and not their absolute value.
-
-    Raises:
-        CommissioningError: it is a magnitude.
-    """
-    both = {float(sign) for sign in np.unique(phases.direction)} == {-1.0, 1.0}
-    if not both or len(phases) < 12:
-        return
-    low, high = (float(each) for each in np.quantile(phases.torque_nm, (0.02, 0.98)))
-    if low * high <= 0.0:
-        return
-    v, s, a = phases.speed_rad_s, phases.direction, phases.acceleration_rad_s2
-    one = np.ones_like(v)
-    signed, coulomb = _cost(phases, np.column_stack([s, a, v, one]))
-    magnitude, _ = _cost(phases, np.column_stack([s, s * a, np.abs(v), one]))
-    if coulomb <= 0.0 or signed > 0.8 * magnitude:
-        raise CommissioningError(
-            f"torque stays on one side both ways ({low:.3g} to {high:.3g} N m) and does not "
-            "follow the signed acceleration: a magnitude, not a load that hangs; needs signed "
-            f"torque or current in columns.{TORQUE}, and moves that accelerate"
-        )
-
-
-def _cost(phases: SteadyPhases, columns: Floats) -> tuple[float, float]:
-    """Weighted residual sum of squares, and the first parameter."""
-    root = np.sqrt(phases.steady_s)
-    scaled, wanted = columns * root[:, None], phases.torque_nm * root
-    value = np.linalg.lstsq(scaled, wanted, rcond=None)[0]
-    return float(np.sum((wanted - scaled @ value) ** 2)), float(value[0])
 
 
 def require_identified(

@@ -20,7 +20,6 @@ from .assumed_shares import nut_share, table_mass
 from .checks import (
     require_fresh_screw,
     require_identified,
-    require_signed_torque,
     require_stated_nut,
 )
 from .series_compliance import SeriesCompliance, fit_series_compliance
@@ -47,7 +46,6 @@ def commissioned(
     """
     limits = limits or steady_limits(machine.model_copy(update={"commissioned": None}))
     phases = SteadyPhases.of(recordings, EffectCompensation.of_machine(machine))
-    require_signed_torque(phases)
     torque = fit_torque_balance(phases, machine, limits)
     require_identified(recordings, phases, torque, machine)
     stroke_map = torque.harmonics_nm / _screw_drag_nm(machine, torque)

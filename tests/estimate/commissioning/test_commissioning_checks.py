@@ -111,17 +111,6 @@ def test_long_windows_tell_the_inertia_despite_a_coarse_encoder(intervals: int) 
     assert wide.inertia_kg_m2 == pytest.approx(BENCH.inertia_kg_m2, rel=0.05)
 
 
-def unsigned(frame: SampleFrame) -> SampleFrame:
-    channels = dict(frame.channels)
-    channels[TORQUE] = np.abs(channels[TORQUE]) + 1.0
-    return SampleFrame(frame.time_s, channels)
-
-
-def test_a_magnitude_is_no_torque_though_a_hanging_load_has_one_sign_too() -> None:
-    with pytest.raises(CommissioningError, match=r"a magnitude.*columns\.torque_command_nm"):
-        commissioned([cut(BENCH, unsigned(BENCH.frame()))], BENCH.machine())
-
-
 def disturbed(level_nm: float) -> Callable[[SampleFrame], SampleFrame]:
     def with_force(frame: SampleFrame) -> SampleFrame:
         rng = np.random.default_rng(2)
