@@ -143,6 +143,15 @@ def test_the_command_writes_table_json_and_picture(tmp_path: Path, capsys) -> No
     assert found["crossings"]["90"]["first_h"] == pytest.approx(175.0, abs=20.0)
 
 
+def test_a_screw_that_reaches_no_limit_is_told_so(tmp_path: Path, capsys) -> None:
+    file = tmp_path / "drag.txt"
+    file.write_text("0.5\n" * 9)
+    assert main(["reproduce", "wear", str(file), "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "90 % of fresh: not reached" in text
+    assert "nan" not in text
+
+
 @pytest.mark.parametrize(
     ("text", "words"), [("0.5\nx\n", "line 2: 'x'"), ("0.5\n", "2 lines"), ("0.5\n-1\n", "above 0")]
 )

@@ -147,13 +147,13 @@ def _summary(found: Account) -> list[str]:
     lines = [_came(limit, each) for limit, each in found.came.items()]
     for name, words in _READINGS.items():
         trend, line = found.trend[name], found.line[name]
-        better, worse = found.paired[name]
+        ours, theirs = found.paired[name]
+        score = f"trend {ours:.3f}, straight line {theirs:.3f}" if ours >= 0.0 else "no such date"
         lines += [
             f"crossing = {words}:",
             f"  trend          {_counts(trend)}",
             f"  straight line  {_counts(line)}",
-            f"  score of dates where both have one, share of the date, less is better: "
-            f"trend {better:.3f}, straight line {worse:.3f}",
+            f"  score of dates where both have one, share of the date, less is better: {score}",
             f"  first date that held, h ahead: {_leads(trend)}",
         ]
     return lines
