@@ -58,7 +58,7 @@ password = "{MARKER}"
 url = "http://user:{MARKER}@127.0.0.1:{hook}/{MARKER}?key={MARKER}"
 secret = "{MARKER}"
 kinds = ["note"]
-tries = 1
+give_up_h = 1e-4
 [[axes]]
 name = "X"
 driver = "opcua"

@@ -263,8 +263,18 @@ def with_error(recording: Recording, case: SeededCase, seed: int) -> dict[str, F
     sign = np.random.default_rng([seed, 1]).choice((-1.0, 1.0))
     if case.error in OPEN or case.error == "stribeck":
         sign = 1.0
+    if case.error == "drag_error" and level_nm > _dry_friction_nm(motion):
+        sign = 1.0  # no axis has less than no friction: that would be bad data
     added = sign * level_nm * shape(motion, np.random.default_rng([seed, 2]))
     return {**recording.columns, "torque_command_nm": motion.torque_nm + added}
+
+
+def _dry_friction_nm(motion: Motion) -> float:
+    """Dry friction that the machine has itself, by least squares."""
+    terms = (motion.way, motion.speed, motion.acceleration, np.ones_like(motion.way))
+    moving = motion.way != 0.0
+    design = np.column_stack(terms)[moving]
+    return float(np.linalg.lstsq(design, motion.torque_nm[moving], rcond=None)[0][0])
 
 
 def plan(found: Sequence[Recording]) -> list[SeededCase]:
