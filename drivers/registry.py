@@ -6,7 +6,7 @@ from typing import cast
 
 from .base import ENTRY_POINT_GROUP, Driver
 
-OPTIONAL = ("opcua",)
+OPTIONAL = ("mqtt", "opcua")
 """Drivers whose library comes with an extra of the same name."""
 
 

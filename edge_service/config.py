@@ -31,9 +31,11 @@ from .secret_files import SecretError, secret_path
 log = logging.getLogger(__name__)
 DEFAULT_CONFIG = Path(__file__).parent / "defaults" / "edge.toml"
 DEFAULT_MACHINE = Path(__file__).parent / "defaults" / "machine.toml"
-FILE_KEYS = ("path", "folder", "certificate", "private_key", "server_certificate", "ledger")
+BROKER_FILES = ("ca_certificate", "client_certificate", "client_key")
+MQTT_FILES = ("buffer", *BROKER_FILES)
+_OF_SECURITY = ("certificate", "private_key", "server_certificate")
+FILE_KEYS = ("path", "folder", *_OF_SECURITY, "ledger", *BROKER_FILES)
 """Keys of drivers that name files or folders."""
-MQTT_FILES = ("buffer", "ca_certificate", "client_certificate", "client_key")
 _Model = TypeVar("_Model", bound=BaseModel)
 _DEEP = re.compile(rb"(?:[\[{]\s*){100}")
 

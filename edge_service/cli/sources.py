@@ -93,7 +93,7 @@ def stub(
 ) -> None:
     """Serve the simulated drive over a real protocol, by the map that CONFIG gives its driver.
 
-    PROTOCOL is modbus or opcua. Faults are given here, or written into the running server.
+    PROTOCOL is modbus, opcua or mqtt. Faults are given here, or written into the running server.
     """
     from drivers.stub import parse_fault
 

@@ -20,6 +20,10 @@ class TraceError(Exception):
     """A file that cannot be read or written as a trace; the text is one line."""
 
 
+class AxisError(TraceError):
+    """The axis that is wanted is not there, or none is named and there are several."""
+
+
 class ColumnLike(Protocol):
     """Anything that names a foreign column: SI value = `scale` * column + `offset`."""
 

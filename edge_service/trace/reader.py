@@ -198,19 +198,31 @@ def open_trace(
     except OSError as error:
         raise _unreadable(path, error) from None
     try:
-        columns = dict(columns or {})
-        source = edge_recording(path, source, columns)
-        if isinstance(source, EdgeSource) and source.sets_time:
-            columns.pop(TIME, None)  # a scale of the count is its period already
-        known = controller_columns(path, source, axis, columns)
-        chosen = choose_columns(path, source.names, known.resolve(columns), known.columns)
-        remarks = known.remarks(chosen)
-        if keep_all:
-            chosen |= _other_columns(source, chosen)
-        return TraceReader(path, source, chosen, remarks)
+        return read_source(path, source, columns or {}, axis, keep_all=keep_all)
     except BaseException:
         source.close()
         raise
+
+
+def read_source(
+    path: Path,
+    source: Source,
+    columns: Mapping[str, ColumnLike],
+    axis: ControllerAxis,
+    *,
+    keep_all: bool = False,
+) -> TraceReader:
+    """Reader of rows from anywhere; `path` is for messages. Raises TraceError like `open_trace`."""
+    columns = dict(columns)
+    source = edge_recording(path, source, columns)
+    if isinstance(source, EdgeSource) and source.sets_time:
+        columns.pop(TIME, None)  # a scale of the count is its period already
+    known = controller_columns(path, source, axis, columns)
+    chosen = choose_columns(path, source.names, known.resolve(columns), known.columns)
+    remarks = known.remarks(chosen)
+    if keep_all:
+        chosen |= _other_columns(source, chosen)
+    return TraceReader(path, source, chosen, remarks)
 
 
 def read_trace(

@@ -11,6 +11,7 @@ import httpx
 import pytest
 from click.testing import CliRunner
 
+from drivers.registry import driver_names
 from edge_service.cli.entry import cli
 from edge_service.config import load_config
 from edge_service.nodes.service import NodeName
@@ -31,6 +32,19 @@ SAMPLES = {
     "letter": "1",
 }
 
+HAS_MQTT = "mqtt" in driver_names()
+MQTT_AXIS = """
+[[axes]]
+name = "Y"
+driver = "mqtt"
+[axes.settings]
+host = "127.0.0.1"
+port = {port}
+topic = "a"
+user = "edge"
+password = "{marker}"
+"""
+
 
 def configuration(hook: int) -> tuple[str, set[tuple[str, str]]]:
     """A configuration with the marker in every secret, and the keys that hold it."""
@@ -44,7 +58,8 @@ def configuration(hook: int) -> tuple[str, set[tuple[str, str]]]:
     for signal in settings["signals"]:
         lines += ["[[axes.settings.signals]]"]
         lines += [f"{key} = {json.dumps(value)}" for key, value in signal.items()]
-    text = f"""\
+    text = (
+        f"""\
 [bus]
 endpoint = "tcp/127.0.0.1:0"
 [http]
@@ -63,9 +78,13 @@ give_up_h = 1e-4
 name = "X"
 driver = "opcua"
 [axes.settings]
-""" + "\n".join(lines)
+"""
+        + "\n".join(lines)
+        + (MQTT_AXIS.format(port=free_port(), marker=MARKER) if HAS_MQTT else "")
+    )
     held = {("mqtt", "password"), ("webhook", "url"), ("webhook", "secret")}
-    return text, held | {("driver opcua", "password")}
+    drivers = {"driver opcua", *(["driver mqtt"] if HAS_MQTT else [])}
+    return text, held | {(driver, "password") for driver in drivers}
 
 
 async def answers(address: str) -> dict[str, str]:

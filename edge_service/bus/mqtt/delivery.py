@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Protocol, TypeVar
 import aiomqtt
 from pydantic import SecretStr
 
+from ...broker_tls import BrokerTlsError, broker_tls
 from ...cancellation import heed_cancellation
 from ...clock import now_ns
 from ..spool.message import DeadLetter, Message, SpoolError
@@ -122,7 +122,11 @@ class MqttDelivery:
         self._delivered_before = 0
         self._late_until = 0
         self._turn = asyncio.Lock()
-        self._tls = _tls(settings)
+        files = settings.ca_certificate, settings.client_certificate, settings.client_key
+        try:
+            self._tls = broker_tls(*files)
+        except BrokerTlsError as error:
+            raise MqttError(f"mqtt.{error}") from None
 
     async def run(self, life: Life | None = None) -> None:
         """Deliver until cancelled."""
@@ -278,18 +282,3 @@ async def _first_to_end(*jobs: Coroutine[None, None, None]) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-def _tls(settings: MqttSettings) -> ssl.SSLContext | None:
-    if settings.ca_certificate is None:
-        return None
-    key, path = "ca_certificate", settings.ca_certificate
-    try:
-        context = ssl.create_default_context(cafile=str(path))
-        if settings.client_certificate is not None:
-            key, path = "client_certificate", settings.client_certificate
-            # Without a password a key that has one would ask for it on the terminal, and wait.
-            context.load_cert_chain(path, settings.client_key, password=lambda: "")
-    except (OSError, ssl.SSLError, ValueError) as error:
-        raise MqttError(f"mqtt.{key}: {path}: cannot be used ({error})") from None
-    return context

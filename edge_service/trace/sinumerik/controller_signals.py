@@ -24,7 +24,7 @@ from ...messages.channels import (
     TABLE_SPEED,
     TORQUE,
 )
-from ..columns import ColumnLike, ColumnMap, TraceError
+from ..columns import AxisError, ColumnLike, ColumnMap
 from .controller_axis import ControllerAxis
 
 SINUMERIK_UNITS = {"posn": "mm", "velo": "mm/min", "veloRot": "rev/min", "current": "A"}
@@ -176,7 +176,7 @@ def map_signals(
         axis_names: number of an axis -> its name, for messages.
 
     Raises:
-        TraceError: the axis is not there, or it is open which one is meant.
+        AxisError: the axis is not there, or it is open which one is meant.
     """
     if not signals and axis.number is None:
         return ControllerColumns()
@@ -222,11 +222,11 @@ def _axis_number(
     shown = ", ".join(named) or "none"
     if wanted is not None:
         if wanted not in numbers:
-            raise TraceError(f"{path}: no signal of axis {wanted}; axes there are: {shown}")
+            raise AxisError(f"{path}: no signal of axis {wanted}; axes there are: {shown}")
         return wanted
     if len(numbers) == 1:
         return numbers[0]
-    raise TraceError(
+    raise AxisError(
         f"{path}: axes there are: {shown}; expected the number of the one wanted "
         "(--axis-number, or number under [axis] of the machine file)"
     )

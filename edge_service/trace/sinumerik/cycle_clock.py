@@ -10,7 +10,8 @@ PERIOD_S = 0.002
 """Of Industrial Edge's high-frequency data: 500 Hz."""
 RESTART_GAP_S = 1.0
 """Time between two runs where the count begins anew."""
-_USUAL = 1.5
+WIDE = 1.5
+"""A step of so many usual ones is a gap."""
 
 
 class CycleClock:
@@ -18,6 +19,11 @@ class CycleClock:
 
     A count that falls is the recorder begun anew: a new run, a second after the one before. A count
     that stays is the same sample again, and is handed on as it is.
+
+    Attributes:
+        period_s: of the count.
+        restarts, gaps: how often the count has begun anew, and has left out samples.
+        lost: samples that it has left out.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -25,12 +31,17 @@ class CycleClock:
         self.restarts = 0
         self._restart_rows: list[int] = []
         self._rows = 0
-        self._gaps = 0
-        self._lost = 0.0
+        self.gaps = 0
+        self.lost = 0.0
         self._usual: float | None = None
         self._last: float | None = None
         self._origin = 0.0
         self._offset_s = 0.0
+
+    @property
+    def step_s(self) -> float | None:
+        """Usual time from one sample to the next; None before two have come."""
+        return None if self._usual is None else self._usual * self.period_s
 
     def times(self, cycle: Floats) -> tuple[Floats, Floats]:
         """Times in s and number of the run of each sample, (n,); NaN where there is no count."""
@@ -71,17 +82,17 @@ class CycleClock:
         if self._usual is None and len(forward):
             self._usual = float(np.median(forward))
         if self._usual is not None:
-            wide = steps[steps > _USUAL * self._usual]
-            self._gaps += len(wide)
-            self._lost += float(np.sum(wide / self._usual - 1.0))
+            wide = steps[steps > WIDE * self._usual]
+            self.gaps += len(wide)
+            self.lost += float(np.sum(wide / self._usual - 1.0))
 
     def remarks(self) -> list[str]:
         """One line each on the period, on gaps and on restarts."""
         step = self._usual or 1.0
         every = "" if step == 1.0 else f", every {step:g}. one recorded"
         lines = [f"time_s = {self.period_s:g} s * CYCLE{every}"]
-        if self._gaps:
-            lines.append(f"CYCLE: {self._gaps} gaps, {self._lost:.0f} samples missing")
+        if self.gaps:
+            lines.append(f"CYCLE: {self.gaps} gaps, {self.lost:.0f} samples missing")
         if self.restarts:
             shown = ", ".join(str(row) for row in self._restart_rows[:5])
             more = ", ..." if self.restarts > 5 else ""

@@ -29,7 +29,7 @@ class EdgeSource:
         self.context = context
         self.sets_time = sets_time
         self._inner = inner
-        self._clock = CycleClock(period_s or context.period_s or PERIOD_S)
+        self.clock = CycleClock(period_s or context.period_s or PERIOD_S)
         self._told = period_s is not None or context.period_s is not None
         self._counted = EDGE_CYCLE in inner.names
         self._wanted: set[str] = set()
@@ -59,9 +59,9 @@ class EdgeSource:
             "" if self._told else "; the usual period of Industrial Edge, as no header says it"
         )
         if not self._counted:
-            period_s = self._clock.period_s
+            period_s = self.clock.period_s
             return [f"no CYCLE and no time: rows are taken as {period_s:g} s apart{guessed}"]
-        first, *more = self._clock.remarks()
+        first, *more = self.clock.remarks()
         return [first + guessed, *more]
 
     def holds_numbers(self, name: str) -> bool:
@@ -87,14 +87,14 @@ class EdgeSource:
         if block is None or not self._derived():
             return block
         if not self._counted:
-            values = {TIME: block.row_number * self._clock.period_s}
+            values = {TIME: block.row_number * self.clock.period_s}
         else:
             values = self._from_count(block.values[EDGE_CYCLE])
         kept = {name: values[name] for name in self._derived()}
         return Block(block.values | kept, block.row_number, block.text)
 
     def _from_count(self, cycle: Floats) -> dict[str, Floats]:
-        time_s, run = self._clock.times(np.asarray(cycle, dtype=np.float64))
+        time_s, run = self.clock.times(np.asarray(cycle, dtype=np.float64))
         if not set(BlockEvents.names) & self._wanted:
             return {TIME: time_s}
         return {TIME: time_s} | self.context.events.at(cycle, run)
@@ -117,6 +117,8 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnLike]
     Raises:
         TraceError: it is one of the files beside a recording.
     """
+    if isinstance(source, EdgeSource):
+        return source
     _refuse_beside(path, set(source.names))
     if not edge_signals(source.names):
         return source

@@ -1,0 +1,194 @@
+"""JSON off an MQTT broker: messages in, rows of samples out."""
+
+import asyncio
+import logging
+from collections.abc import AsyncGenerator, Iterator
+from contextlib import suppress
+from typing import Any, ClassVar
+
+import numpy as np
+
+from edge_service.messages.quality import Quality
+from edge_service.messages.samples import SampleFrame
+from edge_service.trace.sinumerik.controller_axis import ControllerAxis
+
+from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
+from ..frame_cutter import LARGEST_FRAME
+from .config import MqttSourceConfig
+from .edge_stream import EdgeStream
+from .link import MqttLink
+from .mapped_stream import MappedStream
+from .payload import MessageError, decode_object
+
+log = logging.getLogger(__name__)
+LISTEN_S = 10.0
+"""Longest time that a probe listens."""
+MOST_TOPICS = 5
+_LONGEST_LINE = 200
+
+
+class MqttDriver:
+    """One axis out of what one capture or device sends.
+
+    The broker keeps what comes while the connection is away; the count of the samples tells what
+    was lost all the same. A message that cannot be read is skipped and counted.
+    """
+
+    config_model: ClassVar[type[DriverConfig]] = MqttSourceConfig
+    paced = True
+
+    def __init__(self, config: MqttSourceConfig, context: DriverContext) -> None:
+        self._config, self._context = config, context
+        self._link: MqttLink | None = None
+        self._stream = self._new_stream()
+        self._counts = {"messages": 0, "malformed_messages": 0, "connections": 0}
+        self._bad: dict[str, int] = {}
+        self._told: set[str] = set()
+        self._inbox_counts = {"oversized_messages": 0, "dropped_messages": 0}
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Messages; samples lost, repeated, late; samples that were not good, by reason."""
+        return self._counts | self._inboxes() | self._stream.counters | self._bad
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """Time from one sample to the next, and percent of the samples that were lost."""
+        return self._stream.readings
+
+    async def open(self) -> None:
+        """Connect and subscribe. Raises DriverUnavailableError or DriverMisconfiguredError."""
+        if self._link is not None and self._link.connected:
+            return
+        await self._leave()
+        config = self._config
+        client_id = config.client_id or f"edge-service-{self._context.axis}-samples"
+        link = MqttLink(config, client_id, keep_session=config.keep_session)
+        self._link = link
+        try:
+            await link.connect()
+            await link.subscribe(config.topic)
+        except asyncio.CancelledError:
+            raise  # `close` waits for what the library has begun
+        except BaseException:
+            await self._leave()
+            raise
+        self._counts["connections"] += 1
+
+    async def frames(self) -> AsyncGenerator[SampleFrame, None]:
+        """Frames of each message until `close`, or DriverUnavailableError."""
+        link = self._link
+        if link is None or not link.connected:
+            raise DriverUnavailableError(f"{self._config.address}: the connection is not open")
+        while True:
+            message = await link.next()
+            if message is None or self._link is not link:
+                return
+            for frame in self._read(self._stream, message.payload):
+                yield frame
+
+    async def probe(self) -> Probe:
+        """Listen until two samples are heard. Raises like `open`, and says what came instead."""
+        link, stream = MqttLink(self._config, None, keep_session=False), self._new_stream()
+        topics: dict[str, str] = {}
+        times_s: list[float] = []
+        try:
+            await link.connect()
+            await link.subscribe(self._config.topic)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(LISTEN_S):
+                    while len(times_s) < 2 and (message := await link.next()) is not None:
+                        problem = _heard(stream, message.payload, times_s)
+                        if len(topics) < MOST_TOPICS:
+                            topics[str(message.topic)[:80]] = problem
+        finally:
+            await link.close()
+        if not times_s:
+            raise DriverUnavailableError(f"{self._config.address}: {_said(topics)}")
+        steps_s = np.diff(times_s)
+        rate_hz = float(1.0 / np.median(steps_s)) if (steps_s > 0.0).any() else None
+        described = f"MQTT {self._config.address}, samples on {', '.join(topics)}"
+        return Probe(described, stream.channels, rate_hz)
+
+    async def close(self) -> None:
+        """End `frames` and leave; the next `open` starts afresh. Safe twice."""
+        await self._leave()
+        self._stream = self._new_stream()
+
+    def _new_stream(self) -> EdgeStream | MappedStream:
+        config, machine = self._config, self._context.machine
+        if config.signals:
+            return MappedStream(config, machine)
+        axis = ControllerAxis(config.axis_number or machine.axis.number, machine.axis.lead_m)
+        return EdgeStream(config.address, machine.columns, axis)
+
+    def _read(self, stream: EdgeStream | MappedStream, payload: Any) -> Iterator[SampleFrame]:
+        self._counts["messages"] += 1
+        try:
+            frames = stream.frames(decode_object(payload))
+        except MessageError as error:
+            self._skip(str(error))
+            return
+        for frame in frames:
+            self._count_bad(frame)
+            yield from _parts(frame)
+
+    def _skip(self, problem: str) -> None:
+        """Count a message that says nothing; each kind of trouble is logged once."""
+        self._counts["malformed_messages"] += 1
+        kind = problem.split("(", maxsplit=1)[0][:40]
+        if kind not in self._told and len(self._told) < 20:
+            self._told.add(kind)
+            line = " ".join(problem.split())[:_LONGEST_LINE]
+            log.warning("%s: a message is skipped: %s", self._config.address, line)
+
+    def _count_bad(self, frame: SampleFrame) -> None:
+        for codes in frame.quality.values():
+            for code, count in zip(*np.unique(codes, return_counts=True), strict=True):
+                if code != Quality.GOOD:
+                    name = f"{Quality(code).level}_{Quality(code).name.lower()}"
+                    self._bad[name] = self._bad.get(name, 0) + int(count)
+
+    async def _leave(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            self._inbox_counts = self._inboxes(link)
+            await link.close()
+
+    def _inboxes(self, link: MqttLink | None = None) -> dict[str, int]:
+        link = link or self._link
+        if link is None:
+            return self._inbox_counts
+        counts = {
+            "oversized_messages": link.inbox.oversized,
+            "dropped_messages": link.inbox.dropped,
+        }
+        return {name: count + self._inbox_counts[name] for name, count in counts.items()}
+
+
+def _parts(frame: SampleFrame) -> Iterator[SampleFrame]:
+    """A frame in pieces that the bus carries."""
+    for start in range(0, len(frame), LARGEST_FRAME):
+        part = slice(start, start + LARGEST_FRAME)
+        yield SampleFrame(
+            frame.time_s[part],
+            {name: values[part] for name, values in frame.channels.items()},
+            {name: codes[part] for name, codes in frame.quality.items() if codes[part].any()},
+        )
+
+
+def _heard(stream: EdgeStream | MappedStream, payload: Any, times_s: list[float]) -> str:
+    """Add the times of a message's samples; what is wrong with it, or ""."""
+    try:
+        for frame in stream.frames(decode_object(payload)):
+            times_s += frame.time_s.tolist()
+    except MessageError as error:
+        return str(error)
+    return ""
+
+
+def _said(topics: dict[str, str]) -> str:
+    if not topics:
+        return f"nothing was heard in {LISTEN_S:g} s"
+    each = [f"{topic} ({problem or 'no samples'})" for topic, problem in topics.items()]
+    return f"heard, but nothing that can be read: {', '.join(each)}"[:600]

@@ -1,0 +1,170 @@
+"""An axis sent to a broker as the capture of Industrial Edge sends it: 500 Hz, in blocks."""
+
+import asyncio
+import json
+from collections.abc import Sequence
+from contextlib import aclosing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.trace.sinumerik.controller_axis import ControllerAxis
+from edge_service.trace.sinumerik.controller_signals import EDGE_CYCLE, EDGE_SIGNALS, EDGE_UNITS
+from edge_service.trace.sinumerik.cycle_clock import PERIOD_S
+from edge_service.trace.sinumerik.edge_rows import HEADER, PAYLOAD, SAMPLES
+
+from ..base import DriverMisconfiguredError, DriverUnavailableError
+from ..stub import Fault, FaultKind, StubAxis
+from .config import MqttSourceConfig
+from .link import MqttLink
+
+BLOCK_ROWS = 25
+FIRST_COUNT = 5000
+AGAIN_S = 0.2
+"""Between two tries to reach the broker."""
+
+
+class MqttStub:
+    """A client for each axis. A broker must be there.
+
+    Faults: `delay`; `exception` sends no numbers; `stale` sends each block twice; `drop` leaves
+    out every second block; `hang` sends nothing.
+    """
+
+    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None:
+        if nodesets is not None:
+            raise DriverMisconfiguredError("nodesets", "MQTT has no companion specifications")
+        topics: set[str] = set()
+        for axis in axes:
+            config: MqttSourceConfig = axis.config
+            if config.signals:
+                raise DriverMisconfiguredError("signals", "the stub sends the capture's form alone")
+            if {"+", "#"} & set(config.topic.split("/")) or config.topic in topics:
+                raise DriverMisconfiguredError(
+                    "topic", f"{config.topic!r}: the stub needs one topic for each axis"
+                )
+            topics.add(config.topic)
+        self.fault = Fault()
+        self._axes = axes
+        self._senders: list[asyncio.Task[None]] = []
+        self._links: list[MqttLink] = []
+
+    async def start(self) -> str:
+        """Reach the broker; returns its address. Raises DriverMisconfiguredError."""
+        try:
+            for axis in self._axes:
+                self._links.append(await _reached(axis.config))
+        except DriverUnavailableError as error:
+            await self.close()
+            raise DriverMisconfiguredError("host", f"no broker: {error}") from None
+        links = zip(self._axes, self._links, strict=True)
+        self._senders = [asyncio.create_task(self._send(*each)) for each in links]
+        return ", ".join(str(axis.config.address) for axis in self._axes)
+
+    async def close(self) -> None:
+        """Leave; safe twice."""
+        senders, self._senders = self._senders, []
+        for sender in senders:
+            sender.cancel()
+        await asyncio.gather(*senders, return_exceptions=True)
+        links, self._links = self._links, []
+        for link in links:
+            await link.close()
+
+    async def _send(self, axis: StubAxis, link: MqttLink) -> None:
+        writer = EdgeWriter(axis)
+        try:
+            async with aclosing(axis.source) as frames:
+                async for frame in frames:
+                    for number, block in writer.blocks(frame):
+                        for payload in self._spoiled(writer, number, block):
+                            link = await self._publish(axis.config, link, payload)
+        finally:
+            await link.close()
+
+    def _spoiled(self, writer: "EdgeWriter", number: int, block: Floats) -> list[bytes]:
+        """What goes out in place of one block."""
+        payload = writer.message(block, numbers=self.fault.kind is not FaultKind.EXCEPTION)
+        match self.fault.kind:
+            case FaultKind.STALE:
+                return [payload, payload]
+            case FaultKind.HANG:
+                return []
+            case FaultKind.DROP:
+                return [payload] if number % 2 else []
+        return [payload]
+
+    async def _publish(self, config: MqttSourceConfig, link: MqttLink, payload: bytes) -> MqttLink:
+        """Send, or lose it as a capture does; the link that is left."""
+        if self.fault.kind is FaultKind.DELAY:
+            await asyncio.sleep(self.fault.amount)
+        try:
+            await link.publish(config.topic, payload)
+        except DriverUnavailableError:
+            await link.close()
+            await asyncio.sleep(AGAIN_S)
+            try:
+                return await _reached(config)
+            except DriverUnavailableError:
+                pass
+        return link
+
+
+class EdgeWriter:
+    """Samples of an axis as messages of the capture, in the units of the control."""
+
+    def __init__(self, axis: StubAxis) -> None:
+        machine, config = axis.context.machine, axis.config
+        number = config.axis_number or machine.axis.number or 1
+        controller = ControllerAxis(number, machine.axis.lead_m)
+        self._factors: dict[str, float] = {}
+        signals = [{"Name": EDGE_CYCLE, "Type": "INT", "Axis": "", "Address": EDGE_CYCLE}]
+        for channel, (short, *_) in EDGE_SIGNALS.items():
+            factor = controller.scale(channel, EDGE_UNITS[short])
+            if factor is not None:
+                name = f"{short}|{number}"
+                self._factors[channel] = factor
+                signals.append({"Name": name, "Type": "DOUBLE", "Axis": "", "Address": name})
+        self._header = {"SignalListHFData": signals, "CycleTimeMs": 1e3 * PERIOD_S}
+        self._rows: list[list[float]] = []
+        self._count = FIRST_COUNT - 1
+        self._number = 0
+
+    def blocks(self, frame: SampleFrame) -> list[tuple[int, Floats]]:
+        """Blocks that have become whole, each with its number; other rates become 500 Hz."""
+        counts = FIRST_COUNT + np.round(frame.time_s / PERIOD_S)
+        missing = np.full(len(frame), np.nan)
+        columns = [
+            frame.channels.get(channel, missing) / factor
+            for channel, factor in self._factors.items()
+        ]
+        found = []
+        for row in np.column_stack([counts, *columns]).tolist():
+            if row[0] > self._count:
+                self._count = row[0]
+                self._rows.append(row)
+            if len(self._rows) == BLOCK_ROWS:
+                self._number += 1
+                found.append((self._number, np.array(self._rows)))
+                self._rows = []
+        return found
+
+    def message(self, block: Floats, *, numbers: bool) -> bytes:
+        """JSON of a block; without numbers its values are `null`."""
+        rows: list[list[Any]] = [
+            [int(row[0]), *((each if numbers and np.isfinite(each) else None) for each in row[1:])]
+            for row in block.tolist()
+        ]
+        return json.dumps({HEADER: self._header, PAYLOAD: [{SAMPLES: rows}]}).encode()
+
+
+async def _reached(config: MqttSourceConfig) -> MqttLink:
+    link = MqttLink(config, None, keep_session=False)
+    try:
+        await link.connect()
+    except BaseException:
+        await link.close()
+        raise
+    return link

@@ -1,0 +1,55 @@
+"""A mosquitto that goes and comes back, and a stub that sends a source's samples to it."""
+
+from collections.abc import AsyncGenerator, AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.mqtt.config import MqttSourceConfig
+from drivers.mqtt.driver import MqttDriver
+from drivers.mqtt.stub import MqttStub
+from drivers.stub import Fault, FaultKind, StubAxis
+from edge_service.messages.samples import SampleFrame
+
+from ...bus.mqtt.conftest import MOSQUITTO, Broker
+from ..bench import CONTEXT, DriverBench, counting_source
+
+TOPIC = "edge/capture/1"
+
+
+def config_of(port: int, **changes: Any) -> MqttSourceConfig:
+    settings = {"host": "127.0.0.1", "port": port, "topic": TOPIC, "keep_session": False}
+    return MqttSourceConfig.model_validate(settings | changes)
+
+
+def stub_of(
+    config: MqttSourceConfig, source: AsyncGenerator[SampleFrame, None] | None = None
+) -> MqttStub:
+    return MqttStub([StubAxis("X", config, CONTEXT, source or counting_source())])
+
+
+@asynccontextmanager
+async def bench(folder: Path) -> AsyncIterator[DriverBench]:
+    if MOSQUITTO is None:
+        pytest.skip("mosquitto is not installed (apt-get install mosquitto)")
+    broker = Broker(folder)
+    await broker.start()
+    config = config_of(broker.port)
+    stub = stub_of(config)
+    await stub.start()
+
+    async def spoil() -> None:
+        stub.fault = Fault(FaultKind.EXCEPTION)
+
+    async def heal() -> None:
+        stub.fault = Fault()
+
+    try:
+        yield DriverBench(
+            lambda: MqttDriver(config, CONTEXT), broker.stop, broker.start, spoil, heal
+        )
+    finally:
+        await stub.close()
+        await broker.stop()

@@ -1,0 +1,247 @@
+"""The driver against a mosquitto that nobody here wrote: the same samples, losses, refusals."""
+
+import asyncio
+import gc
+import json
+import shutil
+import subprocess
+from collections.abc import AsyncIterator, Iterator
+from contextlib import aclosing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.base import DriverMisconfiguredError, DriverUnavailableError
+from drivers.mqtt.driver import MqttDriver
+from drivers.mqtt.link import MqttLink
+from drivers.stub import Fault, FaultKind
+from edge_service.certificates import make_certificates
+from edge_service.messages.samples import SampleFrame
+from edge_service.trace.reader import read_trace
+from edge_service.trace.sinumerik.controller_axis import ControllerAxis
+
+from ...bus.mqtt.conftest import MOSQUITTO, PATIENCE_S, Broker, needs_broker
+from ...trace.form_files import edge_json
+from ..bench import CONTEXT, MACHINE, free_port
+from .bench import TOPIC, config_of, stub_of
+from .test_edge_stream import BLOCK, ROWS, joined, messages, recorded
+
+pytestmark = needs_broker
+PASSWD = shutil.which("mosquitto_passwd")
+
+
+@pytest.fixture
+async def broker(tmp_path: Path) -> AsyncIterator[Broker]:
+    made = Broker(tmp_path)
+    await made.start()
+    yield made
+    await made.stop()
+
+
+@pytest.fixture
+def collected() -> Iterator[None]:
+    """What a test leaves is collected with it."""
+    yield
+    gc.collect()
+
+
+async def send(broker: Broker, payloads: list[Any], topic: str = TOPIC) -> None:
+    """Publish messages, each acknowledged before the next."""
+    link = MqttLink(config_of(broker.port), None, keep_session=False)
+    try:
+        await link.connect()
+        for each in payloads:
+            await link.publish(
+                topic, each if isinstance(each, bytes) else json.dumps(each).encode()
+            )
+    finally:
+        await link.close()
+
+
+async def take(driver: MqttDriver, samples: int) -> list[SampleFrame]:
+    taken: list[SampleFrame] = []
+    async with asyncio.timeout(PATIENCE_S), aclosing(driver.frames()) as frames:
+        while sum(map(len, taken)) < samples:
+            taken.append(await anext(frames))
+    return taken
+
+
+async def received(broker: Broker, payloads: list[Any], samples: int) -> tuple[SampleFrame, dict]:
+    driver = MqttDriver(config_of(broker.port), CONTEXT)
+    await driver.open()
+    try:
+        await send(broker, payloads)
+        frames = await take(driver, samples)
+        for each in frames:
+            each.quality.update(
+                {n: np.zeros(len(each), np.uint8) for n in each.channels} | each.quality
+            )
+        return joined(frames), driver.counters | driver.readings
+    finally:
+        await driver.close()
+
+
+async def test_the_samples_are_those_of_the_recording(broker: Broker, tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(edge_json(recorded().tolist()))
+    expected = read_trace(path, axis=ControllerAxis(1, MACHINE.axis.lead_m))
+    got, counters = await received(broker, messages(recorded()), ROWS)
+    np.testing.assert_allclose(got.time_s, expected.time_s, atol=1e-12)
+    for name, values in expected.channels.items():
+        np.testing.assert_array_equal(got.channels[name], values)
+    assert counters["lost_samples"] == counters["repeated_samples"] == 0
+    assert counters["sample_s"] == pytest.approx(0.002)
+
+
+async def test_garbage_between_blocks_is_counted_and_skipped(
+    broker: Broker, caplog: pytest.LogCaptureFixture
+) -> None:
+    sent = messages(recorded())
+    sent[4:5] = [b"\xff{", b"[" * 100_000, b"x" * 5_000_000, sent[3]]
+    got, counters = await received(broker, sent, ROWS - BLOCK)
+    assert len(got) == ROWS - BLOCK
+    assert counters["malformed_messages"] == 2
+    assert counters["oversized_messages"] == 1
+    assert counters["repeated_samples"] == counters["lost_samples"] == BLOCK
+    assert counters["lost_percent"] == pytest.approx(100.0 * BLOCK / ROWS)
+    assert "Traceback" not in caplog.text
+    assert all("\n" not in record.getMessage() for record in caplog.records)
+
+
+@pytest.mark.parametrize(
+    ("fault", "counter"), [(FaultKind.DROP, "lost_samples"), (FaultKind.STALE, "repeated_samples")]
+)
+async def test_what_the_stub_drops_and_repeats_is_counted(
+    broker: Broker, fault: FaultKind, counter: str
+) -> None:
+    config = config_of(broker.port)
+    stub, driver = stub_of(config), MqttDriver(config, CONTEXT)
+    stub.fault = Fault(fault)
+    await stub.start()
+    try:
+        await driver.open()
+        frames = await take(driver, 150)
+        assert driver.counters[counter] >= 100
+        assert driver.counters["restarts"] == 0
+        time_s = np.concatenate([frame.time_s for frame in frames])
+        assert (np.diff(time_s) > 0.0).all()
+    finally:
+        await driver.close()
+        await stub.close()
+
+
+async def test_a_broker_that_starts_again_is_a_gap_and_no_new_clock(broker: Broker) -> None:
+    config, sent = config_of(broker.port), messages(recorded())
+    driver = MqttDriver(config, CONTEXT)
+    await driver.open()
+    try:
+        await send(broker, sent[:10])
+        first = joined_times(await take(driver, 10 * BLOCK))
+        await broker.stop()
+        with pytest.raises(DriverUnavailableError):
+            await take(driver, 1)
+        with pytest.raises(DriverUnavailableError):
+            await driver.open()
+        await broker.start()
+        await driver.open()
+        await send(broker, sent[15:])
+        second = joined_times(await take(driver, 15 * BLOCK))
+        assert second[0] - first[-1] == pytest.approx(0.002 * (5 * BLOCK + 1))
+        assert driver.counters["lost_samples"] == 5 * BLOCK
+        assert driver.counters["connections"] == 2
+    finally:
+        await driver.close()
+
+
+async def test_the_broker_keeps_what_comes_while_the_session_is_away(broker: Broker) -> None:
+    config, sent = config_of(broker.port, keep_session=True), messages(recorded())
+    driver = MqttDriver(config, CONTEXT)
+    await driver.open()
+    await driver.close()
+    await send(broker, sent)
+    await driver.open()
+    try:
+        assert sum(map(len, await take(driver, ROWS))) == ROWS
+        assert driver.counters["lost_samples"] == 0
+    finally:
+        await driver.close()
+
+
+def joined_times(frames: list[SampleFrame]) -> np.ndarray:
+    return np.concatenate([frame.time_s for frame in frames])
+
+
+@pytest.mark.skipif(PASSWD is None, reason="mosquitto_passwd is not installed")
+async def test_a_wrong_password_names_a_key_and_a_right_one_is_let_in(tmp_path: Path) -> None:
+    users = tmp_path / "users"
+    command = [str(PASSWD), "-b", "-c", str(users), "edge", "right"]
+    subprocess.run(command, check=True, capture_output=True)  # noqa: ASYNC221 - at once
+    broker = Broker(tmp_path, f"password_file {users}\n")
+    text = broker._config.read_text().replace("allow_anonymous true", "allow_anonymous false")
+    broker._config.write_text(text)
+    await broker.start()
+    try:
+        for changes in ({}, {"user": "edge", "password": "wrong"}):
+            driver = MqttDriver(config_of(broker.port, **changes), CONTEXT)
+            with pytest.raises(DriverMisconfiguredError) as refused:
+                await driver.open()
+            assert refused.value.key in ("user", "password")
+            assert "wrong" not in str(refused.value)
+            await driver.close()
+        driver = MqttDriver(config_of(broker.port, user="edge", password="right"), CONTEXT)
+        await driver.open()
+        await driver.close()
+    finally:
+        await broker.stop()
+
+
+# The library does not close a socket whose handshake failed; it is closed when it is collected.
+@pytest.mark.filterwarnings("ignore:unclosed <ssl.SSLSocket:ResourceWarning")
+@pytest.mark.usefixtures("collected")
+async def test_tls_to_a_known_authority_alone(tmp_path: Path) -> None:
+    assert MOSQUITTO is not None
+    for name in ("ours", "another"):
+        make_certificates(tmp_path / name, (), {}, 7)
+    ours = tmp_path / "ours"
+    broker = Broker(tmp_path, f"certfile {ours}/server.pem\nkeyfile {ours}/server.key\n")
+    await broker.start()
+    try:
+        good = MqttDriver(config_of(broker.port, ca_certificate=ours / "ca.pem"), CONTEXT)
+        await good.open()
+        await good.close()
+        for path in (tmp_path / "another" / "ca.pem", tmp_path / "nosuch.pem"):
+            driver = MqttDriver(config_of(broker.port, ca_certificate=path), CONTEXT)
+            with pytest.raises(DriverMisconfiguredError) as refused:
+                await driver.open()
+            assert refused.value.key == "ca_certificate"
+            await driver.close()
+    finally:
+        await broker.stop()
+
+
+async def test_no_broker_is_unavailable() -> None:
+    driver = MqttDriver(config_of(free_port()), CONTEXT)
+    with pytest.raises(DriverUnavailableError):
+        await driver.open()
+    with pytest.raises(DriverUnavailableError):
+        await driver.probe()
+    await driver.close()
+
+
+async def test_a_probe_says_what_it_hears(broker: Broker, monkeypatch: Any) -> None:
+    monkeypatch.setattr("drivers.mqtt.driver.LISTEN_S", 0.5)
+    driver = MqttDriver(config_of(broker.port, topic="edge/#"), CONTEXT)
+    with pytest.raises(DriverUnavailableError, match="nothing was heard"):
+        await driver.probe()
+    probing = asyncio.create_task(driver.probe())
+    while not probing.done():
+        await send(broker, [b"{}", b"what?"], "edge/other")
+    with pytest.raises(DriverUnavailableError, match=r"edge/other \(no"):
+        await probing
+    probing = asyncio.create_task(driver.probe())
+    while not probing.done():
+        await send(broker, messages(recorded()))
+    assert (await probing).rate_hz == pytest.approx(500.0)
+    await driver.close()
