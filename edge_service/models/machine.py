@@ -1,6 +1,7 @@
 """The machine file's content: what the baseline model of one axis contains."""
 
 import math
+import operator
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -118,8 +119,8 @@ class ColumnConfig(_Table):
     column: str
     scale: float = 1.0
     offset: float = 0.0
-    minus: str = ""
-    direction: str = ""
+    minus: str = Field("", exclude_if=operator.not_)
+    direction: str = Field("", exclude_if=operator.not_)
 
 
 def _as_column(raw: Any) -> Any:
