@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from .guess import Choice
-from .mechanics import SLOW_HZ, Mechanics
+from .mechanics import Mechanics
 
 _RESPONSE_HZ = 200.0
 
@@ -38,7 +38,7 @@ def abilities(
     """What these recordings can answer, in the order in which people ask."""
     return [
         Ability("friction and its change", *_friction(columns, mechanics)),
-        Ability("inertia", *_inertia(columns, mechanics, rate_hz)),
+        Ability("inertia", *_inertia(columns, mechanics)),
         Ability("preload in percent", *_preload(columns, mechanics, has_rating)),
         Ability("stretch, play and stiffness between two encoders", *_stretch(columns)),
         Ability("frequency response, if the motion shakes the axis", *_response(columns, rate_hz)),
@@ -55,19 +55,17 @@ def _friction(columns: Mapping[str, Choice], mechanics: Mechanics | None) -> tup
     return "", ""
 
 
-def _inertia(
-    columns: Mapping[str, Choice], mechanics: Mechanics | None, rate_hz: float
-) -> tuple[str, str]:
+def _inertia(columns: Mapping[str, Choice], mechanics: Mechanics | None) -> tuple[str, str]:
     if TORQUE not in columns:
         return "no column is known as a torque in N m", ""
     if columns[TORQUE].direction:
         return "a torque without a sign is wrong while the axis brakes", ""
     if mechanics is None:
         return "the travel per revolution is unknown, or too little moves", ""
-    if mechanics.inertia.low <= 0.0 or not mechanics.inertia.determined:
-        slow = rate_hz < SLOW_HZ
-        why = f"{rate_hz:.3g} samples/s are too few" if slow else "too little acceleration"
-        return why, "" if slow else "acceleration"
+    if not mechanics.inertia.determined:
+        return mechanics.inertia.note, ""
+    if mechanics.inertia.low <= 0.0:
+        return "too little acceleration", "acceleration"
     return "", ""
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fingerprint.checks.channel_regression import CUTOFF_HZ
+from ..fingerprint.checks.sampling import TOO_SLOW, is_slow, sampling_period_s
 from ..fingerprint.regression.interval_estimate import IntervalEstimate, around, undetermined
 from ..fingerprint.regression.inverse_dynamics import identify_inverse_dynamics
 from ..fingerprint.regression.prepared_run import PreparationSettings, prepare
@@ -15,8 +16,6 @@ from ..messages.samples import SampleFrame
 _STEADY_SHARE = 0.7
 """Of the top speed of a run: faster than this it is not starting or stopping."""
 _LEAST_ROWS, _LEAST_PASSAGES = 5, 3
-SLOW_HZ = 50.0
-"""Slower recordings do not hold what the torque does between two samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +84,11 @@ def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) ->
     fit = identify_inverse_dynamics(frames, settings)
     names = ("inertia", "viscous", "coulomb", "offset")
     inertia, viscous, coulomb, offset = (fit.parameters[name] for name in names)
-    inverted = coulomb.value < 0.0 if inertia.holds(0.0) else inertia.high < 0.0
+    period_s = sampling_period_s(frames)
+    if is_slow(period_s):
+        inertia = undetermined(inertia.unit, TOO_SLOW.format(1.0 / period_s))
+    telling = coulomb if inertia.holds(0.0) else inertia
+    inverted = telling.value < 0.0
     if inverted:
         inertia, viscous, coulomb, offset = (
             each.scaled(-1.0, each.unit) for each in (inertia, viscous, coulomb, offset)

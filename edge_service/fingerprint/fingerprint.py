@@ -9,11 +9,12 @@ from typing import TypeVar
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
+from .checks.sampling import TOO_SLOW, is_slow, sampling_period_s
 from .friction.cruise_tests import measure_equability, measure_signature
 from .friction.curve import measure_friction
 from .friction.points import FrictionPoint, friction_points
 from .friction.runs import measure_friction_runs
-from .regression.interval_estimate import IntervalEstimate
+from .regression.interval_estimate import IntervalEstimate, undetermined
 from .regression.inverse_dynamics import identify_inverse_dynamics
 from .regression.prepared_run import PreparationSettings, PreparedRun, prepare
 from .result import Contents, Section, Status, examined
@@ -115,8 +116,12 @@ def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Content
         (_settings(machine, frame) for frame in with_torque), key=lambda each: each.cutoff_hz
     )
     fit = identify_inverse_dynamics(with_torque, settings)
+    inertia = fit.parameters["inertia"]
+    period_s = sampling_period_s(with_torque)
+    if is_slow(period_s):
+        inertia = undetermined(inertia.unit, TOO_SLOW.format(1.0 / period_s))
     figures = {
-        "inertia_kg_m2": fit.parameters["inertia"],
+        "inertia_kg_m2": inertia,
         "rigid_coulomb_nm": fit.parameters["coulomb"],
         "rigid_viscous_nm_s_per_rad": fit.parameters["viscous"],
     }

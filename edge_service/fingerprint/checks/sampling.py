@@ -11,6 +11,7 @@ from ...trace.signals.conditioning import with_angle
 
 LEAST_RATE_HZ = 50.0
 RATE_SLACK = 0.05
+TOO_SLOW = "{:.3g} samples/s do not show what a machine does while it accelerates"
 """A source that is asked at 50 Hz answers at 49.7."""
 STEPS = 10
 """Samples between two angles: longer than the noise of an encoder, shorter than a move."""
