@@ -27,7 +27,7 @@ from .options import (
 @click.option(
     "--assume-fresh",
     is_flag=True,
-    help="Take the screw for fresh where the recordings and the data sheet do not show it.",
+    help="Take the screw for fresh although recordings and data sheet contradict it.",
 )
 def commission(
     traces: tuple[Path, ...],

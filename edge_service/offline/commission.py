@@ -39,7 +39,8 @@ def commission_to_file(
     """Write the commissioned machine file; returns what was learned, in lines.
 
     Args:
-        assume_fresh: take the screw for fresh where the recordings do not show it.
+        assume_fresh: take the screw for fresh where recordings and data sheet contradict it. Where
+            they leave it open it is assumed, said, and kept in the file.
 
     Raises:
         ConfigError: a file is wrong, or the recordings cannot determine what is needed.
@@ -62,9 +63,10 @@ def commission_to_file(
         names = ", ".join(str(trace) for trace in traces)
         raise ConfigError(f"{names}: {error}") from error
     doubt = doubt_of_fresh_screw(nominal, machine)
-    if doubt:
-        if not assume_fresh:
-            raise ConfigError(f"{traces[0]}: {doubt}; or say that it is healthy: --assume-fresh")
+    if doubt is not None:
+        if doubt.contradicts and not assume_fresh:
+            healthy = "if it is healthy all the same: --assume-fresh"
+            raise ConfigError(f"{traces[0]}: {doubt.words}; {healthy}")
         machine = _assumed_fresh(machine)
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
     if axis_number is not None:
@@ -72,7 +74,7 @@ def commission_to_file(
     _write_model(document, machine)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
-    assumed = [f"  assumed with --assume-fresh, not shown: {doubt}"] if doubt else []
+    assumed = [] if doubt is None else [f"  the screw is assumed to be fresh: {doubt.words}"]
     return "\n".join([f"{out}: commissioned", *_summary(machine), *assumed])
 
 

@@ -5,6 +5,7 @@ seen again.
 """
 
 import math
+from dataclasses import dataclass
 
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
@@ -16,8 +17,20 @@ SEEN_LOSS = 0.5
 """Of the fresh screw's drag: a file that knows the other frictions less well tells nothing."""
 
 
-def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> str:
-    """Reason why the learned recordings do not show a fresh screw; nothing where they do.
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Reason why recordings do not show a fresh screw.
+
+    Attributes:
+        contradicts: the data sheet's figures speak against it; else they leave it open.
+    """
+
+    words: str
+    contradicts: bool
+
+
+def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
+    """Reason why the learned recordings do not show a fresh screw; None where they do.
 
     The whole friction is what the machine file states of screw, guides and bearings. Or two
     encoders see the guides' friction, and what they leave is more than the fresh screw's own, for
@@ -32,11 +45,11 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> str:
     """
     screw, taught = nominal.model.preload_drag_nm, learned.commissioned
     if screw is None or taught is None or nominal.model.preload_n is None or not screw.value:
-        return ""
+        return None
     stated_nm = taught.coulomb_nm - nominal.other_drag_nm.value
     sigma = math.hypot(learned.model.bearing_drag_nm.sigma, nominal.other_drag_nm.sigma)
     if _is_as_stated(stated_nm, sigma, screw):
-        return ""
+        return None
     guide = guide_drag(nominal, taught.transmission)
     left_nm = stated_nm if guide is None else taught.coulomb_nm - guide.value
     said = (
@@ -44,14 +57,15 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> str:
         f"fresh screw alone has {screw.value:.3g} (model.preload_drag_nm)"
     )
     if left_nm < screw.value:
-        return f"{said}: worn, warm, or part of its drag acts behind its spring"
+        return Doubt(f"{said}: worn, warm, or part of its drag acts behind its spring", True)
     if guide is not None:
-        return ""
-    return (
+        return None
+    words = (
         f"{said}: the rest may be guides and bearings, or hide a preload that is lost; state "
         "model.guide_force_n and model.bearing_drag_nm, or record a linear encoder and state "
         "model.table_mass_kg"
     )
+    return Doubt(words, False)
 
 
 def _is_as_stated(left_nm: float, sigma_nm: float, screw: Quantity) -> bool:

@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import load_machine
-from edge_service.estimate.commissioning.fresh_screw import doubt_of_fresh_screw
+from edge_service.estimate.commissioning.fresh_screw import Doubt, doubt_of_fresh_screw
 from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.trace.writer import TraceWriter
 
@@ -37,21 +37,23 @@ DOUBTED: dict[str, tuple[PlainAxis, dict[str, float], str]] = {
 }
 
 
-def doubt(axis: PlainAxis, stated: dict[str, float]) -> str:
+def doubt(axis: PlainAxis, stated: dict[str, float]) -> Doubt | None:
     nominal = axis.machine(**stated)
     return doubt_of_fresh_screw(nominal, commissioned([cut(axis)], nominal))
 
 
 @pytest.mark.parametrize(("axis", "stated"), SHOWN.values(), ids=SHOWN)
 def test_a_fresh_screw_is_seen_to_be_fresh(axis: PlainAxis, stated: dict[str, float]) -> None:
-    assert doubt(axis, stated) == ""
+    assert doubt(axis, stated) is None
 
 
 @pytest.mark.parametrize(("axis", "stated", "reason"), DOUBTED.values(), ids=DOUBTED)
 def test_what_may_be_worn_is_asked_about(
     axis: PlainAxis, stated: dict[str, float], reason: str
 ) -> None:
-    assert reason in doubt(axis, stated)
+    found = doubt(axis, stated)
+    assert found is not None and reason in found.words
+    assert found.contradicts == (reason == "worn, warm")
 
 
 def test_what_was_assumed_stays_in_the_file(
@@ -67,9 +69,7 @@ def test_what_was_assumed_stays_in_the_file(
     )
     out = tmp_path / "out.toml"
     command = ["commission", "--machine", str(nominal), str(trace), "--out", str(out)]
-    assert main(command) == 2
-    assert "--assume-fresh" in capsys.readouterr().err and not out.exists()
-    assert main([*command, "--assume-fresh"]) == 0
-    assert "assumed with --assume-fresh, not shown" in capsys.readouterr().out
+    assert main(command) == 0
+    assert "the screw is assumed to be fresh" in capsys.readouterr().out
     learned = load_machine(out).commissioned
     assert learned is not None and learned.assumed_fresh
