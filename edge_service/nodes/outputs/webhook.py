@@ -141,8 +141,8 @@ class Webhook:
         }
         reply = await self._poster.post(message.payload, headers)
         if reply.outcome is Outcome.TAKEN:
-            await self.spool.remove([message])
             self.delivered += 1
+            await self.spool.remove([message])
             self._pause_s = FIRST_PAUSE_S
             self._on_change("")
         else:
