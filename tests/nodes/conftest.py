@@ -87,6 +87,20 @@ async def until(probe: Callable[[], Awaitable[Any]]) -> Any:
         return answer
 
 
+async def done(client: Any, path: str, command: dict[str, str], key: str) -> Any:
+    """Answer to a command once it is done and kept, asked again with the same key until then.
+
+    Until health is up nobody answers (503), and a disk may be too slow for its patience (507).
+    """
+
+    async def accepted() -> Any:
+        answer = await client.post(path, json=command, headers={"idempotency-key": f'"{key}"'})
+        assert answer.status_code in (202, 503, 507), answer.text
+        return answer if answer.status_code == 202 else None
+
+    return await until(accepted)
+
+
 @pytest.fixture(scope="session")
 def trace_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twenty seconds of production motion at 6.85 % as a trace file."""

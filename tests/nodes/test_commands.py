@@ -2,7 +2,6 @@
 
 import asyncio
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -12,7 +11,7 @@ from edge_service.messages.alarm import Command
 from edge_service.messages.topics import COMMAND
 from edge_service.nodes.service import NodeName
 
-from .conftest import config_of, running, until
+from .conftest import config_of, done, running
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 NOTE = {"action": "note", "user": "Kim", "note": "greased"}
@@ -39,12 +38,7 @@ async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Pat
     async with running(config_of("simulated", HEALTHY, history=history)) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:
-
-            async def accepted() -> Any:
-                answer = await client.post(PATH, json=NOTE)
-                return answer if answer.status_code == 202 else None
-
-            answer = await until(accepted)
+            answer = await done(client, PATH, NOTE, key="a")
             assert answer.json() == {"accepted": True, "outcome": "greased (Kim)"}
             events = (await client.get("api/v1/axes/X/log")).json()["events"]
             assert [each["message"] for each in events if each["kind"] == "note"] == [
@@ -75,13 +69,8 @@ async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path
             address = await asyncio.wait_for(service.address, 20.0)
             bus = service.bus.publisher(config.keys.key("X", COMMAND), COMMAND, "X")
             async with httpx.AsyncClient(base_url=address) as client:
-
-                async def accepted(client: httpx.AsyncClient = client) -> Any:
-                    answer = await client.post(PATH, json=NOTE, headers=header)
-                    return answer if answer.status_code == 202 else None
-
                 bus.publish(command, 1)
-                answer = await until(accepted)
+                answer = await done(client, PATH, NOTE, key="a")
                 bus.publish(command, 1)
                 assert answer.json() == {"accepted": True, "outcome": "greased (Kim)"}
                 other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=header)

@@ -19,7 +19,7 @@ from edge_service.nodes.service import NodeName
 from ..documents import ROOT
 from ..drivers.bench import free_port
 from ..test_secrets import KEYS, MARKER
-from .conftest import running, until
+from .conftest import done, running, until
 from .receivers import MISBEHAVING, receiving
 
 NODES: tuple[NodeName, ...] = ("mqtt", "http", "health", "estimate", "downsample", "acquire")
@@ -132,8 +132,7 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
 
             note = {"action": "note", "user": "kim", "note": "a word"}
             async with httpx.AsyncClient(base_url=address) as client:
-                answer = await client.post("/api/v1/axes/X/commands", json=note)
-                assert answer.is_success
+                await done(client, "/api/v1/axes/X/commands", note, key="a")
             await until(complained)
             assert await until(dead_letter)
             told = await answers(address)
