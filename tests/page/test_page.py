@@ -12,17 +12,18 @@ from pydantic import SecretStr
 from edge_service.config_tables import WebhookConfig
 from edge_service.http_api.app import STATIC
 
-from .conftest import serious_faults
+from .conftest import serious_faults, show_tab
 
 HEALTHY = {"scenario": "healthy"}
 SUDDEN = {"scenario": "sudden", "life_h": 1.0, "acceleration": 180.0, "hold_s": 4.0}
 """New for 14 s, then without any preload."""
 BYTES_MOST = 300_000
 PAINT_MOST_MS = 1000.0
+TABS = ("overview", "why", "history", "tests", "service")
 
 
 def test_the_page_is_light() -> None:
-    assert sum(path.stat().st_size for path in STATIC.iterdir()) < BYTES_MOST
+    assert sum(path.stat().st_size for path in STATIC.rglob("*")) < BYTES_MOST
 
 
 @pytest.mark.slow
@@ -73,16 +74,17 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
 
 @pytest.mark.parametrize(
     ("scheme", "size"),
-    [("light", {"width": 1440, "height": 900}), ("dark", {"width": 1024, "height": 768})],
+    [("light", {"width": 1920, "height": 1080}), ("dark", {"width": 360, "height": 740})],
 )
 def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, size: Any) -> None:
     """No fault that axe-core finds, nothing cut off, painted within a second."""
     service = make_service(**HEALTHY)
     page = open_page(service.address, color_scheme=scheme, size=size, bypass_csp=True).page
     page.wait_for_selector("#answer[data-condition=NORMAL]")
-    page.wait_for_selector("#use .u-over", state="attached")
-    assert serious_faults(page) == []
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for tab in TABS:
+        show_tab(page, tab)
+        assert serious_faults(page) == []
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
     assert paint < PAINT_MOST_MS
 
@@ -90,11 +92,20 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
 def test_the_keyboard_is_enough(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address).page
     page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.focus("#tab-overview")
+    for tab in TABS[1:]:
+        page.keyboard.press("ArrowRight")
+        page.wait_for_selector(f"#tab-{tab}[aria-selected=true]:focus")
+        assert page.evaluate("location.hash") == f"#/X/{tab}"
+        assert page.locator("[role=tabpanel]:visible").count() == 1
+    page.go_back()
+    page.wait_for_selector("#tab-tests[aria-selected=true]")
+    show_tab(page, "history")
     reached = set()
     for _ in range(40):
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.textContent.trim()"))
-    assert {"Skip to the answer", "8 h", "Write a note", "Part replaced"} <= reached
+    assert {"Skip to the answer", "History", "8 h", "Write a note", "Part replaced"} <= reached
     page.get_by_role("button", name="Write a note").focus()
     page.keyboard.press("Enter")
     page.keyboard.type("Kim")
@@ -118,7 +129,7 @@ def test_a_fingerprint_is_made_read_and_compared(
         settings = SimulationSettings("acceleration", (), None, None, 0.0, 0.0, seed)
         simulate(load_machine(DEFAULT_MACHINE), settings, traces[-1], lambda _line: None)
     service = make_service(**HEALTHY)
-    page = open_page(service.address).page
+    page = open_page(f"{service.address}#/X/tests").page
     page.set_input_files("#job-file", traces)
     for number, trace in enumerate(traces, 1):
         page.check(f"#tests [name=recording][value='{trace.name}']")
@@ -138,7 +149,7 @@ def test_a_fingerprint_is_made_read_and_compared(
     page.goto("about:blank")
     service.stop()
     service.start()
-    page.goto(service.address)
+    page.goto(f"{service.address}#/X/tests")
     page.wait_for_selector("#tests a[href='/api/v1/jobs/2/files/report.html']")
 
 
@@ -148,7 +159,7 @@ def test_a_chosen_recording_stays_chosen_while_another_arrives(
     traces = [tmp_path / f"drive_{number}.csv" for number in (1, 2)]
     for trace in traces:
         trace.write_text("time_s,torque_nm\n0,1\n")
-    page = open_page(make_service(**HEALTHY).address).page
+    page = open_page(f"{make_service(**HEALTHY).address}#/X/tests").page
     held: list[Any] = []
 
     def hold(route: Any) -> None:
@@ -199,6 +210,7 @@ def test_an_event_that_nobody_took_is_tried_again(
                 f"{service.address}api/v1/axes/X/commands",
                 data={"action": "note", "user": "Kim", "note": word},
             )
+        show_tab(page, "service")
         page.wait_for_selector("button[aria-label*='Try again: '][aria-label*='second']")
         page.click("button[aria-label*='Drop: '][aria-label*='first']")
         page.wait_for_selector("button[aria-label*='first']", state="detached")
@@ -228,6 +240,7 @@ def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_pa
         "stiffness_n_per_m": profile(4e7, 3.6e7, 3.4e7, 3.8e7),
     }
     page = open_page(make_service(**HEALTHY).address).page
+    show_tab(page, "history")
     page.wait_for_selector("#stroke :text('this axis is not commissioned') >> nth=0")
     page.route("**/stroke", lambda route: route.fulfill(json=stroke))
     page.wait_for_selector("#stroke :text('At mid-stroke 50 % of the commissioned one')")

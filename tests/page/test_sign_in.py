@@ -13,7 +13,7 @@ from edge_service.config import HttpConfig
 from edge_service.config_tables import WebhookConfig
 from edge_service.http_api.security.tokens import add_token, revoke_token
 
-from .conftest import serious_faults
+from .conftest import serious_faults, show_tab
 
 HEALTHY = {"scenario": "healthy"}
 REFUSED = "the server responded with a status of 401"
@@ -59,6 +59,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     page.wait_for_selector("#answer[data-condition=NORMAL]")
     page.wait_for_selector("text=Kim (operator)")
     assert serious_faults(page) == []
+    show_tab(page, "history")
     page.click("text=Write a note")
     assert page.input_value("#ask-user") == "Kim"
     page.fill("#ask-note", "looked at")
@@ -69,6 +70,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     page.wait_for_selector("#ask", state="hidden")
     page.wait_for_selector('#diary :text("looked at (Kim)")')
     assert page.locator('#diary :text("looked at (Kim)")').count() == 1
+    show_tab(page, "service")
     page.click("text=Audit log: who changed what")
     page.wait_for_selector("text=note X: done (from 127.0.0.1)")
     assert page.get_by_text("without an outcome").count() == 0
@@ -76,7 +78,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     page.wait_for_selector("#token:visible")
     page.fill("#token", screen)
     page.press("#token", "Enter")
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    show_tab(page, "history")
     page.wait_for_selector("text=To write notes: this needs the role operator, yours is viewer.")
     assert page.query_selector("text=Write a note") is None
     page.click("#sign-out")
@@ -137,10 +139,16 @@ def test_nobody_sees_a_button_that_would_be_refused(
         page.fill("#token", token)
         page.press("#token", "Enter")
         page.wait_for_selector("#alarms >> text=Sudden drop")
-        page.wait_for_selector("text=Not delivered")
-        page.wait_for_selector("text=trace.csv")
-        expected = {"viewer": set(), "operator": OPERATORS, "admin": OPERATORS | ADMINS}[role]
-        assert changing(page) == expected
+        found = changing(page)
+        for tab, awaited in (
+            ("history", "#diary ol li"),
+            ("tests", "text=trace.csv"),
+            ("service", "text=Not delivered"),
+        ):
+            show_tab(page, tab)
+            page.wait_for_selector(awaited)
+            found |= changing(page)
+        assert found == {"viewer": set(), "operator": OPERATORS, "admin": OPERATORS | ADMINS}[role]
         assert page.locator("input[type=file]").count() == (role != "viewer")
         reasons = " ".join(page.locator(".not-allowed").all_inner_texts())
         assert (REASON.format("operator", role) in reasons) == (role == "viewer")

@@ -3,11 +3,15 @@
 import { renderAnswer } from "./answer.js";
 import { renderAlarms, renderDiary } from "./diary.js";
 import { byId, clock, element, fetchJson, refill, symbol, words, write } from "./dom.js";
+import { buildAudit } from "./audit.js";
 import { renderHistory } from "./history.js";
 import { loadTests } from "./jobs.js";
 import { loadOutputs } from "./outputs.js";
 import { renderService } from "./service.js";
+import { addressOf, route } from "./route.js";
 import { isSignedOut, signIn } from "./session.js";
+import { translateDocument } from "./strings.js";
+import { renderTabs } from "./tabs.js";
 import { renderTraces, startTraces, takeLive } from "./traces.js";
 import { loadUse } from "./use.js";
 import { loadWhy, renderWhy } from "./why.js";
@@ -72,7 +76,7 @@ async function start() {
       lastEventId = Math.max(lastEventId, events.at(-1)?.id ?? 0);
       states.set(each.axis, state);
     }
-    show(decodeURIComponent(location.hash.slice(1)));
+    show();
     connect();
   } catch {
     states.clear();
@@ -88,10 +92,11 @@ async function reconnect() {
   return start();
 }
 
-function show(axis) {
-  shown = states.get(axis) ?? worst();
+function show() {
+  const before = shown;
+  shown = states.get(route().axis) ?? worst();
   slowMs = -Infinity;
-  startTraces(shown);
+  if (shown !== before) startTraces(shown);
 }
 
 function worst() {
@@ -141,7 +146,10 @@ function watchConnection(nowMs) {
   banner.textContent = alive ? "" : `No connection to the service since ${clock(new Date())}. Everything on this page is old; trying again.`;
   byId("connection").dataset.state = alive ? "live" : "lost";
   write(byId("connection-text"), alive ? "live" : "connection lost");
-  if (back && shown) show(shown.axis);
+  if (back && shown) {
+    slowMs = -Infinity;
+    startTraces(shown);
+  }
 }
 
 function renderAxes() {
@@ -152,7 +160,7 @@ function renderAxes() {
 }
 
 function chip(state) {
-  const link = element("a", { href: `#${encodeURIComponent(state.axis)}`, class: "chip", "data-condition": state.condition }, symbol(state.condition), element("span", {}, element("b", {}, state.axis), ` ${state.condition}`));
+  const link = element("a", { href: addressOf(state.axis), class: "chip", "data-condition": state.condition }, symbol(state.condition), element("span", {}, element("b", {}, state.axis), ` ${state.condition}`));
   if (state === shown) link.setAttribute("aria-current", "true");
   return link;
 }
@@ -162,19 +170,30 @@ function render() {
   watchConnection(nowMs);
   if (!shown) return;
   renderAxes();
-  renderAnswer(shown, nowMs);
-  renderAlarms(shown);
-  renderWhy(shown);
-  renderDiary(shown);
-  renderService(shown, service);
-  renderTraces(shown);
+  const { tab } = route();
+  renderTabs(shown.axis, tab);
+  TAB_PARTS[tab].render(nowMs);
   if (!connected) return;
-  renderHistory(shown, nowMs);
+  TAB_PARTS[tab].live?.(nowMs);
   if (nowMs - slowMs < SLOW_MS) return;
   slowMs = nowMs;
-  Promise.all([loadWhy(shown), loadUse(shown), loadTests(shown), loadOutputs(service)]).catch(() => {});
+  TAB_PARTS[tab].load?.().catch(() => {});
 }
 
-addEventListener("hashchange", () => show(decodeURIComponent(location.hash.slice(1))));
+// What each tab draws at once, while there is a connection, and every few seconds from new answers.
+const TAB_PARTS = {
+  overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarms(shown), renderTraces(shown)] },
+  why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
+  history: { render: () => renderDiary(shown), live: (nowMs) => renderHistory(shown, nowMs), load: () => loadUse(shown) },
+  tests: { render: () => {}, load: () => loadTests(shown) },
+  service: { render: () => [renderService(shown, service), buildAudit()], load: () => loadOutputs(service) },
+};
+
+addEventListener("hashchange", show);
+document.querySelector(".skip").addEventListener("click", (event) => {
+  event.preventDefault();
+  document.querySelector("main:not([hidden])").focus();
+});
+translateDocument();
 start();
 setInterval(render, RENDER_MS);

@@ -1,11 +1,18 @@
 // Audit log: who changed what, read when somebody opens it.
 
-import { clock, element, fetchJson } from "./dom.js";
+import { byId, clock, element, fetchJson } from "./dom.js";
+import { ifMay } from "./session.js";
 
 const SHOWN = 200;
 const BEGUN = "begun";
 
-export function auditNode() {
+const AUDIT = ["GET", "/api/v1/audit"];
+
+export function buildAudit() {
+  if (!byId("audit").firstChild) byId("audit").append(ifMay(AUDIT, "To read who changed what", auditNode));
+}
+
+function auditNode() {
   const entries = element("ol", { class: "events", tabindex: "0", "aria-label": "Audit log" });
   const node = element("details", { class: "audit" }, element("summary", {}, "Audit log: who changed what"), entries);
   node.addEventListener("toggle", () => node.open && show(entries));

@@ -1,11 +1,9 @@
 // Alarms and diary: what happened, who took note, and what was done about it.
 
-import { auditNode } from "./audit.js";
 import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js";
 import { ifMay, may, signedName } from "./session.js";
 
 const COMMAND = ["POST", "/api/v1/axes/{axis}/commands"];
-const AUDIT = ["GET", "/api/v1/audit"];
 const SHOWN = 60;
 const NAMES = { preload_low: "Preload low", preload_lost: "Preload lost", rate: "Wears fast", sudden_drop: "Sudden drop", model: "Model does not fit", data_lost: "Data lost", service: "Service part down" };
 let pending = null;
@@ -38,7 +36,6 @@ export function renderDiary(state) {
     root.replaceChildren(
       element("div", { class: "panel-head" }, element("h2", { id: "diary-title" }, "Diary"), ifMay(COMMAND, "To write notes", noteButtons)),
       element("ol", { class: "events", tabindex: "0", "aria-labelledby": "diary-title" }),
-      ifMay(AUDIT, "To read who changed what", auditNode),
     );
   }
   pending = state;

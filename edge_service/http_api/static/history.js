@@ -16,7 +16,7 @@ function build(root) {
   view.holder = element("div", { class: "chart tall", id: "history-chart" });
   view.note = element("p", { class: "quiet" });
   view.download = element("p", { class: "quiet" });
-  root.replaceChildren(element("div", { class: "panel-head" }, element("h2", { id: "history-title" }, "Preload so far, and where it goes"), group), view.holder, legend(), view.note, view.download);
+  root.replaceChildren(element("div", { class: "panel-head" }, element("h2", { id: "past-title" }, "Preload so far, and where it goes"), group), view.holder, legend(), view.note, view.download);
   view.chart = new Chart(view.holder, options, describe);
 }
 
@@ -28,11 +28,11 @@ function legend() {
 function choose(span) {
   view.span = span;
   view.loadedMs = -Infinity;
-  for (const node of byId("history").querySelectorAll("[data-span]")) node.setAttribute("aria-pressed", String(Number(node.dataset.span) === span));
+  for (const node of byId("past").querySelectorAll("[data-span]")) node.setAttribute("aria-pressed", String(Number(node.dataset.span) === span));
 }
 
 export async function renderHistory(state, nowMs) {
-  if (view.chart === null) build(byId("history"));
+  if (view.chart === null) build(byId("past"));
   const period = Math.max(5000, Math.min(60000, (1000 * view.span) / BUCKETS));
   if (view.state === state && nowMs - view.loadedMs < period) return;
   view.state = state;

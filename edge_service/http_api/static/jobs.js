@@ -30,7 +30,7 @@ function build() {
   parts.file.addEventListener("change", upload);
   for (const select of [parts.left, parts.right]) select.addEventListener("change", compare);
   parts.start = button("Start", { id: "job-start", class: "primary" }, startJob);
-  byId("tests").replaceChildren(
+  byId("tests").replaceChildren(element("section", { class: "panel wide", "aria-labelledby": "tests-title" },
     element("h2", { id: "tests-title" }, "Tests: fingerprint and diagnosis"),
     element("p", { class: "quiet" }, "Record a test motion (edge-service record), upload the trace, and let the service compare the axis with its model or with an older fingerprint."),
     element("div", { class: "small-charts" },
@@ -42,7 +42,7 @@ function build() {
     element("h3", {}, "Two fingerprints side by side"),
     element("div", { class: "small-charts" }, element("label", { for: "compare-left" }, "Left", parts.left), element("label", { for: "compare-right" }, "Right", parts.right)),
     parts.table,
-  );
+  ));
 }
 
 function startForm() {

@@ -14,7 +14,7 @@ function build() {
   parts.list = element("ul", { class: "plain", "aria-label": "Not delivered" });
   parts.all = element("div", { class: "buttons" });
   parts.root.append(element("h3", {}, "Not delivered"), parts.all, parts.list, ifMay(RETRY, "To try again", () => ""), ifMay(DROP, "To drop one", () => ""), parts.status);
-  byId("service").append(parts.root);
+  byId("parts").append(parts.root);
 }
 
 export async function loadOutputs(service) {

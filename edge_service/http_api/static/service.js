@@ -3,9 +3,9 @@
 import { byId, element, list, write } from "./dom.js";
 
 export function renderService(state, service) {
-  const root = byId("service");
+  const root = byId("parts");
   if (!root.firstChild) {
-    root.replaceChildren(element("h2", { id: "service-title" }, "Service and drivers"), element("p", { id: "service-state" }), element("ul", { class: "components" }));
+    root.replaceChildren(element("h2", { id: "parts-title" }, "Service and drivers"), element("p", { id: "service-state" }), element("ul", { class: "components" }));
   }
   if (!service) return;
   const waiting = service.reasons.map((reason) => reason.replace(/: [a-z_]+: /, ": "));
