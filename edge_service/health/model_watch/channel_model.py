@@ -23,7 +23,11 @@ BEYOND_WORST = 1.5
 LEAST_TORQUE_SHARE = 0.03
 """Of the torque's root mean square: a smaller innovation is immaterial."""
 LEAST_TRANSMISSION_M = 3e-7
-_FOLLOWED = {"torque_nm": 2, "transmission_m": 4}
+LEAST_WIND_UP_SHARE = 0.25
+"""Of what friction winds up: so much of it a new lubricant takes away or brings back."""
+_FOLLOWED = {"torque_nm": 3, "transmission_m": 6}
+"""Leading regressors that the estimator follows by itself, payload and uneven growth among them."""
+_REGRESSORS = {"torque_nm": 10, "transmission_m": 9}
 _RIDGE = 1e-6
 _WILD = 1e3
 _SPEED_RAD_S, _ACCELERATION_RAD_S2, _POSITION_M = 100.0, 1000.0, 0.4
@@ -45,7 +49,7 @@ def transmission_row(
     """Regressors (9,), the followed ones first, and table less motor, m."""
     speed, there = phase.speed_rad_s / _SPEED_RAD_S, _place(phase, ratio_m_per_rad)
     push = phase.acceleration_rad_s2 / _ACCELERATION_RAD_S2
-    row = [1.0, there, push, push * there, direction, speed, direction * there, there**2, there**3]
+    row = [1.0, there, there**2, there**3, push, push * there, direction, speed, direction * there]
     return np.array(row), phase.table_m - phase.angle_rad * ratio_m_per_rad
 
 
@@ -77,7 +81,7 @@ class ChannelModel:
     """Model of one channel, the stretch that is being collected, and what stretches were like."""
 
     def __init__(self, name: str) -> None:
-        self._followed = _FOLLOWED[name]
+        self._name, self._followed = name, _FOLLOWED[name]
         self._is_torque = name == "torque_nm"
         self.square = 0.0
         self.gram: Floats = np.zeros((0, 0))
@@ -109,7 +113,7 @@ class ChannelModel:
         if self.gram.size == 0 or len(self._rows) < 4 * self._followed:
             return None
         rows, values = self._unfollowed()
-        gram = self.gram + _RIDGE * np.diag(np.maximum(np.diag(self.gram), _RIDGE))
+        gram = self._ridged()
         left = values - rows @ np.linalg.solve(gram, self.cross)
         leverage = np.einsum("ij,ji->i", rows, np.linalg.solve(gram, rows.T))
         squares: Floats = left**2 / (1.0 + np.clip(leverage, 0.0, _WILD))
@@ -133,10 +137,24 @@ class ChannelModel:
         """Mean square from which on a stretch counts; infinite while that is not known."""
         if self.compared < COMPARED:
             return math.inf
-        material = (
-            LEAST_TORQUE_SHARE**2 * self.square if self._is_torque else LEAST_TRANSMISSION_M**2
-        )
-        return max(LEAST_RATIO * self.mean, BEYOND_WORST * self.worst, material)
+        return max(LEAST_RATIO * self.mean, BEYOND_WORST * self.worst, self._material)
+
+    @property
+    def _material(self) -> float:
+        """Mean square up to which a change does not matter."""
+        if self._is_torque:
+            return LEAST_TORQUE_SHARE**2 * self.square
+        return max(LEAST_TRANSMISSION_M, LEAST_WIND_UP_SHARE * abs(self._wind_up_m)) ** 2
+
+    @property
+    def _wind_up_m(self) -> float:
+        """What the direction of motion was learned to shift the table by, in mid-stroke, m."""
+        by_direction, _, along = np.linalg.solve(self._ridged(), self.cross)
+        return float(by_direction + along)
+
+    def _ridged(self) -> Floats:
+        ridged: Floats = self.gram + _RIDGE * np.diag(np.maximum(np.diag(self.gram), _RIDGE))
+        return ridged
 
     def accept(self, mean_square: float | None) -> None:
         """The stretch is as it should be: learn from it."""
@@ -159,10 +177,12 @@ class ChannelModel:
         return LearnedChannel(self.gram, self.cross, numbers)
 
     def restore(self, snapshot: LearnedChannel) -> None:
-        """Go on from a snapshot. Raises ValueError."""
+        """Go on from a snapshot; learn anew from one of other regressors. Raises ValueError."""
         gram, cross = snapshot.gram, snapshot.cross
         if cross.size:
             if gram.shape != (cross.size, cross.size):
                 raise ValueError("a consistency watch of another version")
+            if cross.size != _REGRESSORS[self._name] - self._followed:
+                return  # an older version followed less
             self.gram, self.cross = gram, cross
         self.learned, self.compared, self.mean, self.worst, self.square = snapshot.numbers
