@@ -67,7 +67,7 @@ class LiveRows:
 
 
 class _Capture:
-    """What one `Header` has begun."""
+    """Rows, clock and reader of the run that one `Header` has begun."""
 
     def __init__(
         self,
@@ -220,7 +220,7 @@ class EdgeStream:
 
 
 def _signals(header: Any) -> Any:
-    """What of a header says how rows are to be read; other members may change at will."""
+    """Members of a header that say how rows are to be read; others may change at will."""
     if not isinstance(header, dict):
         return header
     return header.get("SignalListHFData"), header.get("CycleTimeMs")

@@ -1,4 +1,4 @@
-"""What comes again, comes late, or begins anew, told by the count or time of each sample."""
+"""Samples that come again, come late, or begin anew, told by the count or time of each."""
 
 import math
 from collections import OrderedDict

@@ -85,7 +85,7 @@ class MqttStub:
             await link.close()
 
     def _spoiled(self, writer: "EdgeWriter", number: int, block: Floats) -> list[bytes]:
-        """What goes out in place of one block."""
+        """Messages that go out in place of one block."""
         payload = writer.message(block, numbers=self.fault.kind is not FaultKind.EXCEPTION)
         match self.fault.kind:
             case FaultKind.STALE:

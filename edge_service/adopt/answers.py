@@ -35,7 +35,7 @@ class Ability:
 def abilities(
     columns: Mapping[str, Choice], mechanics: Mechanics | None, rate_hz: float, *, has_rating: bool
 ) -> list[Ability]:
-    """What these recordings can answer, in the order in which people ask."""
+    """Answers that these recordings allow or not, in the order in which people ask."""
     return [
         Ability("friction and its change", *_friction(columns, mechanics)),
         Ability("inertia", *_inertia(columns, mechanics)),
@@ -52,6 +52,8 @@ def _friction(columns: Mapping[str, Choice], mechanics: Mechanics | None) -> tup
         return "the travel per revolution is unknown, or too little moves", ""
     if not mechanics.coulomb.determined:
         return "too little steady motion both ways", "friction"
+    if mechanics.coulomb.low <= 0.0:
+        return "it is not told from none", "friction"
     return "", ""
 
 
@@ -84,7 +86,7 @@ def _stretch(columns: Mapping[str, Choice]) -> tuple[str, str]:
     missing = [name for name in (ANGLE, TABLE_POSITION) if name not in columns]
     if missing:
         return f"there is no {' and no '.join(missing)}", ""
-    return "", ""
+    return "the ends of travel are unknown: set axis.stroke_m in the machine file", "acceleration"
 
 
 def _response(columns: Mapping[str, Choice], rate_hz: float) -> tuple[str, str]:

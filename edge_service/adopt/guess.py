@@ -1,4 +1,4 @@
-"""What is said of a machine that nobody has described: each guess with its reason."""
+"""Guesses about a machine that nobody has described, each with its reason."""
 
 from dataclasses import dataclass, field
 
@@ -49,7 +49,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What the owner says; None where nothing is said.
+    """Statements of the owner; None where nothing is said.
 
     Attributes:
         lead_m: travel of the table per revolution of the motor.

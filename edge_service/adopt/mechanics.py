@@ -26,6 +26,7 @@ class Mechanics:
         is_inverted: the torque counts against the motion; the parameters are already turned.
         most_inertia: kg m2 that explain all of the torque; the inertia is less.
         seconds: of motion behind it.
+        sign_is_told: inertia or friction shows which way the torque counts.
     """
 
     inertia: IntervalEstimate
@@ -35,6 +36,7 @@ class Mechanics:
     is_inverted: bool
     most_inertia: float
     seconds: float
+    sign_is_told: bool = True
 
 
 def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
@@ -87,14 +89,16 @@ def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) ->
     period_s = sampling_period_s(frames)
     if is_slow(period_s):
         inertia = undetermined(inertia.unit, TOO_SLOW.format(1.0 / period_s))
+    sign_is_told = not (inertia.holds(0.0) and coulomb.holds(0.0))
     telling = coulomb if inertia.holds(0.0) else inertia
-    inverted = telling.value < 0.0
+    inverted = sign_is_told and telling.value < 0.0
     if inverted:
         inertia, viscous, coulomb, offset = (
             each.scaled(-1.0, each.unit) for each in (inertia, viscous, coulomb, offset)
         )
     most = _most_inertia(frames, settings)
-    return Mechanics(inertia, viscous, coulomb, offset, inverted, most, fit.seconds)
+    told = sign_is_told
+    return Mechanics(inertia, viscous, coulomb, offset, inverted, most, fit.seconds, told)
 
 
 def _most_inertia(frames: Sequence[SampleFrame], settings: PreparationSettings) -> float:

@@ -31,7 +31,7 @@ from ..trace.sinumerik.controller_signals import (
 
 
 class Quantity(StrEnum):
-    """What a column holds."""
+    """Kinds of values that a column holds."""
 
     TIME = "time"
     COUNTER = "counter of samples"

@@ -21,6 +21,8 @@ _SURE = 0.95
 """Correlation over windows from which one column is the speed, or another position, of another."""
 _FRICTION = 0.3
 """Share of an effort that must follow the direction."""
+_ENDS = 0.02
+"""Of the travel: a column with both ends of it is another position, not an effort."""
 _STEPS = 0.9
 """A column that stands still for so many samples, and then jumps, is no profile of a motion."""
 
@@ -57,7 +59,11 @@ def _found(
     others = [name for name in rest if name not in (position, speed)]
     found |= _setpoint(others, values, position, windows)
     motion = smoothed_speed(values[position], time_s)
-    efforts = {name: abs(follows(values[name], motion)) for name in others if name not in found}
+    efforts = {
+        name: abs(follows(values[name], motion))
+        for name in others
+        if name not in found and not _same_ends(values[name], values[position])
+    }
     strongest = max(efforts, key=efforts.__getitem__, default="")
     if strongest and efforts[strongest] > _FRICTION:
         found[strongest] = Quantity.CURRENT
@@ -108,6 +114,12 @@ def _comes_after(one: Floats, other: Floats) -> bool:
     if late:
         return late > 0.0
     return float(np.mean(np.diff(one) == 0.0)) < float(np.mean(np.diff(other) == 0.0))
+
+
+def _same_ends(values: Floats, position: Floats) -> bool:
+    one, other = _known(values), _known(position)
+    apart = max(abs(one.min() - other.min()), abs(one.max() - other.max()))
+    return bool(apart < _ENDS * np.ptp(other))
 
 
 def _jumps(values: Floats) -> bool:

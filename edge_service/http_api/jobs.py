@@ -3,9 +3,9 @@
 from collections.abc import AsyncIterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from .answers import Answer, Timestamp
 
@@ -15,6 +15,7 @@ class JobKind(StrEnum):
 
     FINGERPRINT = "fingerprint"
     DIAGNOSE = "diagnose"
+    DRIFT = "drift"
 
 
 class JobState(StrEnum):
@@ -51,8 +52,20 @@ class JobBody(Answer):
 
     kind: JobKind
     axis: str
-    recordings: list[str] = Field(min_length=1, max_length=50)
+    recordings: list[str] = Field(
+        min_length=1, max_length=50, description="Names; of `drift` two or more, oldest first."
+    )
     baseline: int | None = Field(None, description="An older fingerprint job to compare with.")
+
+    @model_validator(mode="after")
+    def _has_two_to_compare(self) -> Self:
+        if self.kind is JobKind.DRIFT and len(set(self.recordings)) < 2:
+            raise ValueError("drift: expected two recordings or more, oldest first")
+        if self.kind is JobKind.DRIFT and self.baseline is not None:
+            raise ValueError(
+                "drift: takes no baseline; the first recording is what it compares with"
+            )
+        return self
 
 
 class JobAnswer(Answer):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..atomic import replaced_file
 from ..config import ConfigError, EdgeConfig, load_machine
-from ..messages.estimate import PreloadEstimate
+from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.stores.estimate_store import (
@@ -126,4 +126,12 @@ def estimate_to_csv(
             )
         if state is not None:
             offline.keep(state)
-    return f"{out}: {rows} blocks, last status {last.status.value if last else 'none'}"
+    return f"{out}: {rows} blocks, last status {_ending(last)}"
+
+
+def _ending(last: PreloadEstimate | None) -> str:
+    """Status of the last block, with why it is none that may be read."""
+    if last is None:
+        return "none"
+    why = "" if last.status is EstimateStatus.ESTIMATED else f" ({'; '.join(last.reasons)})"
+    return f"{last.status.value}{why}"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from edge_service.cli.entry import cli
 from edge_service.http_api.jobs import JobKind
 from edge_service.nodes.jobs.job_desk import JOB_COMMANDS
 
@@ -102,6 +103,36 @@ def test_commands_are_those_of_the_command_line(tmp_path):
         *("--machine", "m.toml", "--out", str(tmp_path), "a.csv", "b.csv"),
         *("--baseline", str(tmp_path / "old" / "fingerprint.json")),
     ]
+
+
+def test_every_kind_of_job_has_its_command():
+    assert set(JOB_COMMANDS) == set(JobKind)
+    for kind, command in JOB_COMMANDS.items():
+        words = command(Path("m.toml"), [Path("a.csv"), Path("b.csv")], Path("out"), None)[3:]
+        context = cli.make_context("edge-service", words[:1])
+        found = cli.get_command(context, str(kind))
+        assert found is not None
+        found.make_context(str(kind), words[1:], parent=context)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"recordings": ["trace.csv"]}, {"recordings": ["trace.csv"] * 2}, {"baseline": 1}],
+)
+async def test_a_comparison_needs_two_recordings_and_no_baseline(jobs, wrong):
+    body = {"kind": "drift", "recordings": ["trace.csv", "later.csv"]} | wrong
+    answer = await jobs.start(**body)
+    assert answer.status_code == 422
+    assert "drift" in answer.json()["detail"]
+
+
+async def test_a_comparison_keeps_the_order_of_its_recordings(jobs):
+    await jobs.client.put("recordings/later.csv", content=b"t")
+    answer = await jobs.start(kind="drift", recordings=["trace.csv", "later.csv"])
+    assert answer.status_code == 202
+    job = await jobs.ended()
+    assert (job["kind"], job["state"]) == ("drift", "done")
+    assert job["recordings"] == ["trace.csv", "later.csv"]
 
 
 async def test_a_diagnosis_is_asked_for_by_the_name_of_a_recording(jobs):

@@ -25,10 +25,20 @@ SIGMAS = 3.0
 """Of the stated inertia, whose tolerance may be wide."""
 SLOW_SHARE = 0.1
 """Quantile of the speeds in motion below which an axis is slow, for itself."""
+_BORROWED_SIGN = CheckResult(
+    "torque",
+    Verdict.DOUBTFUL,
+    "torque has the sign of the direction, which is wrong while the axis brakes",
+    remedy="needs a torque or current with a sign of its own; without one compare the friction of "
+    "the same moves, then and now (`edge-service drift`)",
+    forbids=True,
+)
 
 
 def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckResult:
     """Hold the torque against the direction, the acceleration and the stated inertia."""
+    if TORQUE in machine.columns and machine.columns[TORQUE].direction:
+        return _BORROWED_SIGN
     able, settings = _readable(machine, recordings)
     by_sign = judge_sign(able, settings)
     if by_sign is not None:

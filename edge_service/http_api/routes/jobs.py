@@ -82,7 +82,10 @@ async def jobs(desk: DeskDep) -> JobsAnswer:
 
 @job_router.post("/jobs", response_model=JobAnswer, status_code=202)
 async def start(body: JobBody, state: StateDep, desk: DeskDep) -> JobAnswer:
-    """Start a fingerprint or a diagnosis in a process of its own; one runs at a time."""
+    """Start a fingerprint, a diagnosis or a comparison of the same moves; one runs at a time.
+
+    It runs in a process of its own.
+    """
     check_axis(state, body.axis)
     return await desk.start(body)
 

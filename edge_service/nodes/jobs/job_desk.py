@@ -51,6 +51,7 @@ _ANSWERED = (exit_status.DONE, exit_status.BAD_DATA)
 JOB_COMMANDS: dict[JobKind, JobCommand] = {
     JobKind.FINGERPRINT: _edge_service("fingerprint"),
     JobKind.DIAGNOSE: _edge_service("diagnose"),
+    JobKind.DRIFT: _edge_service("drift"),
 }
 
 

@@ -159,9 +159,17 @@ def _read(path: Path, understood: Understanding, number: int | None) -> SampleFr
     }
     positions = [name for name in understood.columns if name in CHANNELS]
     if not positions:
-        asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
-        raise TraceError(f"{path}: nothing in it is understood{f' ({asked})' if asked else ''}")
+        raise TraceError(f"{path}: {_nothing(understood)}")
     return read_trace(path, columns, axis=ControllerAxis(number, understood.lead_m))
+
+
+def _nothing(understood: Understanding) -> str:
+    """Why no column serves, in one line."""
+    asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
+    return (
+        "no column is understood as a position: expected samples of an axis in motion"
+        f"{f' ({asked})' if asked else ''}; figures of single days are no recording"
+    )
 
 
 def _mechanics(frames: Sequence[SampleFrame], understood: Understanding) -> Mechanics | None:
@@ -174,6 +182,9 @@ def _mechanics(frames: Sequence[SampleFrame], understood: Understanding) -> Mech
     except ValueError as error:
         understood.say("inertia_kg_m2", f"cannot be told: {error}")
         return None
+    if not found.sign_is_told:
+        words = "neither inertia nor friction shows its sign; it is left as recorded"
+        understood.say(TORQUE, words, assumed=True)
     if found.is_inverted:
         choice = understood.columns[TORQUE]
         turned = Choice(choice.column, -choice.scale, choice.minus, choice.direction)
