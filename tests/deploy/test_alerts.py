@@ -1,0 +1,72 @@
+"""Prometheus' alert rules fire on what the service really says, and are explained."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from edge_service.health.service_state import ServiceState
+from edge_service.http_api.metrics import ServiceCollector
+from edge_service.http_api.metrics_trend import TrendCollector
+from edge_service.messages.alarm import AlarmKind
+from edge_service.messages.estimate import EstimateStatus
+from tests.documents import ROOT, document
+
+RULES = document("deploy/alerts.yml")
+ALERTS = re.findall(r"- alert: (\w+)", RULES)
+PROMTOOL = shutil.which("promtool")
+
+needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed")
+
+
+def judged(folder: Path, rules: str) -> "subprocess.CompletedProcess[str]":
+    """What promtool's tests say of the rules."""
+    (folder / "alerts.yml").write_text(rules)
+    (folder / "tests.yml").write_text(document("tests/deploy/alerts_test.yml"))
+    line = ["promtool", "test", "rules", "tests.yml"]
+    return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+
+
+@needs_promtool
+def test_rules_fire_when_they_should(tmp_path: Path) -> None:
+    checked = judged(tmp_path, RULES)
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+@needs_promtool
+@pytest.mark.parametrize("alert", ALERTS)
+def test_a_rule_that_never_fires_is_found(tmp_path: Path, alert: str) -> None:
+    mute = re.sub(rf"(- alert: {alert}\n\s+expr: ).*", r"\1vector(1) > 2", RULES)
+    assert judged(tmp_path, mute).returncode == 1
+
+
+def test_rules_ask_only_for_what_is_there() -> None:
+    state = ServiceState({"X": None}, 0)
+    collectors = (ServiceCollector(state, 0), TrendCollector(state, 0))
+    families = [family for each in collectors for family in each.collect()]
+    names = {f"{f.name}_total" if f.type == "counter" else f.name for f in families}
+    names |= {"edge_service_refused_payloads_total"}  # appears with the first refusal
+    assert set(re.findall(r"edge_service_[a-z_]+", RULES)) <= names
+
+
+def test_rules_ask_only_for_labels_that_exist() -> None:
+    trend = (ROOT / "edge_service" / "http_api" / "metrics_trend.py").read_text("utf-8")
+    bounds = re.findall(r"for bound in \((.*\"earliest\".*)\):", trend)[0]
+    known = {
+        "alarm": {each.value for each in AlarmKind},
+        "status": {each.value for each in EstimateStatus},
+        "bound": set(re.findall(r'"(\w+)"', bounds)),
+        "reading": {"certificate_days", "dead_letters"},
+        "job": {"edge-service"},
+    }
+    for label, value in re.findall(r'(\w+)!?="([\w-]+)"', RULES):
+        assert value in known[label], (label, value)
+
+
+def test_every_rule_stands_in_the_guide() -> None:
+    guide = document("deploy/README.md")
+    assert ALERTS
+    for alert in ALERTS:
+        assert f"| `{alert}` |" in guide, alert

@@ -1,0 +1,76 @@
+"""The systemd unit is one that systemd takes, and takes from the service what it never needs."""
+
+import configparser
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.documents import ROOT, document
+
+UNIT = ROOT / "deploy" / "edge-service.service"
+ANALYZE = shutil.which("systemd-analyze")
+MOST_EXPOSED = 2.5
+"""Of 10; below it systemd calls a service well protected."""
+
+needs_systemd = pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is not installed")
+
+
+def analysed(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        ["systemd-analyze", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        env=os.environ | {"SYSTEMD_PAGER": ""},
+    )
+
+
+def installed_in(folder: Path, text: str) -> str:
+    """Unit whose program is there, as it is on a machine where it is installed."""
+    unit = folder / "edge-service.service"
+    unit.write_text(text.replace("/opt/edge-service/.venv/bin/edge-service", "/bin/true"))
+    return str(unit)
+
+
+@needs_systemd
+def test_systemd_takes_the_unit(tmp_path: Path) -> None:
+    checked = analysed("verify", installed_in(tmp_path, UNIT.read_text()))
+    assert (checked.returncode, checked.stderr) == (0, "")
+
+
+@needs_systemd
+def test_a_unit_with_a_wrong_line_is_found(tmp_path: Path) -> None:
+    wrong = UNIT.read_text().replace("ProtectClock=", "ProtectClocks=")
+    assert "ProtectClocks" in analysed("verify", installed_in(tmp_path, wrong)).stderr
+
+
+@needs_systemd
+def test_the_service_is_little_exposed() -> None:
+    bound = f"--threshold={MOST_EXPOSED * 10:.0f}"
+    checked = analysed("security", "--offline=true", bound, str(UNIT))
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+@needs_systemd
+def test_a_unit_without_protection_is_found(tmp_path: Path) -> None:
+    bare = "\n".join(
+        line for line in UNIT.read_text().splitlines() if "Protect" not in line and "@" not in line
+    )
+    (tmp_path / UNIT.name).write_text(bare)
+    bound = f"--threshold={MOST_EXPOSED * 10:.0f}"
+    assert analysed("security", "--offline=true", bound, str(tmp_path / UNIT.name)).returncode
+
+
+def test_the_unit_leaves_what_the_service_needs() -> None:
+    """Kernels are compiled, and jobs bound their own memory and priority."""
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment,method-assign]
+    unit.read_string(document("deploy/edge-service.service"))
+    service = unit["Service"]
+    assert "MemoryDenyWriteExecute" not in service
+    assert "@resources" not in service["SystemCallFilter"]
+    assert {"AF_INET", "AF_INET6", "AF_UNIX"} <= set(service["RestrictAddressFamilies"].split())
