@@ -15,6 +15,7 @@ from .context import Clock
 from .guard import LOOPBACK_HOSTS, Guard
 from .jobs import JobDesk, RefusedError
 from .limits.bodies import BodyLimits
+from .limits.head import Head
 from .limits.settings import HttpLimits
 from .metrics import metrics_router
 from .outputs import OutputDesk
@@ -24,6 +25,7 @@ from .routes.axis import SendCommand, work_router
 from .routes.diagnose import diagnose_router
 from .routes.download import download_router
 from .routes.jobs import job_router, on_refused
+from .routes.motions import MotionDesk, motion_router
 from .routes.outputs import output_router
 from .routes.preload import axis_router, service_router
 from .routes.schemas import schema_router
@@ -63,6 +65,7 @@ def create_app(
     limits: HttpLimits | None = None,
     outputs: OutputDesk | None = None,
     doorkeeper: Doorkeeper | None = None,
+    motion_desk: MotionDesk | None = None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -75,6 +78,7 @@ def create_app(
         limits: Bounds of what is taken from a client.
         outputs: Keeps dead letters; None: there are none.
         doorkeeper: Tells who asks; None: whoever reaches the service may do anything.
+        motion_desk: Writes motions and records axes; None: there is none.
     """
     app = _Application(
         title="edge-service",
@@ -88,6 +92,7 @@ def create_app(
     app.state.clock = clock
     app.state.send_command = send_command
     app.state.desk = desk
+    app.state.motion_desk = motion_desk
     app.state.readers_of = Counter[str]()
     app.state.outputs = outputs
     app.state.doorkeeper = doorkeeper or Doorkeeper()
@@ -99,6 +104,7 @@ def create_app(
         work_router,
         download_router,
         job_router,
+        motion_router,
         output_router,
         diagnose_router,
         schema_router,
@@ -113,5 +119,6 @@ def create_app(
     app.add_middleware(BodyLimits, limits=limits or HttpLimits())
     app.add_middleware(Gate, doorkeeper=app.state.doorkeeper)
     app.add_middleware(Trail, state=state, clock=clock)
+    app.add_middleware(Head)
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 from fastapi import Depends, Query, Request
 from fastapi.exceptions import RequestValidationError
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, WithJsonSchema
 from starlette.exceptions import HTTPException
 
 from ..health.service_state import ServiceState
@@ -16,7 +16,12 @@ from .times import parse_moment
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
 Clock = Callable[[], int]
-Moment = Annotated[float, BeforeValidator(parse_moment, json_schema_input_type=str)]
+Moment = Annotated[
+    float,
+    BeforeValidator(parse_moment),
+    WithJsonSchema({"anyOf": [{"type": "string", "format": "date-time"}, {"type": "number"}]}),
+]
+"""RFC 3339 or UNIX s."""
 
 
 async def state_of(request: Request) -> ServiceState:

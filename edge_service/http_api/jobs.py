@@ -120,6 +120,10 @@ class JobDesk(Protocol):
         """Keep a recording; whole or not at all."""
         ...
 
+    def recording(self, name: str) -> Path:
+        """File of a recording."""
+        ...
+
     def remove(self, name: str) -> None:
         """Forget a recording."""
         ...

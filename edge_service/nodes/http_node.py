@@ -26,6 +26,8 @@ from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
 from ..models.screw.stroke_profile import stroke_profile
 from .health_node import health_settings
 from .jobs.job_desk import ProcessJobDesk
+from .jobs.live_recorder import LiveRecorder
+from .jobs.motion_desk import LiveMotionDesk
 from .outputs.desk import OutputDesk
 from .stores.disagreement_recorder import DisagreementRecorder
 from .stores.history_store import open_history
@@ -83,6 +85,7 @@ async def run(context: NodeContext) -> None:
         publishers[axis].publish(command, now_ns())
 
     recorder = DisagreementRecorder(desk.folder, on_kept)
+    live = LiveRecorder(desk.folder)
     app = create_app(
         state,
         now_ns,
@@ -91,6 +94,7 @@ async def run(context: NodeContext) -> None:
         desk,
         outputs=outputs,
         doorkeeper=doorkeeper,
+        motion_desk=LiveMotionDesk(machine_files, live),
     )
     serve_app = partial(serve, app, tls=tls)
     try:
@@ -101,12 +105,13 @@ async def run(context: NodeContext) -> None:
         ):
             tasks.start("server", _server(context, reporter, serve_app, state), vital=True)
             _follow(context, reporter, tasks, state)
-            tell = _follow_events(context, tasks, state, outputs, recorder)
+            tell = _follow_events(context, tasks, state, outputs, recorder, live)
             tasks.repeat("refusals", REFUSALS_PERIOD_S, _telling_refusals(state, tell))
             watch = HistoryWatch(keeper.to, tell)
             keeper.counters, keeper.readings = watch.counts, watch.readings
             keeping.start("flush", partial(store.run, watch))
             tasks.start("recorder", recorder.run)
+            tasks.start("live_recorder", live.run)
             tasks.start("jobs", desk.run)
             tasks.start("diary", partial(context.diary.run, tell))
             with CLOCK.telling(partial(_clock_set, state, tell)):
@@ -146,6 +151,7 @@ def _follow_events(
     state: ServiceState,
     outputs: OutputDesk,
     recorder: DisagreementRecorder,
+    live: LiveRecorder,
 ) -> Callable[[Event], None]:
     """Take in events of the axes and of the service; none of the takers can hold up another.
 
@@ -174,6 +180,7 @@ def _follow_events(
 
     def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
         recorder.follow(axis, frame)
+        live.follow(axis, frame)
 
     tasks.start("teller", teller.run)
     tasks.follow("events", context.subscribe(EVENT), take_event)

@@ -1,5 +1,6 @@
 """Errors, headers and host names."""
 
+import re
 from pathlib import Path
 
 import httpx
@@ -7,6 +8,11 @@ import pytest
 
 from edge_service.http_api.app import STATIC, create_app
 from edge_service.http_api.guard import SECURITY_HEADERS
+from edge_service.http_api.security.access import ROUTES
+
+TIME = re.compile(
+    r"[. ](time|since|from|to|started|ended|uploaded|earliest|likely|latest|\w+_(at|until))$"
+)
 
 
 @pytest.mark.parametrize(
@@ -39,7 +45,38 @@ async def test_every_error_is_a_problem_document(client, method, path, status):
 
 
 async def test_405_says_what_is_allowed(client):
-    assert (await client.post("/api/v1/axes")).headers["allow"] == "GET"
+    assert (await client.post("/api/v1/axes")).headers["allow"] == "GET, HEAD"
+
+
+async def test_head_is_get_without_its_body(client):
+    """Of every path that takes GET; the live stream has no end that could be waited for."""
+    for path in (path for path, methods in ROUTES.items() if "GET" in methods):
+        address = re.sub(r"\{.*?\}", "X", path)
+        head = await client.head(address)
+        assert head.content == b""
+        if path != "/api/v1/events":
+            get = await client.get(address)
+            assert (head.status_code, head.headers) == (get.status_code, get.headers), path
+    assert (await client.head("/api/v1/events")).status_code == 200
+
+
+async def test_times_have_their_format_in_the_schema(client):
+    """Members and parameters whose name is that of a time."""
+    document = (await client.get("/openapi.json")).json()
+    named = [
+        (f"{name}.{member}", schema)
+        for name, described in document["components"]["schemas"].items()
+        for member, schema in described.get("properties", {}).items()
+    ]
+    named += [
+        (f"{path} {each['name']}", each["schema"])
+        for path, methods in document["paths"].items()
+        for route in methods.values()
+        for each in route.get("parameters", [])
+    ]
+    times = [(name, schema) for name, schema in named if TIME.search(name)]
+    assert len(times) > 20
+    assert [name for name, schema in times if "date-time" not in str(schema)] == []
 
 
 async def test_failure_says_nothing_about_the_inside(scene, client, monkeypatch):

@@ -103,12 +103,16 @@ class Service:
     """The service in a thread of its own; `stop` ends it, `start` begins it at the same port."""
 
     def __init__(
-        self, folder: Path, settings: dict[str, Any], http: HttpConfig, webhook: WebhookConfig
+        self,
+        folder: Path,
+        axes: dict[str, dict[str, Any]],
+        http: HttpConfig,
+        webhook: WebhookConfig,
     ) -> None:
         self._webhook = webhook
         self._folder = folder
         self._http = http
-        self._settings = settings
+        self._axes = axes
         self._port = 0
         self.address = ""
 
@@ -127,8 +131,9 @@ class Service:
 
     async def _run(self, ready: threading.Event) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        axis = AxisConfig(
-            name="X", machine=DEFAULT_MACHINE, driver="simulated", settings=self._settings
+        axes = tuple(
+            AxisConfig(name=name, machine=DEFAULT_MACHINE, driver="simulated", settings=settings)
+            for name, settings in self._axes.items()
         )
         config = EdgeConfig(
             bus=BusConfig(endpoint="tcp/127.0.0.1:0"),
@@ -136,7 +141,7 @@ class Service:
             alarms=AlarmsConfig(rate_percent_per_1000_h=1e9),
             history=HistoryConfig(folder=self._folder),
             webhook=self._webhook,
-            axes=(axis,),
+            axes=axes,
         )
 
         def on_ready(address: str) -> None:
@@ -157,9 +162,13 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
     services: list[Service] = []
 
     def make(
-        http: HttpConfig | None = None, webhook: WebhookConfig | None = None, **settings: Any
+        http: HttpConfig | None = None,
+        webhook: WebhookConfig | None = None,
+        axes: dict[str, dict[str, Any]] | None = None,
+        **settings: Any,
     ) -> Service:
-        service = Service(tmp_path, settings, http or HttpConfig(), webhook or WebhookConfig())
+        axes = axes or {"X": settings}
+        service = Service(tmp_path, axes, http or HttpConfig(), webhook or WebhookConfig())
         services.append(service)
         service.start()
         return service

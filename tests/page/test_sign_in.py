@@ -90,9 +90,9 @@ def test_a_person_signs_in_and_is_known_by_the_token(
 
 
 SUDDEN = {"scenario": "sudden", "life_h": 1.0, "acceleration": 180.0, "hold_s": 2.0}
-LOOKING = r"Sign out|\d+ (min|h|days)|1 year|All|Zoom|Reset"
+LOOKING = r"Sign out|Show|\d+ (min|h|days)|1 year|All|Zoom|Reset"
 OPERATORS = {"Acknowledge", "Shelve 8 h", "Write a note", "Part replaced"}
-OPERATORS |= {"Start", "Cancel job 1", "Try all of webhook again", "Try again"}
+OPERATORS |= {"Record", "Start", "Cancel job 1", "Try all of webhook again", "Try again"}
 ADMINS = {"Remove trace.csv", "Drop"}
 REASON = "this needs the role {}, yours is {}."
 

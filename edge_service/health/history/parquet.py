@@ -134,14 +134,28 @@ def _parquet(table: Any) -> bytes:
     return content
 
 
+def _write_csv(table: Any, sink: Any) -> None:
+    """Write times as RFC 3339 and states as words."""
+    import pyarrow as pa
+    from pyarrow import compute, csv
+
+    time = compute.strftime(table.column("time"), "%Y-%m-%dT%H:%M:%SZ")
+    table = table.set_column(table.schema.get_field_index("time"), "time", time)
+    at = table.schema.get_field_index("status")
+    csv.write_csv(table.set_column(at, "status", table.column("status").cast(pa.string())), sink)
+
+
 def as_bytes(rows: Rows, form: str) -> bytes:
-    """The rows as the bytes of a Parquet file, or of an Arrow IPC file (`arrow`)."""
+    """The rows as the bytes of a Parquet, CSV or Arrow IPC file (`parquet`, `csv`, `arrow`)."""
     import pyarrow as pa
 
     table = to_table(rows)
     if form == "parquet":
         return _parquet(table)
     sink = pa.BufferOutputStream()
+    if form == "csv":
+        _write_csv(table, sink)
+        return bytes(sink.getvalue())
     with pa.ipc.new_file(sink, table.schema) as writer:
         writer.write_table(table)
     content: bytes = sink.getvalue().to_pybytes()

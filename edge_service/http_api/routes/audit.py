@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query
 from pydantic import ConfigDict, Field
 
 from ...health.events.audit import AuditRecord
-from ..answers import Answer
+from ..answers import Answer, Timestamp
 from ..context import StateDep
 from ..problems import documented
 from ..times import rfc3339
@@ -32,7 +32,7 @@ class AuditEntryAnswer(Answer):
     model_config = ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
 
     number: int
-    time: str | None
+    time: Timestamp | None
     who: str | None
     origin: str | None = Field(description="Address, `bus`, or a process of the service.")
     action: str | None

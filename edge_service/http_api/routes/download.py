@@ -1,4 +1,4 @@
-"""History to take along: one row per estimate, minute or hour, as Parquet or Arrow."""
+"""History to take along: one row per estimate, minute or hour, as CSV, Parquet or Arrow."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -23,6 +23,7 @@ _MOST_ROWS = 300_000
 _SPAN_S = 86400.0
 _STEPS_S = (0.1, 60.0, 3600.0)
 _TYPES = {
+    "csv": "text/csv",
     "parquet": "application/vnd.apache.parquet",
     "arrow": "application/vnd.apache.arrow.file",
 }
@@ -33,6 +34,7 @@ download_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"])
 class Form(StrEnum):
     """File format of a download."""
 
+    CSV = "csv"
     PARQUET = "parquet"
     ARROW = "arrow"
 

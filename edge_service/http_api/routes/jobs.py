@@ -1,9 +1,11 @@
 """Routes of recordings and of the jobs that are made of them."""
 
-from typing import Annotated
+import os
+from collections.abc import AsyncIterator
+from typing import Annotated, BinaryIO
 
 from fastapi import APIRouter, Depends, Request
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import FileResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
 from ..axis_answers import AcceptedAnswer
@@ -24,6 +26,8 @@ _REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"
 )
 """A report shows its own styles and pictures, and can do nothing."""
+
+_CHUNK_BYTES = 1 << 18
 
 job_router = APIRouter(
     prefix="/api/v1",
@@ -54,6 +58,27 @@ DeskDep = Annotated[JobDesk, Depends(desk_of)]
 async def recordings(desk: DeskDep) -> RecordingsAnswer:
     """Recordings that were uploaded, newest first."""
     return RecordingsAnswer(recordings=desk.recordings())
+
+
+async def opened(name: str, desk: DeskDep) -> AsyncIterator[BinaryIO]:
+    """A recording, open until it is sent: it may be removed meanwhile."""
+    try:
+        file = desk.recording(name).open("rb")
+    except OSError as error:
+        raise RefusedError(503, f"{name}: cannot be read ({error.strerror})") from None
+    with file:
+        yield file
+
+
+@job_router.get("/recordings/{name}", response_class=StreamingResponse)
+async def recording(name: str, file: Annotated[BinaryIO, Depends(opened)]) -> StreamingResponse:
+    """A recording as a file."""
+    headers = {
+        "content-disposition": f'attachment; filename="{name}"',
+        "content-length": str(os.fstat(file.fileno()).st_size),
+    }
+    chunks = iter(lambda: file.read(_CHUNK_BYTES), b"")
+    return StreamingResponse(chunks, media_type="application/octet-stream", headers=headers)
 
 
 @job_router.put(

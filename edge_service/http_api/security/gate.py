@@ -1,5 +1,7 @@
 """Gate before every route: nobody takes one that the table of rights does not give their role."""
 
+from collections.abc import Collection
+
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -43,9 +45,14 @@ def _refusal(path: str, method: str, identity: Identity) -> ProblemResponse | No
         return problem_response(path, 403, words)
     if methods:
         words = "this path does not take that method"
-        return problem_response(path, 405, words, headers={"allow": ", ".join(sorted(methods))})
+        return problem_response(path, 405, words, headers={"allow": _allowed(methods)})
     words = "there is nothing at this path; /openapi.json lists what there is"
     return problem_response(path, 404, words)
+
+
+def _allowed(methods: Collection[str]) -> str:
+    """Methods of a path; whatever takes GET takes HEAD."""
+    return ", ".join(sorted({*methods, *(("HEAD",) if "GET" in methods else ())}))
 
 
 def identity_of(request: HTTPConnection) -> Identity:

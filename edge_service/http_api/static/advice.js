@@ -1,70 +1,75 @@
 // What changed, and what to do: sentences from the condition, the alarms and the trend.
 
-import { clock, lasting, words } from "./dom.js";
+import { sentenceOf } from "./dom.js";
+import { clock, day, lasting, ofFresh, significant } from "./format.js";
+import { has, language, t } from "./strings.js";
 
-const BY_REASON = [
-  ["process_force", "Let the axis move without cutting for a few seconds: rapids or a warm-up program will do."],
-  ["no_motion", "Move the axis: at rest nobody can tell its preload."],
-  ["learning", "Let the axis go on moving for a few seconds."],
-  ["insufficient_excitation", "Move the axis: at rest nobody can tell its preload."],
-  ["stale_input", "Check the connection to the drive: no data come in."],
-  ["no_input", "Check that the drive is on and connected: no data came in yet."],
-  ["no_data", "Check the connection to the drive: no data come in."],
-  ["no_limit", "Complete the machine file: the fresh screw's preload or load rating is missing."],
-  ["confirming", "Wait a moment."],
-  ["no_number", "Move the axis, and look at the data quality below."],
-];
+const CODES = ["process_force", "no_motion", "learning", "insufficient_excitation", "stale_input", "no_input", "no_data", "no_limit", "confirming", "no_number"];
+const NEAR_S = 172800;
+
+const codeOf = (reason) => reason.split(":")[0];
+
+// What the service says stays as it is in English; else its code is translated.
+export function reasonWords(reason) {
+  const key = `reason.${codeOf(reason)}`;
+  return language !== "en" && has(key) ? { text: t(key) } : { text: sentenceOf(reason), lang: "en" };
+}
+
+export function reasonsOf(reading) {
+  const reasons = (reading?.reasons ?? []).map(reasonWords);
+  return reasons.length === 0 && has(`status.${reading?.status}`) ? [{ text: t(`status.${reading.status}`) }] : reasons;
+}
 
 export function whatToDo(state) {
-  const { health, preload, connected, condition } = state;
-  if (!connected) return "Check the network and the service. Do not rely on what this page shows.";
-  if (!health) return "Wait a moment.";
+  const { health, preload, connected } = state;
+  if (!connected) return t("todo.no_connection");
+  if (!health) return t("todo.wait");
+  const isUnseen = health.alarms.some((alarm) => !alarm.acknowledged_by);
+  const sentences = mainAdvice(state, health, preload);
+  if (isUnseen) sentences.push(t("todo.acknowledge"));
+  return sentences.length ? sentences.join(" ") : t("todo.nothing");
+}
+
+function mainAdvice({ condition }, health, preload) {
   const active = new Set(health.alarms.filter((alarm) => alarm.active).map((alarm) => alarm.alarm));
-  const unseen = health.alarms.filter((alarm) => !alarm.acknowledged_by).length;
-  const after = unseen ? " Acknowledge the alarm when you have taken note." : "";
   const fault = crossing(health.trend, "fault");
-  if (condition === "FAULT") {
-    const first = active.has("sudden_drop") ? "Stop the axis and look for damage: nut, balls, bearings, coupling. " : "";
-    return `${first}Expect play and bad parts. Replace or re-adjust the nut, then write “part replaced” in the diary.${after}`;
-  }
-  if (active.has("model") || preload?.status === "invalid") {
-    return `Do not trust the number. Check the data quality and the machine file; if they are right, something other than wear has changed: record a test and run a diagnosis.${after}`;
-  }
-  if (condition === "WARNING") return `Plan to replace the nut${fault ? ` before ${fault.first}` : ""}.${after}`;
-  if (condition === "UNAVAILABLE") {
-    const codes = [...health.reasons, ...(preload?.reasons ?? [])].map((reason) => reason.split(":")[0]);
-    if (preload?.status === "insufficient_excitation") codes.push("insufficient_excitation");
-    return BY_REASON.find(([code]) => codes.includes(code))?.[1] ?? "Look at the service and data quality below.";
-  }
-  if (active.has("rate")) return `It is all right now, but wears fast: look for the cause (load, lubrication, dirt)${fault ? `, and plan a new nut before ${fault.first}` : ""}.${after}`;
-  if (health.trend?.status === "rising") return `Find out what changed: a new part, the lubrication, a repair? If a part was replaced, write “part replaced” in the diary.${after}`;
-  return `Nothing.${after}`;
+  if (condition === "FAULT") return [...(active.has("sudden_drop") ? [t("todo.stop")] : []), t("todo.fault")];
+  if (active.has("model") || preload?.status === "invalid") return [t("todo.model")];
+  if (condition === "WARNING") return [fault ? t("todo.warning.by", fault) : t("todo.warning")];
+  if (condition === "UNAVAILABLE") return [unavailable(health, preload)];
+  if (active.has("rate")) return [fault ? t("todo.rate.by", fault) : t("todo.rate")];
+  if (health.trend?.status === "rising") return [t("todo.rising")];
+  return [];
+}
+
+function unavailable(health, preload) {
+  const codes = [...health.reasons, ...(preload?.reasons ?? [])].map(codeOf);
+  if (preload?.status === "insufficient_excitation") codes.push("insufficient_excitation");
+  const code = CODES.find((each) => codes.includes(each));
+  return t(code ? `todo.${code}` : "todo.unknown");
 }
 
 export function crossing(trend, limit) {
   const found = trend?.crossings.find((each) => each.limit === limit);
   if (!found?.earliest) return null;
-  return { first: moment(found.earliest), last: found.latest ? moment(found.latest) : null, likely: found.likely ? moment(found.likely) : null };
+  return { first: moment(found.earliest), last: found.latest ? moment(found.latest) : null };
 }
 
 function moment(time) {
-  const seconds = (Date.parse(time) - Date.now()) / 1000;
-  if (seconds < 172800) return `${clock(time)} (in ${lasting(Math.max(0, seconds))})`;
-  return `${new Date(time).toLocaleDateString()} (in ${lasting(seconds)})`;
+  const seconds = Math.max(0, (Date.parse(time) - Date.now()) / 1000);
+  return t("moment", { time: seconds < NEAR_S ? clock(time) : day(time), span: lasting(seconds) });
 }
 
 export function whatChanged(state) {
-  const { health, events, condition } = state;
+  const { health, events, condition, limits } = state;
   const sentences = [];
   const sudden = health?.alarms.find((alarm) => alarm.alarm === "sudden_drop");
-  if (sudden) sentences.push(`${words(sudden.message)} at ${clock(sudden.raised_at)}.`);
-  if (condition !== "NORMAL") {
-    const since = notNormalSince(events);
-    if (since) sentences.push(`Not NORMAL since ${clock(since)}.`);
-  }
-  sentences.push(trendSentence(health?.trend));
+  if (sudden) sentences.push(t("changed.sudden", { time: clock(sudden.raised_at) }));
+  const since = condition === "NORMAL" ? null : notNormalSince(events);
+  if (since) sentences.push(t("changed.not_normal", { time: clock(since) }));
+  sentences.push(trendSentence(health?.trend, limits));
   const part = events.findLast((event) => event.kind === "part_replaced");
-  if (part) sentences.push(`Part replaced ${clock(part.time)}.`);
+  if (part) sentences.push(t("changed.part", { time: clock(part.time) }));
   return sentences.join(" ");
 }
 
@@ -74,25 +79,22 @@ function notNormalSince(events) {
   return changes[last + 1]?.time ?? null;
 }
 
-export function trendSentence(trend) {
-  if (!trend || trend.status === "too_early") return "Too little history yet for a trend.";
-  const since = `since ${clock(trend.since)}`;
-  if (trend.status === "steady") return `No trend can be told ${since}, so there is no date.`;
-  const [rate, unit] = readableRate(trend);
-  const certain = `${(100 * trend.level).toFixed(0)} % sure`;
-  const parts = [`The preload is ${trend.status} by ${rate("value")} % ${unit} ${since} (${certain}: ${rate("least")} to ${rate("most")}).`];
-  if (trend.status === "rising") parts.push("Wear cannot do that: something else changed.");
-  for (const [limit, name] of [["warning", "The warning limit"], ["fault", "The fault limit"]]) {
+export function trendSentence(trend, limits) {
+  if (!trend || trend.status === "too_early") return t("trend.too_early");
+  const since = clock(trend.since);
+  if (trend.status === "steady") return t("trend.steady", { since });
+  const parts = [t(`trend.${trend.status}.${limits ? "fresh" : "rating"}`, { since, level: significant(100 * trend.level), ...readableRate(trend, limits) })];
+  for (const limit of ["warning", "fault"]) {
     const when = crossing(trend, limit);
-    if (when) parts.push(when.last ? `${name} is reached between ${when.first} and ${when.last}.` : `${name} is not reached before ${when.first}.`);
+    if (when) parts.push(t(when.last ? `trend.${limit}` : `trend.${limit}.after`, when));
   }
   return parts.join(" ");
 }
 
-function readableRate(trend) {
+function readableRate(trend, limits) {
   const { value, low, high } = trend.rate_percent_per_h;
   const size = Math.abs(value);
-  const [factor, unit] = size >= 1 ? [1 / 60, "per minute"] : size * 24 >= 0.05 ? [24, "per day"] : [24 * 365.25, "per year"];
-  const sizes = { value: size, least: Math.min(Math.abs(low), Math.abs(high)), most: Math.max(Math.abs(low), Math.abs(high)) };
-  return [(bound) => Number((factor * sizes[bound]).toPrecision(2)), unit];
+  const [hours, unit] = size >= 1 ? [1 / 60, "minute"] : size * 24 >= 0.05 ? [24, "day"] : [24 * 365.25, "year"];
+  const shown = (rate) => significant(hours * (limits ? ofFresh(rate, limits) : rate), 2);
+  return { rate: shown(size), least: shown(Math.min(Math.abs(low), Math.abs(high))), most: shown(Math.max(Math.abs(low), Math.abs(high))), per: t(`per.${unit}`) };
 }

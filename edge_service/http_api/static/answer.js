@@ -1,14 +1,11 @@
 // The answer: is it all right, since when, how sure, what changed, what to do.
 
-import { byId, clock, element, lasting, list, refill, svg, symbol, words, write } from "./dom.js";
-import { whatChanged, whatToDo } from "./advice.js";
+import { reasonsOf, whatChanged, whatToDo } from "./advice.js";
+import { byId, element, list, refill, svg, symbol, write } from "./dom.js";
+import { between, clock, lasting, number, ofFresh } from "./format.js";
+import { levelOf } from "./level.js";
+import { t } from "./strings.js";
 
-const TITLES = { NORMAL: "is all right", WARNING: "needs attention", FAULT: "is not all right", UNAVAILABLE: "cannot be judged" };
-const STATUS_WORDS = {
-  unestimated: "No estimate yet",
-  insufficient_excitation: "Recent motion cannot tell the preload",
-  invalid: "Model and data disagree: no number",
-};
 let parts = null;
 
 function build(root) {
@@ -17,7 +14,7 @@ function build(root) {
     part("verdict", "h2", "verdict"),
     part("since", "p", "quiet"),
     part("value", "span", "number"),
-    part("unit", "span", "unit", "%"),
+    part("unit", "span", "unit"),
     part("sure", "p", "sure"),
     part("share", "p", "quiet"),
     part("reasons", "ul", "reasons"),
@@ -33,9 +30,9 @@ function build(root) {
     element("div", { class: "reading" }, element("p", { class: "value" }, parts.value, parts.unit), element("div", {}, parts.sure, parts.share)),
     parts.gauge,
     parts.reasons,
-    element("h3", {}, "What changed"),
+    element("h3", {}, t("answer.changed")),
     parts.changed,
-    element("h3", {}, "What to do"),
+    element("h3", {}, t("answer.todo")),
     parts.todo,
     parts.facts,
   );
@@ -44,62 +41,53 @@ function build(root) {
 export function renderAnswer(state, nowMs) {
   const root = byId("answer");
   if (parts === null) build(root);
-  const { axis, condition, health } = state;
+  const { axis, health } = state;
+  const level = levelOf(state);
   const reading = state.connected ? state.preload : null;
   const percent = reading?.preload_percent ?? null;
-  root.dataset.condition = condition;
-  refill(parts.verdict, `${axis}${condition}`, () => [symbol(condition), element("span", { class: "badge" }, condition), element("span", {}, ` Axis ${axis} ${TITLES[condition]}`)]);
-  write(parts.since, state.connected && health ? `since ${clock(health.since)} (${lasting((state.serverMs() - Date.parse(health.since)) / 1000)})` : "");
-  write(parts.value, percent === null ? "no value" : percent.toFixed(2));
-  parts.value.classList.toggle("none", percent === null);
-  parts.unit.hidden = percent === null;
-  write(parts.sure, sureText(reading, percent));
-  write(parts.share, shareText(state.limits, percent));
-  list(parts.reasons, reasonsOf(state, reading));
-  write(parts.changed, state.connected ? whatChanged(state) : "Unknown while there is no connection.");
+  root.dataset.condition = level;
+  refill(parts.verdict, `${axis}${level}`, () => [symbol(level), element("span", { class: "badge" }, t(`condition.${level}`)), element("span", {}, t(`answer.${level}`, { axis }))]);
+  write(parts.since, state.connected && health ? t("answer.since", { time: clock(health.since), span: lasting((state.serverMs() - Date.parse(health.since)) / 1000) }) : "");
+  renderReading(state.limits, reading, percent);
+  list(parts.reasons, state.connected ? reasonsOf(reading) : [{ text: t("no_connection") }]);
+  write(parts.changed, state.connected ? whatChanged(state) : t("answer.changed.unknown"));
   write(parts.todo, whatToDo(state));
   renderFacts(state, reading, nowMs);
   renderGauge(state.limits, reading, percent);
 }
 
-function sureText(reading, percent) {
-  if (percent === null) return "";
-  if (reading.low === null || reading.high === null) return "its uncertainty is not known";
-  return `${(100 * reading.level).toFixed(0)} % sure: ${reading.low.toFixed(2)} to ${reading.high.toFixed(2)} %`;
-}
-
-function shareText(limits, percent) {
-  if (!limits) return "no limits: the fresh preload is not known";
-  const fresh = limits.fresh_percent;
-  return percent === null ? `fresh screw: ${fresh.toFixed(2)} %` : `${((100 * percent) / fresh).toFixed(0)} % of the fresh screw (${fresh.toFixed(2)} %)`;
-}
-
-function reasonsOf(state, reading) {
-  if (!state.connected) return ["No connection to the service"];
-  const reasons = (reading?.reasons ?? []).map(words);
-  const status = STATUS_WORDS[reading?.status];
-  return reasons.length === 0 && status ? [status] : reasons;
+// Percent of the fresh screw; of the load rating where the fresh preload is not known.
+function renderReading(limits, reading, percent) {
+  const shown = (value) => (limits ? ofFresh(value, limits) : value);
+  const digits = limits ? 0 : 2;
+  write(parts.value, percent === null ? t("no_value") : number(shown(percent), digits));
+  parts.value.classList.toggle("none", percent === null);
+  parts.unit.hidden = percent === null;
+  write(parts.unit, t(limits ? "unit.fresh" : "unit.rating"));
+  const isSure = percent !== null && reading.low !== null && reading.high !== null;
+  write(parts.sure, percent === null ? "" : isSure ? t("answer.sure", { level: number(100 * reading.level), bounds: between(shown(reading.low), shown(reading.high), digits) }) : t("answer.unsure"));
+  write(parts.share, !limits ? t("answer.no_limits") : percent === null ? t("answer.fresh", { fresh: number(limits.fresh_percent, 2) }) : t("answer.rating", { n: number(percent, 2), fresh: number(limits.fresh_percent, 2) }));
 }
 
 function renderFacts(state, reading, nowMs) {
   const drag = reading?.drag_torque_nm ?? null;
   const facts = [
-    ["Measured", ageText(state, nowMs)],
-    ["Drag torque", drag ? `${drag.value.toFixed(3)} N m (${drag.low.toFixed(3)} to ${drag.high.toFixed(3)})` : "–"],
-    ["Preload force", reading?.preload_n == null ? "–" : `${reading.preload_n.toFixed(0)} N`],
+    [t("fact.measured"), ageText(state, nowMs)],
+    [t("fact.drag"), drag ? t("fact.drag.value", { value: number(drag.value, 3), low: number(drag.low, 3), high: number(drag.high, 3) }) : "–"],
+    [t("fact.force"), reading?.preload_n == null ? "–" : t("unit.n", { n: number(reading.preload_n) })],
   ];
   refill(parts.facts, JSON.stringify(facts), () => facts.map(([name, text]) => element("div", {}, element("dt", {}, name), element("dd", {}, text))));
 }
 
 function ageText(state, nowMs) {
-  if (state.preload?.age_s == null) return "never";
+  if (state.preload?.age_s == null) return t("age.never");
   const age = state.preload.age_s + (nowMs - state.receivedMs) / 1000;
-  return age < 1 ? "just now" : `${lasting(age)} ago`;
+  return age < 1 ? t("age.now") : t("age.ago", { span: lasting(age) });
 }
 
 function renderGauge(limits, reading, percent) {
   const { gauge } = parts;
-  gauge.setAttribute("aria-label", percent === null ? "no preload value" : `preload ${percent.toFixed(2)} percent`);
+  gauge.setAttribute("aria-label", percent === null || !limits ? t("no_value") : t("of_fresh", { n: number(ofFresh(percent, limits)) }));
   gauge.classList.toggle("empty", !limits);
   if (!limits) return gauge.replaceChildren();
   const top = Math.max(limits.fresh_percent * 1.25, reading?.high ?? 0);
@@ -113,9 +101,9 @@ function renderGauge(limits, reading, percent) {
     zone("fault", 0, limits.fault_percent),
     zone("warning", limits.fault_percent, limits.warning_percent),
     zone("normal", limits.warning_percent, top),
-    ...ticks(limits.fault_percent, "fault"),
-    ...ticks(limits.warning_percent, "warning"),
-    ...ticks(limits.fresh_percent, "fresh"),
+    ...ticks(limits.fault_percent, t("gauge.fault")),
+    ...ticks(limits.warning_percent, t("gauge.warning")),
+    ...ticks(limits.fresh_percent, t("gauge.fresh")),
   ];
   if (percent !== null) {
     const low = x(reading.low ?? percent);

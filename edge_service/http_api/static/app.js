@@ -1,17 +1,22 @@
-// The live page: one stream in, one axis at a time out.
+// The live page: one stream in, the machine or one of its axes out.
 
+import { reasonWords } from "./advice.js";
+import { renderAlarmList } from "./alarms.js";
 import { renderAnswer } from "./answer.js";
-import { renderAlarms, renderDiary } from "./diary.js";
-import { byId, clock, element, fetchJson, refill, symbol, words, write } from "./dom.js";
 import { buildAudit } from "./audit.js";
+import { renderDiary } from "./diary.js";
+import { byId, element, fetchJson, refill, symbol, write } from "./dom.js";
+import { clock } from "./format.js";
 import { renderHistory } from "./history.js";
-import { loadTests } from "./jobs.js";
+import { levelOf, worstFirst } from "./level.js";
+import { renderMachine } from "./machine.js";
 import { loadOutputs } from "./outputs.js";
-import { renderService } from "./service.js";
 import { addressOf, route } from "./route.js";
+import { renderService } from "./service.js";
 import { isSignedOut, signIn } from "./session.js";
-import { translateDocument } from "./strings.js";
-import { renderTabs } from "./tabs.js";
+import { t, translateDocument } from "./strings.js";
+import { hideTabs, renderTabs } from "./tabs.js";
+import { loadTests } from "./tests.js";
 import { renderTraces, startTraces, takeLive } from "./traces.js";
 import { loadUse } from "./use.js";
 import { loadWhy, renderWhy } from "./why.js";
@@ -21,10 +26,9 @@ const RENDER_MS = 250;
 const SLOW_MS = 10000;
 const RECONNECT_MS = 3000;
 const KEPT_EVENTS = 1000;
-const ORDER = ["FAULT", "WARNING", "UNAVAILABLE", "NORMAL"];
 
 const states = new Map();
-let shown = null;
+let shown = null; // the axis; null while the machine is shown
 let service = null;
 let source = null;
 let lastMessageMs = null;
@@ -36,8 +40,8 @@ let slowMs = -Infinity;
 const serverMs = () => performance.now() + clockOffsetMs;
 
 class AxisState {
-  constructor({ axis, limits }, historyPlace) {
-    Object.assign(this, { axis, limits, historyPlace, preload: null, health: null, events: [], connected: true, receivedMs: 0, serverMs });
+  constructor({ axis, limits }) {
+    Object.assign(this, { axis, limits, preload: null, health: null, events: [], connected: true, receivedMs: 0, serverMs });
   }
 
   get condition() {
@@ -60,18 +64,18 @@ function connect() {
   on("health", takeHealth);
   on("live", takeLive);
   on("event", (answer, message) => takeEvent(answer, Number(message.lastEventId)));
-  on("lost", (answer) => takeEvent({ severity: "warning", axis: "", kind: "lost", message: `events are missing here: ${answer.reason}`, time: new Date(serverMs()).toISOString(), data: {} }, lastEventId + 0.5));
+  on("lost", (answer) => takeEvent({ severity: "warning", axis: "", kind: "lost", message: `${t("events.lost")} ${answer.reason}`, time: new Date(serverMs()).toISOString(), data: {} }, lastEventId + 0.5));
 }
 
 async function start() {
   try {
     await signIn();
-    const { axes, history, site, machine } = await fetchJson("/api/v1/axes");
-    write(byId("machine"), site ? `${site} / ${machine}` : "");
+    const { axes, site, machine } = await fetchJson("/api/v1/axes");
+    write(byId("place"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
     for (const each of axes) {
-      const state = new AxisState(each, history);
-      const { events } = await fetchJson(`/api/v1/axes/${each.axis}/log`);
+      const state = new AxisState(each);
+      const { events } = await fetchJson(`/api/v1/axes/${encodeURIComponent(each.axis)}/log`);
       state.events = events.slice(-KEPT_EVENTS);
       lastEventId = Math.max(lastEventId, events.at(-1)?.id ?? 0);
       states.set(each.axis, state);
@@ -94,13 +98,12 @@ async function reconnect() {
 
 function show() {
   const before = shown;
-  shown = states.get(route().axis) ?? worst();
+  const only = states.size === 1 ? [...states.values()][0] : null;
+  shown = states.get(route().axis) ?? only;
   slowMs = -Infinity;
-  if (shown !== before) startTraces(shown);
-}
-
-function worst() {
-  return [...states.values()].sort((a, b) => ORDER.indexOf(a.condition) - ORDER.indexOf(b.condition))[0];
+  byId("machine").hidden = shown !== null;
+  if (shown === null) hideTabs();
+  else if (shown !== before) startTraces(shown);
 }
 
 function setServerTime(time) {
@@ -118,8 +121,8 @@ function takeHealth(answer) {
   const before = state.health?.condition;
   state.health = answer;
   if (before !== undefined && before !== answer.condition) {
-    const reason = answer.reasons.length ? `. ${words(answer.reasons[0])}` : "";
-    byId("announcer").textContent = `Axis ${answer.axis}: ${answer.condition}${reason}`;
+    const reason = answer.reasons.length ? ` ${reasonWords(answer.reasons[0]).text}` : "";
+    byId("announcer").textContent = t("announced", { axis: answer.axis, condition: t(`condition.${answer.condition}`) }) + reason;
   }
 }
 
@@ -143,9 +146,9 @@ function watchConnection(nowMs) {
   document.body.classList.toggle("old", !alive);
   const banner = byId("banner");
   banner.hidden = alive;
-  banner.textContent = alive ? "" : `No connection to the service since ${clock(new Date())}. Everything on this page is old; trying again.`;
+  banner.textContent = alive ? "" : t("banner", { time: clock(new Date()) });
   byId("connection").dataset.state = alive ? "live" : "lost";
-  write(byId("connection-text"), alive ? "live" : "connection lost");
+  write(byId("connection-text"), t(alive ? "connection.live" : "connection.lost"));
   if (back && shown) {
     slowMs = -Infinity;
     startTraces(shown);
@@ -153,14 +156,15 @@ function watchConnection(nowMs) {
 }
 
 function renderAxes() {
-  const key = JSON.stringify([...states.values()].map((state) => [state.axis, state.condition, state === shown]));
-  refill(byId("axes"), key, () => [...states.values()].map(chip));
-  const first = worst();
-  document.title = first.condition === "NORMAL" ? "All axes normal" : `${first.condition}: ${first.axis}`;
+  const all = [...states.values()];
+  const key = JSON.stringify([shown === null, all.map((state) => [state.axis, levelOf(state), state === shown])]);
+  refill(byId("axes"), key, () => (shown === null ? [] : [...(all.length > 1 ? [element("a", { href: "#/", class: "chip home" }, t("machine.back"))] : []), ...all.map(chip)]));
+  const [first] = worstFirst(all);
+  document.title = levelOf(first) === "NORMAL" ? t("title.NORMAL") : `${t(`condition.${levelOf(first)}`)}: ${first.axis}`;
 }
 
 function chip(state) {
-  const link = element("a", { href: addressOf(state.axis), class: "chip", "data-condition": state.condition }, symbol(state.condition), element("span", {}, element("b", {}, state.axis), ` ${state.condition}`));
+  const link = element("a", { href: addressOf(state.axis), class: "chip", "data-condition": levelOf(state) }, symbol(levelOf(state)), element("span", {}, element("b", {}, state.axis), ` ${t(`condition.${levelOf(state)}`)}`));
   if (state === shown) link.setAttribute("aria-current", "true");
   return link;
 }
@@ -168,8 +172,9 @@ function chip(state) {
 function render() {
   const nowMs = performance.now();
   watchConnection(nowMs);
-  if (!shown) return;
+  if (states.size === 0) return;
   renderAxes();
+  if (shown === null) return renderMachine([...states.values()], nowMs, connected);
   const { tab } = route();
   renderTabs(shown.axis, tab);
   TAB_PARTS[tab].render(nowMs);
@@ -182,7 +187,7 @@ function render() {
 
 // What each tab draws at once, while there is a connection, and every few seconds from new answers.
 const TAB_PARTS = {
-  overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarms(shown), renderTraces(shown)] },
+  overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarmList(byId("alarms"), [shown], false), renderTraces(shown)] },
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
   history: { render: () => renderDiary(shown), live: (nowMs) => renderHistory(shown, nowMs), load: () => loadUse(shown) },
   tests: { render: () => {}, load: () => loadTests(shown) },

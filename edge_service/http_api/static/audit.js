@@ -1,20 +1,21 @@
 // Audit log: who changed what, read when somebody opens it.
 
-import { byId, clock, element, fetchJson } from "./dom.js";
+import { byId, element, fetchJson } from "./dom.js";
+import { clock } from "./format.js";
 import { ifMay } from "./session.js";
+import { t } from "./strings.js";
 
+const AUDIT = ["GET", "/api/v1/audit"];
 const SHOWN = 200;
 const BEGUN = "begun";
 
-const AUDIT = ["GET", "/api/v1/audit"];
-
 export function buildAudit() {
-  if (!byId("audit").firstChild) byId("audit").append(ifMay(AUDIT, "To read who changed what", auditNode));
+  if (!byId("audit").firstChild) byId("audit").append(ifMay(AUDIT, "audit", auditNode));
 }
 
 function auditNode() {
-  const entries = element("ol", { class: "events", tabindex: "0", "aria-label": "Audit log" });
-  const node = element("details", { class: "audit" }, element("summary", {}, "Audit log: who changed what"), entries);
+  const entries = element("ol", { class: "events", tabindex: "0", "aria-label": t("audit") });
+  const node = element("details", { class: "audit" }, element("summary", {}, t("audit.title")), entries);
   node.addEventListener("toggle", () => node.open && show(entries));
   return node;
 }
@@ -24,11 +25,11 @@ async function show(entries) {
     const answer = await fetchJson(`/api/v1/audit?limit=${SHOWN}`);
     const nodes = once(answer.entries).reverse().map(entryNode);
     if (answer.problem) {
-      nodes.unshift(element("li", { class: "event error" }, `Not all of it is there: ${answer.problem}`));
+      nodes.unshift(element("li", { class: "event error" }, t("audit.damaged"), " ", element("span", { lang: "en" }, answer.problem)));
     }
-    entries.replaceChildren(...(nodes.length ? nodes : [element("li", { class: "quiet" }, "Nothing was changed yet.")]));
+    entries.replaceChildren(...(nodes.length ? nodes : [element("li", { class: "quiet" }, t("audit.empty"))]));
   } catch (error) {
-    entries.replaceChildren(element("li", { class: "quiet" }, `It cannot be read: ${error.message}`));
+    entries.replaceChildren(element("li", { class: "quiet" }, t("audit.unreadable"), " ", element("span", { lang: "en" }, error.message)));
   }
 }
 
@@ -39,14 +40,13 @@ function once(entries) {
 }
 
 function entryNode(entry) {
-  const outcome = entry.outcome === BEGUN ? "begun, without an outcome so far: look whether it was done" : entry.outcome;
-  const text = `${entry.action ?? "unreadable"} ${entry.target ?? ""}: ${entry.problem || outcome} (from ${entry.origin ?? "?"})`;
+  const outcome = entry.problem || (entry.outcome === BEGUN ? t("audit.begun") : entry.outcome);
   return element(
     "li",
     { class: `event ${entry.problem ? "error" : "info"}` },
     element("time", { datetime: entry.time ?? "", title: entry.time ?? "" }, entry.time ? clock(entry.time) : "–"),
     element("span", { class: "event-axis" }, entry.who || "–"),
     element("span", { class: "event-severity" }, `${entry.number}`),
-    element("span", { class: "event-text" }, text),
+    element("span", { class: "event-text", lang: "en" }, `${entry.action ?? "–"} ${entry.target ?? ""}: ${outcome} (${t("audit.from", { origin: entry.origin ?? "–" })})`),
   );
 }

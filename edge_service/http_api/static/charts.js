@@ -1,6 +1,12 @@
-// uPlot in the page's colours, with a sentence for those who cannot see it.
+// uPlot in the page's colours: values under the cursor or the arrow keys, and a sentence for those
+// who cannot see it.
+
+import { element } from "./dom.js";
+import { clock, significant } from "./format.js";
+import { locale, t } from "./strings.js";
 
 const charts = new Set();
+const STEPS = { ArrowLeft: -1, ArrowRight: 1, PageUp: -10, PageDown: 10, Home: -Infinity, End: Infinity };
 
 export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -8,13 +14,15 @@ export function colour(name) {
 
 export class Chart {
   // `options` makes the uPlot options for a width; it is asked again when colours or size change.
-  constructor(holder, options, describe) {
-    this.holder = holder;
-    this.options = options;
-    this.describe = describe;
-    this.data = null;
-    this.plot = null;
+  // `read` says what stands at an index of the data; `zoom`, if given, takes the chosen [from, to].
+  constructor(holder, options, describe, read, zoom = null) {
+    Object.assign(this, { holder, options, describe, read, zoom, data: null, plot: null, at: null });
+    this.values = element("p", { class: "chart-values quiet", "aria-live": "polite" });
+    holder.after(this.values);
     holder.setAttribute("role", "img");
+    holder.tabIndex = 0;
+    holder.addEventListener("keydown", (event) => this.step(event));
+    holder.addEventListener("blur", () => this.point(null));
     charts.add(this);
     new ResizeObserver(() => this.rebuild()).observe(holder);
   }
@@ -33,9 +41,53 @@ export class Chart {
     if (this.plot && this.plot.width === width && !this.recolour) return;
     this.recolour = false;
     this.plot?.destroy();
-    this.plot = new uPlot({ legend: { show: false }, cursor: { drag: { x: false, y: false } }, ...this.options(width) }, this.data, this.holder);
+    const { hooks = {}, ...options } = this.options(width);
+    const more = { ...hooks, setCursor: [(plot) => this.show(plot.cursor.idx)], setSelect: [(plot) => this.chosen(plot)] };
+    this.plot = new uPlot({ legend: { show: false }, cursor: { y: false, drag: { x: this.zoom !== null, y: false, setScale: false } }, ...options, hooks: more }, this.data, this.holder);
+  }
+
+  // Keys go from value to value; empty ones are passed over.
+  step(event) {
+    if (!(event.key in STEPS) || event.shiftKey || !this.data?.[0].length) return;
+    event.preventDefault();
+    const last = this.data[0].length - 1;
+    const isInside = (i) => this.data[0][i] >= this.plot.scales.x.min && this.data[0][i] <= this.plot.scales.x.max;
+    const seen = [...this.data[0].keys()].filter((i) => isInside(i) && this.read(this.data, i) !== "");
+    const now = this.at === null ? seen.length : seen.indexOf(seen.findLast((i) => i <= this.at));
+    this.point(seen[Math.min(Math.max(now + STEPS[event.key], 0), seen.length - 1)] ?? last);
+  }
+
+  point(index) {
+    this.at = index;
+    if (!this.plot) return;
+    const left = index === null ? -10 : this.plot.valToPos(this.data[0][index], "x");
+    this.plot.setCursor({ left, top: 10 });
+    this.show(index);
+  }
+
+  show(index) {
+    const text = index == null || index >= this.data[0].length ? "" : this.read(this.data, index);
+    if (this.values.textContent !== text) this.values.textContent = text;
+  }
+
+  chosen(plot) {
+    const { left, width } = plot.select;
+    if (this.zoom === null || width < 8) return;
+    const ends = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
+    plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    this.zoom(ends);
   }
 }
+
+// What stands at an index: the place on the x axis, then each series that has a value there.
+export function reader(placeOf, ...series) {
+  return (data, i) => {
+    const known = series.filter(([column]) => data[column][i] != null);
+    return known.length ? t("chart.at", { place: placeOf(data[0][i]), values: known.map(([column, unit, name]) => `${name ? `${name} ` : ""}${significant(data[column][i], 4)} ${unit}`.trim()).join(", ") }) : "";
+  };
+}
+
+export const atTime = (time) => clock(time * 1000);
 
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   for (const chart of charts) {
@@ -46,22 +98,24 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
 
 export function axis(more = {}) {
   const line = { stroke: colour("line"), width: 1 };
-  return { stroke: colour("quiet"), grid: line, ticks: line, font: "12px system-ui, sans-serif", space: 50, ...more };
+  const values = (self, splits) => splits.map((value) => value.toLocaleString(locale, { maximumSignificantDigits: 6 }));
+  return { stroke: colour("quiet"), grid: line, ticks: line, font: "12px system-ui, sans-serif", space: 50, values, ...more };
 }
 
 export function timeAxis() {
-  return axis({ values: uTimes, space: 70, size: 30 });
+  return axis({ values: timesAt, space: 80, size: 30 });
 }
 
-function uTimes(self, splits, index, space, step) {
-  const pad = (n) => String(n).padStart(2, "0");
-  const shown = (t) => {
-    const d = new Date(t * 1000);
-    if (step >= 86400) return step >= 20 * 86400 ? `${d.getFullYear()}-${pad(d.getMonth() + 1)}` : `${pad(d.getMonth() + 1)}-${pad(d.getDate())}`;
-    const time = `${pad(d.getHours())}:${pad(d.getMinutes())}`;
-    return step < 60 ? `${time}:${pad(d.getSeconds())}` : time;
-  };
-  return splits.map(shown);
+const FORMS = [
+  [20 * 86400, { month: "short", year: "numeric" }],
+  [86400, { day: "numeric", month: "numeric" }],
+  [60, { hour: "2-digit", minute: "2-digit" }],
+  [0, { hour: "2-digit", minute: "2-digit", second: "2-digit" }],
+];
+
+function timesAt(self, splits, index, space, step) {
+  const form = new Intl.DateTimeFormat(locale, FORMS.find(([least]) => step >= least)[1]);
+  return splits.map((time) => form.format(time * 1000));
 }
 
 // The last `span` seconds, so that one value does not stretch over years.
@@ -77,9 +131,8 @@ export function range(least, most) {
   };
 }
 
-export function spoken(values, unit, digits = 3) {
+export function spoken(values, unit) {
   const known = values.filter((value) => value !== null && value !== undefined);
-  if (known.length === 0) return "no values";
-  const show = (value) => Number(value.toPrecision(digits));
-  return `last ${show(known.at(-1))} ${unit}, between ${show(Math.min(...known))} and ${show(Math.max(...known))} ${unit}`;
+  if (known.length === 0) return t("chart.none");
+  return t("chart.spoken", { last: significant(known.at(-1)), low: significant(Math.min(...known)), high: significant(Math.max(...known)), unit });
 }

@@ -36,14 +36,16 @@ export function refill(node, key, make) {
   node.replaceChildren(...make());
 }
 
-export function words(reason) {
+// The sentence of a reason `code: sentence`.
+export function sentenceOf(reason) {
   const sentence = reason.replace(/^[a-z_]+: /, "");
   const isKey = /^\S*[._]\S/.test(sentence);
   return isKey ? sentence : sentence.charAt(0).toUpperCase() + sentence.slice(1);
 }
 
-export function list(node, texts) {
-  refill(node, JSON.stringify(texts), () => texts.map((text) => element("li", {}, text)));
+// Items are { text, lang }: what the service says itself is English on every page.
+export function list(node, items) {
+  refill(node, JSON.stringify(items), () => items.map(({ text, lang }) => element("li", lang ? { lang } : {}, text)));
 }
 
 export async function fetchJson(path, options) {
@@ -64,16 +66,4 @@ export function symbol(condition) {
   const [shape, sign] = SHAPES[condition];
   const parts = [svg("path", { d: shape, class: "symbol-shape" }), svg("path", { d: sign, class: "symbol-sign" })];
   return svg("svg", { class: "symbol", viewBox: "0 0 24 24", "aria-hidden": "true" }, ...parts);
-}
-
-export function clock(time) {
-  const moment = new Date(time);
-  const hours = moment.toLocaleTimeString([], { hour12: false });
-  return moment.toDateString() === new Date().toDateString() ? hours : `${moment.toLocaleDateString()} ${hours}`;
-}
-
-export function lasting(seconds) {
-  const steps = [[90, 1, "s"], [5400, 60, "min"], [172800, 3600, "h"], [5184000, 86400, "days"], [Infinity, 2629800, "months"]];
-  const [, size, unit] = steps.find(([below]) => seconds < below);
-  return `${Math.max(0, Math.round(seconds / size))} ${unit}`;
 }

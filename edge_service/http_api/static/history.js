@@ -1,58 +1,109 @@
 // Preload over minutes to years: line, interval, limits, events, and where it is going.
 
 import { button, byId, element, fetchJson, refill, write } from "./dom.js";
-import { Chart, axis, colour, spoken, timeAxis } from "./charts.js";
+import { Chart, atTime, axis, colour, reader, spoken, timeAxis } from "./charts.js";
+import { ofFresh } from "./format.js";
+import { counted, t } from "./strings.js";
 
-const SPANS = [["15 min", 900], ["8 h", 28800], ["7 days", 604800], ["90 days", 7776000], ["1 year", 31557600]];
+const MINUTE_S = 60;
+const DAY_S = 86400;
+const DEFAULT_DAYS = 30;
+const SPANS = [["min", 15, 15 * MINUTE_S], ["h", 8, 8 * 3600], ["days", 7, 7 * DAY_S], ["days", DEFAULT_DAYS, DEFAULT_DAYS * DAY_S], ["days", 90, 90 * DAY_S], ["years", 1, 365.25 * DAY_S]];
 const BUCKETS = 450;
+const LEAST_SPAN_S = 10;
 const MARKED = ["condition_changed", "alarm_raised", "part_replaced", "note"];
-const view = { span: 900, chart: null, state: null, loadedMs: -Infinity, key: "" };
+const FORMS = ["csv", "parquet", "arrow"];
+// `end` is null while the newest is followed.
+const view = { span: null, end: null, chart: null, state: null, loadedMs: -Infinity };
 
 function build(root) {
-  const group = element("div", { class: "buttons", role: "group", "aria-label": "Span of the history" });
-  for (const [name, span] of SPANS) {
-    group.append(button(name, { "data-span": span, "aria-pressed": String(span === view.span) }, () => choose(span)));
-  }
+  view.spans = element("div", { class: "buttons", role: "group", "aria-label": t("history.span") });
+  for (const [unit, n, span] of SPANS) view.spans.append(button(counted(`span.${unit}`, n), { "data-span": span, "aria-pressed": "false" }, () => choose(span, null)));
   view.holder = element("div", { class: "chart tall", id: "history-chart" });
   view.note = element("p", { class: "quiet" });
   view.download = element("p", { class: "quiet" });
-  root.replaceChildren(element("div", { class: "panel-head" }, element("h2", { id: "past-title" }, "Preload so far, and where it goes"), group), view.holder, legend(), view.note, view.download);
-  view.chart = new Chart(view.holder, options, describe);
+  root.replaceChildren(element("div", { class: "panel-head" }, element("h2", { id: "past-title" }, t("history")), view.spans), rangeForm(), element("div", {}, view.holder), legend(), view.note, view.download);
+  view.chart = new Chart(view.holder, options, describe, reader(atTime, [3, t("unit.fresh")], [2, "", t("history.low")], [1, "", t("history.high")]), ([from, to]) => choose(Math.max(to - from, LEAST_SPAN_S), to));
+  view.holder.addEventListener("keydown", zoomByKey);
+}
+
+function rangeForm() {
+  const field = (name) => (view[name] = element("input", { type: "datetime-local", id: `history-${name}`, required: "" }));
+  const form = element("form", { class: "range" }, element("label", { for: "history-from" }, t("history.from"), field("from")), element("label", { for: "history-to" }, t("history.to"), field("to")), element("button", { type: "submit" }, t("history.show")), element("span", { class: "quiet" }, t("history.zoom")));
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const [from, to] = [view.from, view.to].map((node) => Date.parse(node.value) / 1000);
+    if (from < to) choose(to - from, to);
+    else write(view.note, t("history.backwards"));
+  });
+  return form;
 }
 
 function legend() {
-  const key = (className, text) => element("span", { class: `key ${className}` }, text);
-  return element("p", { class: "legend quiet" }, key("line", "preload, %"), key("band", "interval"), key("limit-warning", "warning limit"), key("limit-fault", "fault limit"), key("mark", "event"), key("future", "expected range"));
+  const key = (name) => element("span", { class: `key ${name}` }, t(`history.key.${name}`));
+  return element("p", { class: "legend quiet" }, ...["line", "band", "limit-warning", "limit-fault", "mark", "future"].map(key));
 }
 
-function choose(span) {
-  view.span = span;
-  view.loadedMs = -Infinity;
-  for (const node of byId("past").querySelectorAll("[data-span]")) node.setAttribute("aria-pressed", String(Number(node.dataset.span) === span));
+function choose(span, end) {
+  Object.assign(view, { span, end, loadedMs: -Infinity });
+  for (const node of view.spans.children) node.setAttribute("aria-pressed", String(end === null && Number(node.dataset.span) === span));
 }
+
+// + and - zoom, the arrows with shift move the window.
+function zoomByKey(event) {
+  const [first, last] = ends();
+  const middle = (first + last) / 2;
+  const windows = { "+": [middle, 0.25], "-": [middle, 1], ArrowLeft: [middle - view.span / 4, 0.5], ArrowRight: [middle + view.span / 4, 0.5] };
+  if (!(event.key in windows) || (event.key.startsWith("Arrow") && !event.shiftKey)) return;
+  event.preventDefault();
+  const [at, half] = windows[event.key];
+  choose(Math.max(2 * half * view.span, LEAST_SPAN_S), at + half * view.span);
+}
+
+function ends() {
+  const end = view.end ?? view.state.serverMs() / 1000;
+  return [end - view.span, end];
+}
+
+// The shortest span that shows all there is, and at most 30 days of it.
+async function chooseFirst(state) {
+  const end = state.serverMs() / 1000;
+  const { buckets } = await fetchJson(`${pathOf(state)}?from=${end - DEFAULT_DAYS * DAY_S}&to=${end}&step=${DAY_S / 4}`);
+  const age = buckets.length ? end - Date.parse(buckets[0].time) / 1000 - DAY_S / 4 : 0;
+  choose(SPANS.find(([, , span]) => span >= Math.min(age, DEFAULT_DAYS * DAY_S))[2], null);
+}
+
+const pathOf = (state) => `/api/v1/axes/${encodeURIComponent(state.axis)}/history`;
 
 export async function renderHistory(state, nowMs) {
   if (view.chart === null) build(byId("past"));
-  const period = Math.max(5000, Math.min(60000, (1000 * view.span) / BUCKETS));
+  const period = Math.max(5000, Math.min(60000, (1000 * (view.span ?? 0)) / BUCKETS));
   if (view.state === state && nowMs - view.loadedMs < period) return;
   view.state = state;
   view.loadedMs = nowMs;
-  const end = state.serverMs() / 1000;
-  const step = view.span / BUCKETS;
-  const from = Math.floor((end - view.span) / step) * step;
   try {
-    const { buckets } = await fetchJson(`/api/v1/axes/${state.axis}/history?from=${from}&to=${end}&step=${step}`);
-    view.chart.set(columns(buckets, step));
+    if (view.span === null) await chooseFirst(state);
+    view.loadedMs = nowMs;
+    await load(state);
   } catch {
-    write(view.note, "The history cannot be reached now.");
-    return;
+    write(view.note, t("history.unreachable"));
   }
-  write(view.note, `History is kept ${state.historyPlace}.`);
-  refill(view.download, `${state.axis}${view.span}`, () => [
-    "Download: ",
-    ...["parquet", "arrow"].map((form) => element("a", { href: `/api/v1/axes/${state.axis}/history.${form}?from=${from}`, download: "" }, form)).flatMap((link, i) => (i ? [", ", link] : [link])),
-  ]);
 }
+
+async function load(state) {
+  const [first, end] = ends();
+  const step = view.span / BUCKETS;
+  const from = Math.floor(first / step) * step;
+  const { buckets } = await fetchJson(`${pathOf(state)}?from=${from}&to=${end}&step=${step}`);
+  view.chart.set(columns(buckets, step));
+  [view.from.value, view.to.value] = document.activeElement?.closest(".range") ? [view.from.value, view.to.value] : [first, end].map(local);
+  write(view.note, buckets.length ? "" : t("history.empty"));
+  const links = () => FORMS.map((form) => element("a", { href: `${pathOf(state)}.${form}?from=${from}${view.end === null ? "" : `&to=${end}`}`, download: "" }, form.toUpperCase()));
+  refill(view.download, `${state.axis} ${view.span} ${view.end}`, () => [t("history.download"), " ", ...links().flatMap((link, i) => (i ? [", ", link] : [link]))]);
+}
+
+// UNIX s as a datetime-local field writes it.
+const local = (time) => new Date((time - new Date(time * 1000).getTimezoneOffset() * 60) * 1000).toISOString().slice(0, 16);
 
 function columns(buckets, step) {
   const [x, high, low, mean] = [[], [], [], []];
@@ -61,7 +112,7 @@ function columns(buckets, step) {
     const time = Date.parse(bucket.time) / 1000 + step / 2;
     if (last !== null && time - last > 2.5 * step) push(time - step, null, null, null);
     const spread = bucket.preload_percent;
-    push(time, bucket.high ?? spread?.max ?? null, bucket.low ?? spread?.min ?? null, spread?.mean ?? null);
+    push(time, ...[bucket.high ?? spread?.max, bucket.low ?? spread?.min, spread?.mean].map(shown));
     last = time;
   }
   return [x, high, low, mean];
@@ -74,12 +125,17 @@ function columns(buckets, step) {
   }
 }
 
+// Percent of the fresh screw; of the load rating where the fresh preload is not known.
+function shown(value) {
+  const { limits } = view.state;
+  return value == null ? null : limits ? ofFresh(value, limits) : value;
+}
+
 function describe([x, , , mean]) {
-  return x.length ? `Preload of axis ${view.state.axis}: ${spoken(mean, "percent")}` : "No preload in this span";
+  return x.length ? `${t("history.label", { axis: view.state.axis })}: ${spoken(mean, "%")}` : t("history.empty");
 }
 
 function options(width) {
-  const limits = view.state.limits;
   return {
     width,
     height: 260,
@@ -98,21 +154,21 @@ function options(width) {
 
 // The line decides, not its interval: that may be very wide at first.
 function valueRange(plot) {
-  const fresh = view.state.limits?.fresh_percent ?? 0;
+  const fresh = view.state.limits ? 100 : 0;
   const values = plot.data[3].filter((value) => value !== null);
   return [0, Math.max(fresh * 1.2, 1.2 * Math.max(0, ...values), 0.1)];
 }
 
 function timeRange() {
-  const end = view.state.serverMs() / 1000;
-  return [end - view.span, end + (futureOf() ? 0.35 : 0.02) * view.span];
+  const [first, end] = ends();
+  return [first, view.end === null ? end + (futureOf() ? 0.35 : 0.02) * view.span : end];
 }
 
 function futureOf() {
   const { health, preload } = view.state;
   const last = health?.trend?.crossings.at(-1);
   if (!last?.earliest || preload?.preload_percent == null) return null;
-  return { from: preload.preload_percent, to: last.limit_percent, early: Date.parse(last.earliest) / 1000, late: last.latest ? Date.parse(last.latest) / 1000 : Infinity };
+  return { from: shown(preload.preload_percent), to: shown(last.limit_percent), early: Date.parse(last.earliest) / 1000, late: last.latest ? Date.parse(last.latest) / 1000 : Infinity };
 }
 
 function draw(plot) {
@@ -136,12 +192,12 @@ function draw(plot) {
 function drawLimits(ctx, left, width, y) {
   const limits = view.state.limits;
   if (!limits) return;
-  for (const [name, value, dash] of [["warning", limits.warning_percent, [8, 5]], ["fault", limits.fault_percent, [3, 4]]]) {
+  for (const [name, value, dash] of [["warning", shown(limits.warning_percent), [8, 5]], ["fault", shown(limits.fault_percent), [3, 4]]]) {
     ctx.strokeStyle = ctx.fillStyle = colour(name);
     ctx.lineWidth = 1.5 * devicePixelRatio;
     ctx.setLineDash(dash.map((part) => part * devicePixelRatio));
     line(ctx, [[left, y(value)], [left + width, y(value)]]);
-    ctx.fillText(name, left + 4 * devicePixelRatio, y(value) - 4 * devicePixelRatio);
+    ctx.fillText(t(`gauge.${name}`), left + 4 * devicePixelRatio, y(value) - 4 * devicePixelRatio);
   }
   ctx.setLineDash([]);
 }

@@ -1,7 +1,9 @@
 // Events that could not be delivered, and what to do about them.
 
-import { button, byId, clock, element, fetchJson, refill, write } from "./dom.js";
+import { button, byId, element, fetchJson, refill, write } from "./dom.js";
+import { clock } from "./format.js";
 import { ifMay, may } from "./session.js";
+import { counted, t } from "./strings.js";
 
 const RETRY = ["POST", "/api/v1/outputs/{output}/dead"];
 const DROP = ["DELETE", "/api/v1/outputs/{output}/dead/{letter}"];
@@ -11,9 +13,9 @@ const parts = {};
 function build() {
   parts.root = element("div", { id: "outputs" });
   parts.status = element("p", { role: "status" });
-  parts.list = element("ul", { class: "plain", "aria-label": "Not delivered" });
+  parts.list = element("ul", { class: "plain", "aria-label": t("outputs.dead") });
   parts.all = element("div", { class: "buttons" });
-  parts.root.append(element("h3", {}, "Not delivered"), parts.all, parts.list, ifMay(RETRY, "To try again", () => ""), ifMay(DROP, "To drop one", () => ""), parts.status);
+  parts.root.append(element("h3", {}, t("outputs.dead")), parts.all, parts.list, ifMay(RETRY, "outputs.retry", () => ""), ifMay(DROP, "outputs.drop", () => ""), parts.status);
   byId("parts").append(parts.root);
 }
 
@@ -25,15 +27,15 @@ export async function loadOutputs(service) {
   parts.root.hidden = !letters.length && !parts.status.textContent;
   refill(parts.list, JSON.stringify(letters), () => letters.map((letter) => letterNode(service, letter)));
   const names = [...new Set(letters.map((letter) => letter.output))];
-  refill(parts.all, JSON.stringify(names), () => names.filter(() => may(RETRY)).map((name) => button(`Try all of ${name} again`, {}, () => act(service, deadOf(name), "POST", "They will be tried again."))));
+  refill(parts.all, JSON.stringify(names), () => names.filter(() => may(RETRY)).map((name) => button(t("outputs.retry_all", { name }), {}, () => act(service, deadOf(name), "POST", t("outputs.retried.all")))));
 }
 
 function letterNode(service, letter) {
   const path = `${deadOf(letter.output)}/${encodeURIComponent(letter.id)}`;
-  const text = `${clock(letter.time)} ${letter.axis}: ${letter.message} – ${letter.output}: ${letter.reason}, tried ${letter.tries === 1 ? "once" : `${letter.tries} times`}`;
-  const again = () => button("Try again", { "aria-label": `Try again: ${letter.message}` }, () => act(service, path, "POST", "It will be tried again."));
-  const drop = () => button("Drop", { "aria-label": `Drop: ${letter.message}` }, () => act(service, path, "DELETE", "It is dropped."));
-  return element("li", { class: "row" }, text, may(RETRY) ? again() : "", may(DROP) ? drop() : "");
+  const said = element("span", { lang: "en" }, `${letter.axis}: ${letter.message} – ${letter.output}: ${letter.reason}`);
+  const again = () => button(t("outputs.retry"), { "aria-label": `${t("outputs.retry")}: ${letter.message}` }, () => act(service, path, "POST", t("outputs.retried")));
+  const drop = () => button(t("outputs.drop"), { "aria-label": `${t("outputs.drop")}: ${letter.message}` }, () => act(service, path, "DELETE", t("outputs.dropped")));
+  return element("li", { class: "row" }, element("span", {}, clock(letter.time), " ", said, `, ${counted("outputs.tries", letter.tries)}`), may(RETRY) ? again() : "", may(DROP) ? drop() : "");
 }
 
 const deadOf = (output) => `/api/v1/outputs/${encodeURIComponent(output)}/dead`;

@@ -1,22 +1,28 @@
-// The service's own parts.
+// The service's own parts: which work, and which do not. Counts of them are for the metrics.
 
 import { byId, element, list, write } from "./dom.js";
+import { t } from "./strings.js";
 
 export function renderService(state, service) {
   const root = byId("parts");
   if (!root.firstChild) {
-    root.replaceChildren(element("h2", { id: "parts-title" }, "Service and drivers"), element("p", { id: "service-state" }), element("ul", { class: "components" }));
+    root.replaceChildren(element("h2", { id: "parts-title" }, t("parts")), element("p", { id: "service-state" }), element("ul", { class: "waiting" }), element("table", { class: "components" }, element("tbody", {})));
   }
   if (!service) return;
-  const waiting = service.reasons.map((reason) => reason.replace(/: [a-z_]+: /, ": "));
-  write(byId("service-state"), service.ready ? "Every axis has fresh input." : `Not ready – ${waiting.join("; ")}.`);
-  list(root.querySelector("ul"), [...(state?.health?.components ?? []), ...service.components].map(text));
+  write(byId("service-state"), t(service.ready ? "parts.ready" : "parts.not_ready"));
+  list(root.querySelector(".waiting"), service.ready ? [] : service.reasons.map((reason) => ({ text: reason.replace(/: [a-z_]+: /, ": "), lang: "en" })));
+  renderRows(root.querySelector("tbody"), [...(state?.health?.components ?? []), ...service.components]);
 }
 
-function text(each) {
-  const counters = Object.entries(each.counters).map(([name, n]) => `${name.replaceAll("_", " ")} ${n}`);
-  const readings = Object.entries(each.readings).map(([name, x]) => `${name.replaceAll("_", " ")} ${x.toFixed(2)}`);
-  const details = [...readings, ...counters];
-  const reason = each.reason ? ` – ${each.reason}` : "";
-  return `${each.component}: ${each.status.replaceAll("_", " ")}${reason}${details.length ? ` (${details.join(", ")})` : ""}`;
+function renderRows(body, components) {
+  const key = JSON.stringify(components.map(({ component, axis, status, reason }) => [component, axis, status, reason]));
+  if (body.dataset.key === key) return;
+  body.dataset.key = key;
+  body.replaceChildren(...components.map(rowNode));
+}
+
+function rowNode({ component, axis, status, reason }) {
+  const words = t(`component.${component.replace(/_process$/, "")}`);
+  const name = axis ? t("parts.of_axis", { part: words, axis }) : words;
+  return element("tr", { "data-state": status === "ok" ? "ok" : "faulty" }, element("th", { scope: "row" }, name), element("td", {}, t(`part.${status}`)), element("td", { lang: "en" }, reason));
 }

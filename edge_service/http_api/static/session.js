@@ -1,6 +1,7 @@
 // Who looks at the page: by the session of a token, where the service asks for one.
 
 import { byId, element, fetchJson, write } from "./dom.js";
+import { t } from "./strings.js";
 
 const SESSION = "/api/v1/session";
 const RANKS = ["nobody", "viewer", "operator", "admin"];
@@ -13,10 +14,10 @@ export const signedName = () => who?.name ?? null;
 const needed = ([method, path]) => who?.rights[path]?.[method] ?? "admin";
 export const may = (right) => RANKS.indexOf(who?.role) >= RANKS.indexOf(needed(right));
 
-// What only some may do; for all others the reason why it is not there.
+// What only some may do; for all others the reason why it is not there, by the key `may.what`.
 export function ifMay(right, what, make) {
   if (may(right)) return make();
-  return element("p", { class: "quiet not-allowed" }, `${what}: this needs the role ${needed(right)}, yours is ${who.role}.`);
+  return element("p", { class: "quiet not-allowed" }, t("may", { what: t(`may.${what}`), needed: t(`role.${needed(right)}`), yours: t(`role.${who.role}`) }));
 }
 
 export async function isSignedOut() {
@@ -31,7 +32,7 @@ export async function signIn() {
   if (builtFor !== null && builtFor !== who.role) return location.reload();
   builtFor = who.role;
   byId("who").hidden = who.name === null;
-  write(byId("who-name"), `${who.name} (${who.role})`);
+  write(byId("who-name"), `${who.name} (${t(`role.${who.role}`)})`);
 }
 
 function askForToken() {
@@ -39,7 +40,7 @@ function askForToken() {
   return new Promise((done) => {
     byId("sign-in-form").onsubmit = (event) => {
       event.preventDefault();
-      send(byId("token").value.trim()).then(done, (error) => write(byId("sign-in-error"), `You are not signed in: ${error.message}`));
+      send(byId("token").value.trim()).then(done, (error) => write(byId("sign-in-error"), t("sign_in.refused", { why: error.message })));
     };
   });
 }

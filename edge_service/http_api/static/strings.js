@@ -20,9 +20,20 @@ export function t(key, values = {}) {
 // Text of the key that a number asks for: `key.one` or `key.other`.
 export const counted = (key, n) => t(`${key}.${n === 1 ? "one" : "other"}`, { n: n.toLocaleString(locale) });
 
-export function choose(next) {
+function choose(next) {
   localStorage.setItem("language", next);
   location.reload();
+}
+
+// The choice of the language, each by its own name.
+function languageChoice() {
+  const select = document.getElementById("language");
+  for (const [code, words] of Object.entries(LANGUAGES)) {
+    const option = Object.assign(document.createElement("option"), { value: code, textContent: words.language, lang: code });
+    select.append(option);
+  }
+  select.value = language;
+  select.addEventListener("change", () => choose(select.value));
 }
 
 // Fills the words of the document itself: data-t is its text, data-t-label its name.
@@ -30,4 +41,5 @@ export function translateDocument() {
   document.documentElement.lang = language;
   for (const node of document.querySelectorAll("[data-t]")) node.textContent = t(node.dataset.t);
   for (const node of document.querySelectorAll("[data-t-label]")) node.setAttribute("aria-label", t(node.dataset.tLabel));
+  languageChoice();
 }

@@ -8,6 +8,7 @@ const STEPS = { ArrowLeft: -1, ArrowRight: 1 };
 
 export function renderTabs(axis, shown) {
   const root = byId("tabs");
+  root.hidden = false;
   refill(root, `${axis}/${shown}`, () => {
     const hadFocus = root.contains(document.activeElement);
     const nodes = TABS.map((tab) => tabNode(axis, tab, tab === shown));
@@ -15,6 +16,10 @@ export function renderTabs(axis, shown) {
     return nodes;
   });
   for (const tab of TABS) byId(tab).hidden = tab !== shown;
+}
+
+export function hideTabs() {
+  for (const id of ["tabs", ...TABS]) byId(id).hidden = true;
 }
 
 function tabNode(axis, tab, selected) {

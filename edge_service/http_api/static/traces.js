@@ -1,15 +1,18 @@
 // What the axis does right now: the last minute of four signals.
 
 import { byId, element, fetchJson } from "./dom.js";
-import { Chart, axis, colour, range, spoken, timeAxis } from "./charts.js";
+import { Chart, atTime, axis, colour, range, reader, spoken, timeAxis } from "./charts.js";
+import { t } from "./strings.js";
 
 const SPAN_S = 60;
 const HOLE_S = 1;
+const R_MIN_PER_RAD_S = 30 / Math.PI;
+// Signal, its unit on the page, that unit per unit of the service, and the least span shown.
 const SIGNALS = [
-  ["torque_nm", "Torque", "N m", 0.1],
-  ["speed_rad_s", "Motor speed", "rad/s", 1],
-  ["position_m", "Position", "m", 0.001],
-  ["transmission_um", "Transmission difference (zero has no meaning)", "µm", 0.2],
+  ["torque_nm", "unit.nm", 1, 0.1],
+  ["speed_rad_s", "unit.r_min", R_MIN_PER_RAD_S, 10],
+  ["position_m", "unit.mm", 1000, 1],
+  ["transmission_um", "unit.um", 1, 0.2],
 ];
 const charts = new Map();
 const columns = { axis: null, time_s: [] };
@@ -17,12 +20,13 @@ let fresh = false;
 
 function build(root) {
   const grid = element("div", { class: "small-charts four" });
-  for (const [name, title, unit, least] of SIGNALS) {
+  for (const [name, unitKey, , least] of SIGNALS) {
+    const [title, unit] = [t(`trace.${name}`), t(unitKey)];
     const holder = element("div", { class: "chart", id: `trace-${name}` });
     grid.append(element("div", {}, element("h3", {}, `${title}, ${unit}`), holder));
-    charts.set(name, new Chart(holder, (width) => options(width, least), ([, values]) => `${title}, last minute: ${spoken(values, unit)}`));
+    charts.set(name, new Chart(holder, (width) => options(width, least), ([, values]) => `${t("trace.last_minute", { title })}: ${spoken(values, unit)}`, reader(atTime, [1, unit])));
   }
-  root.replaceChildren(element("h2", { id: "traces-title" }, "Right now"), grid);
+  root.replaceChildren(element("h2", { id: "traces-title" }, t("traces")), grid);
 }
 
 function options(width, least) {
@@ -30,7 +34,7 @@ function options(width, least) {
     width,
     height: 130,
     scales: { x: { range: () => [columns.endS - SPAN_S, columns.endS] }, y: { range: (self, low, high) => range(low === null ? 0 : Math.min(low, high - least), null)(self, low, high) } },
-    axes: [timeAxis(), axis({ size: 50, space: 24 })],
+    axes: [timeAxis(), axis({ size: 58, space: 24 })],
     series: [{}, { stroke: colour("accent"), width: 1.5, points: { show: false }, spanGaps: false }],
   };
 }
@@ -39,7 +43,7 @@ export async function startTraces(state) {
   if (charts.size === 0) build(byId("traces"));
   columns.axis = state.axis;
   columns.time_s = [];
-  const answer = await fetchJson(`/api/v1/axes/${state.axis}/traces?seconds=${SPAN_S}`).catch(() => null);
+  const answer = await fetchJson(`/api/v1/axes/${encodeURIComponent(state.axis)}/traces?seconds=${SPAN_S}`).catch(() => null);
   if (answer === null || columns.axis !== answer.axis) return;
   columns.time_s = [];
   for (const [name] of SIGNALS) columns[name] = [];
@@ -55,7 +59,7 @@ function add(time, valueOf) {
     for (const [name] of SIGNALS) columns[name].push(null);
   }
   columns.time_s.push(time);
-  for (const [name] of SIGNALS) columns[name].push(valueOf(name));
+  for (const [name, , scale] of SIGNALS) columns[name].push(valueOf(name) == null ? null : scale * valueOf(name));
 }
 
 export function takeLive(answer) {

@@ -1,60 +1,57 @@
 // Why: what the estimator believes, friction, model, temperature, and the state of the data.
 
 import { byId, element, fetchJson, refill, write } from "./dom.js";
-import { Chart, axis, colour, lately, range, spoken, timeAxis } from "./charts.js";
+import { Chart, atTime, axis, colour, lately, range, reader, spoken, timeAxis } from "./charts.js";
+import { number, ofFresh, significant } from "./format.js";
+import { has, t } from "./strings.js";
 
-const SYMBOLS = { ok: "✓ ok", faulty: "△ faulty at times", missing: "✕ missing" };
+const SYMBOLS = { ok: "✓", faulty: "△", missing: "✕" };
+const R_MIN_PER_RAD_S = 30 / Math.PI;
 const HISTORY_S = 3600;
-const CHANGES = {
-  preload_loss: "Preload lost, more than 10 %",
-  lubrication: "More friction at the same preload (lubrication)",
-  payload: "Another load on the table",
-  looseness: "Coupling, bearings or screw yield more",
-  process_force: "A process pushes the table now",
-};
+const CHANGES = ["preload_loss", "lubrication", "payload", "looseness", "process_force"];
 const parts = {};
 
 function build() {
   parts.modes = element("ul", { class: "modes" });
   parts.changes = element("div", {});
   byId("belief").replaceChildren(
-    element("h2", { id: "belief-title" }, "What the estimator believes"),
-    element("p", { class: "quiet" }, "Probability of each level of preload, percent of the load rating."),
+    element("h2", { id: "belief-title" }, t("belief")),
+    element("p", { class: "quiet" }, t("belief.text")),
     parts.modes,
     parts.changes,
   );
   parts.frictionText = element("p", { class: "quiet" });
   const friction = element("div", { class: "chart" });
   byId("friction").replaceChildren(
-    element("h2", { id: "friction-title" }, "Friction curve, N m over rad/s"),
+    element("h2", { id: "friction-title" }, t("friction")),
     friction,
-    element("p", { class: "legend quiet" }, element("span", { class: "key line" }, "now"), element("span", { class: "key first" }, "when the part was new")),
+    element("p", { class: "legend quiet" }, element("span", { class: "key line" }, t("legend.now")), element("span", { class: "key first" }, t("legend.new"))),
     parts.frictionText,
   );
-  parts.friction = new Chart(friction, frictionOptions, ([, now]) => `Torque at steady speed: ${spoken(now, "newton metres")}`);
+  parts.friction = new Chart(friction, frictionOptions, ([, now]) => `${t("friction.label")}: ${spoken(now, t("unit.nm"))}`, reader((speed) => `${number(speed)} ${t("unit.r_min")}`, [1, t("unit.nm")], [2, t("unit.nm"), t("legend.new")]));
   parts.modelText = element("p", {});
   parts.warm = element("p", {});
   parts.stiffness = element("p", { class: "quiet" });
   const nis = element("div", { class: "chart" });
   const temperature = element("div", { class: "chart" });
   byId("model").replaceChildren(
-    element("h2", { id: "model-title" }, "Does the model fit?"),
+    element("h2", { id: "model-title" }, t("model")),
     parts.modelText,
     nis,
-    element("h3", {}, "Warm-up: temperature, °C"),
+    element("h3", {}, t("warm")),
     parts.warm,
     temperature,
-    element("h3", {}, "Stiffness"),
+    element("h3", {}, t("stiffness")),
     parts.stiffness,
   );
-  parts.nis = new Chart(nis, (width) => lineOptions(width, 0, 3), ([, values]) => `Squared error of the model, 1 if it fits: ${spoken(values, "")}`);
-  parts.temperature = new Chart(temperature, (width) => lineOptions(width), ([, values]) => `Temperature: ${spoken(values, "degrees")}`);
+  parts.nis = new Chart(nis, (width) => lineOptions(width, 0, 3), ([, values]) => `${t("model.label")}: ${spoken(values, "")}`, reader(atTime, [1, ""]));
+  parts.temperature = new Chart(temperature, (width) => lineOptions(width), ([, values]) => `${t("warm.label")}: ${spoken(values, "°C")}`, reader(atTime, [1, "°C"]));
   parts.channels = element("tbody", {});
   parts.faults = element("p", {});
   byId("quality").replaceChildren(
-    element("h2", { id: "quality-title" }, "Quality of the data"),
-    element("table", {}, element("thead", {}, element("tr", {}, ...["Channel", "Now", "Good, last minute"].map((text) => element("th", { scope: "col" }, text)))), parts.channels),
-    element("h3", {}, "Faulty intervals since the start"),
+    element("h2", { id: "quality-title" }, t("quality")),
+    element("table", {}, element("thead", {}, element("tr", {}, ...[t("quality.channel"), t("quality.now"), t("quality.share")].map((text) => element("th", { scope: "col" }, text)))), parts.channels),
+    element("h3", {}, t("quality.faults")),
     parts.faults,
   );
 }
@@ -86,29 +83,33 @@ export function renderWhy(state) {
   const levels = Object.keys(probabilities).sort((a, b) => b - a);
   refill(parts.modes, JSON.stringify(levels.map((level) => [level, probabilities[level].toFixed(2)])), () =>
     levels.length === 0
-      ? [element("li", {}, "nothing: there is no estimate now")]
+      ? [element("li", {}, t("belief.none"))]
       : levels.map((level) => {
           const share = probabilities[level];
-          const bar = element("progress", { max: 1, value: share, "aria-label": `level ${level} percent` });
-          return element("li", { class: "mode" }, element("span", {}, `${level} %`), bar, element("span", {}, share.toFixed(2)));
+          const bar = element("progress", { max: 1, value: share, "aria-label": t("belief.level", { level: levelWords(state, level) }) });
+          return element("li", { class: "mode" }, element("span", {}, levelWords(state, level)), bar, element("span", {}, chance(share)));
         }),
   );
   renderChanges((state.connected && state.preload?.fault_probability) || {});
-  const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${kind.replaceAll("_", " ")}: ${n}`);
-  write(parts.faults, faults.length ? faults.join(", ") : "none");
+  const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${faultWords(kind)}: ${number(n)}`);
+  write(parts.faults, faults.length ? faults.join(", ") : t("quality.no_faults"));
 }
 
+const chance = (share) => t("percent", { n: number(100 * share) });
+const levelWords = ({ limits }, level) => (limits ? t("percent", { n: number(ofFresh(Number(level), limits)) }) : t("percent", { n: number(Number(level), 1) }));
+const faultWords = (kind) => (has(`fault.${kind}`) ? t(`fault.${kind}`) : kind.replaceAll("_", " "));
+
 function renderChanges(probabilities) {
-  const known = Object.keys(CHANGES).filter((name) => name in probabilities);
+  const known = CHANGES.filter((name) => name in probabilities);
   refill(parts.changes, JSON.stringify(known.map((name) => [name, probabilities[name].toFixed(2)])), () =>
     known.length === 0
       ? []
       : [
-          element("h3", {}, "What has changed since commissioning, and how probable that is"),
+          element("h3", {}, t("changes")),
           element("ul", { class: "modes" }, ...known.map((name) => {
             const share = probabilities[name];
-            const bar = element("progress", { max: 1, value: share, "aria-label": CHANGES[name] });
-            return element("li", { class: "mode change" }, element("span", {}, CHANGES[name]), bar, element("span", {}, share.toFixed(2)));
+            const bar = element("progress", { max: 1, value: share, "aria-label": t(`change.${name}`) });
+            return element("li", { class: "mode change" }, element("span", {}, t(`change.${name}`)), bar, element("span", {}, chance(share)));
           })),
         ],
   );
@@ -117,14 +118,14 @@ function renderChanges(probabilities) {
 // Slower things, asked for every few seconds.
 export async function loadWhy(state) {
   if (!parts.modes) build();
-  const path = `/api/v1/axes/${state.axis}`;
+  const path = `/api/v1/axes/${encodeURIComponent(state.axis)}`;
   const end = state.serverMs() / 1000;
   const [friction, traces, history] = await Promise.all([
     fetchJson(`${path}/friction`),
     fetchJson(`${path}/traces?seconds=1`),
     fetchJson(`${path}/history?from=${end - HISTORY_S}&to=${end}&step=20`),
   ]);
-  parts.friction.set([friction.speed_rad_s, friction.torque_nm, friction.first_torque_nm]);
+  parts.friction.set([friction.speed_rad_s.map((speed) => speed * R_MIN_PER_RAD_S), friction.torque_nm, friction.first_torque_nm]);
   write(parts.frictionText, frictionText(friction));
   renderChannels(traces.channels);
   const times = history.buckets.map((bucket) => Date.parse(bucket.time) / 1000 + 10);
@@ -137,40 +138,44 @@ export async function loadWhy(state) {
 }
 
 function frictionText({ torque_nm: now, first_torque_nm: first, count }) {
-  if (now.length === 0) return "No motion at steady speed yet.";
+  if (now.length === 0) return t("friction.none");
   const weight = count.reduce((a, b) => a + b, 0);
   const change = now.reduce((sum, torque, i) => sum + count[i] * (Math.abs(torque) - Math.abs(first[i])), 0) / weight;
-  return `On average ${Math.abs(change).toFixed(3)} N m ${change < 0 ? "lower" : "higher"} than when the part was new.`;
+  return t(change < 0 ? "friction.lower" : "friction.higher", { n: number(Math.abs(change), 3) });
 }
 
 function stiffnessText(stiffness) {
-  if (!stiffness) return "This estimator does not measure it from ordinary work; a fingerprint test does (below).";
-  const micro = (bound) => (stiffness[bound] / 1e6).toFixed(1);
-  return `${micro("value")} N/µm between motor and table (95 % sure: ${micro("low")} to ${micro("high")}).`;
+  if (!stiffness) return t("stiffness.none");
+  const micro = (bound) => number(stiffness[bound] / 1e6, 1);
+  return t("stiffness.value", { value: micro("value"), low: micro("low"), high: micro("high") });
 }
 
 function modelText(state, values) {
   const known = values.filter((value) => value !== null);
-  if (state.preload?.status === "invalid") return "No: model and data disagree.";
-  if (known.length === 0) return "Not known: there is no estimate in the last hour.";
+  if (state.preload?.status === "invalid") return t("model.no");
+  if (known.length === 0) return t("model.unknown");
   const last = known.slice(-6).reduce((a, b) => a + b, 0) / Math.min(known.length, 6);
-  return last < 4 ? `Yes: its squared error is ${Number(last.toPrecision(2))} times as expected (1 if it fits).` : `Doubtful: its squared error is ${Number(last.toPrecision(2))} times as expected.`;
+  return t(last < 4 ? "model.yes" : "model.doubtful", { n: significant(last, 2) });
 }
 
 function warmText(times, values) {
   const known = times.map((time, i) => [time, values[i]]).filter(([, value]) => value !== null);
-  if (known.length === 0) return "No temperature is measured, so a warm-up cannot be told.";
+  if (known.length === 0) return t("warm.none");
   const recent = known.filter(([time]) => time > known.at(-1)[0] - 900);
   const change = recent.at(-1)[1] - recent[0][1];
-  const now = recent.at(-1)[1].toFixed(1);
-  if (recent.length < 6) return `${now} °C; too early to tell whether it warms up.`;
-  return Math.abs(change) < 0.5 ? `Settled at ${now} °C.` : `${change > 0 ? "Warming up" : "Cooling down"}: ${now} °C, ${Math.abs(change).toFixed(1)} degrees in ${Math.round((recent.at(-1)[0] - recent[0][0]) / 60)} min.`;
+  const now = number(recent.at(-1)[1], 1);
+  if (recent.length < 6) return t("warm.early", { now });
+  if (Math.abs(change) < 0.5) return t("warm.settled", { now });
+  const minutes = Math.round((recent.at(-1)[0] - recent[0][0]) / 60);
+  return t(change > 0 ? "warm.up" : "warm.down", { now, change: number(Math.abs(change), 1), minutes });
 }
 
 function renderChannels(channels) {
   refill(parts.channels, JSON.stringify(channels), () =>
     channels.length === 0
-      ? [element("tr", {}, element("td", { colspan: 3 }, "nothing heard yet"))]
-      : channels.map(({ channel, state, good_share: share }) => element("tr", { "data-state": state }, element("th", { scope: "row" }, channel), element("td", {}, SYMBOLS[state]), element("td", {}, `${(100 * share).toFixed(0)} %`))),
+      ? [element("tr", {}, element("td", { colspan: 3 }, t("quality.nothing")))]
+      : channels.map(({ channel, state, good_share: share }) => element("tr", { "data-state": state }, element("th", { scope: "row" }, channelWords(channel)), element("td", {}, `${SYMBOLS[state]} ${t(`channel.${state}`)}`), element("td", {}, t("percent", { n: number(100 * share) })))),
   );
 }
+
+const channelWords = (channel) => (has(`channel.${channel}`) ? t(`channel.${channel}`) : channel);

@@ -128,6 +128,10 @@ class ProcessJobDesk:
         """Keep a recording; whole or not at all."""
         return await self._recordings.receive(name, chunks)
 
+    def recording(self, name: str) -> Path:
+        """File of a recording."""
+        return self._recordings.path(name)
+
     def remove(self, name: str) -> None:
         """Forget a recording."""
         self._recordings.remove(name)

@@ -138,6 +138,7 @@ class Desk:
 BODIES = {
     "/api/v1/jobs": {"kind": "diagnose", "axis": "X", "recordings": ["a.csv"]},
     "/api/v1/axes/{axis}/diagnose": {"recordings": ["a.csv"]},
+    "/api/v1/axes/{axis}/recording": {"seconds": 10.0},
 }
 
 
@@ -148,7 +149,9 @@ BODIES = {
 async def test_the_intent_stands_before_the_change_and_the_outcome_after_it(
     method, path, error, guarded
 ):
-    desk = guarded.app.state.desk = guarded.app.state.outputs = Desk(guarded, error)
+    desk = Desk(guarded, error)
+    for name in ("desk", "outputs", "motion_desk"):
+        setattr(guarded.app.state, name, desk)
     body = {"json": BODIES.get(path, {})} if method != "DELETE" else {}
     transport = httpx.ASGITransport(guarded.app, False, client=("192.0.2.9", 50000))
     async with httpx.AsyncClient(transport=transport, base_url="https://box:8443") as client:

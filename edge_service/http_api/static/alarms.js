@@ -1,0 +1,45 @@
+// Alarms that call for somebody, and how to answer them.
+
+import { COMMAND, ask } from "./ask.js";
+import { button, element, refill } from "./dom.js";
+import { clock } from "./format.js";
+import { openAlarms } from "./level.js";
+import { ifMay, may } from "./session.js";
+import { t } from "./strings.js";
+
+const GRAVITY = ["error", "warning", "info"];
+const SHELVED_S = 8 * 3600;
+
+// All alarms of these axes, gravest first; the axis is named where there may be several.
+export function renderAlarmList(root, states, named) {
+  const alarms = states.flatMap((state) => openAlarms(state).map((alarm) => ({ ...alarm, axis: state.axis })));
+  alarms.sort((a, b) => Number(b.active) - Number(a.active) || GRAVITY.indexOf(a.severity) - GRAVITY.indexOf(b.severity));
+  refill(root, JSON.stringify([alarms, named]), () => [
+    element("h2", { id: `${root.id}-title` }, alarms.length ? t("alarms.some", { n: alarms.length }) : t("alarms")),
+    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, named)), ifMay(COMMAND, "alarms.answer", () => "")] : [element("p", { class: "quiet" }, t("alarms.none"))]),
+  ]);
+}
+
+function alarmNode(alarm, named) {
+  const name = t(`alarm.${alarm.alarm}`);
+  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${named ? `${alarm.axis}: ` : ""}${name}`), " – ", element("span", { lang: "en" }, alarm.message));
+  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, name, named) : "");
+}
+
+function aboutParts(alarm) {
+  const parts = [t(alarm.active ? "alarm.active" : "alarm.over", { since: clock(alarm.raised_at), until: clock(alarm.cleared_at ?? alarm.raised_at) }), "; "];
+  if (!alarm.acknowledged_by) parts.push(t("alarm.not_seen"));
+  else parts.push(t("alarm.seen"), " ", element("span", { lang: "en" }, `${alarm.acknowledged_by}${alarm.note ? `: ${alarm.note}` : ""}`));
+  if (alarm.shelved_until) parts.push("; ", t("alarm.shelved", { until: clock(alarm.shelved_until) }));
+  return parts;
+}
+
+function buttonsNode(alarm, name, named) {
+  const about = named ? `${alarm.axis} ${name}` : name;
+  const act = (action, more = {}) => {
+    const title = `${t(`alarm.${action}`)}: ${about}`;
+    return button(t(`alarm.${action}`), { "aria-label": title }, () => ask(alarm.axis, { action, alarm: alarm.alarm, ...more }, title, t(`alarm.${action}.text`)));
+  };
+  const shelf = alarm.shelved_until ? act("unshelve") : act("shelve", { duration_s: SHELVED_S });
+  return element("div", { class: "buttons" }, ...(alarm.acknowledged_by ? [] : [act("acknowledge")]), shelf);
+}

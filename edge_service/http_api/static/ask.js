@@ -1,0 +1,34 @@
+// The question for a name and a note before something is changed.
+
+import { byId, fetchJson, write } from "./dom.js";
+import { signedName } from "./session.js";
+import { t } from "./strings.js";
+
+export const COMMAND = ["POST", "/api/v1/axes/{axis}/commands"];
+
+export function ask(axis, command, title, text) {
+  write(byId("ask-title"), title);
+  write(byId("ask-text"), text);
+  write(byId("ask-ok"), title.split(":")[0]);
+  write(byId("ask-error"), "");
+  byId("ask-user").value = signedName() ?? localStorage.getItem("user") ?? "";
+  byId("ask-user").readOnly = signedName() !== null;
+  byId("ask-note").value = "";
+  const key = crypto.randomUUID(); // pressed again after a lost answer, it is done once
+  byId("ask-form").onsubmit = (event) => {
+    event.preventDefault();
+    send(axis, key, { ...command, user: byId("ask-user").value.trim(), note: byId("ask-note").value.trim() });
+  };
+  byId("ask-cancel").onclick = () => byId("ask").close();
+  byId("ask").showModal();
+}
+
+async function send(axis, key, command) {
+  try {
+    localStorage.setItem("user", command.user);
+    await fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/commands`, { method: "POST", headers: { "content-type": "application/json", "idempotency-key": `"${key}"` }, body: JSON.stringify(command) });
+    byId("ask").close();
+  } catch (error) {
+    write(byId("ask-error"), t("ask.refused", { why: error.message }));
+  }
+}

@@ -1,0 +1,105 @@
+// The whole machine: one row per axis, worst first, and one list of alarms.
+
+import { crossing } from "./advice.js";
+import { renderAlarmList } from "./alarms.js";
+import { byId, element, fetchJson, refill, svg, symbol } from "./dom.js";
+import { between, lasting, number, ofFresh } from "./format.js";
+import { levelOf, openAlarms, worstFirst } from "./level.js";
+import { addressOf } from "./route.js";
+import { locale, t } from "./strings.js";
+
+const WEEK_S = 7 * 86400;
+const STEP_S = 3 * 3600;
+const LOAD_MS = 60000;
+const TOP_PERCENT = 125; // of fresh, the end of a bar
+const weeks = new Map(); // axis -> [[share of the week, percent of fresh]]
+let loadedMs = -Infinity;
+
+export function renderMachine(states, nowMs, connected) {
+  if (connected && nowMs - loadedMs > LOAD_MS) {
+    loadedMs = nowMs;
+    for (const state of states) loadWeek(state).catch(() => {});
+  }
+  const sorted = worstFirst(states);
+  renderHeadline(sorted);
+  const root = byId("axis-list");
+  const rows = sorted.map(rowText);
+  const focused = root.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
+  refill(root, JSON.stringify(rows), () => sorted.map((state, i) => element("li", {}, rowNode(state, rows[i]))));
+  if (focused) root.querySelector(`a[href="${focused}"]`)?.focus();
+  renderAlarmList(byId("machine-alarms"), sorted, true);
+}
+
+async function loadWeek(state) {
+  const end = state.serverMs() / 1000;
+  const { buckets } = await fetchJson(`/api/v1/axes/${encodeURIComponent(state.axis)}/history?from=${end - WEEK_S}&to=${end}&step=${STEP_S}`);
+  const known = buckets.filter((bucket) => bucket.preload_percent && state.limits);
+  weeks.set(state.axis, known.map((bucket) => [1 - (end - Date.parse(bucket.time) / 1000) / WEEK_S, ofFresh(bucket.preload_percent.mean, state.limits)]));
+}
+
+function renderHeadline(sorted) {
+  const level = levelOf(sorted[0]);
+  const same = sorted.filter((state) => levelOf(state) === level);
+  const text = level === "NORMAL" ? t("machine.NORMAL", { all: sorted.length }) : t(`machine.${level}`, { n: same.length, all: sorted.length, axes: new Intl.ListFormat(locale).format(same.map((state) => state.axis)) });
+  const root = byId("machine-answer");
+  root.dataset.condition = level;
+  refill(root, text, () => [element("h2", { id: "machine-title", class: "verdict" }, symbol(level), element("span", {}, text))]);
+}
+
+function rowText(state) {
+  const { preload, limits, connected, axis } = state;
+  const percent = connected && limits ? (preload?.preload_percent ?? null) : null;
+  const share = (value) => (value == null ? null : Math.round(ofFresh(value, limits)));
+  const alarms = openAlarms(state);
+  return {
+    axis,
+    level: levelOf(state),
+    value: percent === null ? null : share(percent),
+    low: percent === null ? null : share(preload.low),
+    high: percent === null ? null : share(preload.high),
+    limit: limitText(state),
+    alarms: alarms.length ? alarms.map((alarm) => t(`alarm.${alarm.alarm}`)) : [],
+    week: weeks.get(axis) ?? [],
+  };
+}
+
+function limitText({ health }) {
+  for (const limit of ["warning", "fault"]) {
+    const when = crossing(health?.trend, limit);
+    if (when) return when.last ? t(`machine.limit.${limit}`, when) : t(`machine.limit.${limit}.after`, when);
+  }
+  return t("machine.limit.none");
+}
+
+function rowNode(state, row) {
+  const sure = row.low === null || row.high === null ? "" : between(row.low, row.high);
+  const alarms = row.alarms.length ? row.alarms.join(", ") : t("machine.alarms.none");
+  return element("a", { href: addressOf(row.axis), class: "axis-row", "data-condition": row.level },
+    element("span", { class: "axis-name" }, symbol(row.level), element("b", {}, row.axis), element("span", { class: "badge" }, t(`condition.${row.level}`))),
+    element("span", { class: "axis-value" }, row.value === null ? t("no_value") : t("of_fresh", { n: number(row.value) }), element("small", { class: "quiet" }, sure)),
+    barNode(row, state.limits),
+    weekNode(row),
+    element("span", { class: "axis-limit" }, row.limit),
+    element("span", { class: "axis-alarms", "data-any": String(row.alarms.length > 0) }, alarms));
+}
+
+function barNode({ value, low, high }, limits) {
+  const node = svg("svg", { class: "axis-bar", viewBox: "0 0 100 14", preserveAspectRatio: "none", "aria-hidden": "true" });
+  if (!limits) return node;
+  const x = (percent) => (100 * Math.min(Math.max(percent, 0), TOP_PERCENT)) / TOP_PERCENT;
+  const zone = (name, from, to) => svg("rect", { x: x(from), width: x(to) - x(from), y: 4, height: 6, class: `zone ${name}` });
+  const [fault, warning] = [ofFresh(limits.fault_percent, limits), ofFresh(limits.warning_percent, limits)];
+  node.append(zone("fault", 0, fault), zone("warning", fault, warning), zone("normal", warning, TOP_PERCENT));
+  if (value === null) return node;
+  node.append(svg("rect", { x: x(low ?? value), width: Math.max(x(high ?? value) - x(low ?? value), 1), y: 2, height: 10, class: "spread" }), svg("rect", { x: x(value) - 0.5, width: 1, y: 0, height: 14, class: "needle" }));
+  return node;
+}
+
+// The last seven days; a day without numbers is a hole.
+function weekNode({ week }) {
+  const node = svg("svg", { class: "week", viewBox: "0 0 100 24", preserveAspectRatio: "none", role: "img", "aria-label": t("machine.week") });
+  const y = (percent) => 24 - (24 * Math.min(percent, TOP_PERCENT)) / TOP_PERCENT;
+  const points = week.map(([at, percent], i) => `${i && at - week[i - 1][0] < (2.5 * STEP_S) / WEEK_S ? "L" : "M"}${(100 * at).toFixed(1)} ${y(percent).toFixed(1)}h.6`);
+  node.append(svg("path", { d: points.join("") || "M0 0", class: "week-line" }));
+  return node;
+}

@@ -1,0 +1,39 @@
+// Step one of a test: a motion for the controller, within the limits of the axis.
+
+import { element, fetchJson, refill } from "./dom.js";
+import { lasting } from "./format.js";
+import { t } from "./strings.js";
+
+const FORMS = ["mpf", "csv"];
+const parts = { shown: null, motions: [] };
+
+export function buildMotions() {
+  parts.choice = element("select", { id: "motion" });
+  parts.choice.addEventListener("change", renderMotion);
+  parts.about = element("p", {});
+  parts.links = element("p", { class: "links" });
+  return element("div", {}, element("p", { class: "quiet" }, t("motion.text")), element("label", { for: "motion" }, t("motion"), parts.choice), parts.about, parts.links);
+}
+
+export async function loadMotions(axis) {
+  if (parts.shown === axis) return;
+  const { motions } = await fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/motions`);
+  Object.assign(parts, { motions, shown: axis });
+  refill(parts.choice, JSON.stringify(motions), () => motions.map(({ name }) => element("option", { value: name }, t(`motion.${name}`))));
+  renderMotion();
+}
+
+function renderMotion() {
+  const motion = parts.motions.find(({ name }) => name === parts.choice.value);
+  if (!motion) return;
+  const refused = motion.refused ? element("span", { lang: "en" }, motion.refused) : null;
+  parts.about.replaceChildren(t(`motion.${motion.name}.purpose`), " ", refused ?? t("motion.takes", { span: lasting(motion.duration_s) }));
+  const path = `/api/v1/axes/${encodeURIComponent(parts.shown)}/motions/${motion.name}`;
+  parts.links.replaceChildren(...(refused ? [] : FORMS.map((form) => element("a", { class: "button", href: `${path}.${form}`, download: `${motion.name}.${form}` }, t(`motion.${form}`)))));
+}
+
+export function motionSeconds() {
+  return parts.motions.find(({ name }) => name === parts.choice.value)?.duration_s ?? null;
+}
+
+export const motionName = () => parts.choice.value || null;

@@ -1,0 +1,140 @@
+"""Recording of an axis that a person has asked for, written as the samples come."""
+
+import asyncio
+import logging
+import shutil
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...http_api.jobs import RefusedError
+from ...http_api.routes.motions import LiveRecordingAnswer
+from ...messages.samples import SampleFrame
+from ...trace.columns import TraceError
+from ...trace.writer import TraceWriter
+from ..supervision.heartbeat import Heartbeat
+from .recordings import LEFT_FREE_BYTES
+
+log = logging.getLogger(__name__)
+MOST_WAITING_ROWS = 2_000_000
+"""Rows that wait for the disk; then the recording ends."""
+
+
+@dataclass(slots=True)
+class _Recording:
+    axis: str
+    name: str
+    seconds: float
+    waiting: deque[SampleFrame] = field(default_factory=deque)
+    first_s: float | None = None
+    recorded_s: float = 0.0
+    ended: bool = False
+
+    def take(self, frame: SampleFrame) -> None:
+        """Add the samples that are within the length asked for."""
+        if self.first_s is None:
+            self.first_s = float(frame.time_s[0])
+        inside = frame.until(self.first_s + self.seconds)
+        if len(inside):
+            self.waiting.append(inside)
+            self.recorded_s = float(inside.time_s[-1]) - self.first_s
+        is_late = sum(map(len, self.waiting)) > MOST_WAITING_ROWS
+        self.ended = len(inside) < len(frame) or is_late
+
+
+class LiveRecorder:
+    """Makes one recording at a time.
+
+    Args:
+        folder: where recordings are kept.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._now: _Recording | None = None
+        self._wake = asyncio.Event()
+
+    def live(self) -> LiveRecordingAnswer | None:
+        """The recording that is being made."""
+        now = self._now
+        if now is None:
+            return None
+        return LiveRecordingAnswer(
+            axis=now.axis, name=now.name, seconds=now.seconds, recorded_s=now.recorded_s
+        )
+
+    def start(self, axis: str, name: str, seconds: float) -> LiveRecordingAnswer:
+        """Begin to record. Raises RefusedError."""
+        if self._now is not None:
+            raise RefusedError(409, f"axis {self._now.axis} is being recorded: wait, or stop it")
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            free = shutil.disk_usage(self._folder).free
+        except OSError as error:
+            raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
+        if free < LEFT_FREE_BYTES:
+            raise RefusedError(507, "the disk is nearly full: remove some recordings")
+        self._now = _Recording(axis, name, seconds)
+        return LiveRecordingAnswer(axis=axis, name=name, seconds=seconds, recorded_s=0.0)
+
+    def stop(self, axis: str) -> None:
+        """End it early, and keep what there is. Raises RefusedError."""
+        if self._now is None or self._now.axis != axis:
+            raise RefusedError(409, f"axis {axis} is not being recorded")
+        self._now.ended = True
+        self._wake.set()
+
+    def follow(self, axis: str, frame: SampleFrame) -> None:
+        """Take samples in; `run` writes them."""
+        now = self._now
+        if now is not None and now.axis == axis and not now.ended and len(frame):
+            now.take(frame)
+            self._wake.set()
+
+    async def run(self, heart: Heartbeat) -> None:
+        """Write what comes until cancelled; the disk holds up no sample."""
+        writer: TraceWriter | None = None
+        try:
+            while True:
+                with heart.idle(lambda: not self._wake.is_set()):
+                    await self._wake.wait()
+                self._wake.clear()
+                writer = await self._written(heart, writer)
+        finally:
+            if writer is not None:
+                writer.abort()
+
+    async def _written(self, heart: Heartbeat, writer: TraceWriter | None) -> TraceWriter | None:
+        """Write all that waits; the writer while the recording goes on."""
+        now = self._now
+        if now is None:
+            return writer
+        frames = [now.waiting.popleft() for _ in range(len(now.waiting))]
+        is_over = now.ended
+        try:
+            writer = await heart.in_thread(_write, self._folder / now.name, writer, frames, is_over)
+        except (TraceError, OSError) as error:
+            log.warning("%s: the recording cannot be kept: %s", now.name, error)
+            writer, is_over = None, True
+        if is_over:
+            self._now = None
+        return writer
+
+
+def _write(
+    path: Path, writer: TraceWriter | None, frames: list[SampleFrame], is_over: bool
+) -> TraceWriter | None:
+    """Write frames, and put the file in place at its end; nothing is left of a failure."""
+    try:
+        if writer is None and frames:
+            writer = TraceWriter(path, tuple(frames[0].channels))
+        for frame in frames:
+            assert writer is not None
+            writer.write(frame)
+        if is_over and writer is not None:
+            writer.commit()
+    except (TraceError, OSError):
+        if writer is not None:
+            writer.abort()
+        raise
+    return None if is_over else writer

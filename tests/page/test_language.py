@@ -1,0 +1,89 @@
+"""Languages of the page: the same keys in each, and no word from anywhere else."""
+
+import json
+import re
+from typing import Any
+
+import pytest
+
+from edge_service.http_api.app import STATIC
+
+from .conftest import show_tab
+
+STRINGS = STATIC / "strings"
+LINE = re.compile(r'^  "([^"]+)": (".*"),$', re.MULTILINE)
+PLACE = re.compile(r"\{\w+\}")
+USED = re.compile(
+    r'\b(?:t|counted)\(\s*(?:\w+ \? )?"([^"]+)"(?: : "([^"]+)")?|data-t(?:-label)?="([^"]+)"'
+)
+TABS = ("overview", "why", "history", "tests", "service")
+SHOWN = """() => {
+    const isShown = (node) =>
+        node.checkVisibility() && !node.closest("script, style, [lang=en]");
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    const found = [];
+    for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+        if (isShown(node.parentElement)) found.push(node.data.trim());
+    }
+    const named = [...document.querySelectorAll("[aria-label]")];
+    return [...found, ...named.map((node) => node.getAttribute("aria-label"))];
+}"""
+
+
+def words(language: str) -> dict[str, str]:
+    """Text of each key."""
+    text = (STRINGS / f"{language}.js").read_text(encoding="utf-8")
+    return {key: json.loads(value) for key, value in LINE.findall(text)}
+
+
+def test_both_languages_have_the_same_keys_with_the_same_places() -> None:
+    english, german = words("en"), words("de")
+    assert len(english) > 300
+    assert english.keys() == german.keys()
+    for key, text in english.items():
+        assert sorted(PLACE.findall(text)) == sorted(PLACE.findall(german[key])), key
+
+
+def test_every_key_in_use_has_its_words() -> None:
+    known = words("en").keys()
+    for path in (*STATIC.glob("*.js"), STATIC / "index.html"):
+        if path.name.startswith("uplot"):
+            continue
+        for key in filter(None, sum(USED.findall(path.read_text(encoding="utf-8")), ())):
+            assert key in known or f"{key}.one" in known, (path.name, key)
+
+
+def unreadable(route: Any) -> None:
+    """German without a letter: each is a dot below the line, so whatever has letters is not its."""
+    text = {
+        key: value if key == "language" else re.sub(r"(?![^{]*\})[^\W\d_]", "․", value)
+        for key, value in words("de").items()
+    }
+    body = f"export const de = {json.dumps(text)};"
+    route.fulfill(body=body, content_type="text/javascript")
+
+
+@pytest.mark.slow
+def test_no_word_is_shown_from_elsewhere(make_service: Any, open_page: Any) -> None:
+    """Words of the service itself are English, and say so."""
+    service = make_service(scenario="healthy")
+    page = open_page(service.address, locale="de-DE").page
+    page.route("**/static/strings/de.js", unreadable)
+    page.reload()
+    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    for tab in TABS:
+        show_tab(page, tab)
+        page.wait_for_timeout(1500)
+        strange = [each for each in page.evaluate(SHOWN) if re.search(r"[^\W\d_]{3,}", each)]
+        assert set(strange) <= {"English", "Deutsch", "CSV", "PARQUET", "ARROW"}, tab
+
+
+@pytest.mark.slow
+def test_the_language_is_the_browsers_and_can_be_changed(make_service: Any, open_page: Any) -> None:
+    page = open_page(make_service(scenario="healthy").address, locale="de-DE").page
+    page.wait_for_selector("text=Achse X ist in Ordnung")
+    assert page.get_attribute("html", "lang") == "de"
+    page.select_option("#language", "en")
+    page.wait_for_selector("text=Axis X is all right")
+    page.reload()
+    page.wait_for_selector("text=Axis X is all right")
