@@ -2,11 +2,19 @@
 
 import json
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
 
 from edge_service.http_api.app import STATIC
+from edge_service.http_api.jobs import JobKind, JobState
+from edge_service.http_api.security.access import Role
+from edge_service.messages.alarm import AlarmKind
+from edge_service.messages.event import Severity
+from edge_service.messages.features import Fault
+from edge_service.messages.health import COMPONENTS, AxisCondition, ComponentStatus
+from edge_service.models.motions.registry import MOTIONS, FiniteMotion
 
 from .conftest import show_tab
 
@@ -51,6 +59,26 @@ def test_every_key_in_use_has_its_words() -> None:
             continue
         for key in filter(None, sum(USED.findall(path.read_text(encoding="utf-8")), ())):
             assert key in known or f"{key}.one" in known, (path.name, key)
+
+
+CODES: dict[str, Iterable[str]] = {
+    "alarm": AlarmKind,
+    "condition": AxisCondition,
+    "answer": AxisCondition,
+    "severity": Severity,
+    "part": ComponentStatus,
+    "component": {each.removesuffix("_process") for each in COMPONENTS},
+    "job": JobKind,
+    "job.state": JobState,
+    "role": [role.name.lower() for role in Role],
+    "fault": [str(fault.name).lower() for fault in Fault],
+    "motion": [name for name, motion in MOTIONS.items() if isinstance(motion, FiniteMotion)],
+}
+
+
+@pytest.mark.parametrize("kind", CODES)
+def test_every_code_of_the_service_has_its_words(kind: str) -> None:
+    assert {f"{kind}.{code}" for code in CODES[kind]} <= words("en").keys()
 
 
 def unreadable(route: Any) -> None:

@@ -5,7 +5,7 @@ import { button, element, refill } from "./dom.js";
 import { clock } from "./format.js";
 import { openAlarms } from "./level.js";
 import { ifMay, may } from "./session.js";
-import { t } from "./strings.js";
+import { named, t } from "./strings.js";
 
 const GRAVITY = ["error", "warning", "info"];
 const SHELVED_S = 8 * 3600;
@@ -21,7 +21,7 @@ export function renderAlarmList(root, states, named) {
 }
 
 function alarmNode(alarm, named) {
-  const name = t(`alarm.${alarm.alarm}`);
+  const name = named("alarm", alarm.alarm);
   const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${named ? `${alarm.axis}: ` : ""}${name}`), " – ", element("span", { lang: "en" }, alarm.message));
   return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, name, named) : "");
 }

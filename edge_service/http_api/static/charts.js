@@ -20,6 +20,7 @@ export class Chart {
     this.values = element("p", { class: "chart-values quiet", "aria-live": "polite" });
     holder.after(this.values);
     holder.setAttribute("role", "img");
+    holder.setAttribute("aria-label", t("chart.none"));
     holder.tabIndex = 0;
     holder.addEventListener("keydown", (event) => this.step(event));
     holder.addEventListener("blur", () => this.point(null));

@@ -3,7 +3,7 @@
 import { button, element, fetchJson, refill, write } from "./dom.js";
 import { clock, lasting, number } from "./format.js";
 import { ifMay, may } from "./session.js";
-import { has, t } from "./strings.js";
+import { named, t } from "./strings.js";
 
 const KINDS = ["fingerprint", "diagnose"];
 const START = ["POST", "/api/v1/jobs"];
@@ -34,7 +34,7 @@ async function readVerdict(job) {
 const fileOf = (job, name) => `/api/v1/jobs/${job.id}/files/${encodeURIComponent(name)}`;
 
 function jobNode(job, jobs, cancel, open) {
-  const head = element("p", {}, element("b", {}, `${t(`job.${job.kind}`)} ${job.id}`), ` · ${t("job.axis", { axis: job.axis })} · ${clock(job.ended ?? job.started)} · ${t(`job.state.${job.state}`)}`);
+  const head = element("p", {}, element("b", {}, `${named("job", job.kind)} ${job.id}`), ` · ${t("job.axis", { axis: job.axis })} · ${clock(job.ended ?? job.started)} · ${named("job.state", job.state)}`);
   const node = element("li", { class: "job", "data-state": job.state }, head, ...(job.state === "running" ? [progressNode(job, jobs)] : [verdictNode(job)]), filesNode(job));
   if (job.state === "running" && may(CANCEL)) node.append(element("div", { class: "buttons" }, button(t("job.cancel"), { "aria-label": t("job.cancel.label", { n: job.id }) }, () => cancel(job))));
   if (job.lines.length) node.append(logNode(job, open.has(String(job.id))));
@@ -49,7 +49,7 @@ function logNode(job, isOpen) {
 
 // One bar: the stage, and the time left by how long the last one of its kind took.
 function progressNode(job, jobs) {
-  const stages = STAGES[job.kind];
+  const stages = STAGES[job.kind] ?? ["reading"];
   const at = Math.max(0, ...stages.map((stage, i) => (job.lines.some((line) => line.startsWith(stage)) ? i : 0)));
   const before = jobs.find((each) => each.kind === job.kind && each.state === "done" && each.ended);
   const took = (Date.now() - Date.parse(job.started)) / 1000;
@@ -62,12 +62,10 @@ function progressNode(job, jobs) {
 function verdictNode(job) {
   const found = verdicts.get(job.id);
   if (job.state !== "done") return element("p", { class: "job-verdict", lang: "en" }, job.lines.at(-1) ?? "");
-  if (!found) return element("p", { class: "job-verdict" }, t(job.kind === "fingerprint" ? "job.ready" : "job.read"));
-  const causes = found.effects.filter((effect) => effect.probability >= 0.5).slice(0, 3).map((effect) => t("verdict.cause", { name: effectWords(effect.name), n: number(100 * effect.probability) }));
-  return element("p", { class: "job-verdict" }, [t(`verdict.${found.verdict}`), ...causes].join(" "));
+  if (!found) return element("p", { class: "job-verdict" }, t(job.kind === "diagnose" ? "job.read" : "job.ready"));
+  const causes = found.effects.filter((effect) => effect.probability >= 0.5).slice(0, 3).map((effect) => t("verdict.cause", { name: named("effect", effect.name), n: number(100 * effect.probability) }));
+  return element("p", { class: "job-verdict" }, [named("verdict", found.verdict), ...causes].join(" "));
 }
-
-const effectWords = (name) => (has(`effect.${name}`) ? t(`effect.${name}`) : name.replaceAll("_", " "));
 
 function filesNode(job) {
   const links = job.files.map((name) => {

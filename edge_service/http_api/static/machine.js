@@ -6,7 +6,7 @@ import { byId, element, fetchJson, refill, svg, symbol } from "./dom.js";
 import { between, lasting, number, ofFresh } from "./format.js";
 import { levelOf, openAlarms, worstFirst } from "./level.js";
 import { addressOf } from "./route.js";
-import { locale, t } from "./strings.js";
+import { locale, named, t } from "./strings.js";
 
 const WEEK_S = 7 * 86400;
 const STEP_S = 3 * 3600;
@@ -58,7 +58,7 @@ function rowText(state) {
     low: percent === null ? null : share(preload.low),
     high: percent === null ? null : share(preload.high),
     limit: limitText(state),
-    alarms: alarms.length ? alarms.map((alarm) => t(`alarm.${alarm.alarm}`)) : [],
+    alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)) : [],
     week: weeks.get(axis) ?? [],
   };
 }

@@ -2,7 +2,7 @@
 
 import { element, fetchJson, refill } from "./dom.js";
 import { lasting } from "./format.js";
-import { t } from "./strings.js";
+import { named, t } from "./strings.js";
 
 const FORMS = ["mpf", "csv"];
 const parts = { shown: null, motions: [] };
@@ -19,7 +19,7 @@ export async function loadMotions(axis) {
   if (parts.shown === axis) return;
   const { motions } = await fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/motions`);
   Object.assign(parts, { motions, shown: axis });
-  refill(parts.choice, JSON.stringify(motions), () => motions.map(({ name }) => element("option", { value: name }, t(`motion.${name}`))));
+  refill(parts.choice, JSON.stringify(motions), () => motions.map(({ name }) => element("option", { value: name }, named("motion", name))));
   renderMotion();
 }
 
@@ -27,7 +27,7 @@ function renderMotion() {
   const motion = parts.motions.find(({ name }) => name === parts.choice.value);
   if (!motion) return;
   const refused = motion.refused ? element("span", { lang: "en" }, motion.refused) : null;
-  parts.about.replaceChildren(t(`motion.${motion.name}.purpose`), " ", refused ?? t("motion.takes", { span: lasting(motion.duration_s) }));
+  parts.about.replaceChildren(named("motion.purpose", motion.name), " ", refused ?? t("motion.takes", { span: lasting(motion.duration_s) }));
   const path = `/api/v1/axes/${encodeURIComponent(parts.shown)}/motions/${motion.name}`;
   parts.links.replaceChildren(...(refused ? [] : FORMS.map((form) => element("a", { class: "button", href: `${path}.${form}`, download: `${motion.name}.${form}` }, t(`motion.${form}`)))));
 }

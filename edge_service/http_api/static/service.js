@@ -1,7 +1,7 @@
 // The service's own parts: which work, and which do not. Counts of them are for the metrics.
 
 import { byId, element, list, write } from "./dom.js";
-import { t } from "./strings.js";
+import { named, t } from "./strings.js";
 
 export function renderService(state, service) {
   const root = byId("parts");
@@ -22,7 +22,7 @@ function renderRows(body, components) {
 }
 
 function rowNode({ component, axis, status, reason }) {
-  const words = t(`component.${component.replace(/_process$/, "")}`);
+  const words = named("component", component.replace(/_process$/, ""));
   const name = axis ? t("parts.of_axis", { part: words, axis }) : words;
-  return element("tr", { "data-state": status === "ok" ? "ok" : "faulty" }, element("th", { scope: "row" }, name), element("td", {}, t(`part.${status}`)), element("td", { lang: "en" }, reason));
+  return element("tr", { "data-state": status === "ok" ? "ok" : "faulty" }, element("th", { scope: "row" }, name), element("td", {}, named("part", status)), element("td", { lang: "en" }, reason));
 }

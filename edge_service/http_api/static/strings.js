@@ -17,6 +17,9 @@ export function t(key, values = {}) {
   return text.replace(/\{(\w+)\}/g, (_, name) => values[name]);
 }
 
+// Word for a code of the service; the code itself where the page has no word for it yet.
+export const named = (kind, code) => (has(`${kind}.${code}`) ? t(`${kind}.${code}`) : code.replaceAll("_", " "));
+
 // Text of the key that a number asks for: `key.one` or `key.other`.
 export const counted = (key, n) => t(`${key}.${n === 1 ? "one" : "other"}`, { n: n.toLocaleString(locale) });
 

@@ -3,7 +3,7 @@
 import { byId, element, fetchJson, refill, write } from "./dom.js";
 import { Chart, atTime, axis, colour, lately, range, reader, spoken, timeAxis } from "./charts.js";
 import { number, ofFresh, significant } from "./format.js";
-import { has, t } from "./strings.js";
+import { named, t } from "./strings.js";
 
 const SYMBOLS = { ok: "✓", faulty: "△", missing: "✕" };
 const R_MIN_PER_RAD_S = 30 / Math.PI;
@@ -91,13 +91,12 @@ export function renderWhy(state) {
         }),
   );
   renderChanges((state.connected && state.preload?.fault_probability) || {});
-  const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${faultWords(kind)}: ${number(n)}`);
+  const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${named("fault", kind)}: ${number(n)}`);
   write(parts.faults, faults.length ? faults.join(", ") : t("quality.no_faults"));
 }
 
 const chance = (share) => t("percent", { n: number(100 * share) });
 const levelWords = ({ limits }, level) => (limits ? t("percent", { n: number(ofFresh(Number(level), limits)) }) : t("percent", { n: number(Number(level), 1) }));
-const faultWords = (kind) => (has(`fault.${kind}`) ? t(`fault.${kind}`) : kind.replaceAll("_", " "));
 
 function renderChanges(probabilities) {
   const known = CHANGES.filter((name) => name in probabilities);
@@ -174,8 +173,6 @@ function renderChannels(channels) {
   refill(parts.channels, JSON.stringify(channels), () =>
     channels.length === 0
       ? [element("tr", {}, element("td", { colspan: 3 }, t("quality.nothing")))]
-      : channels.map(({ channel, state, good_share: share }) => element("tr", { "data-state": state }, element("th", { scope: "row" }, channelWords(channel)), element("td", {}, `${SYMBOLS[state]} ${t(`channel.${state}`)}`), element("td", {}, t("percent", { n: number(100 * share) })))),
+      : channels.map(({ channel, state, good_share: share }) => element("tr", { "data-state": state }, element("th", { scope: "row" }, named("channel", channel)), element("td", {}, `${SYMBOLS[state]} ${named("channel", state)}`), element("td", {}, t("percent", { n: number(100 * share) })))),
   );
 }
-
-const channelWords = (channel) => (has(`channel.${channel}`) ? t(`channel.${channel}`) : channel);
