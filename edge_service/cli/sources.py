@@ -73,6 +73,7 @@ def doctor(
     show_default=True,
     help="How the simulated screw loses its preload.",
 )
+@click.option("--recording", type=PATH, help="Play this recording once, in place of the drive.")
 @click.option(
     "--nodesets",
     type=PATH,
@@ -88,10 +89,11 @@ def stub(
     config: Path | None,
     axis: str | None,
     scenario: str,
+    recording: Path | None,
     nodesets: Path | None,
     fault: str,
 ) -> None:
-    """Serve the simulated drive over a real protocol, by the map that CONFIG gives its driver.
+    """Serve the simulated drive or a recording over a real protocol, by its driver's map in CONFIG.
 
     PROTOCOL is modbus, opcua or mqtt. Faults are given here, or written into the running server.
     """
@@ -105,4 +107,4 @@ def stub(
     except ValueError as error:
         raise InputError(f"--fault: {error}") from None
     settings = load_config(config or DEFAULT_CONFIG)
-    asyncio.run(run_stub(protocol, settings, axis, scenario, nodesets, wanted, announce))
+    asyncio.run(run_stub(protocol, settings, axis, scenario, nodesets, wanted, announce, recording))

@@ -1,4 +1,4 @@
-"""A stub server: the simulated drive behind a real protocol."""
+"""A stub server: the simulated drive, or a recording, behind a real protocol."""
 
 import asyncio
 import logging
@@ -6,6 +6,7 @@ import signal
 from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavailableError
 from drivers.registry import load_driver
@@ -13,7 +14,6 @@ from drivers.stub import Fault, Stub, StubAxis, load_stub, stub_names
 
 from ..config import AxisConfig, ConfigError, EdgeConfig, check_settings, load_machine
 from ..messages.samples import SampleFrame
-from ..models.machine import Machine
 
 log = logging.getLogger(__name__)
 FRAME_S = 0.005
@@ -28,13 +28,17 @@ async def run_stub(
     nodesets: Path | None,
     fault: Fault,
     announce: Callable[[str], None],
+    recording: Path | None = None,
 ) -> None:
     """Serve the configuration's axes of that driver until SIGINT or SIGTERM.
+
+    Args:
+        recording: is played once, in place of the simulated drive.
 
     Raises:
         ConfigError: no such axis, wrong settings, or an address that cannot be taken.
     """
-    stub = make_stub(name, config, axis, scenario, nodesets)
+    stub = make_stub(name, config, axis, scenario, nodesets, recording)
     stub.fault = fault
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -50,7 +54,12 @@ async def run_stub(
 
 
 def make_stub(
-    name: str, config: EdgeConfig, axis: str | None, scenario: str, nodesets: Path | None
+    name: str,
+    config: EdgeConfig,
+    axis: str | None,
+    scenario: str,
+    nodesets: Path | None,
+    recording: Path | None = None,
 ) -> Stub:
     """The stub of the axes that use the driver `name`. Raises ConfigError."""
     if name not in stub_names():
@@ -59,33 +68,38 @@ def make_stub(
     if not chosen:
         wanted = f"axis {axis!r}" if axis else "axis"
         raise ConfigError(f"axes: the configuration has no {wanted} with driver = {name!r}")
+    if recording is not None and not recording.is_file():
+        raise ConfigError(f"--recording {recording}: no such file")
     try:
-        return load_stub(name)([_stub_axis(each, scenario) for each in chosen], nodesets)
+        axes = [_stub_axis(each, scenario, recording) for each in chosen]
+        return load_stub(name)(axes, nodesets)
     except DriverMisconfiguredError as error:
         raise ConfigError(f"stub {name}: {error}") from None
 
 
-def _stub_axis(axis: AxisConfig, scenario: str) -> StubAxis:
+def _stub_axis(axis: AxisConfig, scenario: str, recording: Path | None) -> StubAxis:
     settings = check_settings(
         load_driver(axis.driver).config_model, axis.settings, f"axes.{axis.name}.settings"
     )
     context = DriverContext(axis.name, load_machine(axis.machine))
-    source = _simulated(axis.name, context.machine, scenario)
+    if recording is None:
+        source = _driven("simulated", {"scenario": scenario, "frame_s": FRAME_S}, context)
+    else:
+        source = _driven("replay", {"path": recording, "frame_s": FRAME_S}, context)
     return StubAxis(axis.name, settings, context, source)
 
 
-async def _simulated(
-    axis: str, machine: Machine, scenario: str
+async def _driven(
+    name: str, settings: dict[str, Any], context: DriverContext
 ) -> AsyncGenerator[SampleFrame, None]:
-    """Samples of the simulated drive, for ever."""
-    simulated = load_driver("simulated")
-    settings = simulated.config_model.model_validate({"scenario": scenario, "frame_s": FRAME_S})
-    driver = simulated(settings, DriverContext(axis, machine))
+    """Samples of another driver, until it has no more."""
+    kind = load_driver(name)
+    driver = kind(kind.config_model.model_validate(settings), context)
     try:
         await driver.open()
         async for frame in driver.frames():
             yield frame
     except (DriverMisconfiguredError, DriverUnavailableError) as error:
-        log.error("axis %s: no samples: %s", axis, error)
+        log.error("axis %s: no samples: %s", context.axis, error)
     finally:
         await driver.close()

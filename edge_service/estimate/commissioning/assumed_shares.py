@@ -54,10 +54,21 @@ def _mass_by_slope(machine: Machine, stretch: SeriesCompliance) -> tuple[float, 
     return seen, seen * share
 
 
-def nut_share(machine: Machine, compliance_m_per_n: float) -> tuple[float, float]:
-    """The nut's share of the series compliance and its standard deviation."""
+def nut_share(
+    machine: Machine, compliance_m_per_n: float, mass_tolerance: float
+) -> tuple[float, float]:
+    """Share of the series compliance that is the nut's, and its standard deviation.
+
+    The compliance is a measured stretch over the table's mass, so the share of a stated nut is no
+    better known than the mass; where it is worse known than the assumption, both are weighed.
+    """
     nut = machine.model.nut_stiffness_n_per_m
     if nut is None:
         return NUT_SHARE, NUT_SHARE_SIGMA
     share = min(1.0 / (nut.value * compliance_m_per_n), 0.95)
-    return share, share * max(nut.tolerance, 0.02)
+    relative = float(np.hypot(max(nut.tolerance, 0.02), mass_tolerance))
+    sigma = relative * NUT_SHARE  # of any share as likely: one that reads low is no better known
+    if sigma < NUT_SHARE_SIGMA:
+        return share, relative * share
+    weight, assumed = sigma**-2.0, NUT_SHARE_SIGMA**-2.0
+    return (share * weight + NUT_SHARE * assumed) / (weight + assumed), (weight + assumed) ** -0.5

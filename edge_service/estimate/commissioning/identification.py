@@ -53,7 +53,7 @@ def commissioned(
         phases, machine, partial(_nut_compliance_share, machine, torque, stroke_map)
     )
     mass = table_mass(machine, torque, stretch)
-    transmission = _transmission(machine, stretch, mass[0])
+    transmission = _transmission(machine, stretch, mass)
     require_fresh_screw(torque, machine, transmission)
     require_stated_nut(machine, transmission)
     return machine.model_copy(
@@ -144,8 +144,8 @@ def _nut_compliance_share(
     """Compliance beyond that of the mean preload, over the whole compliance, (n,) (eq. 5.3.11)."""
     if not len(stroke_map) or stretch_s2 <= 0.0:
         return np.zeros_like(table_m)
-    mass_kg, _ = table_mass(machine, torque, None)
-    share, _ = nut_share(machine, stretch_s2 / mass_kg)
+    mass_kg, sigma_kg = table_mass(machine, torque, None)
+    share, _ = nut_share(machine, stretch_s2 / mass_kg, sigma_kg / mass_kg)
     factor = np.ones_like(table_m)
     for k, (cosine, sine) in enumerate(stroke_map, start=1):
         phase = 2.0 * np.pi * k * table_m / (machine.axis.stroke_m or 1.0)
@@ -159,12 +159,13 @@ def _measured(value: float, sigma: float) -> Quantity:
 
 
 def _transmission(
-    machine: Machine, stretch: SeriesCompliance | None, mass_kg: float
+    machine: Machine, stretch: SeriesCompliance | None, mass: tuple[float, float]
 ) -> TransmissionConfig | None:
     if stretch is None or machine.fresh_preload_percent is None:
         return None
+    mass_kg, sigma_kg = mass
     compliance = stretch.per_acceleration_s2 / mass_kg
-    share, sigma = nut_share(machine, compliance)
+    share, sigma = nut_share(machine, compliance, sigma_kg / mass_kg)
     return TransmissionConfig(
         reference_m=stretch.reference_m,
         stretch_per_acceleration_s2=stretch.per_acceleration_s2,
