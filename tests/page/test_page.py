@@ -6,12 +6,14 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import SecretStr
 
 from edge_service.config_tables import WebhookConfig
 from edge_service.http_api.app import STATIC
 
+from ..foreign_plant import axis_case, part_programme, simulate
 from .conftest import serious_faults, show_tab
 
 HEALTHY = {"scenario": "healthy"}
@@ -260,3 +262,26 @@ def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_pa
     assert "90 % of the commissioned one (95 % sure: 85 to 95 %)" in text
     label = page.get_attribute("#stroke .chart >> nth=2", "aria-label")
     assert label == ("Stiffness along the stroke: last 36 N/µm, between 36 and 36 N/µm")
+
+
+@pytest.mark.slow
+def test_recordings_of_two_days_are_compared_oldest_first(
+    make_service: Any, open_page: Any, tmp_path: Path
+) -> None:
+    service = make_service(**HEALTHY)
+    page = open_page(f"{service.address}#/X/tests", bypass_csp=True).page
+    for seed, day in enumerate(("monday", "friday"), 1):
+        programme = part_programme(np.random.default_rng(3), 150.0)
+        made = simulate(axis_case(setpoint_m=programme, seed=seed, axis_seed=3))
+        page.set_input_files("#job-file", made.write_csv(tmp_path / f"{day}.csv"))
+        page.wait_for_selector(f"#tests [name=recording][value='{day}.csv']")
+    show_tab(page, "history")
+    page.check("#drift [value='friday.csv']")
+    page.click("#drift-start")
+    page.wait_for_selector("#drift [role=status]:has-text('two recordings')")
+    page.check("#drift [value='monday.csv']")
+    page.click("#drift-start")
+    page.wait_for_selector("#drift a[href='/api/v1/jobs/1/files/report.html']")
+    assert "monday.csv → friday.csv" in page.inner_text("#drift")
+    assert page.inner_text("#drift-verdict").startswith("Compared: ")
+    assert serious_faults(page) == []

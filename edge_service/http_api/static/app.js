@@ -6,6 +6,7 @@ import { renderAnswer } from "./answer.js";
 import { buildAudit } from "./audit.js";
 import { renderDiary } from "./diary.js";
 import { byId, element, fetchJson, refill, symbol, write } from "./dom.js";
+import { loadDrift } from "./drift.js";
 import { clock } from "./format.js";
 import { renderHistory } from "./history.js";
 import { levelOf, worstFirst } from "./level.js";
@@ -189,7 +190,7 @@ function render() {
 const TAB_PARTS = {
   overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarmList(byId("alarms"), [shown], false), renderTraces(shown)] },
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
-  history: { render: () => renderDiary(shown), live: (nowMs) => renderHistory(shown, nowMs), load: () => loadUse(shown) },
+  history: { render: () => renderDiary(shown), live: (nowMs) => renderHistory(shown, nowMs), load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
   tests: { render: () => {}, load: () => loadTests(shown) },
   service: { render: () => [renderService(shown, service), buildAudit()], load: () => loadOutputs(service) },
 };
