@@ -11,19 +11,19 @@ const GRAVITY = ["error", "warning", "info"];
 const SHELVED_S = 8 * 3600;
 
 // All alarms of these axes, gravest first; the axis is named where there may be several.
-export function renderAlarmList(root, states, named) {
+export function renderAlarmList(root, states, several) {
   const alarms = states.flatMap((state) => openAlarms(state).map((alarm) => ({ ...alarm, axis: state.axis })));
   alarms.sort((a, b) => Number(b.active) - Number(a.active) || GRAVITY.indexOf(a.severity) - GRAVITY.indexOf(b.severity));
-  refill(root, JSON.stringify([alarms, named]), () => [
+  refill(root, JSON.stringify([alarms, several]), () => [
     element("h2", { id: `${root.id}-title` }, alarms.length ? t("alarms.some", { n: alarms.length }) : t("alarms")),
-    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, named)), ifMay(COMMAND, "alarms.answer", () => "")] : [element("p", { class: "quiet" }, t("alarms.none"))]),
+    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, several)), ifMay(COMMAND, "alarms.answer", () => "")] : [element("p", { class: "quiet" }, t("alarms.none"))]),
   ]);
 }
 
-function alarmNode(alarm, named) {
+function alarmNode(alarm, several) {
   const name = named("alarm", alarm.alarm);
-  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${named ? `${alarm.axis}: ` : ""}${name}`), " – ", element("span", { lang: "en" }, alarm.message));
-  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, name, named) : "");
+  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${several ? `${alarm.axis}: ` : ""}${name}`), " – ", element("span", { lang: "en" }, alarm.message));
+  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, name, several) : "");
 }
 
 function aboutParts(alarm) {
@@ -34,8 +34,8 @@ function aboutParts(alarm) {
   return parts;
 }
 
-function buttonsNode(alarm, name, named) {
-  const about = named ? `${alarm.axis} ${name}` : name;
+function buttonsNode(alarm, name, several) {
+  const about = several ? `${alarm.axis} ${name}` : name;
   const act = (action, more = {}) => {
     const title = `${t(`alarm.${action}`)}: ${about}`;
     return button(t(`alarm.${action}`), { "aria-label": title }, () => ask(alarm.axis, { action, alarm: alarm.alarm, ...more }, title, t(`alarm.${action}.text`)));
