@@ -51,7 +51,7 @@ def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cause", sorted(effects()))
+@pytest.mark.parametrize("cause", sorted(n for n, e in effects().items() if not e.is_fault))
 def test_every_cause_leads_the_list(machine: Machine, cause: str) -> None:
     found, _ = diagnosed(machine, (cause,), seed=5)
     before = max(each.before / each.noise_floor for each in found.gap.values())

@@ -21,6 +21,8 @@ def unobservable(session: Session) -> dict[str, str]:
     rate_hz = 1.0 / max(run.low_pass.period_s for run in session.runs)
     found = {}
     for name, effect in effects().items():
+        if effect.is_fault:
+            continue
         if is_too_slow(name, session):
             found[name] = (
                 f"sampled too slowly: at {rate_hz:.3g} Hz, expected {effect.least_rate_hz:g} Hz"

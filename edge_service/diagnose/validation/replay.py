@@ -78,6 +78,7 @@ def replay(
     folds: Sequence[Fold],
     channels: Mapping[str, str],
     floors: Mapping[str, float],
+    loss: ActiveEffect | None = None,
 ) -> Replay:
     """Replay a session without effects, with all, and with all but each.
 
@@ -85,11 +86,12 @@ def replay(
         folds: from `folds_of`.
         channels: effect -> the channel that it is assessed in.
         floors: channel -> gap that no model could explain.
+        loss: of the preload, which was known before; it is one of the `channels`.
     """
     if not channels:
         return Replay({}, {}, "no effect is named")
     try:
-        return _replay(machine, folds, channels, floors)
+        return _replay(machine, folds, channels, floors, loss)
     except ValueError as error:
         return Replay({}, {}, str(error))
 
@@ -99,6 +101,7 @@ def _replay(
     folds: Sequence[Fold],
     channels: Mapping[str, str],
     floors: Mapping[str, float],
+    loss: ActiveEffect | None,
 ) -> Replay:
     whole = folds[0].values.system.session
     session = _beginning(whole)
@@ -106,7 +109,7 @@ def _replay(
     length_s = block_s(whole)
 
     def left(names: Sequence[str]) -> dict[str, Floats]:
-        variants = [axis.with_effects(_effects(fold.values, names)) for fold in folds]
+        variants = [axis.with_effects(_effects(fold.values, names, loss)) for fold in folds]
         runs = [
             axis.simulated(run, variants, fold_of(run.motion.time_s, length_s))
             for run in session.runs
@@ -130,8 +133,11 @@ def _replay(
     return Replay(gap, effects)
 
 
-def _effects(values: Estimates, names: Sequence[str]) -> list[ActiveEffect]:
-    return [active_effect(name, each) for name in names for each in values.entries(name)]
+def _effects(
+    values: Estimates, names: Sequence[str], loss: ActiveEffect | None
+) -> list[ActiveEffect]:
+    known = [loss] if loss is not None and loss.effect.name in names else []
+    return known + [active_effect(name, each) for name in names for each in values.entries(name)]
 
 
 def _beginning(session: Session) -> Session:

@@ -148,11 +148,12 @@ def require_fresh_screw(
             f"{whole}, less than the fresh screw's own {screw.value:.3g} N m "
             "(model.preload_drag_nm): not healthy, or wrong units"
         )
-    left_nm = torque.coulomb_nm - guide.value
-    sigma = float(np.sqrt(torque.coulomb_sigma**2 + guide.sigma**2))
+    bearing = machine.model.bearing_drag_nm
+    left_nm = torque.coulomb_nm - guide.value - bearing.value
+    sigma = float(np.sqrt(torque.coulomb_sigma**2 + guide.sigma**2 + bearing.sigma**2))
     if left_nm + SIGMAS * sigma < WORN_SHARE * screw.value:
         raise CommissioningError(
-            f"{whole}, of it {guide.value:.3g} in the guides: the {left_nm:.3g} that is left is "
+            f"{whole}, of it {_known(guide, bearing)}: the {left_nm:.3g} that is left is "
             f"less than the fresh screw's own {screw.value:.3g} N m (model.preload_drag_nm): "
             "worn or warm; needs a healthy, cold axis, or the right model.table_mass_kg"
         )
@@ -162,6 +163,12 @@ def require_fresh_screw(
             "N m (model.preload_drag_nm) beside what the guides show: check both, and the scale "
             f"of columns.{TORQUE}"
         )
+
+
+def _known(guide: Quantity, bearing: Quantity) -> str:
+    """Friction of guides and bearings, in words."""
+    stated = f" and {bearing.value:.3g} in the bearings" if bearing.value else ""
+    return f"{guide.value:.3g} in the guides{stated}"
 
 
 def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None) -> None:

@@ -198,6 +198,8 @@ class Effect:
         trace: part of it that a healthy axis has.
         confirmation: check that sees it without any diagnosis.
         empirical_forms: forms that it takes on a real axis beyond those of its parameters.
+        is_fault: no model is to learn it, and no search finds it: it is told from what is known of
+            the fresh machine.
     """
 
     name: str
@@ -217,6 +219,7 @@ class Effect:
     trace: Trace = NO_TRACE
     confirmation: Confirmation | None = None
     empirical_forms: Callable[[Covered, Baseline], Iterator[EmpiricalForm]] = _no_forms
+    is_fault: bool = False
 
     def complete(self, given: Values) -> dict[str, float]:
         """Values of all parameters, checked: those given, typical ones for the rest.

@@ -83,6 +83,11 @@ def disturbance() -> str:
     return next(effect.name for effect in _library() if effect.kind is Kind.DISTURBANCE)
 
 
+def fault() -> Effect:
+    """The effect of the library that is a fault: loss of preload."""
+    return next(effect for effect in _library() if effect.is_fault)
+
+
 def active_effect(name: str, given: Mapping[str, float]) -> ActiveEffect:
     """An effect with checked values; what is not given is typical (see `Effect.complete`).
 

@@ -10,18 +10,29 @@ from ...atomic import replaced_file
 from ...config import ConfigError, load_machine
 from ...diagnose.experiment.proposal import propose
 from ...diagnose.pipeline import Diagnosis, Verdict, diagnose_session
+from ...diagnose.preload.beside_loss import Loss
+from ...diagnose.preload.fresh_screw import fresh_screw
+from ...diagnose.preload.known_loss import known_loss
+from ...diagnose.preload.missing_drag import with_missing_drag
 from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
 from ...diagnose.selection.observability import unobservable
 from ...diagnose.session.data_check import check_data
-from ...diagnose.session.session import Session
+from ...diagnose.session.session import TORQUE_GAP, Session
 from ...diagnose.session.twin import rigid_baseline
 from ...models.effects.registry import machine_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ..examination import examine
-from ..report.diagnosis_document import augmented_toml, bad_data_document, to_document
+from ..report.diagnosis_document import (
+    augmented_toml,
+    bad_data_document,
+    learnable,
+    to_document,
+    withheld,
+)
 from ..report.diagnosis_page import render, render_bad_data
 from .doubts import beside_doubts, doubts
+from .preload import preload_reading
 from .sessions import BadDataError, DiagnosisError, read_runs, session_of
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")
@@ -88,8 +99,13 @@ def _diagnosed(
     doubted = doubts(machine, runs)
     remarks = (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted))
     check = replace(check, remarks=remarks)
-    found = beside_doubts(diagnose_session(session, machine, progress=progress), doubted)
-    found = _with_motion(found, machine)
+    fresh, reading, loss = fresh_screw(machine), preload_reading(machine, traces), None
+    if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
+        loss = Loss(known_loss(session, fresh), reading)
+    found = diagnose_session(session, machine, progress=progress, loss=loss)
+    found = _with_motion(beside_doubts(found, doubted), machine)
+    if loss is None:
+        found = with_missing_drag(found, fresh, reading)
     silent = unobservable(session)
     augmented = _augmented(machine_file, text, found)
     document = to_document(found, check.remarks, silent)
@@ -102,7 +118,7 @@ def _diagnosed(
 def _augmented(machine_file: Path, text: str, found: Diagnosis) -> str:
     """The machine file with the effects that the diagnosis accepts. Raises ConfigError."""
     try:
-        return augmented_toml(text, found.effects if _accepted(found) else ())
+        return augmented_toml(text, learnable(found) if _accepted(found) else ())
     except ValueError as error:
         raise ConfigError(f"{machine_file}: {error}") from error
 
@@ -172,6 +188,8 @@ def _summary(found: Diagnosis, out: Path) -> str:
         for each in found.effects
     ]
     lines += [f"but {each}" for each in found.caveats]
+    if faults := ", ".join(withheld(found)):
+        lines.append(f"not in augmented.toml, for no model is to learn a fault: {faults}")
     if found.next_motion:
         document = out / "diagnosis.json"
         lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")

@@ -10,6 +10,7 @@ from ...diagnose.session.session import CHANNEL_UNITS
 from ...diagnose.validation.replay import Replay
 from ...diagnose.validation.shrink import Shrink
 from ...messages.arrays import finite_or_none
+from ...models.effects.registry import effects_where
 
 SCHEMA = "diagnosis/1"
 
@@ -45,6 +46,7 @@ def to_document(
         "not_judged": list(unobservable),
         "not_judged_reasons": dict(unobservable),
         "reasons": [],
+        "withheld": withheld(found),
         "remarks": list(remarks),
         "caveats": list(found.caveats),
         "replay": {"possible": not found.replay.problem, "reason": found.replay.problem or None},
@@ -52,6 +54,18 @@ def to_document(
             name: {"structure": finite_or_none(each)} for name, each in found.suspects.items()
         },
     }
+
+
+def withheld(found: Diagnosis) -> list[str]:
+    """Names of the effects that are a fault, or may be one: no model is to learn them."""
+    faults = effects_where(lambda effect: effect.is_fault)
+    return [each.name for each in found.effects if faults & {each.name, *each.tied}]
+
+
+def learnable(found: Diagnosis) -> list[NamedEffect]:
+    """Effects that the model may learn."""
+    kept_out = withheld(found)
+    return [each for each in found.effects if each.name not in kept_out]
 
 
 def bad_data_document(
@@ -74,6 +88,7 @@ def bad_data_document(
         "not_judged": [],
         "not_judged_reasons": {},
         "reasons": list(reasons),
+        "withheld": [],
         "remarks": list(remarks),
         "caveats": [],
         "replay": {"possible": False, "reason": "bad data"},

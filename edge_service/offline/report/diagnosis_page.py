@@ -9,6 +9,7 @@ from ...diagnose.session.session import Session
 from ...diagnose.validation.shrink import Shrink
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
+from .diagnosis_document import withheld
 from .diagnosis_figures import LABELS, draw_gaps, draw_replays, draw_waterfalls
 from .page import rendered
 from .quantities import amount, interval, percent, words
@@ -58,6 +59,7 @@ def render(
         named=_by_weight(found.effects) if accepted else found.effects[:1],
         shown=claimed,
         accepted=accepted,
+        withheld=withheld(found),
         waterfalls=draw_waterfalls(found, telling if accepted else ()),
         replays=draw_replays(found, claimed if accepted else ()),
         gaps=draw_gaps(session, found, telling),
@@ -74,7 +76,13 @@ def _by_reason(unobservable: Mapping[str, str]) -> dict[str, list[str]]:
 
 def _by_weight(named: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The surest first; of those that are as sure, the one that makes most of the difference."""
-    return sorted(named, key=lambda each: (-round(each.probability, 1), -each.shrink.estimate))
+    return sorted(named, key=_weight)
+
+
+def _weight(each: NamedEffect) -> tuple[bool, float, float]:
+    """A fault comes first."""
+    is_fault = get_effect(each.name).is_fault
+    return not is_fault, -round(each.probability, 1), -each.shrink.estimate
 
 
 def _telling(found: Diagnosis) -> list[str]:
@@ -99,6 +107,7 @@ def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) ->
         named=(),
         shown=(),
         accepted=False,
+        withheld=(),
         waterfalls={},
         replays={},
         gaps={},

@@ -31,6 +31,7 @@ HELD = active_effect("delay", {"lag_s": 0.5 / RATE_HZ})
 """A command that is held for a period acts half a period late."""
 REPLAYED = {
     "drag_error": TORQUE_GAP,
+    "preload_loss": TORQUE_GAP,
     "viscous_error": TORQUE_GAP,
     "inertia_error": TORQUE_GAP,
     "torque_gain_error": TORQUE_GAP,

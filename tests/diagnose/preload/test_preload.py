@@ -1,0 +1,136 @@
+"""Loss of preload in a diagnosis: known by the estimator, tied with friction, or not stated."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.diagnose.estimation.estimates import Interval
+from edge_service.diagnose.pipeline import Diagnosis, Verdict, diagnose_session
+from edge_service.diagnose.preload.beside_loss import Loss
+from edge_service.diagnose.preload.fresh_screw import fresh_screw
+from edge_service.diagnose.preload.known_loss import PreloadReading, known_loss
+from edge_service.diagnose.preload.missing_drag import with_missing_drag
+from edge_service.diagnose.session.session import Session
+from edge_service.messages.samples import Floats
+from edge_service.models.effects.library.preload_loss import lost_percent
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.machine import Machine
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
+from edge_service.offline.report.diagnosis_document import learnable, withheld
+
+from ..conftest import session_of
+from ..test_diagnosis import diagnosed
+
+RATE_HZ, SECONDS = 1000.0, 24
+FRESH = {"fresh_drag_nm": 0.146, "fresh_percent": 6.85, "fresh_nut_m_per_n": 8.9e-9}
+
+
+@cache
+def axis() -> Machine:
+    """The demo's axis."""
+    return load_machine(DEFAULT_MACHINE.with_name("commissioned.toml"))
+
+
+def recorded(lost: Floats) -> Session:
+    """Production of an axis that has lost so much of its fresh preload at each second, percent."""
+    machine = axis()
+    limits = motion_limits(machine)
+    segments = MOTIONS["production"](limits, np.random.default_rng(5))
+    setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(round(SECONDS * RATE_HZ))
+    fresh = machine.fresh_preload_percent or 0.0
+    time_s = np.arange(len(setpoints)) / RATE_HZ
+    percent = fresh * (1.0 - np.interp(time_s, np.arange(len(lost)), lost) / 100.0)
+    drive = FeedDrive(FeedDriveSettings.of_machine(machine), limits.low_m, float(percent[0]), 3)
+    return session_of(machine, drive.advance(setpoints, percent))
+
+
+@pytest.mark.parametrize(
+    ("lost", "ends"),
+    [
+        (np.full(SECONDS, 60.0), (60.0, 60.0)),
+        (np.full(SECONDS, 100.0), (100.0, 100.0)),
+        (np.linspace(20.0, 70.0, SECONDS), (20.0, 70.0)),
+        (np.linspace(0.0, 0.0, SECONDS), (0.0, 0.0)),
+    ],
+)
+def test_the_course_of_a_loss_is_that_of_the_torque(lost, ends):
+    session, fresh = recorded(lost), fresh_screw(axis())
+    assert fresh is not None
+    course = known_loss(session, fresh)
+    found = lost_percent(course.values, np.array([0.5, SECONDS - 0.5]))
+    assert found == pytest.approx(ends, abs=4.0)
+
+
+def test_a_known_loss_comes_first_and_no_warmth_is_named():
+    session, fresh = recorded(np.linspace(90.0, 100.0, SECONDS)), fresh_screw(axis())
+    assert fresh is not None
+    loss = Loss(known_loss(session, fresh), PreloadReading(2.0, 0.0, 12.0, two_encoders=True))
+    found = diagnose_session(session, axis(), loss=loss)
+    names = [each.name for each in found.effects]
+    assert names[0] == "preload_loss"
+    sure = {each.name for each in found.effects if each.probability > 0.9}
+    assert sure == {"preload_loss", "compliance"}  # the machine file's axis is rigid
+    assert not {"warmup", "drag_error"} & set(names)
+    lost = found.effects[0].parameters["lost_percent"]
+    assert (lost.low, lost.value, lost.high, lost.unit) == (88.0, 98.0, 100.0, "%")
+    assert found.gap["torque_nm"].before > 5.0 * found.gap["torque_nm"].after
+    assert found.effects[0].shrink.low > 0.5
+    assert found.replay.effects["preload_loss"].estimate > 0.5
+    assert withheld(found) == ["preload_loss"]
+    assert "preload_loss" not in [each.name for each in learnable(found)]
+
+
+@pytest.mark.parametrize(
+    ("reading", "is_lost", "is_there"),
+    [
+        (PreloadReading(50.0, 40.0, 60.0, two_encoders=True), True, False),
+        (PreloadReading(50.0, 40.0, 60.0, two_encoders=False), False, False),
+        (PreloadReading(90.0, 80.0, 101.0, two_encoders=True), False, False),
+        (PreloadReading(99.0, 95.0, 104.0, two_encoders=True), False, True),
+        (PreloadReading(99.0, 95.0, 104.0, two_encoders=False), False, False),
+    ],
+)
+def test_one_encoder_is_never_sure_of_the_preload(reading, is_lost, is_there):
+    assert (reading.is_lost, reading.is_there) == (is_lost, is_there)
+    assert 0.0 <= reading.lost.low <= reading.lost.value <= reading.lost.high <= 100.0
+
+
+def drag_changed(machine: Machine, change_nm: float) -> Diagnosis:
+    """A diagnosis that names another Coulomb level."""
+    found, _ = diagnosed(machine, ("drag_error",), seed=3)
+    (drag,) = found.effects
+    change = Interval(change_nm, change_nm - 0.01, change_nm + 0.01, "N m")
+    return replace(found, effects=(replace(drag, parameters={"change_nm": change}),))
+
+
+def test_less_drag_is_tied_with_lost_preload_and_neither_is_learned(machine: Machine):
+    before = drag_changed(machine, -0.073)
+    found = with_missing_drag(before, FRESH, None)
+    assert [each.name for each in found.effects] == ["preload_loss", "drag_error"]
+    assert all({"preload_loss", "drag_error"} == set(each.tied) for each in found.effects)
+    assert found.effects[1].probability == before.effects[0].probability
+    assert found.effects[0].parameters["lost_percent"].value == pytest.approx(50.0)
+    assert found.verdict is Verdict.AMBIGUOUS
+    assert learnable(found) == []
+
+
+@pytest.mark.parametrize("change_nm", [0.05, -0.4])  # N m: more friction; more than the screw has
+def test_what_no_loss_of_preload_does_is_none(machine: Machine, change_nm):
+    found = drag_changed(machine, change_nm)
+    assert with_missing_drag(found, FRESH, None) is found
+
+
+def test_a_preload_that_is_there_is_not_suspected(machine: Machine):
+    found = drag_changed(machine, -0.073)
+    there = PreloadReading(99.0, 95.0, 104.0, two_encoders=True)
+    assert with_missing_drag(found, FRESH, there) is found
+
+
+def test_without_a_fresh_preload_only_a_sentence_is_added(machine: Machine):
+    found = drag_changed(machine, -0.073)
+    told = with_missing_drag(found, None, None)
+    assert (told.verdict, told.effects, told.gap) == (found.verdict, found.effects, found.gap)
+    assert "model.preload_n" in told.caveats[-1]
