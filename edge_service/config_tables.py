@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
 from .messages.addresses import is_http_url, is_loopback, service_address
+from .messages.signing_key import signing_key
 
 SHORTEST_SECRET = 16
 
@@ -177,7 +178,8 @@ class WebhookConfig(Table):
 
     Attributes:
         url: of the receiver; secret, as it may hold a password or a token.
-        secret: what is sent is signed with it.
+        secret: what is sent is signed with it; may be a `whsec_...` of Standard Webhooks.
+        previous_secret: signs as well, until every receiver knows the new one.
         kinds: of the events that are sent.
         tries: refusals after which an event becomes a dead letter if the receiver takes the next.
         give_up_h: time of pauses after which it becomes one whatever the receiver does.
@@ -189,6 +191,8 @@ class WebhookConfig(Table):
     url_file: Path | None = None
     secret: SecretStr | None = None
     secret_file: Path | None = None
+    previous_secret: SecretStr | None = None
+    previous_secret_file: Path | None = None
     kinds: tuple[str, ...] = ("alarm_raised", "alarm_cleared", "condition_changed")
     tries: int = Field(4, ge=1, le=1000)
     give_up_h: float = Field(72.0, gt=0.0, le=8760.0)
@@ -203,11 +207,13 @@ class WebhookConfig(Table):
             raise ValueError("expected http://HOST[:PORT][/PATH] or https://...")
         return value
 
-    @field_validator("secret")
+    @field_validator("secret", "previous_secret")
     @classmethod
     def _long(cls, value: SecretStr | None) -> SecretStr | None:
-        if value is not None and len(value.get_secret_value()) < SHORTEST_SECRET:
-            raise ValueError(f"expected at least {SHORTEST_SECRET} characters")
+        if value is not None:
+            signing_key(value.get_secret_value())
+            if len(value.get_secret_value()) < SHORTEST_SECRET:
+                raise ValueError(f"expected at least {SHORTEST_SECRET} characters")
         return value
 
     @model_validator(mode="after")

@@ -30,7 +30,7 @@ from edge_service.models.machine import (
     ModelConfig,
     ToleranceConfig,
 )
-from edge_service.nodes.outputs.webhook import sign
+from edge_service.nodes.outputs.signature import sign
 
 from .bench.commands import bench
 from .documents import ROOT, block, blocks, document, documents

@@ -42,6 +42,7 @@ def test_there_are_secrets_to_look_after() -> None:
         ("mqtt", "password"),
         ("webhook", "url"),
         ("webhook", "secret"),
+        ("webhook", "previous_secret"),
         ("driver opcua", "password"),
     }
 

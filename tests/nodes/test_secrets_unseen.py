@@ -72,6 +72,7 @@ password = "{MARKER}"
 [webhook]
 url = "http://user:{MARKER}@127.0.0.1:{hook}/{MARKER}?key={MARKER}"
 secret = "{MARKER}"
+previous_secret = "{MARKER}"
 kinds = ["note"]
 give_up_h = 1e-4
 [[axes]]
@@ -82,7 +83,8 @@ driver = "opcua"
         + "\n".join(lines)
         + (MQTT_AXIS.format(port=free_port(), marker=MARKER) if HAS_MQTT else "")
     )
-    held = {("mqtt", "password"), ("webhook", "url"), ("webhook", "secret")}
+    held = {("mqtt", "password")}
+    held |= {("webhook", key) for key in ("url", "secret", "previous_secret")}
     drivers = {"driver opcua", *(["driver mqtt"] if HAS_MQTT else [])}
     return text, held | {(driver, "password") for driver in drivers}
 

@@ -18,14 +18,8 @@ from edge_service.config_tables import WebhookConfig
 from edge_service.health.events.log import LoggedEvent
 from edge_service.messages.event import Event, Severity
 from edge_service.nodes.outputs import post
-from edge_service.nodes.outputs.webhook import (
-    DELIVERY,
-    LONGEST_PAUSE_S,
-    SIGNATURE,
-    TIMESTAMP,
-    Webhook,
-    open_webhook,
-)
+from edge_service.nodes.outputs.signature import DELIVERY, SIGNATURE, TIMESTAMP
+from edge_service.nodes.outputs.webhook import LONGEST_PAUSE_S, Webhook, open_webhook
 
 from .conftest import config_of, heart, until
 from .receivers import FINE, MISBEHAVING, ODD_BUT_FINE, receiving

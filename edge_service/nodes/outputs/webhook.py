@@ -1,8 +1,6 @@
 """Events to another system by HTTP POST: signed, in order, kept on disk until they arrive."""
 
 import asyncio
-import hashlib
-import hmac
 import json
 import logging
 import sys
@@ -19,20 +17,13 @@ from ...health.events.log import LoggedEvent
 from ...messages.topics import EVENT
 from ..supervision.heartbeat import THREAD_LIMIT_S, Heartbeat
 from .post import WHOLE_S, Outcome, Poster, Reply
+from .signature import signed_headers
 
 log = logging.getLogger(__name__)
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
 MOST_WITNESSES = 16
 """Events behind a refused one that are tried before its receiver is taken for sick."""
-SIGNATURE = "X-Edge-Signature"
-TIMESTAMP = "X-Edge-Timestamp"
-DELIVERY = "X-Edge-Delivery"
-
-
-def sign(secret: bytes, timestamp: str, body: bytes) -> str:
-    """`sha256=` and the HMAC-SHA256 of `{timestamp}.{body}` in hex."""
-    return "sha256=" + hmac.new(secret, f"{timestamp}.".encode() + body, hashlib.sha256).hexdigest()
 
 
 class Webhook:
@@ -61,7 +52,8 @@ class Webhook:
         pause: Callable[[float], asyncio.Timeout] = asyncio.timeout,
     ) -> None:
         assert settings.url is not None and settings.secret is not None
-        self._secret = settings.secret.get_secret_value().encode()
+        secrets = (settings.secret, settings.previous_secret)
+        self._secrets = [secret.get_secret_value() for secret in secrets if secret is not None]
         self._poster = Poster(settings.url.get_secret_value())
         self._kinds = frozenset(settings.kinds)
         self._tries = settings.tries
@@ -132,13 +124,8 @@ class Webhook:
     async def _deliver(self, message: Message) -> Reply:
         """Try to send an event once; it is forgotten when it has arrived."""
         timestamp = str(int(now_ns() / 1e9))
-        headers = {
-            "Content-Type": "application/json",
-            "Connection": "close",
-            DELIVERY: message.key,
-            TIMESTAMP: timestamp,
-            SIGNATURE: sign(self._secret, timestamp, message.payload),
-        }
+        headers = {"Content-Type": "application/json", "Connection": "close"}
+        headers |= signed_headers(self._secrets, message.key, timestamp, message.payload)
         reply = await self._poster.post(message.payload, headers)
         if reply.outcome is Outcome.TAKEN:
             self.delivered += 1
