@@ -1,63 +1,25 @@
-"""Positions and speeds of a recording: which encoder, in which unit, and the lead they tell."""
-
-import math
-from collections.abc import Iterable, Mapping
+"""Positions of a recording: which encoder, in which unit, and the lead they tell."""
 
 import numpy as np
 
-from ..messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TABLE_SPEED
+from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION
 from ..messages.samples import Floats
 from ..messages.units import SI
-from .guess import Choice, Known, Understanding
+from .guess import Choice
+from .motion_columns import LEADS_M, SAME, SURE, TABLE_UNITS, TURN, moves
 from .names import ColumnName, Quantity
-from .relations import (
-    Proportion,
-    changes,
-    lags,
-    proportion,
-    smoothed_speed,
-    travelled,
-    whole_windows,
-)
+from .relations import lags
+from .speeds import Speeds
 
-TABLE_SPEEDS_M_S = (1e-3, 3.0)
-"""Rapid moves that feed drives with ball screws make."""
 MOTOR_SPEEDS_RAD_S = (3.0, 1000.0)
-TURN = 2.0 * math.pi
-_LEADS_M = (5e-4, 0.1)
-_TABLE_UNITS = ("mm", "m", "um")
 _ANGLE_UNITS = ("rad", "deg", "rev")
-_SPEED_UNITS = ("mm/s", "m/s", "mm/min", "m/min")
-_SURE = 0.9
-_SAME = 0.02
 _DERIVED = 0.02
 """Of the usual difference between two encoders: less is rounding, so one was made of the other."""
 _USUAL_STRETCH_M = 1e-6
-_WINDOW_S, _SAMPLES = 0.1, (5, 100)
 
 
-class Motion:
-    """Positions and speeds of one axis, found one after the other.
-
-    Args:
-        names: columns of the axis.
-        values: column -> values as they stand in the file, shape (n,).
-        time_s: of every sample.
-    """
-
-    def __init__(
-        self,
-        names: Iterable[ColumnName],
-        values: Mapping[str, Floats],
-        time_s: Floats,
-        known: Known,
-        found: Understanding,
-    ) -> None:
-        self._names, self._values, self._time_s = list(names), values, time_s
-        self._known, self._found = known, found
-        self._windows = whole_windows(time_s, _window(time_s))
-        self._units: dict[str, str] = {}
-        """Channel -> unit of its column."""
+class Motion(Speeds):
+    """Positions and speeds of one axis, found one after the other."""
 
     def find(self) -> None:
         """Find position channels, their units, the lead, and the speeds."""
@@ -73,49 +35,22 @@ class Motion:
         self._speeds()
         self._only_one_encoder()
 
-    def speed(self) -> Floats | None:
-        """Speed of the axis in any unit, with the direction of its position, shape (n,)."""
-        for channel in (TABLE_POSITION, ANGLE, SETPOINT):
-            if channel in self._found.columns:
-                return smoothed_speed(self.si(channel), self._time_s)
-        return None
-
-    def si(self, channel: str) -> Floats:
-        """Values of a chosen channel in SI units, shape (n,)."""
-        choice = self._found.columns[channel]
-        values = self._values[choice.column]
-        if choice.minus:
-            values = values - self._values[choice.minus]
-        result: Floats = choice.scale * values
-        return result
-
-    def _best(self, quantity: Quantity) -> ColumnName | None:
-        """The moving column of a quantity that serves best."""
-        fitting = [each for each in self._names if each.quantity is quantity]
-        moving = [each for each in fitting if _moves(self._values[each.name])]
-        return min(moving, key=lambda each: each.rank, default=None)
-
     def _plain_position(self, motor: ColumnName | None) -> ColumnName | None:
         """A position whose name does not say on which side of the screw it is measured."""
         plain = self._best(Quantity.POSITION)
         if plain is None or motor is None:
             return plain
         link = self._link(plain.name, motor.name)
-        return plain if link and link.correlation > _SURE else None
+        return plain if link and link.correlation > SURE else None
 
     def _best_setpoint(self, position: ColumnName | None) -> ColumnName | None:
         fitting = [each for each in self._names if each.quantity is Quantity.SETPOINT]
-        moving = [each for each in fitting if _moves(self._values[each.name])]
+        moving = [each for each in fitting if moves(self._values[each.name])]
         if position is None or not moving:
             return moving[0] if moving else None
         links = {each.name: self._link(position.name, each.name) for each in moving}
         able = [each for each in moving if (link := links[each.name]) and link.correlation > 0.8]
         return max(able, key=lambda each: links[each.name].correlation, default=None)  # type: ignore[union-attr]
-
-    def _link(self, target: str, source: str) -> Proportion | None:
-        return proportion(
-            *(changes(self._values[name], self._windows) for name in (target, source))
-        )
 
     def _table(self, table: ColumnName | None, setpoint: ColumnName | None) -> None:
         if table is None or TABLE_POSITION in self._found.columns:
@@ -129,25 +64,6 @@ class Motion:
                 "there is no stretch of the screw in it",
                 assumed=True,
             )
-
-    def _length_unit(self, column: ColumnName, other: ColumnName | None) -> tuple[str, str]:
-        for each in (column, other):
-            if each is not None and SI.get(each.unit, (0.0, ""))[1] == "m":
-                return each.unit, "by its name" if each is column else f"as {each.name!r}"
-        top = self._top_speed(column.name)
-        able = [
-            unit
-            for unit in _TABLE_UNITS
-            if TABLE_SPEEDS_M_S[0] <= SI[unit][0] * top <= TABLE_SPEEDS_M_S[1]
-        ]
-        if len(able) == 1:
-            return able[0], f"{SI[able[0]][0] * top:.2g} m/s is a speed of a table in no other unit"
-        return "mm", "assumed, as controllers have it"
-
-    def _top_speed(self, name: str) -> float:
-        speed = np.abs(smoothed_speed(self._values[name], self._time_s))
-        known = speed[np.isfinite(speed)]
-        return float(np.percentile(known, 99.0)) if known.size else 0.0
 
     def _motor(self, motor: ColumnName | None) -> None:
         if motor is None or ANGLE in self._found.columns:
@@ -186,9 +102,9 @@ class Motion:
             turns_well = MOTOR_SPEEDS_RAD_S[0] <= factor * top <= MOTOR_SPEEDS_RAD_S[1]
             lead = self._known.lead_m
             if ratio is not None and lead is not None:
-                if abs(TURN * abs(ratio) / factor / lead - 1.0) < _SAME:
+                if abs(TURN * abs(ratio) / factor / lead - 1.0) < SAME:
                     return unit, "the lead that was given fits no other unit"
-            elif ratio is None or _LEADS_M[0] <= TURN * abs(ratio) / factor <= _LEADS_M[1]:
+            elif ratio is None or LEADS_M[0] <= TURN * abs(ratio) / factor <= LEADS_M[1]:
                 able += [unit] if turns_well else []
         if len(able) == 1:
             return able[
@@ -205,14 +121,14 @@ class Motion:
         if table is None:
             return None
         link = self._link(table.column, motor)
-        return table.scale * link.factor if link and abs(link.correlation) > _SURE else None
+        return table.scale * link.factor if link and abs(link.correlation) > SURE else None
 
     def _lead_from_encoders(self, motor: ColumnName) -> None:
         table = self._found.columns.get(TABLE_POSITION)
         if table is None:
             return
         link = self._link(table.column, motor.name)
-        if link is None or abs(link.correlation) < _SURE:
+        if link is None or abs(link.correlation) < SURE:
             self._found.say("lead_m", f"{table.column!r} does not follow {motor.name!r}")
             return
         angle = self._found.columns[ANGLE]
@@ -267,7 +183,7 @@ class Motion:
         if table is not None and not table.minus:
             link = self._link(table.column, setpoint.name)
             factor = table.scale * link.factor if link else 0.0
-            near = [unit for unit in _TABLE_UNITS if abs(factor / SI[unit][0] - 1.0) < 0.2]
+            near = [unit for unit in TABLE_UNITS if abs(factor / SI[unit][0] - 1.0) < 0.2]
             if near and SI.get(setpoint.unit, (0.0, ""))[1] != "m":
                 self._choose(SETPOINT, setpoint, near[0], f"it leads {table.column!r}")
                 return
@@ -279,7 +195,7 @@ class Motion:
         if self._lead() is not None or not {ANGLE, SETPOINT} <= columns.keys():
             return
         link = self._link(columns[SETPOINT].column, columns[ANGLE].column)
-        if link is None or abs(link.correlation) < _SURE:
+        if link is None or abs(link.correlation) < SURE:
             return
         per_rad = columns[SETPOINT].scale / columns[ANGLE].scale
         lead, sigma = TURN * per_rad * link.factor, TURN * per_rad * link.sigma
@@ -289,122 +205,9 @@ class Motion:
             self._found.say(ANGLE, "turned round: it counts against the set point")
         self._set_lead(abs(lead), abs(sigma), "from the set point over the motor's angle")
 
-    def _speeds(self) -> None:
-        self._table_speed()
-        motor = self._best(Quantity.MOTOR_SPEED)
-        if motor is None or MOTOR_SPEED in self._found.columns:
-            return
-        unit = motor.unit if SI.get(motor.unit, (0.0, ""))[1] == "rad/s" else ""
-        if not unit and ANGLE in self._found.columns:
-            unit = self._speed_unit(motor, ANGLE, ("rad/s", "rev/min", "deg/s", "rev/s"))
-        if unit:
-            self._choose(MOTOR_SPEED, motor, unit, "by its name" if motor.unit else "by the angle")
-            self._lead_from_speed(motor, unit)
-
-    def _table_speed(self) -> None:
-        speed = self._best(Quantity.SPEED)
-        if speed is None or TABLE_SPEED in self._found.columns:
-            return
-        if SI.get(speed.unit, (0.0, ""))[1] == "m/s":
-            self._choose(TABLE_SPEED, speed, speed.unit, "by its name")
-            return
-        position = TABLE_POSITION if TABLE_POSITION in self._found.columns else ANGLE
-        if position not in self._found.columns:
-            return
-        units = _SPEED_UNITS if position == TABLE_POSITION else ("rad/s", "rev/min", "deg/s")
-        unit = self._speed_unit(speed, position, units)
-        if unit:
-            channel = TABLE_SPEED if position == TABLE_POSITION else MOTOR_SPEED
-            self._choose(channel, speed, unit, f"it is the derivative of {position}")
-        elif position == TABLE_POSITION:
-            self._turning_speed(speed)
-
-    def _speed_unit(self, speed: ColumnName, position: str, units: tuple[str, ...]) -> str:
-        """Unit in which a speed is the derivative of a position; empty if in none."""
-        link = proportion(
-            changes(self.si(position), self._windows),
-            travelled(self._values[speed.name], self._time_s, self._windows),
-        )
-        if link is None or abs(link.correlation) < _SURE:
-            return ""
-        near = [unit for unit in units if abs(abs(link.factor) / SI[unit][0] - 1.0) < 0.05]
-        return near[0] if near else ""
-
-    def _turning_speed(self, speed: ColumnName) -> None:
-        """A speed that is no speed of the table: what it would be as one of the motor."""
-        link = proportion(
-            changes(self.si(TABLE_POSITION), self._windows),
-            travelled(self._values[speed.name], self._time_s, self._windows),
-        )
-        if link is None or abs(link.correlation) < _SURE:
-            self._found.say("speed", f"{speed.name!r} is not the speed of the position; left out")
-            return
-        lead = 60.0 * link.factor
-        if not _LEADS_M[0] <= abs(lead) <= _LEADS_M[1]:
-            self._found.say("speed", f"{speed.name!r}: its unit cannot be told; left out")
-            return
-        scale = math.copysign(SI["rev/min"][0], lead)
-        self._found.columns[MOTOR_SPEED] = Choice(speed.name, scale)
-        self._found.say(MOTOR_SPEED, f"{speed.name!r} taken as rev/min", assumed=True)
-        sigma = 60.0 * link.sigma
-        self._set_lead(abs(lead), sigma, f"from the position over {speed.name!r} as rev/min")
-
-    def _lead_from_speed(self, motor: ColumnName, unit: str) -> None:
-        if self._found.lead_m is not None or TABLE_POSITION not in self._found.columns:
-            return
-        link = proportion(
-            changes(self.si(TABLE_POSITION), self._windows),
-            SI[unit][0] * travelled(self._values[motor.name], self._time_s, self._windows),
-        )
-        if link is not None and abs(link.correlation) > _SURE:
-            lead = TURN * abs(link.factor)
-            sigma = TURN * link.sigma
-            self._set_lead(lead, sigma, f"from the position over {motor.name!r}")
-
-    def _set_lead(self, lead_m: float, sigma_m: float, why: str) -> None:
-        given = self._known.lead_m
-        found = f"{1e3 * lead_m:.5g} mm +- {1e3 * 2.0 * sigma_m:.2g} per revolution, {why}"
-        if given is not None and abs(lead_m / given - 1.0) > max(_SAME, 3.0 * sigma_m / given):
-            self._found.say("lead_m", f"{1e3 * given:g} mm as given, but {found}", assumed=True)
-        elif given is None:
-            self._found.lead_m, self._found.lead_sigma_m = lead_m, sigma_m
-            self._found.say("lead_m", found)
-
     def _only_one_encoder(self) -> None:
         if self._lead() is None:
             self._ask_lead()
-
-    def _ask_lead(self) -> None:
-        self._found.ask(
-            "--lead", "Travel per revolution of the motor, mm", "torque and force go together by it"
-        )
-
-    def _lead(self) -> float | None:
-        if self._known.lead_m is not None:
-            return self._known.lead_m
-        return self._found.lead_m
-
-    def _has(self, quantity: Quantity) -> bool:
-        return any(each.quantity is quantity for each in self._names)
-
-    def _choose(self, channel: str, column: ColumnName, unit: str, why: str) -> None:
-        self._units[channel] = unit
-        self._found.columns[channel] = Choice(column.name, SI[unit][0])
-        words = f"{column.name!r} in {unit} ({why})"
-        self._found.say(channel, words, assumed=why.startswith("assumed"))
-
-
-def _window(time_s: Floats) -> int:
-    """Samples of about `_WINDOW_S`."""
-    steps = np.diff(time_s)
-    forward = steps[steps > 0.0]
-    usual = float(np.median(forward)) if forward.size else 1.0
-    return int(np.clip(_WINDOW_S / usual, _SAMPLES[0], _SAMPLES[1]))
-
-
-def _moves(values: Floats) -> bool:
-    known = values[np.isfinite(values)]
-    return known.size > 0 and float(np.ptp(known)) > 0.0
 
 
 def _resolution(values: Floats) -> float:
