@@ -74,13 +74,14 @@ async function start() {
     const { axes, site, machine } = await fetchJson("/api/v1/axes");
     write(byId("place"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
-    for (const each of axes) {
+    const logs = await Promise.all(axes.map(({ axis }) => fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/log`)));
+    axes.forEach((each, i) => {
       const state = new AxisState(each);
-      const { events } = await fetchJson(`/api/v1/axes/${encodeURIComponent(each.axis)}/log`);
+      const { events } = logs[i];
       state.events = events.slice(-KEPT_EVENTS);
       lastEventId = Math.max(lastEventId, events.at(-1)?.id ?? 0);
       states.set(each.axis, state);
-    }
+    });
     show();
     connect();
   } catch {

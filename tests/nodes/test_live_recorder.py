@@ -1,0 +1,55 @@
+"""Recording of an axis that a person asks for."""
+
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.http_api.jobs import RefusedError
+from edge_service.messages.samples import SampleFrame
+from edge_service.nodes.jobs.live_recorder import LiveRecorder
+from edge_service.nodes.supervision.heartbeat import Heartbeat
+from edge_service.trace.reader import read_trace
+
+RATE_HZ, ROWS = 100.0, 50
+
+
+def frame(number: int) -> SampleFrame:
+    time_s = 7.0 + (number * ROWS + np.arange(ROWS)) / RATE_HZ
+    return SampleFrame(time_s, {"torque_command_nm": time_s * 2.0})
+
+
+async def made(recorder: LiveRecorder) -> None:
+    """Wait until nothing is being recorded."""
+    work = asyncio.ensure_future(recorder.run(Heartbeat("live", 60.0, lambda: 0.0)))
+    async with asyncio.timeout(30.0):
+        while recorder.live() is not None:
+            await asyncio.sleep(0)
+    work.cancel()
+    await asyncio.gather(work, return_exceptions=True)
+
+
+@pytest.mark.parametrize(("seconds", "stop_after", "rows"), [(1.2, None, 120), (60.0, 3, 150)])
+async def test_what_comes_is_kept_to_the_length_asked_for_or_to_the_stop(
+    tmp_path: Path, seconds: float, stop_after: int | None, rows: int
+) -> None:
+    recorder = LiveRecorder(tmp_path)
+    recorder.start("X", "a.parquet", seconds)
+    with pytest.raises(RefusedError, match="axis X is being recorded"):
+        recorder.start("Y", "b.parquet", 1.0)
+    for number in range(stop_after or 5):
+        recorder.follow("X", frame(number))
+        recorder.follow("Y", frame(number))
+    if stop_after:
+        recorder.stop("X")
+    await made(recorder)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.parquet"]
+    kept = read_trace(tmp_path / "a.parquet")
+    assert len(kept.time_s) == rows
+    assert kept.channels["torque_command_nm"] == pytest.approx(kept.time_s * 2.0)
+
+
+async def test_nothing_is_stopped_that_was_not_begun(tmp_path: Path) -> None:
+    with pytest.raises(RefusedError, match="not being recorded"):
+        LiveRecorder(tmp_path).stop("X")
