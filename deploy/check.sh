@@ -3,7 +3,7 @@
 # `deploy/check.sh fast` leaves the slow tests out.
 set -eu
 cd "$(dirname "$0")/.."
-sh deploy/setup.sh
+sh deploy/setup.sh dev
 bin=.venv/bin
 
 # What the tests use besides: a browser for the page, a Prometheus that scrapes, a Modbus device and

@@ -3,7 +3,7 @@
 # puzzle, the real screw's wear where its recording is there, and the rows of the estimator's bench.
 set -eu
 cd "$(dirname "$0")/.."
-sh deploy/setup.sh
+sh deploy/setup.sh dev
 PATH="$PWD/.venv/bin:$PATH"
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT

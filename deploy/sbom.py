@@ -1,8 +1,8 @@
 """Prints the software bill of materials (CycloneDX 1.6, JSON): what the service is made of.
 
 `.venv/bin/python deploy/sbom.py >sbom.json`. Names, versions and hashes are those of
-`requirements.lock`, licences those that the installed packages state. What only tests and
-development need has the scope `excluded`; what an extra needs, `optional`.
+both locks, licences those that the installed packages state (`deploy/setup.sh dev` installs all).
+What only tests and development need has the scope `excluded`; what an extra needs, `optional`.
 """
 
 import json
@@ -17,6 +17,7 @@ from typing import Any
 
 ROOT = Path(__file__).parent.parent
 PRODUCT = "edge-service"
+LOCKS = ("deploy/requirements.lock", "deploy/requirements-dev.lock")
 EXTRAS = ("mcap", "opcua", "mqtt")
 _PACKAGE = re.compile(r"(?m)^([a-z0-9._-]+)==(\S+) \\\n((?: +--hash=.+\n)+)((?: +#.*\n?)*)")
 _UPLOT = ROOT / "edge_service" / "http_api" / "static" / "uplot.js"
@@ -96,7 +97,7 @@ def vendored() -> dict[str, Any]:
 def bill() -> dict[str, Any]:
     """The bill of materials of this checkout."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    known = list(packages((ROOT / "deploy" / "requirements.lock").read_text("utf-8")))
+    known = [each for lock in LOCKS for each in packages((ROOT / lock).read_text("utf-8"))]
     extras = [each for extra in EXTRAS for each in project["optional-dependencies"][extra]]
     required = needed_by(project["dependencies"], known)
     optional = needed_by(extras, known)

@@ -1,6 +1,7 @@
 #!/bin/sh
 # Sets up .venv at the project's root with the locked versions and installs the project into it.
 # Needs Python 3.11 or newer with pip. Safe to run again: does nothing if all is as it should be.
+# `deploy/setup.sh dev` adds what tests and checks need.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -28,18 +29,42 @@ make_venv() { # Debian's python3 lacks ensurepip; virtualenv from pip stands in
 }
 
 python=$(find_python) || fail "no Python 3.11 to 3.13 found"
+locks="-r deploy/requirements.lock"
+purpose=run
+if [ "${1:-run}" = dev ]; then
+  locks="$locks -r deploy/requirements-dev.lock"
+  purpose=dev
+fi
 stamp=.venv/.installed
-wanted=$(cat deploy/requirements.lock pyproject.toml | cksum)
-if [ "$(cat "$stamp" 2>/dev/null || true)" != "$wanted" ] || [ ! -x .venv/bin/edge-service ]; then
-  echo "setup: installing the locked packages into .venv" >&2
+wanted=$(cat deploy/requirements.lock deploy/requirements-dev.lock pyproject.toml | cksum)
+
+is_there() { # what is set up for development serves for running too
+  [ -x .venv/bin/edge-service ] || return 1
+  case "$(cat "$stamp" 2>/dev/null)" in "$purpose $wanted" | "dev $wanted") ;; *) return 1 ;; esac
+}
+
+size_mb() { du -sm .venv | cut -f1; }
+
+count_packages() { echo "$locks" | tr ' ' '\n' | grep lock | xargs cat | grep -c '^[a-z].*=='; }
+
+step() { echo "setup: [$1] $2" >&2; }
+
+if ! is_there; then
+  began=$(date +%s)
+  step 1/3 "$("$python" --version) into .venv"
   make_venv "$python"
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r deploy/requirements.lock
+  step 2/3 "$(count_packages) locked packages, once; a minute or two, by the network"
+  # shellcheck disable=SC2086  # several words
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+    --require-hashes $locks
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
-  echo "setup: compiling the numeric kernels" >&2
+  step 3/3 "compiling the numeric kernels, once; half a minute ($(size_mb) MB so far)"
   .venv/bin/python -c 'from pathlib import Path
 from edge_service.config import load_machine
 from edge_service.nodes.wiring.stages import warm_up
 warm_up()
 warm_up(machines=[load_machine(Path("deploy/commissioned.toml"))])'
-  echo "$wanted" >"$stamp"
+  .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
+  echo "$purpose $wanted" >"$stamp"
+  echo "setup: done: $(size_mb) MB in .venv, $(($(date +%s) - began)) s" >&2
 fi

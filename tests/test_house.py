@@ -245,13 +245,32 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"twist of the screw: {said.twist * 100:g} +- {said.twist * 100:g} %" in text
 
 
-def test_the_lock_pins_every_package_with_a_hash() -> None:
-    lock = (ROOT / "deploy" / "requirements.lock").read_text()
-    pinned = re.findall(r"^([a-z0-9_.\-]+)==[^\s]+ \\\n    --hash=sha256:", lock, re.MULTILINE)
-    named = re.findall(r"^[a-z0-9_.\-]+", lock, re.MULTILINE)
-    assert pinned == named
-    for requirement in PROJECT["project"]["dependencies"]:
+LOCKS = ("requirements.lock", "requirements-dev.lock")
+
+
+def pinned_in(lock: str) -> list[str]:
+    """Packages that a lock pins, in its order."""
+    text = (ROOT / "deploy" / lock).read_text()
+    pinned = re.findall(r"^([a-z0-9_.\-]+)==[^\s]+ \\\n    --hash=sha256:", text, re.MULTILINE)
+    assert pinned == re.findall(r"^[a-z0-9_.\-]+", text, re.MULTILINE)
+    return pinned
+
+
+def test_the_locks_pin_every_package_once_with_a_hash() -> None:
+    pinned = [name for lock in LOCKS for name in pinned_in(lock)]
+    assert len(set(pinned)) == len(pinned)
+    for requirement in PROJECT["project"]["optional-dependencies"]["dev"]:
         assert re.split(r"[<>=\[]", requirement)[0] in pinned
+
+
+def test_what_runs_the_service_is_locked_apart_from_what_tests_it() -> None:
+    running, extras = pinned_in(LOCKS[0]), PROJECT["project"]["optional-dependencies"]
+    wanted = [*PROJECT["project"]["dependencies"]]
+    wanted += [each for name, group in extras.items() if name != "dev" for each in group]
+    names = {re.split(r"[<>=\[]", requirement)[0] for requirement in wanted}
+    assert names <= set(running)
+    tools = {re.split(r"[<>=\[]", requirement)[0] for requirement in extras["dev"]} - names
+    assert tools <= set(pinned_in(LOCKS[1]))
 
 
 def test_the_project_speaks_of_itself_alone() -> None:

@@ -21,7 +21,7 @@ def bill() -> dict[str, Any]:
 
 
 def test_it_holds_the_packages_of_the_lock_with_their_hashes(bill: dict[str, Any]) -> None:
-    lock = document("deploy/requirements.lock")
+    lock = document("deploy/requirements.lock") + document("deploy/requirements-dev.lock")
     pinned = re.findall(r"(?m)^([a-z0-9._-]+)==(\S+) ", lock)
     found = {each["name"]: each for each in bill["components"]}
     assert [(name, found[name]["version"]) for name, _ in pinned] == pinned
