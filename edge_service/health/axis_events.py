@@ -8,15 +8,19 @@ from .condition.input_watch import NS_PER_S
 from .model_watch.consistency import CHANNEL_WORDS, Disagreement
 
 
-def preload_rose(axis: str, before: float, percent: float, now_ns: int) -> Event:
+def preload_rose(
+    axis: str, before: float, percent: float, fresh: float | None, now_ns: int
+) -> Event:
     """Event of a rise that wear cannot make; preloads in percent of the load rating."""
+    share = 100.0 / (fresh or 100.0)
+    unit = "% of the load rating" if fresh is None else "% of the fresh screw's"
     return Event(
         axis=axis,
         kind="preload_rose",
         severity=Severity.INFO,
         message=(
-            f"preload rose from {before:.2f} to {percent:.2f} %, which wear cannot do: its trend "
-            "begins anew; if a part was replaced, note it"
+            f"preload rose from {share * before:.3g} to {share * percent:.3g} {unit}, which wear "
+            "cannot do; the trend starts again; if a part was replaced, note it"
         ),
         time_ns=now_ns,
         data={"from_percent": before, "to_percent": percent},
@@ -37,10 +41,10 @@ def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: 
     """Event of a change of the verdict on the model."""
     name = recording_name(axis, since_ns)
     words = (
-        f"the model no longer fits: {CHANNEL_WORDS[change.channel]} is off by "
-        f"{change.ratio**0.5:.1f} times as much as before; {name} is being recorded"
+        f"the axis is not as when it was learned: {CHANNEL_WORDS[change.channel]} is off by "
+        f"{change.ratio**0.5:.1f} times as much as then; {name} is being recorded"
         if change.disagrees
-        else f"the model fits again: {CHANNEL_WORDS[change.channel]} is as it was"
+        else f"the axis is as it was learned again: {CHANNEL_WORDS[change.channel]}"
     )
     return Event(
         axis=axis,
@@ -84,11 +88,12 @@ def clock_changed(step_ns: int, now_ns: int) -> Event:
     """Event of a step of the clock, which all kept times have made as well."""
     seconds = step_ns / NS_PER_S
     hours = f"{abs(seconds) / 3600.0:.2f} h" if abs(seconds) >= 3600.0 else f"{abs(seconds):.0f} s"
+    way = "forward" if step_ns > 0 else "back"
     return Event(
         axis="",
         kind="clock_changed",
         severity=Severity.WARNING,
-        message=f"the clock of this computer was set {'on' if step_ns > 0 else 'back'} by {hours}",
+        message=f"the clock of this computer was set {way} by {hours}",
         time_ns=now_ns,
         data={"step_s": seconds},
     )

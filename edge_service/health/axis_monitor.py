@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from ..messages.advice import PreloadFall
 from ..messages.alarm import Command, Outcome
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import Event
@@ -15,6 +16,7 @@ from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, Consistency
 from ..messages.trend import Trend, Use
+from .advice.consistent import consistent, of_fresh
 from .alarms.axis_alarms import AlarmSettings, AxisAlarms
 from .alarms.latch import LatchSnapshot
 from .answered import AnsweredCommand, AnsweredCommands
@@ -66,6 +68,7 @@ class AxisSnapshot:
     consistency: dict[str, LearnedChannel] | None = None
     saved_ns: int = 0
     answered: tuple[AnsweredCommand, ...] = ()
+    fall: PreloadFall | None = None
 
 
 _SNAPSHOTS = TypeAdapter(AxisSnapshot)
@@ -78,6 +81,7 @@ class AxisMonitor:
         self, facts: AxisFacts, settings: HealthSettings, alarms: AlarmSettings, now_ns: int
     ) -> None:
         self.axis = facts.axis
+        self._fresh_percent = facts.fresh_percent
         self._now_ns = self._begun_ns = now_ns
         self._stop_ns = 0
         self._condition = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
@@ -162,15 +166,17 @@ class AxisMonitor:
 
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis with everything beside it, as of now."""
-        return self._condition.health(now_ns).model_copy(
+        health = self._judged(now_ns).model_copy(
             update={
-                "alarms": self._alarms.shown(),
+                "fall": self._alarms.fall,
                 "trend": self._trend,
                 "use": self._use.use(),
                 "friction": self._friction.curve(),
-                "consistency": self._consistent(),
             }
         )
+        alarms = self._alarms.shown(health, self._trend, now_ns)
+        health = health.model_copy(update={"alarms": alarms})
+        return consistent(health, self._condition.estimate)
 
     def trend_is_due(self, now_ns: int) -> bool:
         """Tell whether there is something new to report."""
@@ -185,7 +191,7 @@ class AxisMonitor:
 
     def take_trend(self, trend: Trend, now_ns: int) -> None:
         """Show a trend that `trend_work` made."""
-        self._trend, self._trend_ns = trend, now_ns
+        self._trend, self._trend_ns = of_fresh(trend, self._fresh_percent), now_ns
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns: all that has a time moves along.
@@ -218,6 +224,7 @@ class AxisMonitor:
             consistency=self._consistency.snapshot(),
             saved_ns=self._now_ns,
             answered=tuple(self._answered.snapshot()),
+            fall=self._alarms.fall,
         )
         document: dict[str, Any] = _SNAPSHOTS.dump_python(snapshot, mode="json")
         return document
@@ -246,7 +253,7 @@ class AxisMonitor:
             raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
         step_ns = min(self._now_ns - snapshot.saved_ns, 0)
         self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
-        self._alarms.restore(snapshot.alarms, step_ns)
+        self._alarms.restore(snapshot.alarms, snapshot.fall, step_ns)
         self._answered.restore(snapshot.answered)
         self._use.restore(snapshot.use)
         self._use.move(step_ns)
@@ -267,7 +274,7 @@ class AxisMonitor:
             return ()  # not yet sure: keep it out of the trend
         events: tuple[Event, ...] = ()
         if rose and known is not None:
-            events = (preload_rose(self.axis, known, percent, now_ns),)
+            events = (preload_rose(self.axis, known, percent, self._fresh_percent, now_ns),)
             self._series.clear()
             self._trend, self._trend_ns, self._rises = None, 0, 0
         half_width = 0.5 * (high - low)
@@ -294,13 +301,14 @@ class AxisMonitor:
         )
 
     def _look_at_alarms(self, now_ns: int) -> tuple[Event, ...]:
-        health = self._condition.health(now_ns).model_copy(
-            update={"consistency": self._consistent()}
-        )
-        return self._alarms.tick(health, self._trend, now_ns)
+        return self._alarms.tick(self._judged(now_ns), self._trend, now_ns)
+
+    def _judged(self, now_ns: int) -> AxisHealth:
+        return self._condition.health(now_ns).model_copy(update={"consistency": self._consistent()})
 
     def _restart(self, now_ns: int) -> None:
         self._use.restart(now_ns)
+        self._alarms.fall = None
         self._friction.restart()
         self._consistency.restart()
         self._series.clear()

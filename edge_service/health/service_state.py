@@ -11,6 +11,7 @@ from ..messages.header import Header
 from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
+from .advice.consistent import consistent
 from .alarms.parts import is_down
 from .axis_state import AxisState
 from .condition.component import ComponentWatch
@@ -154,7 +155,7 @@ class ServiceState:
         if missing and last.condition is not AxisCondition.UNAVAILABLE:
             changes["condition"] = AxisCondition.UNAVAILABLE
             changes["since_time_ns"] = self._missing_since_ns(state, now_ns)
-        return last.model_copy(update=changes)
+        return consistent(last.model_copy(update=changes), state.readable(now_ns))
 
     def components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
         """Components that serve all axes."""

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 from ..health.history.buckets import Spread
+from ..messages.advice import Headline, Subject, Task
 from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
 from ..messages.event import Severity
@@ -41,6 +42,7 @@ _PRELOAD_EXAMPLE: dict[str, Any] = {
     "low": 6.58,
     "high": 6.84,
     "level": 0.95,
+    "of_fresh": {"value": 98.0, "low": 96.1, "high": 99.9},
     "preload_n": 500.1,
     "drag_torque_nm": {"value": 0.141, "low": 0.139, "high": 0.143},
     "stiffness_n_per_m": {"value": 3.6e7, "low": 3.4e7, "high": 3.8e7},
@@ -65,6 +67,14 @@ class Answer(BaseModel):
     )
 
 
+class OfFreshAnswer(Answer):
+    """Preload in percent of the fresh screw's, with its interval."""
+
+    value: float
+    low: float | None
+    high: float | None
+
+
 class PreloadAnswer(Answer):
     """Preload of one axis; numbers are null unless the status is `estimated`."""
 
@@ -78,6 +88,9 @@ class PreloadAnswer(Answer):
     low: float | None = Field(description="Lower bound of the interval, percent.")
     high: float | None = Field(description="Upper bound of the interval, percent.")
     level: float = Field(description="Probability that the interval aims to hold the truth.")
+    of_fresh: OfFreshAnswer | None = Field(
+        default=None, description="The same in percent of the fresh screw's preload."
+    )
     preload_n: float | None = Field(description="Preload, N.")
     drag_torque_nm: Interval | None = Field(
         description="Coulomb drag torque of the axis at the motor shaft, N m."
@@ -103,7 +116,7 @@ _ALARM_EXAMPLE: dict[str, Any] = {
     "alarm": "sudden_drop",
     "severity": "error",
     "active": True,
-    "message": "preload fell suddenly by 64 % of the commissioned preload, to 2.46 %",
+    "message": "preload fell suddenly by 64 points, from 100 to 36 % of the fresh screw's",
     "raised_at": "2026-01-31T12:00:00.000Z",
     "cleared_at": None,
     "acknowledged_by": None,
@@ -144,11 +157,12 @@ class CrossingAnswer(Answer):
 
 _TREND_EXAMPLE: dict[str, Any] = {
     "status": "falling",
-    "reason": "the preload falls",
+    "reason": "the preload is falling",
     "since": "2026-01-01T06:00:00.000Z",
     "basis": "distance",
     "level": 0.9,
     "rate_percent_per_h": {"value": -1.2e-3, "low": -1.4e-3, "high": -1.0e-3},
+    "rate_fresh_percent_per_h": {"value": -1.8e-2, "low": -2.1e-2, "high": -1.5e-2},
     "rate_percent_per_km": {"value": -4.1e-3, "low": -4.6e-3, "high": -3.7e-3},
     "crossings": [
         {
@@ -176,6 +190,9 @@ class TrendAnswer(Answer):
     level: float = Field(description="Probability that each interval holds the truth.")
     rate_percent_per_h: Interval | None
     rate_percent_per_km: Interval | None
+    rate_fresh_percent_per_h: Interval | None = Field(
+        description="Change in percent of the fresh screw's preload per hour."
+    )
     crossings: list[CrossingAnswer] = Field(description="Empty unless the preload is falling.")
 
 
@@ -202,6 +219,33 @@ class ConsistencyAnswer(Answer):
     recording: str | None = Field(description="Trace of that moment, ready to diagnose.")
 
 
+class DueAnswer(Answer):
+    """Time by which a task is due: the interval in which its limit is reached."""
+
+    earliest: Timestamp = Field(validation_alias="earliest_ns")
+    likely: Timestamp | None = Field(validation_alias="likely_ns")
+    latest: Timestamp | None = Field(validation_alias="latest_ns")
+
+
+class AdviceAnswer(Answer):
+    """One task for whoever works at the axis."""
+
+    task: Task
+    subject: Subject
+    text: str
+    now: bool = Field(description="Whether it is due now.")
+    due: DueAnswer | None = Field(description="When else; null where no date can be named.")
+    together_with: list[Task] = Field(description="What else to do in the same stop.")
+
+
+class PreloadFallAnswer(Answer):
+    """Last sudden fall of the preload, percent of the fresh screw's, since a part was replaced."""
+
+    from_percent: float
+    to_percent: float
+    time: Timestamp = Field(validation_alias="time_ns")
+
+
 class HealthAnswer(Answer):
     """Condition of one axis, and the state of the data behind it."""
 
@@ -218,6 +262,11 @@ class HealthAnswer(Answer):
     alarms: list[AlarmAnswer] = Field(description="Those a person should see, gravest first.")
     trend: TrendAnswer | None
     consistency: ConsistencyAnswer | None
+    headline: Headline | None = Field(
+        description="The one statement, from the worst of condition and alarms."
+    )
+    advice: list[AdviceAnswer] = Field(description="Tasks, the most urgent first.")
+    fall: PreloadFallAnswer | None = Field(description="null: none since the part came into use.")
 
 
 class ServiceAnswer(Answer):

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
+from .advice import Advice, Headline, PreloadFall
 from .alarm import Alarm
 from .estimate import Frozen
 from .trend import FrictionCurve, Trend, Use
@@ -98,6 +99,9 @@ class AxisHealth(Frozen):
         data_faults: count of faulty intervals per kind since start.
         alarms: those that a person should see, the gravest first.
         trend, use, friction, consistency: None where nobody keeps them.
+        headline: the one statement from the worst of condition and alarms.
+        advice: tasks for a person, the most urgent first; empty if there is nothing to do.
+        fall: the last sudden fall of the preload since a part was replaced.
     """
 
     axis: str
@@ -111,3 +115,6 @@ class AxisHealth(Frozen):
     use: Use | None = None
     friction: FrictionCurve | None = None
     consistency: Consistency | None = None
+    headline: Headline | None = None
+    advice: tuple[Advice, ...] = ()
+    fall: PreloadFall | None = None

@@ -40,7 +40,9 @@ class Trend(Frozen):
         basis: what the wear is counted against, `time` or `distance`.
         level: probability that each interval and band aims to hold the truth.
         rate_percent_per_h: change of the preload, percent of the load rating per hour.
-        rate_percent_per_km: the same against distance; None where it is not known.
+        rate_fresh_percent_per_h: the same in percent of the fresh screw's preload; None where that
+            is not known.
+        rate_percent_per_km: the change against distance; None where it is not known.
         crossings: empty unless the preload is falling.
     """
 
@@ -51,6 +53,7 @@ class Trend(Frozen):
     level: float = 0.9
     rate_percent_per_h: Interval | None = None
     rate_percent_per_km: Interval | None = None
+    rate_fresh_percent_per_h: Interval | None = None
     crossings: tuple[Crossing, ...] = ()
 
 

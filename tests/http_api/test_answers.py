@@ -28,6 +28,7 @@ async def test_preload_is_the_answer_of_the_contract(scene, client):
         "low": 6.58,
         "high": 6.84,
         "level": 0.95,
+        "of_fresh": pytest.approx({"value": 67.1, "low": 65.8, "high": 68.4}),
         "preload_n": 500.1,
         "drag_torque_nm": {"value": 0.141, "low": 0.139, "high": 0.143},
         "stiffness_n_per_m": {"value": 3.6e7, "low": 3.4e7, "high": 3.8e7},

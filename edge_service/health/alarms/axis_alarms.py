@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ...messages.advice import PreloadFall
 from ...messages.alarm import Alarm, AlarmKind, Command
 from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.event import Event, Severity
@@ -13,8 +14,8 @@ from ..condition.input_watch import NS_PER_S, moved
 from ..model_watch.consistency import CHANNEL_WORDS
 from .latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .parts import Parts
+from .words import H_PER_RATE, drop_words, limit_words, rate_words
 
-_H_PER_RATE = 1000.0
 _NIS_MEMORY = 0.98
 _START_S = 30
 """So long after a start nobody misses data that were never heard."""
@@ -56,14 +57,14 @@ class SuddenDrop:
         self._recent: deque[tuple[int, float, float]] = deque()
 
     def update(self, time_ns: int, low: float, value: float, high: float) -> float | None:
-        """Take an estimate in; the loss in percent of the load rating if it was sudden."""
+        """Take an estimate in; the value before it, percent of the rating, if it fell suddenly."""
         while self._recent and not 0 <= time_ns - self._recent[0][0] <= self.within_ns:
             self._recent.popleft()
         best = max(self._recent, key=lambda each: each[2], default=None)
         self._recent.append((time_ns, low, value))
         if best is None or best[2] - value < self._limit_percent or high >= best[1]:
             return None
-        return best[2] - value
+        return best[2]
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
@@ -100,6 +101,8 @@ class AxisAlarms:
         self._drop = SuddenDrop(settings.sudden_drop_percent * share, settings.sudden_drop_within_s)
         self._parts = Parts()
         self._fallen_ns: int | None = None
+        self._percent: float | None = None
+        self.fall: PreloadFall | None = None
         self._nis = 1.0
         self._status: EstimateStatus | None = None
         self._used_s = 0.0
@@ -116,19 +119,29 @@ class AxisAlarms:
         low, value, high = estimate.low, estimate.preload_percent, estimate.high
         if self._fresh is None or low is None or value is None or high is None:
             return ()
-        loss = self._drop.update(time_ns, low, value, high)
-        if loss is None:
+        self._percent = value
+        before = self._drop.update(time_ns, low, value, high)
+        if before is None:
             return ()
-        share = 100.0 * loss / self._fresh
-        words = (
-            f"preload fell suddenly by {share:.0f} % of the commissioned preload, to {value:.2f} %"
-        )
         latch, before_ns = self._latches[AlarmKind.SUDDEN_DROP], self._fallen_ns
         self._fallen_ns = time_ns
-        if before_ns is None or abs(time_ns - before_ns) > self._drop.within_ns:
+        again = before_ns is None or abs(time_ns - before_ns) > self._drop.within_ns
+        words = self._note_fall(before, value, now_ns, again or self.fall is None)
+        if again:
             return latch.update(True, words, now_ns)
         latch.reword(words)  # the same fall, further down: the estimates need a second for it
         return ()
+
+    def _note_fall(self, before: float, value: float, now_ns: int, again: bool) -> str:
+        """Remember a fall, or how far the last one went on, and put it into words."""
+        share = 100.0 / (self._fresh or 100.0)
+        last = None if again else self.fall
+        self.fall = PreloadFall(
+            from_percent=share * before if last is None else last.from_percent,
+            to_percent=share * value,
+            time_ns=now_ns if last is None else last.time_ns,
+        )
+        return drop_words(self.fall.from_percent, self.fall.to_percent)
 
     def on_component(self, report: ComponentHealth) -> bool:
         """Take the report of a part in; True if that may raise or clear an alarm."""
@@ -136,7 +149,15 @@ class AxisAlarms:
 
     def tick(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Event, ...]:
         """Let time pass, with the condition and the trend as of now."""
-        causes = {
+        events: list[Event] = []
+        for kind, (cause, words) in self._causes(health, trend, now_ns).items():
+            events += self._latches[kind].update(cause, words, now_ns)
+        return tuple(events)
+
+    def _causes(
+        self, health: AxisHealth, trend: Trend | None, now_ns: int
+    ) -> dict[AlarmKind, tuple[bool | None, str]]:
+        return {
             **self._limits(health),
             AlarmKind.RATE: self._rate(trend),
             AlarmKind.SUDDEN_DROP: (None, ""),
@@ -144,10 +165,6 @@ class AxisAlarms:
             AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
             AlarmKind.SERVICE: self._parts.cause(),
         }
-        events: list[Event] = []
-        for kind, (cause, words) in causes.items():
-            events += self._latches[kind].update(cause, words, now_ns)
-        return tuple(events)
 
     def refusal(self, command: Command) -> str:
         """Why a command would change nothing; empty if it would."""
@@ -176,12 +193,17 @@ class AxisAlarms:
         """The clock was set by a step, ns."""
         self._patient_until_ns += step_ns
         self._fallen_ns = moved(self._fallen_ns, step_ns)
+        if self.fall is not None:
+            moved_ns = self.fall.time_ns + step_ns
+            self.fall = self.fall.model_copy(update={"time_ns": moved_ns})
         self._drop.move(step_ns)
         for latch in self._latches.values():
             latch.move(step_ns)
 
-    def shown(self) -> tuple[Alarm, ...]:
-        """Alarms that a person should see, the gravest first."""
+    def shown(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Alarm, ...]:
+        """Alarms that a person should see, the gravest first, in words as of now."""
+        for kind, (_, words) in self._causes(health, trend, now_ns).items():
+            self._latches[kind].follow(words)
         alarms = [alarm for latch in self._latches.values() if (alarm := latch.shown())]
         order = list(Severity)
         return tuple(
@@ -192,8 +214,15 @@ class AxisAlarms:
         """State of each kind of alarm."""
         return {kind.value: latch.snapshot() for kind, latch in self._latches.items()}
 
-    def restore(self, snapshot: Mapping[str, LatchSnapshot], step_ns: int = 0) -> None:
+    def restore(
+        self,
+        snapshot: Mapping[str, LatchSnapshot],
+        fall: PreloadFall | None = None,
+        step_ns: int = 0,
+    ) -> None:
         """Go on from a snapshot, of a clock that was set by a step since, ns."""
+        if fall is not None:
+            self.fall = fall.model_copy(update={"time_ns": fall.time_ns + step_ns})
         for kind, latch in self._latches.items():
             if kind.value in snapshot:
                 latch.restore(snapshot[kind.value])
@@ -201,7 +230,7 @@ class AxisAlarms:
 
     def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, str]]:
         known = health.condition is not AxisCondition.UNAVAILABLE
-        words = health.reasons[0].partition(": ")[2] if health.reasons else ""
+        words = limit_words(health, self._percent, self._fresh)
         fault = health.condition is AxisCondition.FAULT
         low = health.condition is AxisCondition.WARNING
         return {
@@ -211,12 +240,12 @@ class AxisAlarms:
 
     def _rate(self, trend: Trend | None) -> tuple[bool | None, str]:
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
-            return None, ""
-        share = -100.0 * _H_PER_RATE / self._fresh
+            return None, rate_words(None, 0.0, 0.0)
+        share = -100.0 * H_PER_RATE / self._fresh
         loss = trend.rate_percent_per_h.value * share
         sure = trend.rate_percent_per_h.high * share
         limit = self._settings.rate_percent_per_1000_h
-        words = f"preload falls by {_readable(loss)}; the limit is {limit:g} % per 1000 h"
+        words = rate_words(trend, loss, limit)
         if sure > limit:
             return True, words
         return (False if loss < 0.9 * limit else None), words
@@ -233,27 +262,17 @@ class AxisAlarms:
         consistency = health.consistency
         if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
             channel = consistency.channel or ""
-            words = f"the model no longer fits: {CHANNEL_WORDS.get(channel, channel)} has changed"
+            words = f"not as when the axis was learned: {CHANNEL_WORDS.get(channel, channel)}"
             return True, words
         if self._status is EstimateStatus.INVALID and self._used_s < _BEGINNING_S:
             return None, ""
         if self._status is EstimateStatus.INVALID:
             reason = next(iter(health.reasons), "").partition(": ")[2]
-            return True, "the model no longer fits what is measured: " + reason
+            return True, "model and measurement disagree: " + reason
+        words = f"model does not fit: its squared errors {self._nis:.1f} times as expected"
         if self._nis > limit:
-            words = f"the model no longer fits: its errors are {self._nis:.1f} times as expected"
             return True, words
-        return (False if self._nis < 0.8 * limit else None), ""
-
-
-def _readable(percent_per_1000_h: float) -> str:
-    """A rate over the longest time in which less than everything is lost."""
-    spans = ((1000.0, "1000 h"), (24.0, "day"), (1.0, "hour"), (1.0 / 60.0, "minute"))
-    short = [span for span in spans if percent_per_1000_h * span[0] < 100.0 * _H_PER_RATE]
-    hours, name = (short or spans[-1:])[0]
-    return (
-        f"{percent_per_1000_h * hours / _H_PER_RATE:.3g} % of the commissioned preload per {name}"
-    )
+        return (False if self._nis < 0.8 * limit else None), words
 
 
 def _data_lost(health: AxisHealth) -> tuple[bool | None, str]:

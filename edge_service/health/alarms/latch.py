@@ -56,6 +56,7 @@ class AlarmLatch:
     def update(self, cause: bool | None, message: str, now_ns: int) -> tuple[Event, ...]:
         """Say whether the cause holds (None: nobody can tell, the state stays)."""
         over = self._end_of_shelf(now_ns)
+        self.follow(message)
         if cause is None or cause is self.active:
             self._change_since_ns = None
             return over
@@ -66,6 +67,11 @@ class AlarmLatch:
             return over
         self._change_since_ns = None
         return (*over, *(self._raise(message, now_ns) if cause else self._clear(now_ns)))
+
+    def follow(self, message: str) -> None:
+        """Let the words follow the value, while it is active."""
+        if self.active and message and not self.rule.latched:
+            self.reword(message)
 
     def reword(self, message: str) -> None:
         """Say better what it is about, while it is shown."""
@@ -91,9 +97,7 @@ class AlarmLatch:
             return ()
         self._alarm = alarm.model_copy(update={"acknowledged_by": user, "note": note})
         if self.rule.latched and alarm.active:
-            self._alarm = self._alarm.model_copy(
-                update={"active": False, "cleared_time_ns": now_ns}
-            )
+            self._alarm = self._alarm.model_copy(update=self._over(now_ns))
         if not self._alarm.active:
             self._alarm = None
         return (
@@ -154,15 +158,24 @@ class AlarmLatch:
     def _clear(self, now_ns: int) -> tuple[Event, ...]:
         if self._alarm is None or self.rule.latched:
             return ()
-        cleared = self._alarm.model_copy(update={"active": False, "cleared_time_ns": now_ns})
+        cleared = self._alarm.model_copy(update=self._over(now_ns))
         self._alarm = None if cleared.acknowledged_by is not None else cleared
-        return (self._event("cleared", Severity.INFO, "over", now_ns),)
+        return (self._event("cleared", Severity.INFO, "has cleared", now_ns),)
+
+    def _over(self, now_ns: int) -> dict[str, object]:
+        words = "" if self._alarm is None else self._alarm.message
+        message = f"no longer active: {words}"
+        return {"active": False, "cleared_time_ns": now_ns, "message": message}
 
     def _end_of_shelf(self, now_ns: int) -> tuple[Event, ...]:
         if self._shelved_until_ns is None or now_ns < self._shelved_until_ns:
             return ()
         self._shelved_until_ns = None
-        return (self._event("unshelved", Severity.INFO, "the time of shelving is over", now_ns),)
+        return (
+            self._event(
+                "unshelved", Severity.INFO, "is no longer shelved: its time is over", now_ns
+            ),
+        )
 
     def _event(
         self, change: str, severity: Severity, text: str, now_ns: int, note: str = ""

@@ -54,7 +54,7 @@ class ConditionMonitor:
         self._feature_input = InputWatch(settings.feature_stale_after_s)
         self._components = ComponentWatch(settings.component_silent_after_s)
         self._data_faults = DataFaults(axis, settings.fault_clear_s)
-        self._estimate: PreloadEstimate | None = None
+        self.estimate: PreloadEstimate | None = None
         self._estimated_ns: int | None = None
         self._condition = AxisCondition.UNAVAILABLE
         self._since_ns = now_ns
@@ -65,7 +65,7 @@ class ConditionMonitor:
         """Take an estimate in; one that is older than the last is ignored."""
         if not self._preload_input.accept(header, now_ns):
             return ()
-        before, self._estimate = self._estimate, estimate
+        before, self.estimate = self.estimate, estimate
         if estimate.status is EstimateStatus.ESTIMATED:
             self._estimated_ns = now_ns
             bounds = _bounds(estimate)
@@ -121,13 +121,13 @@ class ConditionMonitor:
         )
 
     def _verdict(self, now_ns: int) -> _Verdict:
-        if self._estimate is None or self._preload_input.is_stale(now_ns):
+        if self.estimate is None or self._preload_input.is_stale(now_ns):
             return AxisCondition.UNAVAILABLE, self._missing_input(now_ns)
-        if self._limits is None or self._percent_missing(self._estimate):
-            return AxisCondition.UNAVAILABLE, self._no_limit(self._estimate)
+        if self._limits is None or self._percent_missing(self.estimate):
+            return AxisCondition.UNAVAILABLE, self._no_limit(self.estimate)
         held: tuple[str, ...] = ()
-        if self._estimate.status is not EstimateStatus.ESTIMATED:
-            held = (_NO_NUMBER[self._estimate.status], *self._estimate.reasons)
+        if self.estimate.status is not EstimateStatus.ESTIMATED:
+            held = (_NO_NUMBER[self.estimate.status], *self.estimate.reasons)
             if not self._within_grace(now_ns):
                 return AxisCondition.UNAVAILABLE, held
         condition = self._limits.condition
@@ -137,7 +137,7 @@ class ConditionMonitor:
         return condition, (*self._limits.reasons, *held)
 
     def _missing_input(self, now_ns: int) -> tuple[str, ...]:
-        if self._estimate is None:
+        if self.estimate is None:
             reasons = ["no_input: no preload estimate heard yet"]
         else:
             limit_s = self._settings.preload_stale_after_s
@@ -187,7 +187,7 @@ class ConditionMonitor:
         now_ns: int,
     ) -> Event:
         supported = condition is not AxisCondition.UNAVAILABLE
-        percent = _readable_percent(self._estimate) if supported else None
+        percent = _readable_percent(self.estimate) if supported else None
         return Event(
             axis=self.axis,
             kind="condition_changed",

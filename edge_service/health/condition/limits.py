@@ -129,8 +129,8 @@ class LimitTracker:
     def _reason(self, code: str, latch: LimitLatch) -> str:
         fresh = self._limits.fresh_percent
         return (
-            f"{code}: preload is at {100.0 * self._value_percent / fresh:.0f} % of the fresh "
-            f"screw's; the limit is {100.0 * latch.limit_percent / fresh:.0f} %, left again above "
+            f"{code}: preload at {100.0 * self._value_percent / fresh:.0f} % of the fresh "
+            f"screw's; limit {100.0 * latch.limit_percent / fresh:.0f} %, cleared above "
             f"{100.0 * latch.release_percent / fresh:.0f} %"
         )
 

@@ -117,7 +117,7 @@ def preload_trend(
     sigma = float(np.median(half_width_percent)) * _SIGMA_OF_HALF_WIDTH if time_s.size else 0.0
     future = project_wear(time_s, distance_m, percent, sigma)
     if future is None:
-        reason = "too little history for a trend since the part came into use"
+        reason = "too little history for a trend yet"
         return Trend(status=TrendStatus.TOO_EARLY, reason=reason, since_time_ns=since_ns)
     status = _status(future.draws, settings)
     per_h = future.draws.slope * future.s_per_s * 3600.0
@@ -143,9 +143,9 @@ def preload_trend(
 
 
 _SENTENCES = {
-    TrendStatus.FALLING: "the preload falls",
-    TrendStatus.RISING: "the preload rises: parts do not heal, so something else changed",
-    TrendStatus.STEADY: "no change of the preload can be told from none, so there is no date",
+    TrendStatus.FALLING: "the preload is falling",
+    TrendStatus.RISING: "the preload is rising: wear cannot do that, so something else has changed",
+    TrendStatus.STEADY: "no clear trend yet, so there is no date",
 }
 
 

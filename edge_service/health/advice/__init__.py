@@ -1,0 +1,1 @@
+"""One headline for each axis, and advice on what to do."""

@@ -1,0 +1,146 @@
+"""Tasks for whoever works at an axis: what, by when, and what else in the same stop."""
+
+from collections.abc import Iterator, Sequence
+
+from ...messages.advice import Advice, Due, Subject, Task
+from ...messages.alarm import AlarmKind
+from ...messages.estimate import EstimateStatus, PreloadEstimate
+from ...messages.health import AxisCondition, AxisHealth
+from ...messages.trend import Trend, TrendStatus
+
+LIKELY_GREASE = 0.9
+"""Probability of more friction at the same preload from which regreasing is advised."""
+_TEXTS = {
+    Task.INSPECT: "Stop the axis and look for damage: nut, balls, bearings, coupling.",
+    Task.REPLACE_NUT: (
+        "Replace or readjust the nut, then note “part replaced”. Until then expect backlash "
+        "and scrap."
+    ),
+    Task.CONFIRM_LOSS: "Confirm the loss of preload by a test before you replace the nut.",
+    Task.PLAN_NUT: "Plan to replace or readjust the nut.",
+    Task.FIND_WEAR: "Find out why the screw wears fast: load, lubrication, dirt.",
+    Task.DIAGNOSE: (
+        "Do not rely on the number yet. Check sensors and machine file; if they are right, "
+        "record a test and run a diagnosis."
+    ),
+    Task.REGREASE: "Regrease the screw: its friction has risen, not its preload.",
+    Task.FIND_CHANGE: (
+        "Find out what changed: a new part, other grease, a repair? If a part was replaced, "
+        "note “part replaced”."
+    ),
+    Task.CHECK_SERVICE: "Look at the parts of the service: one of them does not work.",
+    Task.CHECK_CONNECTION: "Check the connection to the drive: no data are coming in.",
+    Task.SWITCH_ON: "Check that the drive is on and connected: no data have come in yet.",
+    Task.COMPLETE_MACHINE_FILE: (
+        "Complete the machine file: the fresh screw's preload or the load rating is missing."
+    ),
+    Task.MOVE_FREELY: "Let the axis move without cutting for a few seconds, such as a warm-up.",
+    Task.MOVE: "Move the axis: its preload cannot be measured at rest.",
+    Task.WAIT: "Wait a moment, and let the axis go on moving.",
+    Task.ACKNOWLEDGE: "Acknowledge the alarm once you have taken note.",
+}
+_SUBJECTS = {
+    **dict.fromkeys(Task, Subject.PRELOAD),
+    Task.DIAGNOSE: Subject.MODEL,
+    Task.REGREASE: Subject.GREASE,
+    Task.MOVE_FREELY: Subject.MOTION,
+    Task.MOVE: Subject.MOTION,
+    Task.WAIT: Subject.MOTION,
+    Task.CHECK_SERVICE: Subject.DATA,
+    Task.CHECK_CONNECTION: Subject.DATA,
+    Task.SWITCH_ON: Subject.DATA,
+    Task.COMPLETE_MACHINE_FILE: Subject.DATA,
+    Task.ACKNOWLEDGE: Subject.ALARM,
+}
+_BY_REASON = {
+    "process_force": Task.MOVE_FREELY,
+    "no_motion": Task.MOVE,
+    "learning": Task.WAIT,
+    "insufficient_excitation": Task.MOVE,
+    "stale_input": Task.CHECK_CONNECTION,
+    "no_input": Task.SWITCH_ON,
+    "no_data": Task.CHECK_CONNECTION,
+    "stale_health": Task.CHECK_SERVICE,
+    "no_health": Task.CHECK_SERVICE,
+    "no_limit": Task.COMPLETE_MACHINE_FILE,
+    "confirming": Task.WAIT,
+}
+_NUT = (Task.REPLACE_NUT, Task.PLAN_NUT)
+
+
+def advice(health: AxisHealth, estimate: PreloadEstimate | None) -> tuple[Advice, ...]:
+    """Tasks of an axis, the most urgent first; empty if there is nothing to do."""
+    tasks = list(dict.fromkeys(_tasks(health, estimate)))
+    return tuple(_advice(task, tasks, health) for task in tasks)
+
+
+def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Task]:
+    active = {alarm.kind for alarm in health.alarms if alarm.active}
+    doubt = AlarmKind.MODEL in active or _status(estimate) is EstimateStatus.INVALID
+    if AlarmKind.SUDDEN_DROP in active:
+        yield Task.INSPECT
+    if doubt:
+        yield Task.DIAGNOSE
+    yield from _of_preload(health, active, doubt)
+    if AlarmKind.RATE in active:
+        yield Task.FIND_WEAR
+    if _wants_grease(estimate):
+        yield Task.REGREASE
+    if health.trend is not None and health.trend.status is TrendStatus.RISING:
+        yield Task.FIND_CHANGE
+    if AlarmKind.SERVICE in active:
+        yield Task.CHECK_SERVICE
+    if health.condition is AxisCondition.UNAVAILABLE:
+        yield _for_a_number(health, estimate)
+    elif AlarmKind.DATA_LOST in active:
+        yield Task.WAIT
+    if any(alarm.acknowledged_by is None for alarm in health.alarms):
+        yield Task.ACKNOWLEDGE
+
+
+def _of_preload(health: AxisHealth, active: set[AlarmKind], doubt: bool) -> Iterator[Task]:
+    lost = health.condition is AxisCondition.FAULT or AlarmKind.PRELOAD_LOST in active
+    low = health.condition is AxisCondition.WARNING or AlarmKind.PRELOAD_LOW in active
+    if (lost or low) and doubt:
+        yield Task.CONFIRM_LOSS
+    elif lost:
+        yield Task.REPLACE_NUT
+    elif low or AlarmKind.RATE in active:
+        yield Task.PLAN_NUT
+
+
+def _for_a_number(health: AxisHealth, estimate: PreloadEstimate | None) -> Task:
+    reasons = (*health.reasons, *(() if estimate is None else estimate.reasons))
+    codes = [reason.partition(":")[0] for reason in reasons]
+    if _status(estimate) is EstimateStatus.INSUFFICIENT_EXCITATION:
+        codes.append("insufficient_excitation")
+    return next((task for code, task in _BY_REASON.items() if code in codes), Task.WAIT)
+
+
+def _status(estimate: PreloadEstimate | None) -> EstimateStatus | None:
+    return None if estimate is None else estimate.status
+
+
+def _wants_grease(estimate: PreloadEstimate | None) -> bool:
+    known = {} if estimate is None else estimate.fault_probability
+    return known.get("lubrication", 0.0) >= LIKELY_GREASE
+
+
+def _advice(task: Task, tasks: Sequence[Task], health: AxisHealth) -> Advice:
+    later = task is Task.PLAN_NUT
+    return Advice(
+        task=task,
+        subject=_SUBJECTS[task],
+        text=_TEXTS[task],
+        now=not later,
+        due=_due(health.trend) if later else None,
+        together_with=(Task.REGREASE,) if task in _NUT and Task.REGREASE in tasks else (),
+    )
+
+
+def _due(trend: Trend | None) -> Due | None:
+    crossings = () if trend is None else trend.crossings
+    fault = next((each for each in crossings if each.limit == "fault"), None)
+    if fault is None or fault.earliest_ns is None:
+        return None
+    return Due(earliest_ns=fault.earliest_ns, likely_ns=fault.likely_ns, latest_ns=fault.latest_ns)

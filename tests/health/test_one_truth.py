@@ -1,0 +1,216 @@
+"""Whatever happens to an axis, no statement in one answer contradicts another."""
+
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
+from edge_service.health.settings import HealthSettings
+from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.messages.advice import Level, Subject, Task
+from edge_service.messages.alarm import AlarmKind, Command
+from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from edge_service.messages.header import Header
+from edge_service.messages.health import AxisCondition, AxisHealth
+from edge_service.messages.trend import Crossing, Trend, TrendStatus
+
+NS = 1_000_000_000
+START_NS = 1_700_000_000 * NS
+FRESH = 7.0
+FACTS = AxisFacts("X", FRESH, ScrewGeometry(0.02 / 6.283185307179586, 0.8))
+PRESENT = re.compile(r"preload (?:back )?at (\d+) % of the fresh screw's")
+
+
+class Axis:
+    """Axis that is told what a test draws, a second after the other."""
+
+    def __init__(self) -> None:
+        self.now_ns = START_NS
+        self.sequence = 0
+        self.monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), START_NS)
+
+    def hear(self, estimate: PreloadEstimate, seconds: int) -> None:
+        for _ in range(seconds * 5):
+            self.wait(0.2)
+            self.sequence += 1
+            header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
+            fresh = estimate.model_copy(update={"data_used_s": 30.0 + self.sequence})
+            self.monitor.on_preload(header, fresh, self.now_ns)
+
+    def wait(self, seconds: float) -> None:
+        self.now_ns += round(seconds * NS)
+        self.monitor.tick(self.now_ns)
+
+    def answer(self) -> AxisHealth:
+        return self.monitor.health(self.now_ns)
+
+
+def _estimate(share: float, width: float, nis: float, grease: float) -> PreloadEstimate:
+    percent = FRESH * share
+    return PreloadEstimate(
+        time_s=0.0,
+        status=EstimateStatus.ESTIMATED,
+        preload_percent=percent,
+        low=max(percent - width, 0.0),
+        high=percent + width,
+        nis=nis,
+        fault_probability={"lubrication": grease},
+    )
+
+
+def _trend(status: TrendStatus, rate: float, days: int) -> Trend:
+    sign = {TrendStatus.FALLING: -1.0, TrendStatus.RISING: 1.0}.get(status, 0.0)
+    crossings = [
+        Crossing(
+            limit=name,
+            limit_percent=share * FRESH,
+            earliest_ns=START_NS + days * 86400 * NS,
+            likely_ns=None,
+            latest_ns=None,
+        )
+        for name, share in (("warning", 0.6), ("fault", 0.3))
+    ]
+    known = status is not TrendStatus.TOO_EARLY
+    interval = Interval(value=sign * rate, low=sign * rate - 0.1 * rate, high=sign * rate)
+    return Trend(
+        status=status,
+        reason="",
+        since_time_ns=START_NS,
+        rate_percent_per_h=interval if known else None,
+        crossings=tuple(crossings) if status is TrendStatus.FALLING else (),
+    )
+
+
+ESTIMATES = st.builds(
+    _estimate,
+    st.floats(0.02, 1.3),
+    st.floats(0.01, 2.0),
+    st.sampled_from([0.5, 1.0, 50.0]),
+    st.sampled_from([0.0, 0.95]),
+) | st.sampled_from(
+    [
+        PreloadEstimate(time_s=0.0, status=status)
+        for status in EstimateStatus
+        if status is not EstimateStatus.ESTIMATED
+    ]
+)
+TRENDS = st.builds(
+    _trend, st.sampled_from(TrendStatus), st.floats(1e-5, 100.0), st.integers(0, 1000)
+)
+STEPS = st.lists(
+    st.tuples(st.just("hear"), ESTIMATES, st.integers(1, 15))
+    | st.tuples(st.just("wait"), st.integers(1, 20))
+    | st.tuples(st.just("trend"), TRENDS)
+    | st.tuples(st.just("acknowledge"), st.sampled_from(AlarmKind))
+    | st.tuples(st.just("part_replaced")),
+    min_size=1,
+    max_size=12,
+)
+
+
+def _do(axis: Axis, step: tuple) -> None:
+    match step:
+        case "hear", estimate, seconds:
+            axis.hear(estimate, seconds)
+        case "wait", seconds:
+            axis.wait(seconds)
+        case "trend", trend:
+            axis.monitor.take_trend(trend, axis.now_ns)
+        case action, *alarm:
+            kind = alarm[0] if alarm else None
+            axis.monitor.on_command(Command(action=action, alarm=kind, user="Kim"), axis.now_ns)
+
+
+@given(STEPS)
+def test_no_statement_contradicts_another(steps: list[tuple]) -> None:
+    axis = Axis()
+    for step in steps:
+        _do(axis, step)
+        health = axis.answer()
+        _headline_fits(health)
+        _advice_fits(health)
+        _texts_fit(health)
+        _trend_fits(health)
+
+
+def _active(health: AxisHealth) -> set[AlarmKind]:
+    return {alarm.kind for alarm in health.alarms if alarm.active}
+
+
+def _headline_fits(health: AxisHealth) -> None:
+    assert health.headline is not None
+    level, active = health.headline.level, _active(health)
+    calm = health.condition is AxisCondition.NORMAL and not active
+    assert (level is Level.OK) == calm
+    grave = health.condition is AxisCondition.FAULT or active & {
+        AlarmKind.PRELOAD_LOST,
+        AlarmKind.SUDDEN_DROP,
+    }
+    assert (level is Level.ACT) == bool(grave)
+
+
+def _advice_fits(health: AxisHealth) -> None:
+    assert health.headline is not None
+    tasks = [each.task for each in health.advice]
+    assert len(tasks) == len(set(tasks))
+    unseen = any(alarm.acknowledged_by is None for alarm in health.alarms)
+    assert (Task.ACKNOWLEDGE in tasks) == unseen
+    work = [each for each in health.advice if each.subject is not Subject.ALARM]
+    assert work or health.headline.level is Level.OK
+    nut = {Task.REPLACE_NUT, Task.CONFIRM_LOSS, Task.PLAN_NUT} & set(tasks)
+    assert len(nut) <= 1
+    assert not nut or health.headline.level is not Level.OK
+    if health.condition is AxisCondition.FAULT:
+        assert all(each.now and each.due is None for each in health.advice)
+    for each in health.advice:
+        assert set(each.together_with) <= set(tasks) - {each.task}
+
+
+def _texts_fit(health: AxisHealth) -> None:
+    texts = [*health.reasons, *(alarm.message for alarm in health.alarms if alarm.active)]
+    levels = {level for text in texts for level in PRESENT.findall(text)}
+    assert len(levels) <= 1
+    if health.condition is AxisCondition.UNAVAILABLE:
+        assert not levels
+    for alarm in health.alarms:
+        assert alarm.active is not alarm.message.startswith("no longer active")
+
+
+def _trend_fits(health: AxisHealth) -> None:
+    trend = health.trend
+    ahead = set() if trend is None else {each.limit for each in trend.crossings}
+    if health.condition is AxisCondition.FAULT:
+        assert not ahead
+    if health.condition is AxisCondition.WARNING:
+        assert "warning" not in ahead
+    falling = trend is not None and trend.status is TrendStatus.FALLING
+    claims = [a for a in health.alarms if a.active and "falling by" in a.message]
+    assert falling or not claims
+
+
+def test_a_fall_is_remembered_until_the_part_is_replaced_whoever_acknowledged_it() -> None:
+    axis = Axis()
+    axis.hear(_estimate(1.0, 0.05, 1.0, 0.0), 20)
+    axis.hear(_estimate(0.17, 0.05, 1.0, 0.0), 20)
+    _do(axis, ("acknowledge", AlarmKind.SUDDEN_DROP))
+    axis.hear(_estimate(0.17, 0.05, 1.0, 0.0), 60)
+    fall = axis.answer().fall
+    assert fall is not None
+    assert (round(fall.from_percent), round(fall.to_percent)) == (100, 17)
+    again = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), axis.now_ns)
+    again.restore(axis.monitor.snapshot())
+    assert again.health(axis.now_ns).fall == fall
+    _do(axis, ("part_replaced",))
+    assert axis.answer().fall is None
+
+
+def test_grease_is_a_task_of_its_own_and_belongs_into_the_stop_for_the_nut() -> None:
+    axis = Axis()
+    axis.hear(_estimate(1.0, 0.05, 1.0, 0.95), 20)
+    (grease,) = axis.answer().advice
+    assert (grease.task, grease.subject) == (Task.REGREASE, Subject.GREASE)
+    axis.hear(_estimate(0.2, 0.05, 1.0, 0.95), 20)
+    nut = next(each for each in axis.answer().advice if each.task is Task.REPLACE_NUT)
+    assert nut.together_with == (Task.REGREASE,)
