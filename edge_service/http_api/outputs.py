@@ -13,7 +13,7 @@ _LETTER_EXAMPLE: dict[str, Any] = {
     "id": "0d5f0b1c6d3e4f7c8a9b0c1d2e3f4a5b",
     "axis": "X",
     "kind": "alarm_raised",
-    "message": "preload is at 47 % of the fresh screw's; the limit is 60 %",
+    "message": "preload at 47 % of the fresh screw's; limit 60 %",
     "time": "2026-01-31T12:00:00.000Z",
     "tries": 5,
     "reason": "answered 500",
