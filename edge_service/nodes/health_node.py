@@ -6,6 +6,7 @@ from functools import partial
 from ..clock import CLOCK, now_ns
 from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
+from ..health.advice.announced import announced
 from ..health.alarms.axis_alarms import AlarmSettings
 from ..health.axis_events import state_damaged
 from ..health.axis_monitor import AxisFacts, AxisMonitor
@@ -160,6 +161,7 @@ class _Monitors:
         keeps = keeps or any(not is_chatter(event.kind) for event in events)
         snapshot = monitor.snapshot() if keeps else None
         health = monitor.health(now_ns())
+        events = announced(events, health)
         self.announcer.put(Announcement(axis, events, health, snapshot, entries, told, intents))
 
     def _keep(self, batch: Sequence[Announcement]) -> str:

@@ -5,6 +5,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edge_service.health.advice.announced import announced
 from edge_service.health.alarms.axis_alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.settings import HealthSettings
@@ -12,6 +13,7 @@ from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.messages.advice import Level, Subject, Task
 from edge_service.messages.alarm import AlarmKind, Command
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from edge_service.messages.event import Event
 from edge_service.messages.header import Header
 from edge_service.messages.health import AxisCondition, AxisHealth
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
@@ -188,6 +190,28 @@ def _trend_fits(health: AxisHealth) -> None:
     falling = trend is not None and trend.status is TrendStatus.FALLING
     claims = [a for a in health.alarms if a.active and "falling by" in a.message]
     assert falling or not claims
+
+
+@given(STEPS)
+def test_an_event_that_calls_somebody_says_what_the_axis_needs(steps: list[tuple]) -> None:
+    axis = Axis()
+    for step in steps:
+        _do(axis, step)
+    health = axis.answer()
+    assert health.headline is not None
+    kinds = {"alarm_raised": True, "alarm_cleared": True, "condition_changed": True, "note": False}
+    for event in announced((_event(kind) for kind in kinds), health):
+        assert event.data["alarm"] == "rate"
+        assert ("headline" in event.data) == ("task" in event.data) == kinds[event.kind]
+        if kinds[event.kind]:
+            assert event.data["headline"] == health.headline.code
+            assert event.data["task"] == (health.advice[0].task if health.advice else None)
+            assert Event.model_validate_json(event.model_dump_json()) == event
+
+
+def _event(kind: str) -> Event:
+    data = {"alarm": "rate"}
+    return Event(axis="X", kind=kind, severity="info", message="so", time_ns=1, data=data)
 
 
 def test_a_fall_is_remembered_until_the_part_is_replaced_whoever_acknowledged_it() -> None:

@@ -61,6 +61,7 @@ class Scene:
     def on_publish(self, payload: Any) -> None:
         if isinstance(payload, Event):
             self.told.append(payload)
+            assert {"headline", "task"} <= payload.data.keys() or "alarm" not in payload.data
         if isinstance(payload, AxisHealth):
             self.told += [alarm.kind for alarm in payload.alarms if alarm.active]
         self.image()

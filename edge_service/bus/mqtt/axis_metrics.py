@@ -16,6 +16,13 @@ _NUMBERS = {
     "nis": "",
     "data_used_s": "s",
 }
+_HEADLINE = ("level", "code", "text")
+_ADVICE = ("task", "text")
+_DUE = {
+    "due_earliest": "earliest_ns",
+    "due_likely": "likely_ns",
+    "due_latest": "latest_ns",
+}
 _ALARM = f"{HEALTH.name}/alarm/"
 METRICS: dict[str, tuple[DataType, str]] = {
     f"{PRELOAD.name}/status": (DataType.STRING, ""),
@@ -28,6 +35,10 @@ METRICS: dict[str, tuple[DataType, str]] = {
     f"{HEALTH.name}/condition": (DataType.STRING, ""),
     f"{HEALTH.name}/reasons": (DataType.STRING, ""),
     f"{HEALTH.name}/since": (DataType.DATETIME, ""),
+    **{f"{HEALTH.name}/headline/{name}": (DataType.STRING, "") for name in _HEADLINE},
+    **{f"{HEALTH.name}/advice/{name}": (DataType.STRING, "") for name in _ADVICE},
+    f"{HEALTH.name}/advice/now": (DataType.BOOLEAN, ""),
+    **{f"{HEALTH.name}/advice/{name}": (DataType.DATETIME, "") for name in _DUE},
     **{_ALARM + kind: (DataType.BOOLEAN, "") for kind in AlarmKind},
     f"{EVENT.name}/kind": (DataType.STRING, ""),
     f"{EVENT.name}/severity": (DataType.STRING, ""),
@@ -75,7 +86,23 @@ def _health(members: dict[str, Any]) -> dict[str, Value]:
         f"{HEALTH.name}/reasons": "; ".join(members["reasons"]),
         f"{HEALTH.name}/since": members["since_time_ns"] // 1_000_000,
     }
+    values |= _headline(members.get("headline") or {})
+    values |= _advice(next(iter(members.get("advice") or ()), {}))
     return values | {_ALARM + kind: kind in active for kind in AlarmKind}
+
+
+def _headline(headline: dict[str, Any]) -> dict[str, Value]:
+    return {f"{HEALTH.name}/headline/{name}": headline.get(name) for name in _HEADLINE}
+
+
+def _advice(first: dict[str, Any]) -> dict[str, Value]:
+    """The most urgent task; all without a value if there is nothing to do."""
+    due = first.get("due") or {}
+    values: dict[str, Value] = {name: first.get(name) for name in (*_ADVICE, "now")}
+    for name, member in _DUE.items():
+        time_ns = due.get(member)
+        values[name] = None if time_ns is None else time_ns // 1_000_000
+    return {f"{HEALTH.name}/advice/{name}": value for name, value in values.items()}
 
 
 def _event(members: dict[str, Any]) -> dict[str, Value]:

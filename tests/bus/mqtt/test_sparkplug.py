@@ -11,12 +11,14 @@ from typing import Any
 import aiomqtt
 import pytest
 
+from edge_service.bus.mqtt.axis_metrics import METRICS
 from edge_service.bus.mqtt.delivery import MqttDelivery, MqttSettings
 from edge_service.bus.mqtt.packet import Packet
 from edge_service.bus.mqtt.sparkplug import Sparkplug
 from edge_service.bus.spool.message import Message
 from edge_service.bus.spool.spool import Spool
 from edge_service.config_tables import MqttConfig
+from edge_service.messages.advice import Advice, Due, Headline, Level, Subject, Task
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
@@ -108,8 +110,8 @@ def estimate(second: float, percent: float | None) -> bytes:
     return PRELOAD.encode("X", header(second), told)
 
 
-def health(second: float, condition: AxisCondition) -> bytes:
-    told = AxisHealth(axis="X", condition=condition, since_time_ns=5_000_000_000)
+def health(second: float, condition: AxisCondition, **more: Any) -> bytes:
+    told = AxisHealth(axis="X", condition=condition, since_time_ns=5_000_000_000, **more)
     return HEALTH.encode(None, header(second), told)
 
 
@@ -188,6 +190,35 @@ def test_a_device_is_born_with_every_metric_it_will_ever_have() -> None:
     assert gone["null"]
     assert gone["value"] is None
     assert later[1][0][1]["metrics"]["health/since"]["value"] == 5000
+
+
+def test_headline_and_first_task_are_metrics_member_by_member() -> None:
+    due = Due(earliest_ns=7_000_000_000, latest_ns=9_000_000_000)
+    plan, grease = (
+        Advice(task=task, subject=Subject.PRELOAD, text=task, now=False, due=due)
+        for task in (Task.PLAN_NUT, Task.REGREASE)
+    )
+    headline = Headline(level=Level.ATTENTION, code="warning", text="The preload is low.")
+    edge = EdgeNode()
+    edge.greet()
+    edge.say("X/preload", estimate(1.5, 6.5))
+    told = health(2.0, AxisCondition.WARNING, headline=headline, advice=(plan, grease))
+    ((_, data),) = edge.say("X/health", told)
+    got = {name: each["value"] for name, each in data["metrics"].items()}
+    for name, value in headline.model_dump(mode="json").items():
+        assert got[f"health/headline/{name}"] == value
+    for name in ("task", "text", "now"):
+        assert got[f"health/advice/{name}"] == getattr(plan, name)
+    dates = {f"health/advice/due_{name.removesuffix('_ns')}" for name in Due.model_fields}
+    assert dates <= METRICS.keys()
+    assert {name: got[name] for name in dates if name in got} == {
+        "health/advice/due_earliest": 7000,
+        "health/advice/due_latest": 9000,
+    }
+    ((_, data),) = edge.say("X/health", health(3.0, AxisCondition.NORMAL))
+    gone = {name: each for name, each in data["metrics"].items() if "/advice/" in name}
+    assert all(each["null"] for each in gone.values())
+    assert len(gone) == 5  # all that had a value
 
 
 def test_only_what_has_changed_is_told_but_every_event_is() -> None:
