@@ -17,6 +17,18 @@ class BrokerTlsError(Exception):
         self.key, self.problem = key, problem
 
 
+class _ClosingSocket(ssl.SSLSocket):
+    """Socket that is closed when its handshake fails; the MQTT library would leave it open."""
+
+    def do_handshake(self, block: bool = False) -> None:
+        """Shake hands. Raises OSError, of a socket that is closed then."""
+        try:
+            super().do_handshake(block)
+        except OSError:
+            self.close()
+            raise
+
+
 def broker_tls(
     ca_certificate: Path | None, client_certificate: Path | None, client_key: Path | None
 ) -> ssl.SSLContext | None:
@@ -26,6 +38,7 @@ def broker_tls(
     key, path = "ca_certificate", ca_certificate
     try:
         context = ssl.create_default_context(cafile=str(path))
+        context.sslsocket_class = _ClosingSocket
         if client_certificate is not None:
             key, path = "client_certificate", client_certificate
             # Without a password a key that has one would ask for it on the terminal, and wait.
