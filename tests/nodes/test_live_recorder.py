@@ -50,6 +50,17 @@ async def test_what_comes_is_kept_to_the_length_asked_for_or_to_the_stop(
     assert kept.channels["torque_command_nm"] == pytest.approx(kept.time_s * 2.0)
 
 
+@pytest.mark.parametrize("heard", [False, True])
+async def test_it_ends_by_itself_though_the_samples_stop(tmp_path: Path, heard: bool) -> None:
+    recorder = LiveRecorder(tmp_path, latest_s=-0.9)
+    recorder.start("X", "a.parquet", 1.0)
+    if heard:
+        recorder.follow("X", frame(0))
+    await made(recorder)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.parquet"] * heard
+    recorder.start("Y", "b.parquet", 1.0)
+
+
 async def test_nothing_is_stopped_that_was_not_begun(tmp_path: Path) -> None:
     with pytest.raises(RefusedError, match="not being recorded"):
         LiveRecorder(tmp_path).stop("X")

@@ -18,6 +18,8 @@ from .recordings import LEFT_FREE_BYTES
 log = logging.getLogger(__name__)
 MOST_WAITING_ROWS = 2_000_000
 """Rows that wait for the disk; then the recording ends."""
+LATEST_S = 10.0
+"""Delay after which no more samples of a recording are waited for, s."""
 
 
 @dataclass(slots=True)
@@ -47,10 +49,11 @@ class LiveRecorder:
 
     Args:
         folder: where recordings are kept.
+        latest_s: delay of samples that is waited for; then a recording ends without them.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, latest_s: float = LATEST_S) -> None:
+        self._folder, self._latest_s = folder, latest_s
         self._now: _Recording | None = None
         self._wake = asyncio.Event()
 
@@ -75,13 +78,18 @@ class LiveRecorder:
         if free < LEFT_FREE_BYTES:
             raise RefusedError(507, "the disk is nearly full: remove some recordings")
         self._now = _Recording(axis, name, seconds)
+        loop = asyncio.get_running_loop()
+        loop.call_later(seconds + self._latest_s, self._end, self._now)
         return LiveRecordingAnswer(axis=axis, name=name, seconds=seconds, recorded_s=0.0)
 
     def stop(self, axis: str) -> None:
         """End it early, and keep what there is. Raises RefusedError."""
         if self._now is None or self._now.axis != axis:
             raise RefusedError(409, f"axis {axis} is not being recorded")
-        self._now.ended = True
+        self._end(self._now)
+
+    def _end(self, recording: _Recording) -> None:
+        recording.ended = True
         self._wake.set()
 
     def follow(self, axis: str, frame: SampleFrame) -> None:
