@@ -7,13 +7,23 @@ from typing import Any
 
 import pytest
 
+from edge_service.health.advice import tasks
+from edge_service.health.advice.headline import headline
+from edge_service.health.model_watch.channel_model import CHANNELS
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.jobs import JobKind, JobState
 from edge_service.http_api.security.access import Role
+from edge_service.messages.advice import Level, Task
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.event import Severity
 from edge_service.messages.features import Fault
-from edge_service.messages.health import COMPONENTS, AxisCondition, ComponentStatus
+from edge_service.messages.health import (
+    COMPONENTS,
+    AxisCondition,
+    AxisHealth,
+    ComponentStatus,
+    ConsistencyState,
+)
 from edge_service.models.motions.registry import MOTIONS, FiniteMotion
 
 from .conftest import show_tab
@@ -64,7 +74,13 @@ def test_every_key_in_use_has_its_words() -> None:
 CODES: dict[str, Iterable[str]] = {
     "alarm": AlarmKind,
     "condition": AxisCondition,
-    "answer": AxisCondition,
+    "level": Level,
+    "answer": Level,
+    "machine": Level,
+    "headline": [*AlarmKind, *(each.lower() for each in AxisCondition)],
+    "task": Task,
+    "model.learned": ConsistencyState,
+    "model.channel": CHANNELS,
     "severity": Severity,
     "part": ComponentStatus,
     "component": {each.removesuffix("_process") for each in COMPONENTS},
@@ -79,6 +95,14 @@ CODES: dict[str, Iterable[str]] = {
 @pytest.mark.parametrize("kind", CODES)
 def test_every_code_of_the_service_has_its_words(kind: str) -> None:
     assert {f"{kind}.{code}" for code in CODES[kind]} <= words("en").keys()
+
+
+def test_english_words_are_those_of_the_service() -> None:
+    english = words("en")
+    assert {task: english[f"task.{task}"] for task in Task} == tasks.TEXTS
+    for condition in AxisCondition:
+        told = headline(AxisHealth(axis="X", condition=condition, since_time_ns=0))
+        assert english[f"headline.{told.code}"] == told.text
 
 
 def unreadable(route: Any) -> None:
@@ -98,7 +122,7 @@ def test_no_word_is_shown_from_elsewhere(make_service: Any, open_page: Any) -> N
     page = open_page(service.address, locale="de-DE").page
     page.route("**/static/strings/de.js", unreadable)
     page.reload()
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
     for tab in TABS:
         show_tab(page, tab)
         page.wait_for_timeout(1500)

@@ -20,10 +20,10 @@ def test_two_axes_in_fault_are_the_first_thing_that_is_seen(
     service = make_service(axes=AXES)
     page = open_page(service.address, size=size, bypass_csp=True).page
     page.wait_for_selector("#machine-answer:has-text('2 of 8 axes are not all right: Y and C')")
-    assert page.get_attribute("#machine-answer", "data-condition") == "FAULT"
-    assert page.title().startswith("FAULT")
+    assert page.get_attribute("#machine-answer", "data-level") == "act"
+    assert page.title().startswith("ACT NOW")
     rows = page.locator(".axis-row")
-    assert [rows.nth(i).get_attribute("data-condition") for i in (0, 1)] == ["FAULT", "FAULT"]
+    assert [rows.nth(i).get_attribute("data-level") for i in (0, 1)] == ["act", "act"]
     assert rows.count() == len(AXES)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     top = rows.first.bounding_box()
@@ -32,34 +32,125 @@ def test_two_axes_in_fault_are_the_first_thing_that_is_seen(
     page.click("#machine-alarms button[aria-label='Acknowledge: Y Sudden drop']")
     page.keyboard.press("Escape")
     rows.first.click()
-    page.wait_for_selector("#answer[data-condition=FAULT]")
+    page.wait_for_selector("#answer[data-level=act]")
     assert page.evaluate("location.hash") in ("#/Y", "#/C")
     page.go_back()
     page.wait_for_selector("#machine-answer:visible")
     assert page.locator("[role=tabpanel]:visible").count() == 0
 
 
-FALSE_GREEN = [
-    ("NORMAL", [], "NORMAL"),
-    ("NORMAL", [{"active": True, "severity": "error"}], "WARNING"),
-    ("NORMAL", [{"active": True, "severity": "warning"}], "WARNING"),
-    ("NORMAL", [{"active": False, "severity": "error"}], "NORMAL"),
-    ("FAULT", [], "FAULT"),
-    ("UNAVAILABLE", [{"active": True, "severity": "error"}], "UNAVAILABLE"),
+def doctored(page: Any, change: str) -> None:
+    """Let every live health answer pass through `change`, a function in JavaScript."""
+    page.add_init_script(
+        """(() => {
+            const change = CHANGE;
+            const add = EventSource.prototype.addEventListener;
+            EventSource.prototype.addEventListener = function (name, take) {
+                add.call(this, name, name !== "health" ? take : (message) => {
+                    const data = JSON.stringify(change(JSON.parse(message.data)));
+                    take({ data, lastEventId: message.lastEventId });
+                });
+            };
+        })()""".replace("CHANGE", change)
+    )
+    page.reload()
+
+
+SAYS = """(health) => ({
+    ...health,
+    condition: "%s",
+    alarms: [],
+    headline: { level: "%s", code: "%s", text: "Said by the service." },
+    advice: [{ task: "%s", text: "Told by the service.", due: null, together_with: [] }],
+})"""
+CONTRARY = [
+    ("NORMAL", "act", "fault", "replace_nut", "Replace or readjust the nut"),
+    ("FAULT", "ok", "normal", "plan_nut", "Plan to replace or readjust the nut."),
+    ("NORMAL", "attention", "new_code", "new_task", "Told by the service."),
 ]
 
 
-def test_one_headline_is_as_grave_as_the_worst_axis(make_service: Any, open_page: Any) -> None:
-    """Conditions and alarms of every kind, beside axes that are all right."""
+@pytest.mark.parametrize(("condition", "level", "code", "task", "words"), CONTRARY)
+def test_level_and_advice_are_what_the_service_says(
+    make_service: Any, open_page: Any, condition: str, level: str, code: str, task: str, words: str
+) -> None:
+    """Whatever else the answer holds: the page judges nothing by itself."""
     page = open_page(make_service(**HEALTHY).address).page
-    for condition, alarms, expected in FALSE_GREEN:
-        level = page.evaluate(
-            """async ([condition, alarms]) => {
-                const { levelOf, worstFirst } = await import("/static/level.js");
-                const fine = { condition: "NORMAL", health: { alarms: [] } };
-                const odd = { condition, health: { alarms } };
-                return levelOf(worstFirst([fine, odd, fine])[0]);
-            }""",
-            [condition, alarms],
-        )
-        assert level == expected
+    doctored(page, SAYS % (condition, level, code, task))
+    page.wait_for_selector(f"#answer[data-level={level}] .todo:has-text('{words}')")
+    told = page.inner_text("#answer .headline")
+    assert (told == "Said by the service.") is (code == "new_code")
+    assert page.locator("#answer .todo li").count() == 1
+
+
+SERVICE_DOWN = """(health) => ({
+    ...health,
+    alarms: [{
+        alarm: "service", severity: "warning", active: true, raised_at: health.since,
+        message: "history does not work: the disk is full", cleared_at: null,
+        acknowledged_by: null, note: "", shelved_until: null,
+    }],
+    headline: { level: "attention", code: "service", text: "History does not work." },
+})"""
+
+
+def test_an_alarm_of_the_whole_service_stands_once_and_is_answered_once(
+    make_service: Any, open_page: Any
+) -> None:
+    page = open_page(make_service(axes=dict.fromkeys("XYZ", HEALTHY)).address).page
+    doctored(page, SERVICE_DOWN)
+    page.wait_for_selector("#machine-answer[data-level=attention]")
+    page.wait_for_selector("#machine-alarms:has-text('All axes: Service part down')")
+    assert page.inner_text("#machine-title") == "A part of the service does not work"
+    assert page.inner_text("#machine").count("Service part down") == 1
+    assert page.inner_text("#machine").count("history does not work") == 1
+    asked: list[str] = []
+
+    def take(route: Any) -> None:
+        asked.append(route.request.url)
+        route.fulfill(json={"accepted": True, "outcome": ""})
+
+    page.route("**/commands", take)
+    page.click("#machine-alarms button[aria-label='Acknowledge: All axes Service part down']")
+    page.fill("#ask-user", "Kim")
+    page.press("#ask-user", "Enter")
+    page.wait_for_selector("#ask", state="hidden")
+    assert sorted(url.split("/axes/")[1] for url in asked) == [f"{x}/commands" for x in "XYZ"]
+
+
+MODEL_ALARM = """(health) => ({
+    ...health,
+    alarms: [{
+        alarm: "model", severity: "warning", active: true, raised_at: health.since,
+        message: "the model does not fit", cleared_at: null,
+        acknowledged_by: null, note: "", shelved_until: null,
+    }],
+})"""
+DISAGREES = """(health) => ({
+    ...health,
+    consistency: {
+        state: "disagrees", ratio: { torque_nm: 1.1, transmission_m: 310.0 },
+        channel: "transmission_m", since: health.since, recording: null,
+    },
+})"""
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (MODEL_ALARM, "“Model does not fit” is active"),
+        (DISAGREES, "table against the motor is 310"),
+    ],
+)
+def test_the_model_does_not_fit_beside_what_speaks_against_it(
+    make_service: Any, open_page: Any, change: str, named: str
+) -> None:
+    """However small the estimator's own error is: the two are different quantities."""
+    page = open_page(f"{make_service(**HEALTHY).address}#/X/why").page
+    page.wait_for_selector("#model :text('times what it expects')")
+    page.wait_for_selector("#model :text-is('Yes.')")
+    doctored(page, change)
+    page.wait_for_selector(f"#model :text('{named}')")
+    page.wait_for_selector("#model :text('times what it expects')")
+    assert "No: model and axis disagree." in page.inner_text("#model")
+    assert "Yes" not in page.inner_text("#model")

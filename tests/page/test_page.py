@@ -31,16 +31,17 @@ def test_the_page_is_light() -> None:
 def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page: Any) -> None:
     service = make_service(**SUDDEN)
     page = open_page(service.address, bypass_csp=True).page
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
     assert "Axis X is all right" in page.inner_text("#answer-title")
     assert re.search(r"95 % sure: [\d.]+ to [\d.]+ %", page.inner_text("#answer"))
-    page.wait_for_selector("#answer[data-condition=FAULT]")
+    page.wait_for_selector("#answer[data-level=act]")
     text = page.inner_text("#answer")
     assert "Axis X is not all right" in text
-    assert "fell suddenly" in text
+    assert "The preload is lost, or nearly so." in text
+    assert re.search(r"fell suddenly at [^,]+, from \d+ to \d+ % of fresh", text)
     assert "Not NORMAL since" in text
-    assert "Replace or re-adjust the nut" in text
-    assert page.title() == "FAULT: X"
+    assert "Replace or readjust the nut" in text
+    assert page.title() == "ACT NOW: X"
     assert serious_faults(page) == []
     page.click("button[aria-label='Acknowledge: Sudden drop']")
     page.fill("#ask-user", "Kim")
@@ -56,15 +57,15 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
     service = make_service(**HEALTHY)
     seen = open_page(service.address)
     page = seen.page
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
     service.stop()
     page.wait_for_selector("#banner:not([hidden])")
     assert "Everything on this page is old" in page.inner_text("#banner")
-    assert page.get_attribute("#answer", "data-condition") == "UNAVAILABLE"
+    assert page.get_attribute("#answer", "data-level") == "unknown"
     assert "no value" in page.inner_text("#answer")
     service.start()
     page.wait_for_selector("#banner", state="hidden")
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
     seen.faults[:] = [
         fault
         for fault in seen.faults
@@ -82,7 +83,7 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
     """No fault that axe-core finds, nothing cut off."""
     service = make_service(**HEALTHY)
     page = open_page(service.address, color_scheme=scheme, size=size, bypass_csp=True).page
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
     for tab in TABS:
         show_tab(page, tab)
         assert serious_faults(page) == []
@@ -99,12 +100,12 @@ def test_it_is_painted_before_any_of_its_scripts_has_come(
     page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
     assert held
     page.unroute_all()
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
 
 
 def test_the_keyboard_is_enough(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address).page
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
     page.focus("#tab-overview")
     for tab in TABS[1:]:
         page.keyboard.press("ArrowRight")
@@ -217,7 +218,7 @@ def test_an_event_that_nobody_took_is_tried_again(
         )
         service = make_service(webhook=webhook, **HEALTHY)
         page = open_page(service.address, bypass_csp=True).page
-        page.wait_for_selector("#answer[data-condition=NORMAL]")
+        page.wait_for_selector("#answer[data-level=ok]")
         for word in ("first", "second", "third", "fourth"):
             page.request.post(
                 f"{service.address}api/v1/axes/X/commands",

@@ -56,7 +56,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     page.wait_for_selector("text=You are not signed in: this is no token, or it has ended")
     page.fill("#token", kim)
     page.press("#token", "Enter")
-    page.wait_for_selector("#answer[data-condition=NORMAL]")
+    page.wait_for_selector("#answer[data-level=ok]")
     page.wait_for_selector("text=Kim (operator)")
     assert serious_faults(page) == []
     show_tab(page, "history")

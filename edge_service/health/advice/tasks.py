@@ -10,7 +10,7 @@ from ...messages.trend import Trend, TrendStatus
 
 LIKELY_GREASE = 0.9
 """Probability of more friction at the same preload from which regreasing is advised."""
-_TEXTS = {
+TEXTS = {
     Task.INSPECT: "Stop the axis and look for damage: nut, balls, bearings, coupling.",
     Task.REPLACE_NUT: (
         "Replace or readjust the nut, then note “part replaced”. Until then expect backlash "
@@ -39,6 +39,7 @@ _TEXTS = {
     Task.WAIT: "Wait a moment, and let the axis go on moving.",
     Task.ACKNOWLEDGE: "Acknowledge the alarm once you have taken note.",
 }
+"""Words of each task; those of the page are the same."""
 _SUBJECTS = {
     **dict.fromkeys(Task, Subject.PRELOAD),
     Task.DIAGNOSE: Subject.MODEL,
@@ -131,7 +132,7 @@ def _advice(task: Task, tasks: Sequence[Task], health: AxisHealth) -> Advice:
     return Advice(
         task=task,
         subject=_SUBJECTS[task],
-        text=_TEXTS[task],
+        text=TEXTS[task],
         now=not later,
         due=_due(health.trend) if later else None,
         together_with=(Task.REGREASE,) if task in _NUT and Task.REGREASE in tasks else (),

@@ -1,10 +1,10 @@
-// What changed, and what to do: sentences from the condition, the alarms and the trend.
+// What changed, and what to do: the headline, the tasks and the trend of the service in words.
 
 import { sentenceOf } from "./dom.js";
-import { clock, day, lasting, ofFresh, significant } from "./format.js";
-import { has, language, t } from "./strings.js";
+import { clock, day, lasting, number, significant } from "./format.js";
+import { headlineOf } from "./level.js";
+import { has, language, named, t } from "./strings.js";
 
-const CODES = ["process_force", "no_motion", "learning", "insufficient_excitation", "stale_input", "no_input", "no_data", "no_limit", "confirming", "no_number"];
 const NEAR_S = 172800;
 
 const codeOf = (reason) => reason.split(":")[0];
@@ -20,33 +20,24 @@ export function reasonsOf(reading) {
   return reasons.length === 0 && has(`status.${reading?.status}`) ? [{ text: t(`status.${reading.status}`) }] : reasons;
 }
 
-export function whatToDo(state) {
-  const { health, preload, connected } = state;
-  if (!connected) return t("todo.no_connection");
-  if (!health) return t("todo.wait");
-  const isUnseen = health.alarms.some((alarm) => !alarm.acknowledged_by);
-  const sentences = mainAdvice(state, health, preload);
-  if (isUnseen) sentences.push(t("todo.acknowledge"));
-  return sentences.length ? sentences.join(" ") : t("todo.nothing");
+// Words of the page for a code of the service; what the service says where the page has none.
+const wordsOr = (key, text) => (has(key) ? { text: t(key) } : { text, lang: "en" });
+
+export function headlineWords(state) {
+  const headline = headlineOf(state);
+  return headline ? wordsOr(`headline.${headline.code}`, headline.text) : { text: t("todo.wait") };
 }
 
-function mainAdvice({ condition }, health, preload) {
-  const active = new Set(health.alarms.filter((alarm) => alarm.active).map((alarm) => alarm.alarm));
-  const fault = crossing(health.trend, "fault");
-  if (condition === "FAULT") return [...(active.has("sudden_drop") ? [t("todo.stop")] : []), t("todo.fault")];
-  if (active.has("model") || preload?.status === "invalid") return [t("todo.model")];
-  if (condition === "WARNING") return [fault ? t("todo.warning.by", fault) : t("todo.warning")];
-  if (condition === "UNAVAILABLE") return [unavailable(health, preload)];
-  if (active.has("rate")) return [fault ? t("todo.rate.by", fault) : t("todo.rate")];
-  if (health.trend?.status === "rising") return [t("todo.rising")];
-  return [];
+export function whatToDo({ health, connected }) {
+  if (!connected) return [{ text: t("todo.no_connection") }];
+  if (!health) return [{ text: t("todo.wait") }];
+  return health.advice.length ? health.advice.map(taskWords) : [{ text: t("todo.nothing") }];
 }
 
-function unavailable(health, preload) {
-  const codes = [...health.reasons, ...(preload?.reasons ?? [])].map(codeOf);
-  if (preload?.status === "insufficient_excitation") codes.push("insufficient_excitation");
-  const code = CODES.find((each) => codes.includes(each));
-  return t(code ? `todo.${code}` : "todo.unknown");
+function taskWords({ task, text, due, together_with: together }) {
+  const words = wordsOr(`task.${task}`, text);
+  const more = [...(due ? [t("task.due", { first: moment(due.earliest) })] : []), ...together.map((each) => named("together", each))];
+  return { ...words, text: [words.text, ...more].join(" ") };
 }
 
 export function crossing(trend, limit) {
@@ -61,13 +52,13 @@ function moment(time) {
 }
 
 export function whatChanged(state) {
-  const { health, events, condition, limits } = state;
+  const { health, events, condition } = state;
   const sentences = [];
-  const sudden = health?.alarms.find((alarm) => alarm.alarm === "sudden_drop");
-  if (sudden) sentences.push(t("changed.sudden", { time: clock(sudden.raised_at) }));
+  const fall = health?.fall;
+  if (fall) sentences.push(t("changed.fall", { time: clock(fall.time), from: number(fall.from_percent), to: number(fall.to_percent) }));
   const since = condition === "NORMAL" ? null : notNormalSince(events);
   if (since) sentences.push(t("changed.not_normal", { time: clock(since) }));
-  sentences.push(trendSentence(health?.trend, limits));
+  sentences.push(trendSentence(health?.trend));
   const part = events.findLast((event) => event.kind === "part_replaced");
   if (part) sentences.push(t("changed.part", { time: clock(part.time) }));
   return sentences.join(" ");
@@ -79,11 +70,11 @@ function notNormalSince(events) {
   return changes[last + 1]?.time ?? null;
 }
 
-export function trendSentence(trend, limits) {
+export function trendSentence(trend) {
   if (!trend || trend.status === "too_early") return t("trend.too_early");
   const since = clock(trend.since);
   if (trend.status === "steady") return t("trend.steady", { since });
-  const parts = [t(`trend.${trend.status}.${limits ? "fresh" : "rating"}`, { since, level: significant(100 * trend.level), ...readableRate(trend, limits) })];
+  const parts = [t(`trend.${trend.status}.${trend.rate_fresh_percent_per_h ? "fresh" : "rating"}`, { since, level: significant(100 * trend.level), ...readableRate(trend) })];
   for (const limit of ["warning", "fault"]) {
     const when = crossing(trend, limit);
     if (when) parts.push(t(when.last ? `trend.${limit}` : `trend.${limit}.after`, when));
@@ -91,10 +82,10 @@ export function trendSentence(trend, limits) {
   return parts.join(" ");
 }
 
-function readableRate(trend, limits) {
-  const { value, low, high } = trend.rate_percent_per_h;
+function readableRate(trend) {
+  const { value, low, high } = trend.rate_fresh_percent_per_h ?? trend.rate_percent_per_h;
   const size = Math.abs(value);
   const [hours, unit] = size >= 1 ? [1 / 60, "minute"] : size * 24 >= 0.05 ? [24, "day"] : [24 * 365.25, "year"];
-  const shown = (rate) => significant(hours * (limits ? ofFresh(rate, limits) : rate), 2);
+  const shown = (rate) => significant(hours * rate, 2);
   return { rate: shown(size), least: shown(Math.min(Math.abs(low), Math.abs(high))), most: shown(Math.max(Math.abs(low), Math.abs(high))), per: t(`per.${unit}`) };
 }

@@ -1,29 +1,41 @@
-// Alarms that call for somebody, and how to answer them.
+// Alarms that call for somebody, and how to answer them; one of the whole service stands once.
 
 import { COMMAND, ask } from "./ask.js";
 import { button, element, refill } from "./dom.js";
 import { clock } from "./format.js";
 import { openAlarms } from "./level.js";
 import { ifMay, may } from "./session.js";
-import { named, t } from "./strings.js";
+import { locale, named, t } from "./strings.js";
 
 const GRAVITY = ["error", "warning", "info"];
 const SHELVED_S = 8 * 3600;
 
 // All alarms of these axes, gravest first; the axis is named where there may be several.
 export function renderAlarmList(root, states, several) {
-  const alarms = states.flatMap((state) => openAlarms(state).map((alarm) => ({ ...alarm, axis: state.axis })));
+  const alarms = together(states.flatMap((state) => openAlarms(state).map((alarm) => ({ ...alarm, axis: state.axis }))));
   alarms.sort((a, b) => Number(b.active) - Number(a.active) || GRAVITY.indexOf(a.severity) - GRAVITY.indexOf(b.severity));
+  const place = ({ axes }) => (!several ? "" : axes.length > 1 && axes.length === states.length ? t("alarms.all_axes") : new Intl.ListFormat(locale).format(axes));
   refill(root, JSON.stringify([alarms, several]), () => [
     element("h2", { id: `${root.id}-title` }, alarms.length ? t("alarms.some", { n: alarms.length }) : t("alarms")),
-    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, several)), ifMay(COMMAND, "alarms.answer", () => "")] : [element("p", { class: "quiet" }, t("alarms.none"))]),
+    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, place(alarm))), ifMay(COMMAND, "alarms.answer", () => "")] : [element("p", { class: "quiet" }, t("alarms.none"))]),
   ]);
 }
 
-function alarmNode(alarm, several) {
+// A part of the service that several axes rest on raises an alarm at each of them.
+function together(alarms) {
+  const found = new Map();
+  for (const alarm of alarms) {
+    const key = JSON.stringify(alarm.alarm === "service" ? [alarm.message, alarm.active, alarm.acknowledged_by, Boolean(alarm.shelved_until)] : [alarm.axis, alarm.alarm]);
+    if (found.has(key)) found.get(key).axes.push(alarm.axis);
+    else found.set(key, { ...alarm, axes: [alarm.axis] });
+  }
+  return [...found.values()];
+}
+
+function alarmNode(alarm, place) {
   const name = named("alarm", alarm.alarm);
-  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${several ? `${alarm.axis}: ` : ""}${name}`), " – ", element("span", { lang: "en" }, alarm.message));
-  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, name, several) : "");
+  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), " – ", element("span", { lang: "en" }, alarm.message));
+  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, place ? `${place} ${name}` : name) : "");
 }
 
 function aboutParts(alarm) {
@@ -34,11 +46,10 @@ function aboutParts(alarm) {
   return parts;
 }
 
-function buttonsNode(alarm, name, several) {
-  const about = several ? `${alarm.axis} ${name}` : name;
+function buttonsNode(alarm, about) {
   const act = (action, more = {}) => {
     const title = `${t(`alarm.${action}`)}: ${about}`;
-    return button(t(`alarm.${action}`), { "aria-label": title }, () => ask(alarm.axis, { action, alarm: alarm.alarm, ...more }, title, t(`alarm.${action}.text`)));
+    return button(t(`alarm.${action}`), { "aria-label": title }, () => ask(alarm.axes, { action, alarm: alarm.alarm, ...more }, title, t(`alarm.${action}.text`)));
   };
   const shelf = alarm.shelved_until ? act("unshelve") : act("shelve", { duration_s: SHELVED_S });
   return element("div", { class: "buttons" }, ...(alarm.acknowledged_by ? [] : [act("acknowledge")]), shelf);

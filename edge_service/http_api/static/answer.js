@@ -1,9 +1,9 @@
 // The answer: is it all right, since when, how sure, what changed, what to do.
 
-import { reasonsOf, whatChanged, whatToDo } from "./advice.js";
+import { headlineWords, reasonsOf, whatChanged, whatToDo } from "./advice.js";
 import { byId, element, list, refill, svg, symbol, write } from "./dom.js";
-import { between, clock, lasting, number, ofFresh } from "./format.js";
-import { levelOf } from "./level.js";
+import { between, clock, lasting, number } from "./format.js";
+import { headlineOf, levelOf, levelWords } from "./level.js";
 import { t } from "./strings.js";
 
 let parts = null;
@@ -12,6 +12,7 @@ function build(root) {
   const part = (name, tag, className, ...children) => [name, element(tag, { class: className }, ...children)];
   parts = Object.fromEntries([
     part("verdict", "h2", "verdict"),
+    part("headline", "ul", "headline"),
     part("since", "p", "quiet"),
     part("value", "span", "number"),
     part("unit", "span", "unit"),
@@ -19,13 +20,14 @@ function build(root) {
     part("share", "p", "quiet"),
     part("reasons", "ul", "reasons"),
     part("changed", "p", ""),
-    part("todo", "p", "todo"),
+    part("todo", "ol", "todo"),
     part("facts", "dl", "facts"),
   ]);
   parts.verdict.id = "answer-title";
   parts.gauge = svg("svg", { class: "gauge", viewBox: "0 0 420 40", role: "img" });
   root.replaceChildren(
     parts.verdict,
+    parts.headline,
     parts.since,
     element("div", { class: "reading" }, element("p", { class: "value" }, parts.value, parts.unit), element("div", {}, parts.sure, parts.share)),
     parts.gauge,
@@ -45,33 +47,45 @@ export function renderAnswer(state, nowMs) {
   const level = levelOf(state);
   const reading = state.connected ? state.preload : null;
   const percent = reading?.preload_percent ?? null;
-  root.dataset.condition = level;
-  refill(parts.verdict, `${axis}${level}`, () => [symbol(level), element("span", { class: "badge" }, t(`condition.${level}`)), element("span", {}, t(`answer.${level}`, { axis }))]);
-  write(parts.since, state.connected && health ? t("answer.since", { time: clock(health.since), span: lasting((state.serverMs() - Date.parse(health.since)) / 1000) }) : "");
-  renderReading(state.limits, reading, percent);
+  root.dataset.level = level;
+  refill(parts.verdict, `${axis}${level}`, () => [symbol(level), element("span", { class: "badge" }, levelWords(state)), element("span", {}, t(`answer.${level}`, { axis }))]);
+  list(parts.headline, [headlineWords(state)].filter(() => state.connected));
+  write(parts.since, sinceText(state));
+  renderReading(state.limits, reading);
   list(parts.reasons, state.connected ? reasonsOf(reading) : [{ text: t("no_connection") }]);
   write(parts.changed, state.connected ? whatChanged(state) : t("answer.changed.unknown"));
-  write(parts.todo, whatToDo(state));
+  list(parts.todo, whatToDo(state));
   renderFacts(state, reading, nowMs);
   renderGauge(state.limits, reading, percent);
 }
 
+// Since when what the headline rests on holds: the alarm, or else the condition.
+function sinceText(state) {
+  const headline = headlineOf(state);
+  if (!headline) return "";
+  const { alarms, since } = state.health;
+  const time = alarms.find(({ alarm, active }) => active && alarm === headline.code)?.raised_at ?? since;
+  return t("answer.since", { time: clock(time), span: lasting((state.serverMs() - Date.parse(time)) / 1000) });
+}
+
 // Percent of the fresh screw; of the load rating where the fresh preload is not known.
-function renderReading(limits, reading, percent) {
-  const shown = (value) => (limits ? ofFresh(value, limits) : value);
+function renderReading(limits, reading) {
+  const percent = reading?.preload_percent ?? null;
+  const { value, low, high } = reading?.of_fresh ?? { value: percent, low: reading?.low, high: reading?.high };
   const digits = limits ? 0 : 2;
-  write(parts.value, percent === null ? t("no_value") : number(shown(percent), digits));
+  write(parts.value, percent === null ? t("no_value") : number(value, digits));
   parts.value.classList.toggle("none", percent === null);
   parts.unit.hidden = percent === null;
   write(parts.unit, t(limits ? "unit.fresh" : "unit.rating"));
-  const isSure = percent !== null && reading.low !== null && reading.high !== null;
-  write(parts.sure, percent === null ? "" : isSure ? t("answer.sure", { level: number(100 * reading.level), bounds: between(shown(reading.low), shown(reading.high), digits) }) : t("answer.unsure"));
+  const isSure = percent !== null && low !== null && high !== null;
+  write(parts.sure, percent === null ? "" : isSure ? t("answer.sure", { level: number(100 * reading.level), bounds: between(low, high, digits) }) : t("answer.unsure"));
   write(parts.share, !limits ? t("answer.no_limits") : percent === null ? t("answer.fresh", { fresh: number(limits.fresh_percent, 2) }) : t("answer.rating", { n: number(percent, 2), fresh: number(limits.fresh_percent, 2) }));
 }
 
 function renderFacts(state, reading, nowMs) {
   const drag = reading?.drag_torque_nm ?? null;
   const facts = [
+    [t("fact.condition"), t(`condition.${state.condition}`)],
     [t("fact.measured"), ageText(state, nowMs)],
     [t("fact.drag"), drag ? t("fact.drag.value", { value: number(drag.value, 3), low: number(drag.low, 3), high: number(drag.high, 3) }) : "–"],
     [t("fact.force"), reading?.preload_n == null ? "–" : t("unit.n", { n: number(reading.preload_n) })],
@@ -87,7 +101,7 @@ function ageText(state, nowMs) {
 
 function renderGauge(limits, reading, percent) {
   const { gauge } = parts;
-  gauge.setAttribute("aria-label", percent === null || !limits ? t("no_value") : t("of_fresh", { n: number(ofFresh(percent, limits)) }));
+  gauge.setAttribute("aria-label", percent === null || !limits ? t("no_value") : t("of_fresh", { n: number(reading.of_fresh.value) }));
   gauge.classList.toggle("empty", !limits);
   if (!limits) return gauge.replaceChildren();
   const top = Math.max(limits.fresh_percent * 1.25, reading?.high ?? 0);

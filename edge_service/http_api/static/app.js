@@ -1,6 +1,6 @@
 // The live page: one stream in, the machine or one of its axes out.
 
-import { reasonWords } from "./advice.js";
+import { headlineWords } from "./advice.js";
 import { renderAlarmList } from "./alarms.js";
 import { renderAnswer } from "./answer.js";
 import { buildAudit } from "./audit.js";
@@ -9,7 +9,7 @@ import { byId, element, fetchJson, refill, symbol, write } from "./dom.js";
 import { loadDrift } from "./drift.js";
 import { clock } from "./format.js";
 import { renderHistory } from "./history.js";
-import { levelOf, worstFirst } from "./level.js";
+import { levelOf, levelWords, worstFirst } from "./level.js";
 import { renderMachine } from "./machine.js";
 import { loadOutputs } from "./outputs.js";
 import { addressOf, route } from "./route.js";
@@ -120,11 +120,10 @@ function takeService(answer) {
 function takeHealth(answer) {
   const state = states.get(answer.axis);
   if (state === undefined) return;
-  const before = state.health?.condition;
+  const before = state.health?.headline;
   state.health = answer;
-  if (before !== undefined && before !== answer.condition) {
-    const reason = answer.reasons.length ? ` ${reasonWords(answer.reasons[0]).text}` : "";
-    byId("announcer").textContent = t("announced", { axis: answer.axis, condition: t(`condition.${answer.condition}`) }) + reason;
+  if (before && (before.level !== answer.headline.level || before.code !== answer.headline.code)) {
+    byId("announcer").textContent = `${t("announced", { axis: answer.axis, level: levelWords(state) })} ${headlineWords(state).text}`;
   }
 }
 
@@ -162,11 +161,11 @@ function renderAxes() {
   const key = JSON.stringify([shown === null, all.map((state) => [state.axis, levelOf(state), state === shown])]);
   refill(byId("axes"), key, () => (shown === null ? [] : [...(all.length > 1 ? [element("a", { href: "#/", class: "chip home" }, t("machine.back"))] : []), ...all.map(chip)]));
   const [first] = worstFirst(all);
-  document.title = levelOf(first) === "NORMAL" ? t("title.NORMAL") : `${t(`condition.${levelOf(first)}`)}: ${first.axis}`;
+  document.title = levelOf(first) === "ok" ? t("title.ok") : `${levelWords(first)}: ${first.axis}`;
 }
 
 function chip(state) {
-  const link = element("a", { href: addressOf(state.axis), class: "chip", "data-condition": levelOf(state) }, symbol(levelOf(state)), element("span", {}, element("b", {}, state.axis), ` ${t(`condition.${levelOf(state)}`)}`));
+  const link = element("a", { href: addressOf(state.axis), class: "chip", "data-level": levelOf(state) }, symbol(levelOf(state)), element("span", {}, element("b", {}, state.axis), ` ${levelWords(state)}`));
   if (state === shown) link.setAttribute("aria-current", "true");
   return link;
 }

@@ -6,7 +6,7 @@ import { t } from "./strings.js";
 
 export const COMMAND = ["POST", "/api/v1/axes/{axis}/commands"];
 
-export function ask(axis, command, title, text) {
+export function ask(axes, command, title, text) {
   write(byId("ask-title"), title);
   write(byId("ask-text"), text);
   write(byId("ask-ok"), title.split(":")[0]);
@@ -17,16 +17,17 @@ export function ask(axis, command, title, text) {
   const key = crypto.randomUUID(); // pressed again after a lost answer, it is done once
   byId("ask-form").onsubmit = (event) => {
     event.preventDefault();
-    send(axis, key, { ...command, user: byId("ask-user").value.trim(), note: byId("ask-note").value.trim() });
+    send(axes, key, { ...command, user: byId("ask-user").value.trim(), note: byId("ask-note").value.trim() });
   };
   byId("ask-cancel").onclick = () => byId("ask").close();
   byId("ask").showModal();
 }
 
-async function send(axis, key, command) {
+async function send(axes, key, command) {
   try {
     localStorage.setItem("user", command.user);
-    await fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/commands`, { method: "POST", headers: { "content-type": "application/json", "idempotency-key": `"${key}"` }, body: JSON.stringify(command) });
+    const request = { method: "POST", headers: { "content-type": "application/json", "idempotency-key": `"${key}"` }, body: JSON.stringify(command) };
+    await Promise.all(axes.map((axis) => fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/commands`, request)));
     byId("ask").close();
   } catch (error) {
     write(byId("ask-error"), t("ask.refused", { why: error.message }));

@@ -1,12 +1,13 @@
 // Diary: what happened, and what was done about it.
 
 import { COMMAND, ask } from "./ask.js";
-import { button, byId, element, refill } from "./dom.js";
+import { button, byId, element, refill, withoutCode } from "./dom.js";
 import { clock } from "./format.js";
 import { ifMay } from "./session.js";
 import { t } from "./strings.js";
 
 const SHOWN = 60;
+const CODED = ["condition_changed", "status_changed"]; // what people write stays as it is
 let shown = null;
 
 export function renderDiary(state) {
@@ -23,7 +24,7 @@ export function renderDiary(state) {
 }
 
 function noteButtons() {
-  const act = (action) => button(t(`diary.${action}`), {}, () => ask(shown.axis, { action }, t(`diary.${action}`), t(`diary.${action}.text`)));
+  const act = (action) => button(t(`diary.${action}`), {}, () => ask([shown.axis], { action }, t(`diary.${action}`), t(`diary.${action}.text`)));
   return element("div", { class: "buttons" }, act("note"), act("part_replaced"));
 }
 
@@ -34,6 +35,6 @@ function eventNode(event) {
     element("time", { datetime: event.time, title: event.time }, clock(event.time)),
     element("span", { class: "event-axis" }, event.axis || t("service")),
     element("span", { class: "event-severity" }, t(`severity.${event.severity}`)),
-    element("span", { class: "event-text", lang: "en" }, event.message),
+    element("span", { class: "event-text", lang: "en" }, CODED.includes(event.kind) ? withoutCode(event.message) : event.message),
   );
 }

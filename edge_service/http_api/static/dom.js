@@ -43,6 +43,9 @@ export function sentenceOf(reason) {
   return isKey ? sentence : sentence.charAt(0).toUpperCase() + sentence.slice(1);
 }
 
+// A sentence about a change, without the code within it.
+export const withoutCode = (text) => text.replace(/: [a-z_]+: /, ": ");
+
 // Items are { text, lang }: what the service says itself is English on every page.
 export function list(node, items) {
   refill(node, JSON.stringify(items), () => items.map(({ text, lang }) => element("li", lang ? { lang } : {}, text)));
@@ -56,14 +59,14 @@ export async function fetchJson(path, options) {
 }
 
 const SHAPES = {
-  NORMAL: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12.5l3.5 3.5L17 9"],
-  WARNING: ["M12 2.5L23 21.5H1z", "M12 9v6M12 18v.6"],
-  FAULT: ["M8 2h8l6 6v8l-6 6H8l-6-6V8z", "M8.5 8.5l7 7M15.5 8.5l-7 7"],
-  UNAVAILABLE: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12h10"],
+  ok: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12.5l3.5 3.5L17 9"],
+  attention: ["M12 2.5L23 21.5H1z", "M12 9v6M12 18v.6"],
+  act: ["M8 2h8l6 6v8l-6 6H8l-6-6V8z", "M8.5 8.5l7 7M15.5 8.5l-7 7"],
+  unknown: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12h10"],
 };
 
-export function symbol(condition) {
-  const [shape, sign] = SHAPES[condition];
+export function symbol(level) {
+  const [shape, sign] = SHAPES[level];
   const parts = [svg("path", { d: shape, class: "symbol-shape" }), svg("path", { d: sign, class: "symbol-sign" })];
   return svg("svg", { class: "symbol", viewBox: "0 0 24 24", "aria-hidden": "true" }, ...parts);
 }

@@ -1,13 +1,19 @@
-// Gravity of an axis: the worst of its condition and of its open alarms.
+// How grave an axis is: the level of the one headline that the service gives it.
 
-export const ORDER = ["FAULT", "WARNING", "UNAVAILABLE", "NORMAL"];
+import { t } from "./strings.js";
 
+export const ORDER = ["act", "attention", "unknown", "ok"];
+
+export const headlineOf = (state) => (state.connected ? state.health?.headline : null) ?? null;
+export const levelOf = (state) => headlineOf(state)?.level ?? "unknown";
+export const levelWords = (state) => t(`level.${levelOf(state)}`);
 export const openAlarms = (state) => state.health?.alarms ?? [];
-
-// An alarm on an axis that is NORMAL by its preload still calls for somebody.
-export function levelOf(state) {
-  const calls = openAlarms(state).some((alarm) => alarm.active && alarm.severity !== "info");
-  return state.condition === "NORMAL" && calls ? "WARNING" : state.condition;
-}
+export const isActive = (state, kind) => openAlarms(state).some((alarm) => alarm.alarm === kind && alarm.active);
 
 export const worstFirst = (states) => [...states].sort((a, b) => ORDER.indexOf(levelOf(a)) - ORDER.indexOf(levelOf(b)));
+
+// Alarms that every axis has, for they are the service's: as text that tells them apart.
+export function alarmsOfAll(states) {
+  const [first, ...others] = states.map((state) => openAlarms(state).filter(({ alarm }) => alarm === "service").map(({ message }) => message));
+  return new Set(first.filter((message) => others.every((each) => each.includes(message))));
+}

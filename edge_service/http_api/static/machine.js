@@ -4,7 +4,7 @@ import { crossing } from "./advice.js";
 import { renderAlarmList } from "./alarms.js";
 import { byId, element, fetchJson, refill, svg, symbol } from "./dom.js";
 import { between, lasting, number, ofFresh } from "./format.js";
-import { levelOf, openAlarms, worstFirst } from "./level.js";
+import { alarmsOfAll, headlineOf, levelOf, levelWords, openAlarms, worstFirst } from "./level.js";
 import { addressOf } from "./route.js";
 import { locale, named, t } from "./strings.js";
 
@@ -21,9 +21,10 @@ export function renderMachine(states, nowMs, connected) {
     for (const state of states) loadWeek(state).catch(() => {});
   }
   const sorted = worstFirst(states);
-  renderHeadline(sorted);
+  renderHeadline(sorted, alarmsOfAll(states).size > 0);
   const root = byId("axis-list");
-  const rows = sorted.map(rowText);
+  const shared = alarmsOfAll(states);
+  const rows = sorted.map((state) => rowText(state, shared));
   const focused = root.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
   refill(root, JSON.stringify(rows), () => sorted.map((state, i) => element("li", {}, rowNode(state, rows[i]))));
   if (focused) root.querySelector(`a[href="${focused}"]`)?.focus();
@@ -37,50 +38,54 @@ async function loadWeek(state) {
   weeks.set(state.axis, known.map((bucket) => [1 - (end - Date.parse(bucket.time) / 1000) / WEEK_S, ofFresh(bucket.preload_percent.mean, state.limits)]));
 }
 
-function renderHeadline(sorted) {
+function renderHeadline(sorted, isServiceDown) {
   const level = levelOf(sorted[0]);
   const same = sorted.filter((state) => levelOf(state) === level);
-  const text = level === "NORMAL" ? t("machine.NORMAL", { all: sorted.length }) : t(`machine.${level}`, { n: same.length, all: sorted.length, axes: new Intl.ListFormat(locale).format(same.map((state) => state.axis)) });
+  const own = same.filter((state) => !isServiceDown || headlineOf(state)?.code !== "service");
+  const text = own.length === 0 ? t("machine.service") : level === "ok" ? t("machine.ok", { all: sorted.length }) : t(`machine.${level}`, { n: own.length, all: sorted.length, axes: new Intl.ListFormat(locale).format(own.map((state) => state.axis)) });
   const root = byId("machine-answer");
-  root.dataset.condition = level;
+  root.dataset.level = level;
   refill(root, text, () => [element("h2", { id: "machine-title", class: "verdict" }, symbol(level), element("span", {}, text))]);
 }
 
-function rowText(state) {
-  const { preload, limits, connected, axis } = state;
-  const percent = connected && limits ? (preload?.preload_percent ?? null) : null;
-  const share = (value) => (value == null ? null : Math.round(ofFresh(value, limits)));
-  const alarms = openAlarms(state);
+function rowText(state, shared) {
+  const { preload, connected, axis } = state;
+  const share = connected ? preload?.of_fresh : null;
+  const round = (value) => (value == null ? null : Math.round(value));
+  const alarms = openAlarms(state).filter((alarm) => alarm.alarm !== "service" || !shared.has(alarm.message));
   return {
     axis,
     level: levelOf(state),
-    value: percent === null ? null : share(percent),
-    low: percent === null ? null : share(preload.low),
-    high: percent === null ? null : share(preload.high),
+    words: levelWords(state),
+    value: round(share?.value),
+    low: round(share?.low),
+    high: round(share?.high),
     limit: limitText(state),
-    alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)) : [],
+    alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)).join(", ") : t(shared.size ? "machine.alarms.own_none" : "machine.alarms.none"),
+    hasAlarm: alarms.length > 0,
     week: weeks.get(axis) ?? [],
   };
 }
 
-function limitText({ health }) {
+// The limit that comes next, or the one that was passed.
+function limitText({ health, condition }) {
   for (const limit of ["warning", "fault"]) {
     const when = crossing(health?.trend, limit);
     if (when) return when.last ? t(`machine.limit.${limit}`, when) : t(`machine.limit.${limit}.after`, when);
   }
-  return t("machine.limit.none");
+  if (condition === "UNAVAILABLE") return "";
+  return t(condition === "NORMAL" ? "machine.limit.none" : `machine.limit.passed.${condition}`);
 }
 
 function rowNode(state, row) {
   const sure = row.low === null || row.high === null ? "" : between(row.low, row.high);
-  const alarms = row.alarms.length ? row.alarms.join(", ") : t("machine.alarms.none");
-  return element("a", { href: addressOf(row.axis), class: "axis-row", "data-condition": row.level },
-    element("span", { class: "axis-name" }, symbol(row.level), element("b", {}, row.axis), element("span", { class: "badge" }, t(`condition.${row.level}`))),
+  return element("a", { href: addressOf(row.axis), class: "axis-row", "data-level": row.level },
+    element("span", { class: "axis-name" }, symbol(row.level), element("b", {}, row.axis), element("span", { class: "badge" }, row.words)),
     element("span", { class: "axis-value" }, row.value === null ? t("no_value") : t("of_fresh", { n: number(row.value) }), element("small", { class: "quiet" }, sure)),
     barNode(row, state.limits),
     weekNode(row),
     element("span", { class: "axis-limit" }, row.limit),
-    element("span", { class: "axis-alarms", "data-any": String(row.alarms.length > 0) }, alarms));
+    element("span", { class: "axis-alarms", "data-any": String(row.hasAlarm) }, row.alarms));
 }
 
 function barNode({ value, low, high }, limits) {
@@ -97,7 +102,7 @@ function barNode({ value, low, high }, limits) {
 
 // The last seven days; a day without numbers is a hole.
 function weekNode({ week }) {
-  const node = svg("svg", { class: "week", viewBox: "0 0 100 24", preserveAspectRatio: "none", role: "img", "aria-label": t("machine.week") });
+  const node = svg("svg", { class: week.length > 1 ? "week" : "week empty", viewBox: "0 0 100 24", preserveAspectRatio: "none", role: "img", "aria-label": t("machine.week") });
   const y = (percent) => 24 - (24 * Math.min(percent, TOP_PERCENT)) / TOP_PERCENT;
   const points = week.map(([at, percent], i) => `${i && at - week[i - 1][0] < (2.5 * STEP_S) / WEEK_S ? "L" : "M"}${(100 * at).toFixed(1)} ${y(percent).toFixed(1)}h.6`);
   node.append(svg("path", { d: points.join("") || "M0 0", class: "week-line" }));

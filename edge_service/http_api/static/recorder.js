@@ -27,10 +27,11 @@ async function send(axis, method, body) {
 
 export function renderRecorder(live) {
   const wasLive = !parts.bar.hidden;
+  const wasHeard = parts.bar.value > 0;
   parts.start.hidden = Boolean(live);
   parts.stop.hidden = parts.bar.hidden = !live;
   if (live) {
     parts.bar.value = Math.min(live.recorded_s / live.seconds, 1);
     write(parts.status, t("record.live", { axis: live.axis, span: lasting(live.recorded_s), of: lasting(live.seconds) }));
-  } else if (wasLive) write(parts.status, t("record.done"));
+  } else if (wasLive) write(parts.status, t(wasHeard ? "record.done" : "record.nothing"));
 }

@@ -1,6 +1,6 @@
 // The service's own parts: which work, and which do not. Counts of them are for the metrics.
 
-import { byId, element, list, write } from "./dom.js";
+import { byId, element, list, withoutCode, write } from "./dom.js";
 import { named, t } from "./strings.js";
 
 export function renderService(state, service) {
@@ -10,7 +10,7 @@ export function renderService(state, service) {
   }
   if (!service) return;
   write(byId("service-state"), t(service.ready ? "parts.ready" : "parts.not_ready"));
-  list(root.querySelector(".waiting"), service.ready ? [] : service.reasons.map((reason) => ({ text: reason.replace(/: [a-z_]+: /, ": "), lang: "en" })));
+  list(root.querySelector(".waiting"), service.ready ? [] : service.reasons.map((reason) => ({ text: withoutCode(reason), lang: "en" })));
   renderRows(root.querySelector("tbody"), [...(state?.health?.components ?? []), ...service.components]);
 }
 

@@ -1,14 +1,16 @@
 // Why: what the estimator believes, friction, model, temperature, and the state of the data.
 
-import { byId, element, fetchJson, refill, write } from "./dom.js";
+import { byId, element, fetchJson, list, refill, write } from "./dom.js";
 import { Chart, atTime, axis, colour, lately, range, reader, spoken, timeAxis } from "./charts.js";
-import { number, ofFresh, significant } from "./format.js";
+import { clock, number, ofFresh, significant } from "./format.js";
+import { isActive } from "./level.js";
 import { named, t } from "./strings.js";
 
 const SYMBOLS = { ok: "✓", faulty: "△", missing: "✕" };
 const R_MIN_PER_RAD_S = 30 / Math.PI;
 const HISTORY_S = 3600;
 const CHANGES = ["preload_loss", "lubrication", "payload", "looseness", "process_force"];
+const FITS_BELOW = 4; // times the squared error that the estimator expects of itself
 const parts = {};
 
 function build() {
@@ -30,6 +32,7 @@ function build() {
   );
   parts.friction = new Chart(friction, frictionOptions, ([, now]) => `${t("friction.label")}: ${spoken(now, t("unit.nm"))}`, reader((speed) => `${number(speed)} ${t("unit.r_min")}`, [1, t("unit.nm")], [2, t("unit.nm"), t("legend.new")]));
   parts.modelText = element("p", {});
+  parts.modelParts = element("ul", { class: "quiet" });
   parts.warm = element("p", {});
   parts.stiffness = element("p", { class: "quiet" });
   const nis = element("div", { class: "chart" });
@@ -37,6 +40,7 @@ function build() {
   byId("model").replaceChildren(
     element("h2", { id: "model-title" }, t("model")),
     parts.modelText,
+    parts.modelParts,
     nis,
     element("h3", {}, t("warm")),
     parts.warm,
@@ -90,6 +94,7 @@ export function renderWhy(state) {
           return element("li", { class: "mode" }, element("span", {}, levelWords(state, level)), bar, element("span", {}, chance(share)));
         }),
   );
+  renderModel(state);
   renderChanges((state.connected && state.preload?.fault_probability) || {});
   const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${named("fault", kind)}: ${number(n)}`);
   write(parts.faults, faults.length ? faults.join(", ") : t("quality.no_faults"));
@@ -131,7 +136,8 @@ export async function loadWhy(state) {
   const column = (name) => history.buckets.map((bucket) => bucket[name]?.mean ?? null);
   parts.nis.set([times, column("nis")]);
   parts.temperature.set([times, column("temperature_c")]);
-  write(parts.modelText, modelText(state, column("nis")));
+  parts.error = { axis: state.axis, mean: recentMean(column("nis")) };
+  renderModel(state);
   write(parts.warm, warmText(times, column("temperature_c")));
   write(parts.stiffness, stiffnessText(state.connected ? state.preload?.stiffness_n_per_m : null));
 }
@@ -149,12 +155,28 @@ function stiffnessText(stiffness) {
   return t("stiffness.value", { value: micro("value"), low: micro("low"), high: micro("high") });
 }
 
-function modelText(state, values) {
-  const known = values.filter((value) => value !== null);
-  if (state.preload?.status === "invalid") return t("model.no");
-  if (known.length === 0) return t("model.unknown");
-  const last = known.slice(-6).reduce((a, b) => a + b, 0) / Math.min(known.length, 6);
-  return t(last < 4 ? "model.yes" : "model.doubtful", { n: significant(last, 2) });
+function recentMean(values) {
+  const recent = values.filter((value) => value !== null).slice(-6);
+  return recent.length ? recent.reduce((a, b) => a + b, 0) / recent.length : null;
+}
+
+// Two quantities: the estimator's error, and the axis against what was learned of it.
+function renderModel(state) {
+  const { consistency } = state.health ?? {};
+  const learned = consistency?.state ?? "none";
+  const { channel, ratio, since } = consistency ?? {};
+  const error = parts.error?.axis === state.axis ? parts.error.mean : null;
+  const details = learned === "disagrees" ? { channel: named("model.channel", channel), n: significant(ratio[channel], 2), since: clock(since) } : {};
+  write(parts.modelText, t(`model.${fit(state, learned, error)}`));
+  const texts = [error === null ? t("model.error.none") : t("model.error", { n: significant(error, 2) }), t(`model.learned.${learned}`, details)];
+  if (isActive(state, "model")) texts.push(t("model.alarm"));
+  list(parts.modelParts, texts.map((text) => ({ text })));
+}
+
+function fit(state, learned, error) {
+  if (state.preload?.status === "invalid" || learned === "disagrees" || isActive(state, "model")) return "no";
+  if (error === null) return "unknown";
+  return error < FITS_BELOW ? "yes" : "doubtful";
 }
 
 function warmText(times, values) {
