@@ -2,7 +2,7 @@
 
 import re
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.health.advice.announced import announced
@@ -125,6 +125,7 @@ def _do(axis: Axis, step: tuple) -> None:
             axis.monitor.on_command(Command(action=action, alarm=kind, user="Kim"), axis.now_ns)
 
 
+@settings(deadline=None)  # the machine may be busy
 @given(STEPS)
 def test_no_statement_contradicts_another(steps: list[tuple]) -> None:
     axis = Axis()
@@ -192,6 +193,7 @@ def _trend_fits(health: AxisHealth) -> None:
     assert falling or not claims
 
 
+@settings(deadline=None)  # the machine may be busy
 @given(STEPS)
 def test_an_event_that_calls_somebody_says_what_the_axis_needs(steps: list[tuple]) -> None:
     axis = Axis()
