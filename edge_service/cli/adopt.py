@@ -34,6 +34,7 @@ _POSITIVE = click.FloatRange(min=0.0, min_open=True)
 @click.option("--preload", type=_POSITIVE, help="Preload of the fresh screw, N.")
 @click.option("--preload-drag", type=_POSITIVE, help="Drag torque of the fresh screw alone, N m.")
 @click.option("--nut-stiffness", type=_POSITIVE, help="Stiffness of the nut, N/m.")
+@click.option("--table-mass", type=_POSITIVE, help="Mass of the table with what is on it, kg.")
 @click.option(
     "--column",
     "columns",
@@ -54,6 +55,7 @@ def adopt(
     preload: float | None,
     preload_drag: float | None,
     nut_stiffness: float | None,
+    table_mass: float | None,
     columns: tuple[str, ...],
     picture: Path | None,
 ) -> None:
@@ -67,7 +69,9 @@ def adopt(
     from ..offline.adopt.machine_text import DataSheet
 
     known = Known(None if lead is None else 1e-3 * lead, torque_constant, period)
-    sheet = DataSheet(name or "X", None, load_rating, preload, preload_drag, nut_stiffness)
+    sheet = DataSheet(
+        name or "X", None, load_rating, preload, preload_drag, nut_stiffness, table_mass
+    )
     request = Request(files, out, axis_number, known, sheet, columns, picture)
     at_terminal = sys.stdin.isatty() and sys.stdout.isatty()
     click.echo(run(request, _ask if at_terminal else None))

@@ -12,6 +12,8 @@ from .screw.ball_screw import BallPassOrders, ball_pass_orders, transmission_rat
 
 DEFAULT_TOLERANCE = 0.01
 """Relative calibration tolerance of a number that states none (one standard deviation)."""
+MEASURED_SUM = 0.02
+"""Relative standard deviation of the frictions of a commissioned axis, taken together."""
 
 
 class _Table(BaseModel):
@@ -180,13 +182,20 @@ class Machine(_Table):
 
     @property
     def other_drag_nm(self) -> Quantity:
-        """Coulomb torque that is not the screw's own: guides and bearings, N m at the motor."""
+        """Coulomb torque that is not the screw's own: guides and bearings, N m at the motor.
+
+        Of a commissioned axis the sum was measured: it is known better than the shares, which the
+        table's mass parts.
+        """
         ratio = self.transmission_ratio_m_per_rad
         guide, bearing = self.model.guide_force_n, self.model.bearing_drag_nm
         value = guide.value * ratio + bearing.value
         if value == 0.0:
             return Quantity(value=0.0)
-        sigma = math.hypot(guide.sigma * ratio, bearing.sigma)
+        guide_sigma = guide.sigma * ratio
+        if self.commissioned is not None:
+            guide_sigma = min(guide_sigma, MEASURED_SUM * value)
+        sigma = math.hypot(guide_sigma, bearing.sigma)
         return Quantity(value=value, tolerance=sigma / value)
 
     @property

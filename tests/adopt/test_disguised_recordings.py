@@ -176,6 +176,7 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
         "--load-rating": 7450.0,
         "--preload": None,
         "--nut-stiffness": None,
+        "--table-mass": 23.5,
     }
     asked: list[str] = []
 
@@ -186,6 +187,7 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
     adopt(Request([path], out), ask)
     assert sorted(asked) == sorted(answers)
     machine = load_machine(out)
+    assert machine.model.table_mass_kg is not None and machine.model.table_mass_kg.value == 23.5
     assert machine.axis.dynamic_load_rating_n == 7450.0
     assert machine.model.preload_n is None
     assert machine.model.inertia_kg_m2.value == pytest.approx(

@@ -1,5 +1,7 @@
 """Shares that no healthy recording determines: the table's inertia, the nut's compliance."""
 
+import math
+
 import numpy as np
 
 from ...models.machine import Machine
@@ -23,19 +25,38 @@ def table_mass(
 
     Stated in the machine file, or from how the stretch grows along the screw, whose compliance per
     metre (eq. 5.3.9 and its twist) is known to about 30 % (fixed-free only), or a guess within the
-    whole inertia.
+    whole inertia and the friction.
     """
     stated = machine.model.table_mass_kg
     if stated is not None:
         return stated.value, stated.sigma
     whole_kg = torque.inertia_kg_m2 / machine.transmission_ratio_m_per_rad**2
-    guess, guess_sigma = 0.3 * whole_kg, 0.15 * whole_kg
+    guess = min(0.3 * whole_kg, _most_mass(machine, torque, stretch))
+    guess_sigma = 0.5 * guess
     seen = None if stretch is None else _mass_by_slope(machine, stretch)
     if seen is None:
         return guess, guess_sigma
     weight, guess_weight = seen[1] ** -2.0, guess_sigma**-2.0
     value = (seen[0] * weight + guess * guess_weight) / (weight + guess_weight)
     return min(max(value, 0.05 * whole_kg), 0.95 * whole_kg), (weight + guess_weight) ** -0.5
+
+
+def other_drag_nm(machine: Machine, torque: TorqueBalance) -> float:
+    """Coulomb friction of guides, seals and bearings beyond the fresh screw's own, N m."""
+    screw = machine.model.preload_drag_nm
+    fresh_nm = screw.value if screw is not None and machine.model.preload_n is not None else 0.0
+    return max(torque.coulomb_nm - fresh_nm, 0.0)
+
+
+def _most_mass(machine: Machine, torque: TorqueBalance, stretch: SeriesCompliance | None) -> float:
+    """Mass beyond which the guides' force at reversals were more than the friction, kg.
+
+    That force is a measured stretch over the compliance, so it grows with the mass.
+    """
+    if stretch is None or stretch.reversal_m <= 0.0:
+        return math.inf
+    other_n = other_drag_nm(machine, torque) / machine.transmission_ratio_m_per_rad
+    return other_n * stretch.per_acceleration_s2 / stretch.reversal_m or math.inf
 
 
 def _mass_by_slope(machine: Machine, stretch: SeriesCompliance) -> tuple[float, float] | None:

@@ -16,7 +16,7 @@ from ...models.commissioned import CommissionedConfig, TransmissionConfig
 from ...models.machine import Machine, ModelConfig, Quantity
 from ...models.steady_limits import CRUISE_RAD_S2, SLOWEST_RAD_S, SteadyLimits, steady_limits
 from ..effect_compensation import EffectCompensation
-from .assumed_shares import nut_share, table_mass
+from .assumed_shares import nut_share, other_drag_nm, table_mass
 from .checks import (
     require_fresh_screw,
     require_identified,
@@ -73,12 +73,14 @@ def _model(
     """Baseline with the identified values; Coulomb friction beyond the screw's is shared out."""
     ratio = machine.transmission_ratio_m_per_rad
     reversal_n = math.inf if transmission is None else transmission.reversal_force_n
-    guide_n, bearing_nm = friction_shares(_other_drag_nm(machine, torque), ratio, reversal_n)
+    guide_n, bearing_nm = friction_shares(other_drag_nm(machine, torque), ratio, reversal_n)
+    by_mass = 0.0 if transmission is None else mass_kg[1] / mass_kg[0]
+    guide_sigma = max(torque.coulomb_sigma / ratio, max(by_mass, 0.02) * guide_n)
     return machine.model.model_copy(
         update={
             "inertia_kg_m2": _measured(torque.inertia_kg_m2, torque.inertia_sigma),
             "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
-            "guide_force_n": _measured(guide_n, max(torque.coulomb_sigma / ratio, 0.02 * guide_n)),
+            "guide_force_n": _measured(guide_n, guide_sigma),
             "bearing_drag_nm": _measured(bearing_nm, torque.coulomb_sigma),
             "table_mass_kg": _measured(*mass_kg),
         }
@@ -96,13 +98,6 @@ def friction_shares(
     """
     guide_n = min(reversal_n, other_nm / ratio_m_per_rad)
     return guide_n, max(other_nm - ratio_m_per_rad * guide_n, 0.0)
-
-
-def _other_drag_nm(machine: Machine, torque: TorqueBalance) -> float:
-    """Coulomb friction of guides, seals and bearings beyond the fresh screw's own, N m."""
-    screw = machine.model.preload_drag_nm
-    fresh_nm = screw.value if screw is not None and machine.model.preload_n is not None else 0.0
-    return max(torque.coulomb_nm - fresh_nm, 0.0)
 
 
 def _commissioned(

@@ -137,6 +137,7 @@ def _asked(sheet: DataSheet, ask: Ask | None) -> DataSheet:
         dynamic_load_rating_n=said["dynamic_load_rating_n"],
         preload_n=said["preload_n"],
         nut_stiffness_n_per_m=said["nut_stiffness_n_per_m"],
+        table_mass_kg=said["table_mass_kg"],
     )
 
 

@@ -20,6 +20,7 @@ class DataSheet:
     preload_n: float | None = None
     preload_drag_nm: float | None = None
     nut_stiffness_n_per_m: float | None = None
+    table_mass_kg: float | None = None
 
 
 _UNKNOWN = {
@@ -27,6 +28,7 @@ _UNKNOWN = {
     "preload_n": "the screw's data sheet; preload of the fresh screw",
     "preload_drag_nm": "the fresh screw's own drag; the data sheet has it, or 5.3.11 of the thesis",
     "nut_stiffness_n_per_m": "the nut's data sheet; without it intervals are wider",
+    "table_mass_kg": "the table with what is on it; without it, it is guessed to 50 %",
 }
 
 
@@ -36,6 +38,9 @@ SHEET_QUESTIONS = {
     ),
     "preload_n": Question("--preload", "Preload of the fresh screw, N", "preload in percent"),
     "nut_stiffness_n_per_m": Question("--nut-stiffness", "Stiffness of the nut, N/m", "intervals"),
+    "table_mass_kg": Question(
+        "--table-mass", "Mass of the table with what is on it, kg", "intervals, friction of guides"
+    ),
 }
 """Key of the machine file -> what a person is asked for."""
 
@@ -63,7 +68,8 @@ def machine_text(
         lines.append(f"# stroke_m = ...  # at least {stroke_m:.4g} m, over which it was recorded")
     lines += [_of_sheet(sheet, "dynamic_load_rating_n"), "", "[model]"]
     lines += _model(mechanics, sheet)
-    lines += [_of_sheet(sheet, name) for name in ("preload_n", "nut_stiffness_n_per_m")]
+    stated = ("preload_n", "nut_stiffness_n_per_m", "table_mass_kg")
+    lines += [_of_sheet(sheet, name) for name in stated]
     lines += ["", "[columns]"]
     for channel, choice in understood.columns.items():
         lines += _comments(said, channel)

@@ -1,0 +1,67 @@
+"""Commissioning without a stated table's mass: what follows from a guess is as unsure as it."""
+
+from functools import cache
+
+import numpy as np
+
+from edge_service.estimate.commissioning.identification import commissioned
+from edge_service.models.machine import Machine
+
+from ...bench.estimator.axis import downsampled
+from .plain_axis import PlainAxis
+
+
+@cache
+def learned() -> list[tuple[PlainAxis, Machine]]:
+    """Drawn axes, each with what its recording teaches without the mass."""
+    rng = np.random.default_rng(23)
+    axes = [drawn(rng) for _ in range(8)]
+    return [(axis, learned_of(axis)) for axis in axes]
+
+
+def drawn(rng: np.random.Generator) -> PlainAxis:
+    """An axis whose table has any share of the inertia that tables have."""
+    table_kg = float(rng.uniform(5.0, 60.0))
+    ratio_m = PlainAxis().ratio_m
+    share = float(rng.uniform(0.08, 0.5))
+    return PlainAxis(
+        table_kg=table_kg,
+        rotor_kg_m2=table_kg * ratio_m**2 * (1.0 / share - 1.0),
+        bearing_nm=float(rng.uniform(0.02, 0.08)),
+        guide_n=float(rng.uniform(20.0, 90.0)),
+    )
+
+
+def learned_of(axis: PlainAxis) -> Machine:
+    nominal = axis.machine()
+    model = nominal.model.model_copy(update={"table_mass_kg": None})
+    nominal = nominal.model_copy(update={"model": model})
+    return commissioned([downsampled([axis.frame()], nominal)], nominal)
+
+
+def test_guides_and_mass_are_held_as_often_as_said() -> None:
+    held = []
+    for axis, machine in learned():
+        guide, mass = machine.model.guide_force_n, machine.model.table_mass_kg
+        assert mass is not None
+        held.append(abs(guide.value - axis.guide_n) <= 2.0 * guide.sigma)
+        held.append(abs(mass.value - axis.table_kg) <= 2.0 * mass.sigma)
+    assert np.mean(held) >= 0.8
+
+
+def test_guides_at_reversals_have_no_more_friction_than_the_axis() -> None:
+    """Else the stretch they made is cut off, and a fresh screw reads it as another preload."""
+    for axis, machine in learned():
+        taught = machine.commissioned
+        assert taught is not None
+        assert taught.transmission is not None
+        left_nm = taught.coulomb_nm - axis.screw_nm
+        assert taught.transmission.reversal_force_n * axis.ratio_m <= 1.001 * left_nm
+
+
+def test_frictions_together_stay_well_known() -> None:
+    for axis, machine in learned():
+        truth_nm = axis.bearing_nm + axis.guide_n * axis.ratio_m
+        together = machine.other_drag_nm
+        assert abs(together.value - truth_nm) <= 4.0 * together.sigma
+        assert together.tolerance <= 0.05
