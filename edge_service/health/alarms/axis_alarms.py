@@ -267,8 +267,7 @@ class AxisAlarms:
         if self._status is EstimateStatus.INVALID and self._used_s < _BEGINNING_S:
             return None, ""
         if self._status is EstimateStatus.INVALID:
-            reason = next(iter(health.reasons), "").partition(": ")[2]
-            return True, "model and measurement disagree: " + reason
+            return True, "model and measurement disagree, or the data are faulty"
         words = f"model does not fit: its squared errors {self._nis:.1f} times as expected"
         if self._nis > limit:
             return True, words

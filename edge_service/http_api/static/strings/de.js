@@ -52,7 +52,7 @@ export const de = {
   "condition.WARNING": "WARNUNG",
   "condition.FAULT": "STÖRUNG",
   "condition.UNAVAILABLE": "UNBEKANNT",
-  "level.ok": "IN ORDNUNG",
+  "level.ok": "OK",
   "level.unknown": "UNBEKANNT",
   "level.attention": "ACHTUNG",
   "level.act": "HANDELN",
@@ -143,6 +143,8 @@ export const de = {
   "status.insufficient_excitation": "Die letzte Bewegung verrät die Vorspannung nicht",
   "status.invalid": "Modell und Daten widersprechen sich: keine Zahl",
 
+  "reason.below_fault": "Die Vorspannung liegt unter der Störgrenze",
+  "reason.below_warning": "Die Vorspannung liegt unter der Warngrenze",
   "reason.no_data": "Es sind noch keine Messwerte gekommen",
   "reason.no_motion": "Die Achse hat sich nicht gleichmäßig bewegt",
   "reason.learning": "Lernt noch aus der Bewegung",

@@ -143,6 +143,8 @@ export const en = {
   "status.insufficient_excitation": "Recent motion cannot tell the preload",
   "status.invalid": "Model and data disagree: no number",
 
+  "reason.below_fault": "The preload is below the fault limit",
+  "reason.below_warning": "The preload is below the warning limit",
   "reason.no_data": "No sample has come yet",
   "reason.no_motion": "The axis has not moved steadily",
   "reason.learning": "Still learning from the motion",
