@@ -37,7 +37,8 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
     it holds the bearings' too; some of the screw's may act on the table's side and pass for the
     guides'. With one encoder the guides could be what a worn screw has lost. The stiffness cannot
     tell: a nut that lost half its preload is a fifth softer by the cube root law, and the axis, of
-    which it is a quarter, by a twentieth.
+    which it is a quarter, by a twentieth. A file that knows all frictions, such as one that was
+    commissioned before, leaves it open again where some of them is missing.
 
     Args:
         nominal: the machine file before, with the data sheet's figures.
@@ -48,8 +49,11 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
         return None
     stated_nm = taught.coulomb_nm - nominal.other_drag_nm.value
     sigma = math.hypot(learned.model.bearing_drag_nm.sigma, nominal.other_drag_nm.sigma)
-    if _is_as_stated(stated_nm, sigma, screw):
-        return None
+    reach_nm = SIGMAS * math.hypot(sigma, screw.sigma)
+    is_known = reach_nm <= SEEN_LOSS * screw.value
+    missing_nm = screw.value - stated_nm
+    if is_known and -reach_nm - UNEXPLAINED_SHARE * screw.value <= missing_nm <= reach_nm:
+        return _assumed_before(nominal)
     guide = guide_drag(nominal, taught.transmission)
     left_nm = stated_nm if guide is None else taught.coulomb_nm - guide.value
     said = (
@@ -59,7 +63,8 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
     if left_nm < screw.value:
         return Doubt(f"{said}: worn, warm, or part of its drag acts behind its spring", True)
     if guide is not None:
-        return None
+        is_less = is_known and missing_nm > reach_nm
+        return _less_than_stated(missing_nm) if is_less else _assumed_before(nominal)
     words = (
         f"{said}: the rest may be guides and bearings, or hide a preload that is lost; state "
         "model.guide_force_n and model.bearing_drag_nm, or record a linear encoder and state "
@@ -68,12 +73,20 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
     return Doubt(words, False)
 
 
-def _is_as_stated(left_nm: float, sigma_nm: float, screw: Quantity) -> bool:
-    """Tell whether the stated frictions, well enough known, leave the fresh screw's own."""
-    reach_nm = SIGMAS * math.hypot(sigma_nm, screw.sigma)
-    if reach_nm > SEEN_LOSS * screw.value:
-        return False
-    return -reach_nm <= left_nm - screw.value <= reach_nm + UNEXPLAINED_SHARE * screw.value
+def _assumed_before(nominal: Machine) -> Doubt | None:
+    """Doubt that a file hands on whose frictions were learned from a screw assumed to be fresh."""
+    if nominal.commissioned is None or not nominal.commissioned.assumed_fresh:
+        return None
+    return Doubt("the machine file was made on that assumption (commissioned.assumed_fresh)", False)
+
+
+def _less_than_stated(missing_nm: float) -> Doubt:
+    """Doubt that a file leaves which knows all frictions, as a commissioned one does."""
+    words = (
+        f"friction is {missing_nm:.3g} N m less than the machine file states for a fresh screw, "
+        "guides and bearings together: worn, warm or newly lubricated"
+    )
+    return Doubt(words, False)
 
 
 def guide_drag(machine: Machine, transmission: TransmissionConfig | None) -> Quantity | None:

@@ -56,6 +56,29 @@ def test_what_may_be_worn_is_asked_about(
     assert found.contradicts == (reason == "worn, warm")
 
 
+@pytest.mark.parametrize("left", [0.9, 0.8, 0.7])
+def test_less_friction_than_at_the_last_commissioning_is_assumed_to_be_fresh_aloud(
+    left: float,
+) -> None:
+    nominal = BENCH.machine(**FRESH)
+    known = commissioned([cut(BENCH)], nominal)
+    assert doubt_of_fresh_screw(known, commissioned([cut(BENCH)], known)) is None
+    worn = replace(BENCH, screw_nm=left * BENCH.screw_nm)
+    found = doubt_of_fresh_screw(known, commissioned([cut(worn)], known))
+    assert found is not None and not found.contradicts
+    assert "less than the machine file states" in found.words
+
+
+def test_an_assumption_is_handed_on() -> None:
+    """Learned again, the frictions of a worn screw are those that the file states."""
+    known = commissioned([cut(BENCH)], BENCH.machine(**FRESH))
+    assert known.commissioned is not None
+    learned = known.commissioned.model_copy(update={"assumed_fresh": True})
+    assumed = known.model_copy(update={"commissioned": learned})
+    found = doubt_of_fresh_screw(assumed, commissioned([cut(BENCH)], assumed))
+    assert found is not None and "assumption" in found.words and not found.contradicts
+
+
 def test_what_was_assumed_stays_in_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

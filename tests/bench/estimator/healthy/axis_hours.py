@@ -10,7 +10,7 @@ import argparse
 import math
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -18,6 +18,8 @@ from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.features import Fault, FeatureBlock
 from edge_service.models.machine import Machine
 
+from ..axis import OwnAxis
+from ..plants.foreign import commissioned_machine
 from ..scores import Recorded, follow
 from .false_conditions import FALSE, WatchCount, Watched, upper_bound
 from .production_cases import draw_shift, produced
@@ -54,16 +56,20 @@ def watched(plant: str, axis_seed: int) -> Shift:
 
 def _produced(plant: str, axis_seed: int) -> tuple[Machine, Recorded]:
     name, _, lacking = plant.partition(", ")
-    made = produced(draw_shift(name, axis_seed, SHIFT_S))
-    return with_one_encoder(*made) if lacking else made
+    machine, recorded = produced(draw_shift(name, axis_seed, SHIFT_S))
+    return (_one_encoder(name, axis_seed), blind(recorded)) if lacking else (machine, recorded)
 
 
-def with_one_encoder(machine: Machine, recorded: Recorded) -> tuple[Machine, Recorded]:
-    """The same axis and shift without anything that its linear encoder told."""
-    assert machine.commissioned is not None
-    learned = machine.commissioned.model_copy(update={"transmission": None})
-    blind = machine.model_copy(update={"commissioned": learned})
-    return blind, replace(recorded, blocks=[_blind(block) for block in recorded.blocks])
+def _one_encoder(plant: str, axis_seed: int) -> Machine:
+    """Machine file as the owner of an axis with one encoder gets it."""
+    if plant == "own":
+        return OwnAxis(axis_seed, one_encoder=True).commissioned()
+    return commissioned_machine(axis_seed, one_encoder=True)
+
+
+def blind(recorded: Recorded) -> Recorded:
+    """The same shift without anything that its linear encoder told."""
+    return replace(recorded, blocks=[_blind(block) for block in recorded.blocks])
 
 
 def _blind(block: FeatureBlock) -> FeatureBlock:
@@ -95,6 +101,14 @@ def _row(plant: str, shifts: Sequence[Shift]) -> str:
     )
 
 
+def told(shifts: Iterable[Shift]) -> Iterator[Shift]:
+    """The shifts, each told on standard error as it comes."""
+    for count, each in enumerate(shifts, start=1):
+        said = dict(each.said) or "silent"
+        sys.stderr.write(f"{count}: {each.plant} {each.axis_seed}: {said}\n")
+        yield each
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run; the status is 1 where a healthy axis was accused."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -106,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     count = max(round(given.hours * 3600.0 / SHIFT_S / len(given.plants)), 1)
     jobs = [(plant, given.seed + k) for k in range(count) for plant in given.plants]
     with ProcessPoolExecutor(given.processes) as pool:
-        shifts = list(pool.map(watched, *zip(*jobs, strict=True)))
+        shifts = list(told(pool.map(watched, *zip(*jobs, strict=True))))
     sys.stdout.write(table(shifts) + "\n")
     return 1 if any(each.said for each in shifts) else 0
 

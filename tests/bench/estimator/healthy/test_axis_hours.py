@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from .axis_hours import Shift, said_of, table, watched
+from .axis_hours import Shift, said_of, table, told, watched
 from .false_conditions import WatchCount
 
 
@@ -27,7 +27,26 @@ def test_each_accused_axis_is_named():
     assert "own 42" not in accused
 
 
+UNKNOWN = "with torque alone a screw that warms up by 30 % passes for one that loses preload"
+
+
+def test_each_shift_is_told_as_it_comes(capsys: pytest.CaptureFixture[str]):
+    shifts = told(
+        iter([Shift("own", 41, 1.0, Counter({"rate": 1})), Shift("own", 42, 1.0, Counter())])
+    )
+    next(shifts)
+    assert capsys.readouterr().err == "1: own 41: {'rate': 1}\n"
+    next(shifts)
+    assert capsys.readouterr().err == "2: own 42: silent\n"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("plant", ["own, one encoder", "foreign"])
+@pytest.mark.parametrize(
+    "plant",
+    [
+        pytest.param("own, one encoder", marks=pytest.mark.xfail(reason=UNKNOWN, strict=True)),
+        "foreign",
+    ],
+)
 def test_a_healthy_shift_is_silent(plant):
     assert watched(plant, 5003).said == {}
