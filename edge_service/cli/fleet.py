@@ -33,15 +33,21 @@ def fleet(
     period_s: float | None,
 ) -> None:
     """Show the axes of many services in one table, the worst first."""
-    from ..offline.fleet.ask import ask_fleet
-    from ..offline.fleet.table import as_json_line, table_of
+    from rich.console import Console
 
+    from ..offline.fleet.ask import ask_fleet
+    from ..offline.fleet.table import as_json_line, table_of, terminal_table
+
+    on_terminal = sys.stdout.isatty() and not as_json
     settings = _fleet_of(addresses, services, timeout_s)
     while True:
         rows = ask_fleet(settings)
-        if period_s is not None and sys.stdout.isatty() and not as_json:
+        if period_s is not None and on_terminal:
             click.clear()
-        click.echo(as_json_line(rows) if as_json else table_of(rows))
+        if on_terminal:
+            Console(highlight=False).print(terminal_table(rows))
+        else:
+            click.echo(as_json_line(rows) if as_json else table_of(rows))
         if period_s is None:
             return
         sys.stdout.flush()

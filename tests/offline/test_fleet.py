@@ -1,7 +1,9 @@
 """The overview of many services: two real ones, silent ones, strange ones."""
 
 import asyncio
+import io
 import json
+import re
 import socket
 import threading
 import time
@@ -13,6 +15,7 @@ from typing import Any
 import httpx
 import pytest
 from pydantic import ValidationError
+from rich.console import Console
 
 from edge_service.certificates import make_certificates
 from edge_service.cli.entry import main
@@ -22,7 +25,7 @@ from edge_service.http_api.security.tokens import add_token
 from edge_service.messages.health import AxisCondition
 from edge_service.offline.fleet.ask import ask_fleet
 from edge_service.offline.fleet.rows import rows_of
-from edge_service.offline.fleet.table import as_json_line, table_of
+from edge_service.offline.fleet.table import as_json_line, table_of, terminal_table
 
 from ..nodes.conftest import Running, config_of, running, until
 
@@ -197,6 +200,39 @@ def test_a_strange_answer_is_reported_and_spoils_nothing(path: str, answer: obje
     rows = ask_fleet(fleet_of(*services), lambda address, left: asked(services, address, left))
     assert [row.condition.value for row in rows] == ["UNAVAILABLE", "NORMAL"]
     assert "no answer of an edge-service" in rows[0].reason
+
+
+ADVICE = {"headline": {"text": "The preload is low [17]."}, "advice": [{"text": "Plan a nut."}]}
+
+
+@pytest.mark.parametrize("width", [60, 100, 200])
+def test_a_terminal_shows_headline_and_first_task_at_any_width(width: int) -> None:
+    low, old = Service("m1", 1.0, "WARNING"), Service("m2", 1.0)
+    low.answers["/api/v1/health"]["axes"][0].update(ADVICE)
+    services = {"http://a": low, "http://b": old}  # one that knows neither
+    rows = ask_fleet(fleet_of(*services), lambda address, left: asked(services, address, left))
+    assert (rows[0].headline, rows[0].task) == ("The preload is low [17].", "Plan a nut.")
+    assert (rows[1].headline, rows[1].task) == ("", "")
+    said = io.StringIO()
+    Console(width=width, file=said).print(terminal_table(rows, NOW))
+    text = said.getvalue()
+    assert max(map(len, text.splitlines())) <= width
+    words = re.findall(r"[^\s│]+", text)
+    assert {"low", "[17].", "nut."} <= set(words)
+    for line in (table_of(rows, NOW).splitlines()[2], as_json_line(rows)):
+        assert "The preload is low [17]." in line
+        assert "Plan a nut." in line
+
+
+def test_a_terminal_gets_a_table_and_a_pipe_plain_lines(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for on_terminal in (True, False):
+        monkeypatch.setattr("sys.stdout.isatty", lambda on=on_terminal: on)
+        assert main(["fleet", "http://127.0.0.1:1"]) == 0
+        text = capsys.readouterr().out
+        assert text.startswith("FLEET UNAVAILABLE: 1 UNAVAILABLE\n")
+        assert ("┃" in text) == on_terminal
 
 
 def test_members_that_a_newer_service_adds_are_no_fault() -> None:

@@ -36,4 +36,5 @@ def headline(health: AxisHealth) -> Headline:
 
 def _of_alarm(alarm: Alarm) -> Headline:
     text = alarm.message[:1].upper() + alarm.message[1:]
-    return Headline(level=_OF_ALARM[alarm.kind], code=alarm.kind.value, text=text + ".")
+    end = "" if text.endswith((".", "?", "!")) else "."
+    return Headline(level=_OF_ALARM[alarm.kind], code=alarm.kind.value, text=text + end)

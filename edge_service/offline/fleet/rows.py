@@ -31,6 +31,7 @@ class FleetRow:
         loss_percent_per_1000_h: of the fresh preload, with the bounds of its 90 % interval.
         peers: against the other axes of the fleet.
         reason: why, in one sentence.
+        headline, task: what the axis says, and the most urgent thing to do; empty if there is none.
     """
 
     address: str
@@ -50,6 +51,8 @@ class FleetRow:
     loss_percent_per_1000_h: tuple[float, float, float] | None = None
     peers: PeerVerdict | None = None
     reason: str = ""
+    headline: str = ""
+    task: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """The row for JSON."""
@@ -118,6 +121,8 @@ def _row(
         limit_latest=latest,
         loss_percent_per_1000_h=_loss(trend, fresh),
         reason=str(reasons[0]).partition(": ")[2] if reasons else "",
+        headline=str((health.get("headline") or {}).get("text", "")),
+        task=str((health.get("advice") or [{}])[0].get("text", "")),
     )
 
 

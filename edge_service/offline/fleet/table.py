@@ -4,6 +4,11 @@ import json
 from collections.abc import Sequence
 from datetime import datetime
 
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from ...messages.health import AxisCondition
 from .rows import WORST_FIRST, FleetRow, days_until, worst
 
 _HEAD = (
@@ -18,7 +23,16 @@ _HEAD = (
     "NEXT LIMIT",
     "LOSS %/1000 H (90 %)",
     "WHY",
+    "HEADLINE",
+    "TO DO",
 )
+_ON_TERMINAL = ("SITE", "MACHINE", "AXIS", "CONDITION", "OF FRESH", "NEXT LIMIT")
+_STYLES = {
+    AxisCondition.FAULT: "bold red",
+    AxisCondition.WARNING: "yellow",
+    AxisCondition.UNAVAILABLE: "dim",
+    AxisCondition.NORMAL: "green",
+}
 _FITS = {True: "yes", False: "NO", None: "-"}
 
 
@@ -31,6 +45,17 @@ def table_of(rows: Sequence[FleetRow], now: datetime | None = None) -> str:
         for line in cells
     ]
     return "\n".join([_summary(rows), *lines, *_faster(rows)])
+
+
+def terminal_table(rows: Sequence[FleetRow], now: datetime | None = None) -> Group:
+    """The same for a terminal, in colour and as wide as that is, with what matters most."""
+    table = Table(*_ON_TERMINAL, "HEADLINE", "TO DO")
+    for row in rows:
+        cells = dict(zip(_HEAD, _cells(row, now), strict=True))
+        headline = row.headline or _why(row)
+        shown = [*(cells[name] for name in _ON_TERMINAL), headline, row.task or "-"]
+        table.add_row(*map(Text, shown), style=_STYLES[row.condition])
+    return Group(_summary(rows), table, *map(Text, _faster(rows)))
 
 
 def as_json_line(rows: Sequence[FleetRow]) -> str:
@@ -46,11 +71,6 @@ def _summary(rows: Sequence[FleetRow]) -> str:
 
 
 def _cells(row: FleetRow, now: datetime | None) -> tuple[str, ...]:
-    why = row.reason
-    if row.peers is not None and row.peers.faster:
-        why = f"wears faster than its peers; {why}".removesuffix("; ")
-    if not row.axis:
-        why = f"{row.address}: {why}"
     return (
         row.site,
         row.machine,
@@ -62,8 +82,17 @@ def _cells(row: FleetRow, now: datetime | None) -> tuple[str, ...]:
         _FITS[row.fits],
         _limit(row, now),
         _loss(row),
-        why,
+        _why(row),
+        row.headline or "-",
+        row.task or "-",
     )
+
+
+def _why(row: FleetRow) -> str:
+    why = row.reason
+    if row.peers is not None and row.peers.faster:
+        why = f"wears faster than its peers; {why}".removesuffix("; ")
+    return why if row.axis else f"{row.address}: {why}"
 
 
 def _preload(row: FleetRow) -> str:

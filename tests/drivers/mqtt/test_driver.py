@@ -197,7 +197,6 @@ async def test_a_wrong_password_names_a_key_and_a_right_one_is_let_in(tmp_path: 
         await broker.stop()
 
 
-# The library does not close a socket whose handshake failed; it is closed when it is collected.
 @pytest.mark.usefixtures("collected")
 async def test_tls_to_a_known_authority_alone(tmp_path: Path) -> None:
     assert MOSQUITTO is not None
