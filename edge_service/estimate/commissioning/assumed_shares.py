@@ -81,13 +81,14 @@ def nut_share(
     """Share of the series compliance that is the nut's, and its standard deviation.
 
     The compliance is a measured stretch over the table's mass, so the share of a stated nut is no
-    better known than the mass; where it is worse known than the assumption, both are weighed.
+    better known than the mass: the worse known of the two counts. Where that is worse than the
+    assumption, both are weighed.
     """
     nut = machine.model.nut_stiffness_n_per_m
     if nut is None:
         return NUT_SHARE, NUT_SHARE_SIGMA
     share = min(1.0 / (nut.value * compliance_m_per_n), 0.95)
-    relative = float(np.hypot(max(nut.tolerance, 0.02), mass_tolerance))
+    relative = max(nut.tolerance, 0.02, mass_tolerance)
     sigma = relative * NUT_SHARE  # of any share as likely: one that reads low is no better known
     if sigma < NUT_SHARE_SIGMA:
         return share, relative * share
