@@ -92,7 +92,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
 SUDDEN = {"scenario": "sudden", "life_h": 1.0, "acceleration": 180.0, "hold_s": 2.0}
 LOOKING = r"Sign out|Show|\d+ (min|h|days)|1 year|All|Zoom|Reset"
 OPERATORS = {"Acknowledge", "Shelve 8 h", "Write a note", "Part replaced"}
-OPERATORS |= {"Record", "Start", "Cancel job 1", "Try all of webhook again", "Try again"}
+OPERATORS |= {"Record", "Start", "Compare", "Cancel job 1", "Try all of webhook again", "Try again"}
 ADMINS = {"Remove trace.csv", "Drop"}
 REASON = "this needs the role {}, yours is {}."
 
@@ -141,7 +141,7 @@ def test_nobody_sees_a_button_that_would_be_refused(
         page.wait_for_selector("#alarms >> text=Sudden drop")
         found = changing(page)
         for tab, awaited in (
-            ("history", "#diary ol li"),
+            ("history", "#drift-title"),
             ("tests", "text=trace.csv"),
             ("service", "text=Not delivered"),
         ):
