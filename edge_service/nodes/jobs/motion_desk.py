@@ -18,6 +18,7 @@ from ...http_api.routes.motions import (
 )
 from ...limited_process import ProcessLimits, limited_command
 from ...models.motions.registry import MOTIONS, MotionError, MotionLimits, motion_limits
+from ...threads import Threads
 from .live_recorder import LiveRecorder
 
 _LIMITS = ProcessLimits(1000.0, 120.0)
@@ -35,6 +36,7 @@ class LiveMotionDesk:
     def __init__(self, machines: dict[str, Path], recorder: LiveRecorder) -> None:
         self._machines, self._recorder = machines, recorder
         self._one = asyncio.Lock()
+        self._threads = Threads("motion")
 
     def motions(self, axis: str) -> list[MotionAnswer]:
         """All motions that end by themselves."""
@@ -47,7 +49,7 @@ class LiveMotionDesk:
         if name not in MOTIONS:
             raise RefusedError(404, f"there is no motion {name!r}")
         async with self._one:
-            return await _written(self._machines[axis], name, form)
+            return await self._written(self._machines[axis], name, form)
 
     def live(self) -> LiveRecordingAnswer | None:
         """The recording that is being made."""
@@ -63,6 +65,16 @@ class LiveMotionDesk:
         """End a recording early, and keep what there is."""
         self._recorder.stop(axis)
 
+    async def _written(self, machine: Path, name: str, form: MotionForm) -> bytes:
+        with tempfile.TemporaryDirectory(prefix="edge-motion-") as folder:
+            out = Path(folder) / f"{name}.{form.value}"
+            line = [sys.executable, "-m", "edge_service", "motion", name]
+            line += ["--machine", str(machine), "--out", str(out)]
+            status, said = await _run(line)
+            if status != exit_status.DONE:
+                raise RefusedError(409, said or f"the motion cannot be written (status {status})")
+            return await self._threads.run(out.read_bytes)
+
 
 def _answer(name: str, limits: MotionLimits) -> MotionAnswer:
     motion = MOTIONS[name]
@@ -72,17 +84,6 @@ def _answer(name: str, limits: MotionLimits) -> MotionAnswer:
     except MotionError as error:
         refused = str(error)
     return MotionAnswer(name=name, purpose=motion.purpose, duration_s=duration_s, refused=refused)
-
-
-async def _written(machine: Path, name: str, form: MotionForm) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="edge-motion-") as folder:
-        out = Path(folder) / f"{name}.{form.value}"
-        line = [sys.executable, "-m", "edge_service", "motion", name]
-        line += ["--machine", str(machine), "--out", str(out)]
-        status, said = await _run(line)
-        if status != exit_status.DONE:
-            raise RefusedError(409, said or f"the motion cannot be written (status {status})")
-        return await asyncio.to_thread(out.read_bytes)
 
 
 async def _run(line: list[str]) -> tuple[int, str]:
