@@ -25,6 +25,7 @@ _FOLLOWED = (0.2, 5.0)
 """Travel of a setpoint over that of its axis: beyond it no lag explains it, but a unit does."""
 _STUCK_SHARE = 0.3
 _NO_RUN = "no unbroken run of a second or more: rows or channels are missing, or a channel is stuck"
+_RATE = f"expected {LEAST_RATE_HZ:g} Hz or more; is time_s in seconds?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,8 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
     """
     if not runs:
         return DataCheck((_NO_RUN,), ())
+    if any(len(run.motion) < 2 for run in runs):
+        return DataCheck((f"sampled too rarely to know a rate, {_RATE}",), ())
     faults = [*_cover(runs)]
     if not faults:
         fits = fits_of(runs, ratio_m_per_rad)
@@ -56,7 +59,7 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
 def _cover(runs: Sequence[Run]) -> list[str]:
     period_s = max(run.period_s for run in runs)
     if 1.0 / period_s < LEAST_RATE_HZ:
-        return [f"sampled at {1.0 / period_s:.3g} Hz, expected {LEAST_RATE_HZ:g} Hz or more"]
+        return [f"sampled at {1.0 / period_s:.3g} Hz, {_RATE}"]
     moving_s = sum(float(run.moving.sum()) * run.period_s for run in runs)
     if moving_s < LEAST_MOTION_S:
         return [f"the axis moves for {moving_s:.2g} s, expected {LEAST_MOTION_S:g} s or more"]

@@ -17,6 +17,7 @@ FASTEST_HZ = 1e5
 """No controller records an axis faster; a clock in minutes or hours would seem to."""
 UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1.0 / 60.0: "minutes"}
 """Counts per second -> what is counted."""
+_SCALES = {"milliseconds": "1e-3", "microseconds": "1e-6", "nanoseconds": "1e-9", "minutes": "60.0"}
 
 
 def check_clock(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckResult:
@@ -34,7 +35,10 @@ def check_clock(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckRes
     unit = _other_unit(machine, recordings) if slow or period_s < 1.0 / FASTEST_HZ else ""
     if unit:
         sentence = f"{TIME} looks like {unit}, not seconds: {sentence}"
-        return CheckResult("rate", Verdict.DOUBTFUL, sentence, forbids=True)
+        remedy = (
+            f"give the unit in columns.{TIME}, as in {{ column = ..., scale = {_SCALES[unit]} }}"
+        )
+        return CheckResult("rate", Verdict.DOUBTFUL, sentence, remedy=remedy, forbids=True)
     if slow:
         sentence += "; too slow to know the torque between samples: intervals will be wide"
         remedy = "record faster if the controller can"
