@@ -85,12 +85,15 @@ def separations(
 ) -> list[Separation]:
     """Separations of some effects, each from each other one, by a motion.
 
+    A fault is left out: no motion shows it, the estimator knows it or it is tied with friction.
+
     Args:
         values: of the effects; those of a typical fault unless given, or where given values make
             no gap.
     """
     period_s = float(np.diff(session.runs[0].motion.time_s[:2])[0])
     prior = healthy_priors(machine, period_s, session.baseline.coulomb_nm)
+    names = [name for name in names if not get_effect(name).is_fault]
     library = [get_effect(name) for name in names]
     design = DesignMatrix.of_session(session, prior, library)
     floor = {name: _FLOOR_OF_NOISE * rows.rms for name, rows in session.channels.items()}
