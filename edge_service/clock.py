@@ -17,7 +17,7 @@ HOLD_S = 30.0
 AHEAD_NS = 60 * NS_PER_S
 """No source is further ahead of its reader than this."""
 FUTURE_S = 86_400.0
-"""What is dated so far ahead was written while the clock was wrong, s."""
+"""Lead over the clock from which on a date was written while the clock was wrong, s."""
 _BORN_S = 1_767_225_600.0
 """Beginning of 2026: no clock that is right shows less, since this program is younger."""
 Moved = Callable[[int], None]

@@ -21,7 +21,7 @@ class Table(BaseModel):
 
 
 class BrokerAccess(Table):
-    """How an MQTT broker is reached.
+    """Address and login of an MQTT broker.
 
     Attributes:
         password_file: that holds the password.

@@ -45,7 +45,7 @@ class KeptDatabase:
         self.damages: list[str] = []
         """Damaged files that were set aside, a line each."""
         self.rescues = 0
-        """How often the file itself was begun anew."""
+        """Number of times that the file itself was begun anew."""
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:

@@ -1,4 +1,4 @@
-"""Whether recordings show a fresh screw: what is left of the friction against the data sheet.
+"""Judgement of a fresh screw by recordings: what is left of the friction against the data sheet.
 
 Preload is read as a share of the fresh screw's, so a worn screw that is learned as fresh is never
 seen again.

@@ -61,7 +61,7 @@ class Drift:
 
     @property
     def changed(self) -> tuple[bool, ...]:
-        """Whether each change is beyond the scatter."""
+        """Flag of each change: True if it is beyond the scatter."""
         return tuple(change.low > 0.0 or change.high < 0.0 for change in self.changes)
 
     @property

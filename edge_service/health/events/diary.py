@@ -54,7 +54,7 @@ class Diary:
         self.problem = ""
         """Why events cannot be kept now; empty if they are."""
         self.audit_problem = ""
-        """What is gone from the audit log, or changed; empty as far as it was looked at."""
+        """Entries that are gone from the audit log, or changed; empty as far as was looked at."""
         self.last_id = max((each.id for each in self._read(tables.NEWEST)), default=0)
 
     def add(

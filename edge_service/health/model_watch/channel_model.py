@@ -148,7 +148,7 @@ class ChannelModel:
 
     @property
     def _wind_up_m(self) -> float:
-        """What the direction of motion was learned to shift the table by, in mid-stroke, m."""
+        """Learned shift of the table by the direction of motion, in mid-stroke, m."""
         by_direction, _, along = np.linalg.solve(self._ridged(), self.cross)
         return float(by_direction + along)
 

@@ -31,7 +31,7 @@ _ASKED_MM = "--lead"
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What the owner wants and says.
+    """Wishes and answers of the owner.
 
     Attributes:
         axis_number: the controller's number of the axis, or its place among the axes of the file.
