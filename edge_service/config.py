@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from .config_secrets import open_secrets, secret_keys, with_secrets, with_table_secrets
 from .config_tables import (
     AlarmsConfig,
+    EventOutputConfig,
     FleetConfig,
     HistoryConfig,
     JobsConfig,
@@ -25,6 +26,7 @@ from .estimate.registry import AUTO, ESTIMATORS
 from .messages.addresses import Security, is_loopback, split_endpoint
 from .messages.keys import MachineKeys
 from .messages.names import check_part
+from .messages.outputs import OF_HTTP
 from .models.machine import Machine
 from .secret_files import SecretError, secret_path
 
@@ -256,7 +258,7 @@ def load_config(path: Path) -> EdgeConfig:
     placed = {
         "axes": axes,
         "history": _placed(config.history, folder, "folder"),
-        "webhook": _with_buffer(config, folder),
+        **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "certificates"),
         "http": _with_key(config.http, folder),
@@ -273,11 +275,11 @@ def _with_key(http: HttpConfig, folder: Path) -> HttpConfig:
     return http.model_copy(update=placed | {"private_key": key})
 
 
-def _with_buffer(config: EdgeConfig, folder: Path) -> WebhookConfig:
+def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputConfig:
     """Events wait in the folder of the history, unless something else is said."""
-    usual = (config.history.folder or folder) / "webhook-buffer.sqlite"
-    buffer = folder / (config.webhook.buffer or usual)
-    return config.webhook.model_copy(update={"buffer": buffer})
+    table: EventOutputConfig = getattr(config, output)
+    usual = (config.history.folder or folder) / f"{output}-buffer.sqlite"
+    return table.model_copy(update={"buffer": folder / (table.buffer or usual)})
 
 
 def load_machine(path: Path, axis_number: int | None = None) -> Machine:

@@ -3,6 +3,7 @@
 from typing import Any
 
 from ..messages.keys import COMPONENT, ROOT
+from ..messages.outputs import HTTP, NODES, OF_HTTP
 from ..messages.topics import (
     COMMAND,
     EVENT,
@@ -25,14 +26,14 @@ PUTS: dict[str, tuple[Topic[Any], ...]] = {
     "estimate": (PRELOAD,),
     "health": (HEALTH, EVENT, OUTCOME),
     "http": (COMMAND,),
-    "mqtt": (),
     "vibration": (VIB,),
+    **dict.fromkeys(NODES, ()),
 }
 """Topics that each role may put; nodes also report on themselves and their tasks."""
-_PARTS = {"http": ("history", "webhook")}
+_PARTS = {HTTP: ("history", *OF_HTTP)}
 """Further components that a role reports on."""
 
-COMMANDER = "http"
+COMMANDER = HTTP
 """The only role that may ask for an outcome: the question is a command."""
 
 _MACHINE = f"{ROOT}/*/*"

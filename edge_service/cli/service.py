@@ -3,11 +3,11 @@
 import asyncio
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from ..config import DEFAULT_CONFIG, EdgeConfig, load_config
+from ..messages.health import NODES
 from .options import (
     AXIS_NUMBER,
     BUS,
@@ -20,9 +20,6 @@ from .options import (
     service_config_option,
 )
 from .terminal import announce, log_to_stderr
-
-if TYPE_CHECKING:
-    from ..nodes.service import NodeName
 
 
 @click.command(epilog="Example: edge-service run deploy/edge.toml --port 8080")
@@ -43,16 +40,11 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 
 
 @click.command(epilog="Example: edge-service node bus edge.toml & edge-service node http edge.toml")
-@click.argument(
-    "name",
-    type=click.Choice(
-        ["bus", "acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"]
-    ),
-)
+@click.argument("name", type=click.Choice(["bus", *sorted(NODES)]))
 @CONFIG
 @PORT
 @BUS
-def node(name: "NodeName", config: Path | None, port: int | None, endpoint: str | None) -> None:
+def node(name: str, config: Path | None, port: int | None, endpoint: str | None) -> None:
     """Run one node alone. `bus` is the router; every other node joins it there.
 
     Nodes prove with certificates (`edge-service certs`) who they are, unless the bus is open.

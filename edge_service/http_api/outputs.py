@@ -7,8 +7,6 @@ from pydantic import ConfigDict, Field
 from ..messages.health import ComponentHealth, ComponentStatus
 from .answers import Answer, Timestamp
 
-OUTPUTS = ("webhook", "mqtt")
-"""Components that carry messages out of the house."""
 _LETTER_EXAMPLE: dict[str, Any] = {
     "id": "0d5f0b1c6d3e4f7c8a9b0c1d2e3f4a5b",
     "axis": "X",

@@ -8,6 +8,8 @@ from pydantic import AfterValidator
 from .advice import Advice, Headline, PreloadFall
 from .alarm import Alarm
 from .estimate import Frozen
+from .outputs import NODES as OUTPUT_NODES
+from .outputs import OF_HTTP
 from .trend import FrictionCurve, Trend, Use
 
 
@@ -31,13 +33,14 @@ class ComponentStatus(StrEnum):
     STOPPED = "stopped"
 
 
-NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration"})
-COMPONENTS = NODES | {"service", "history", "webhook"}
+NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "vibration"})
+NODES |= frozenset(OUTPUT_NODES)
+COMPONENTS = NODES | {"service", "history", *OF_HTTP}
 COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
 """Every part of the service that reports on itself; a report of any other is refused.
 
 `service` is the process in which all nodes run, `..._process` that of one node alone; `history` and
-`webhook` are parts of `http`.
+the outputs of events are parts of `http`.
 """
 
 

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
@@ -18,6 +18,7 @@ from ..bus.settings import BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..http_api.serve import AddressError
+from ..messages.outputs import NODES as OUTPUT_NODES
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
 from .supervision.heartbeat import Heartbeat
 from .supervision.supervisor import START_S
@@ -32,12 +33,9 @@ from .wiring.process import Process
 from .wiring.start_entry import end_entry, start_entry
 
 log = logging.getLogger(__name__)
-NodeName = Literal[
-    "acquire", "downsample", "estimate", "health", "http", "mqtt", "vibration", "bus"
-]
-OPTIONAL: tuple[NodeName, ...] = ("mqtt", "vibration")
+OPTIONAL = (*OUTPUT_NODES, "vibration")
 """Nodes that run where their table stands in the configuration."""
-PIPELINE: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample", "acquire")
+PIPELINE = ("http", "health", "estimate", "downsample", "acquire")
 Run = Callable[[NodeContext], Coroutine[Any, Any, None]]
 _JOIN_PERIOD_S = 1.0
 CLOCK_PERIOD_S = 1.0
@@ -57,9 +55,7 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     await _run_on(bus, config, names, on_http_ready)
 
 
-async def run_node(
-    config: EdgeConfig, name: NodeName, on_http_ready: Callable[[str], None]
-) -> None:
+async def run_node(config: EdgeConfig, name: str, on_http_ready: Callable[[str], None]) -> None:
     """One node alone: `bus` is the router, every other node waits for it and joins it."""
     await check_service(config)
     settings = node_settings(config, name)
@@ -86,7 +82,7 @@ async def _join(settings: BusSettings) -> Bus:
 
 
 async def _run_on(
-    bus: Bus, config: EdgeConfig, names: tuple[NodeName, ...], on_http_ready: Callable[[str], None]
+    bus: Bus, config: EdgeConfig, names: tuple[str, ...], on_http_ready: Callable[[str], None]
 ) -> None:
     try:
         bus.declare_alive(config.keys.alive)
@@ -112,7 +108,7 @@ def install_stop() -> asyncio.Event:
 
 async def run_nodes(
     context: NodeContext,
-    names: tuple[NodeName, ...],
+    names: tuple[str, ...],
     stop: asyncio.Event,
     *,
     until_sources_end: bool = False,
@@ -159,7 +155,7 @@ async def closing_diary(context: NodeContext) -> AsyncIterator[None]:
         context.diary.close()
 
 
-def _begin(context: NodeContext, tasks: Tasks, names: tuple[NodeName, ...]) -> list[SupervisedTask]:
+def _begin(context: NodeContext, tasks: Tasks, names: tuple[str, ...]) -> list[SupervisedTask]:
     """Begin the nodes; returns those that read the axes."""
     for name in names:
         if name in OPTIONAL:
@@ -195,7 +191,7 @@ _RUNS: dict[str, Run] = {
 }
 
 
-async def _optional_node(context: NodeContext, name: NodeName) -> None:
+async def _optional_node(context: NodeContext, name: str) -> None:
     """Run a node whose libraries are large, or may be missing. Raises ConfigError."""
     try:
         node = import_module(f".{name}_node", __package__)

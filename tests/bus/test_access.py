@@ -21,6 +21,7 @@ from edge_service.bus.settings import (
 )
 from edge_service.certificates import make_certificates
 from edge_service.messages.keys import MachineKeys
+from edge_service.messages.outputs import OF_HTTP
 from edge_service.messages.topics import EVENT, OUTCOME, RAW, STATUS, TOPICS
 
 KEYS = MachineKeys("site", "machine")
@@ -83,7 +84,7 @@ async def until(done: Callable[[], bool]) -> None:
 def own_keys(role: str) -> set[str]:
     """Keys of what a node says of itself: of its component, with and without axis; its process."""
     components = [(role, None), (role, "X"), (f"{role}_process", None)]
-    components += [("history", None), ("webhook", None)] if role == "http" else []
+    components += [(name, None) for name in ("history", *OF_HTTP)] if role == "http" else []
     return {KEYS.component(*each, topic) for each in components for topic in (STATUS, EVENT)}
 
 

@@ -21,7 +21,7 @@ from edge_service.config import (
 )
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
-from edge_service.nodes.service import PIPELINE, NodeName, run_nodes
+from edge_service.nodes.service import PIPELINE, run_nodes
 from edge_service.nodes.supervision.heartbeat import Heartbeat
 from edge_service.nodes.supervision.supervisor import Supervisor
 from edge_service.nodes.wiring.context import NodeContext
@@ -55,7 +55,7 @@ class Running:
 @asynccontextmanager
 async def running(
     config: EdgeConfig,
-    names: tuple[NodeName, ...] = PIPELINE,
+    names: tuple[str, ...] = PIPELINE,
     *,
     until_sources_end: bool = False,
     supervisor: Supervisor | None = None,

@@ -9,7 +9,6 @@ import pytest
 from edge_service.config_tables import HistoryConfig
 from edge_service.messages.alarm import Command
 from edge_service.messages.topics import COMMAND
-from edge_service.nodes.service import NodeName
 
 from .conftest import config_of, done, running
 
@@ -20,7 +19,7 @@ PATH = "api/v1/axes/X/commands"
 
 async def test_without_a_monitor_no_command_is_accepted_and_none_is_lost(tmp_path: Path) -> None:
     config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
-    alone: tuple[NodeName, ...] = ("http",)
+    alone: tuple[str, ...] = ("http",)
     async with running(config, alone) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:

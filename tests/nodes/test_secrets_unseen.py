@@ -14,7 +14,6 @@ from click.testing import CliRunner
 from drivers.registry import driver_names
 from edge_service.cli.entry import cli
 from edge_service.config import load_config
-from edge_service.nodes.service import NodeName
 
 from ..documents import ROOT
 from ..drivers.bench import free_port
@@ -22,7 +21,7 @@ from ..test_secrets import KEYS, MARKER
 from .conftest import done, running, until
 from .receivers import MISBEHAVING, receiving
 
-NODES: tuple[NodeName, ...] = ("mqtt", "http", "health", "estimate", "downsample", "acquire")
+NODES: tuple[str, ...] = ("mqtt", "http", "health", "estimate", "downsample", "acquire")
 SAMPLES = {
     "axis": "X",
     "form": "parquet",

@@ -23,7 +23,7 @@ from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import HEALTH, PRELOAD, STATUS
 from edge_service.nodes.record_node import record_axis
-from edge_service.nodes.service import NodeName, run_nodes
+from edge_service.nodes.service import run_nodes
 from edge_service.nodes.wiring.bus_rights import node_settings, reader_settings
 from edge_service.nodes.wiring.context import NodeContext
 from edge_service.offline.estimate import estimates
@@ -64,7 +64,7 @@ async def test_the_answer_follows_the_simulated_drive() -> None:
 
 async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
     config = config_of("simulated", HEALTHY)
-    others: tuple[NodeName, ...] = ("http", "health", "estimate", "downsample")
+    others: tuple[str, ...] = ("http", "health", "estimate", "downsample")
     async with running(config, others) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:

@@ -5,6 +5,7 @@ import random
 from pathlib import Path
 
 import pytest
+import standardwebhooks as library
 from pydantic import SecretStr, ValidationError
 
 from edge_service.bus.spool.spool import Spool
@@ -38,7 +39,6 @@ def test_the_example_of_the_standard_has_its_signature() -> None:
 async def test_the_library_of_the_standard_accepts_what_is_sent_by_old_and_new_secret(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    library = pytest.importorskip("standardwebhooks", reason="not in this environment yet")
     dice = random.Random(seed)
     new, old, foreign = _secret(dice), _secret(dice), _secret(dice)
     sent: list[tuple[bytes, dict[str, str]]] = []

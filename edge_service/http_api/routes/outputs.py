@@ -5,9 +5,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 from starlette.exceptions import HTTPException
 
+from ...messages.outputs import KEEPING
 from ..axis_answers import AcceptedAnswer
 from ..context import NowDep, StateDep
-from ..outputs import OUTPUTS, OutputDesk, OutputsAnswer, output_answer
+from ..outputs import OutputDesk, OutputsAnswer, output_answer
 from ..problems import documented
 from ..security.intent import ChangingRoute
 
@@ -33,7 +34,7 @@ DeskDep = Annotated[OutputDesk, Depends(outputs_of)]
 @output_router.get("", response_model=OutputsAnswer)
 async def outputs(state: StateDep, now_ns: NowDep, desk: DeskDep) -> OutputsAnswer:
     """Outputs with what waits for them and what they could not deliver."""
-    reports = [each for each in state.components(now_ns) if each.component in OUTPUTS]
+    reports = [each for each in state.components(now_ns) if each.component in KEEPING]
     return OutputsAnswer(
         outputs=[
             output_answer(report, await desk.dead_letters(report.component)) for report in reports

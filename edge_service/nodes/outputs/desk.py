@@ -13,7 +13,7 @@ from ...health.events.log import LoggedEvent
 from ...http_api.jobs import RefusedError
 from ...http_api.outputs import DeadLetterAnswer
 from ..wiring.context import NodeContext
-from .registry import OUTPUTS, EventOutput
+from .registry import OPENERS, EventOutput
 from .report import OutputReport
 
 MOST_MISSED = 10_000
@@ -31,7 +31,7 @@ class OutputDesk:
     async def open(cls, context: NodeContext) -> "OutputDesk":
         """Open what is configured. Raises ConfigError."""
         desk = cls(context.spools)
-        for name, make in OUTPUTS.items():
+        for name, make in OPENERS.items():
             report = OutputReport(context, name)
             output = await make(context.config, report.tell)
             if output is not None:

@@ -37,5 +37,5 @@ async def _open_webhook(config: EdgeConfig, on_change: Callable[[str], None]) ->
 
 OpenOutput = Callable[[EdgeConfig, Callable[[str], None]], Awaitable[EventOutput | None]]
 """Opens an output as configured, None if it is not; told what to call with what is wrong now."""
-OUTPUTS: dict[str, OpenOutput] = {"webhook": _open_webhook}
+OPENERS: dict[str, OpenOutput] = {"webhook": _open_webhook}
 """Openers by the name that the output reports under."""

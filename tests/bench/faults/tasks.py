@@ -21,7 +21,7 @@ from edge_service.config import EdgeConfig, load_config
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.event import Event
 from edge_service.messages.topics import EVENT, PRELOAD
-from edge_service.nodes.service import OPTIONAL, PIPELINE, NodeName, run_nodes
+from edge_service.nodes.service import OPTIONAL, PIPELINE, run_nodes
 from edge_service.nodes.supervision.heartbeat import Heartbeat
 from edge_service.nodes.supervision.supervisor import Supervisor
 from edge_service.nodes.supervision.task import SupervisedTask, TaskState, Work
@@ -200,7 +200,7 @@ async def service(folder: Path) -> AsyncIterator[Scene]:
 
     urls: list[str] = []
     context = NodeContext(config, bus, urls.append, supervisor=supervisor)
-    names: tuple[NodeName, ...] = (*OPTIONAL, *PIPELINE)
+    names: tuple[str, ...] = (*OPTIONAL, *PIPELINE)
     running = asyncio.create_task(run_nodes(context, names, stop))
     try:
         await _until(lambda: bool(urls) or running.done())
