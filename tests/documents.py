@@ -20,6 +20,13 @@ def document(path: str) -> str:
     return (ROOT / path).read_text("utf-8")
 
 
+def guide() -> str:
+    """All that is written for those who run the service, whichever document it stands in."""
+    own = {"deploy/CHANGELOG.md", "deploy/CONTRIBUTING.md"}
+    pages = {path: text for path, text in documents().items() if path.startswith("deploy/")}
+    return "\n".join(text for path, text in pages.items() if path not in own)
+
+
 def blocks(text: str, language: str) -> list[str]:
     """Fenced blocks of a language, in order."""
     fenced = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
@@ -27,6 +34,6 @@ def blocks(text: str, language: str) -> list[str]:
 
 
 def block(path: str, language: str, containing: str) -> str:
-    """First block of a document in a language that contains some text."""
-    found = (each for each in blocks(document(path), language) if containing in each)
-    return next(found)
+    """First block in a language that contains some text, in a document or in the guide."""
+    text = guide() if path == "guide" else document(path)
+    return next(each for each in blocks(text, language) if containing in each)

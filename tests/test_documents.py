@@ -33,7 +33,7 @@ from edge_service.models.machine import (
 from edge_service.nodes.outputs.signature import sign
 
 from .bench.commands import bench
-from .documents import ROOT, block, blocks, document, documents
+from .documents import ROOT, block, blocks, document, documents, guide
 
 FIRST_PAGE_LINES = 150
 PATHS = sorted(documents())
@@ -178,30 +178,30 @@ def test_a_wrong_command_or_option_is_found(text: str) -> None:
 
 
 def test_every_key_of_a_machine_file_stands_in_the_operators_guide() -> None:
-    guide = document("deploy/README.md")
+    text = guide()
     example = Machine.model_validate(tomllib.loads(block("deploy/README.md", "toml", "lead_m")))
     assert example.columns["torque_command_nm"].column == "u_V"
     for table in (AxisConfig, ModelConfig, ToleranceConfig, ColumnConfig, EffectConfig, Machine):
         for key in table.model_fields:
-            assert re.search(rf"\b{key}\b", guide), key
+            assert re.search(rf"\b{key}\b", text), key
 
 
 def test_every_metric_stands_in_the_operators_guide() -> None:
-    guide = document("deploy/README.md")
+    text = guide()
     state = ServiceState({"X": None}, 0)
     for collector in (ServiceCollector(state, 0), TrendCollector(state, 0)):
         for family in collector.collect():
             name = family.name.removeprefix("edge_service_")
             if isinstance(family, CounterMetricFamily):
                 name += "_total"
-            assert f"`{name}`" in guide, name
+            assert f"`{name}`" in text, name
 
 
 def test_every_exit_status_stands_in_the_operators_guide() -> None:
     statuses = [value for value in vars(exit_status).values() if isinstance(value, int)]
     assert len(statuses) == 5
     for status in statuses:
-        assert f"\n| {status} | " in document("deploy/README.md")
+        assert f"\n| {status} | " in guide()
 
 
 def test_every_reason_of_a_channel_is_explained() -> None:
@@ -213,7 +213,7 @@ def test_every_reason_of_a_channel_is_explained() -> None:
 
 def test_every_alarm_stands_in_the_operators_guide() -> None:
     for kind in AlarmKind:
-        assert f"`{kind.value}`" in document("deploy/README.md"), kind
+        assert f"`{kind.value}`" in guide(), kind
 
 
 def test_every_quality_of_a_sample_is_explained() -> None:
@@ -242,7 +242,7 @@ def test_every_schema_has_a_promise() -> None:
 
 def test_the_receiver_of_a_webhook_knows_the_signature() -> None:
     scope: dict[str, object] = {"hmac": hmac, "hashlib": hashlib}
-    exec(block("deploy/README.md", "python", "def genuine"), scope)
+    exec(block("guide", "python", "def genuine"), scope)
     genuine, secret, body = scope["genuine"], b"secret", b'{"kind": "alarm_raised"}'
     assert callable(genuine)
     signature = sign(secret, "1700000000", body)

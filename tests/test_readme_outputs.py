@@ -10,7 +10,7 @@ from .nodes.conftest import config_of, running
 
 
 async def test_the_bridge_of_the_readme_prints_the_line_protocol() -> None:
-    source = block("deploy/README.md", "python", "preload,site=")
+    source = block("guide", "python", "preload,site=")
     config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
     async with running(config, ("acquire", "downsample", "estimate")) as service:
         bridge = await asyncio.create_subprocess_exec(

@@ -12,7 +12,7 @@ from edge_service.http_api.metrics import ServiceCollector
 from edge_service.http_api.metrics_trend import TrendCollector
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.estimate import EstimateStatus
-from tests.documents import ROOT, document
+from tests.documents import ROOT, document, guide
 
 RULES = document("deploy/alerts.yml")
 ALERTS = re.findall(r"- alert: (\w+)", RULES)
@@ -66,7 +66,7 @@ def test_rules_ask_only_for_labels_that_exist() -> None:
 
 
 def test_every_rule_stands_in_the_guide() -> None:
-    guide = document("deploy/README.md")
+    text = guide()
     assert ALERTS
     for alert in ALERTS:
-        assert f"| `{alert}` |" in guide, alert
+        assert f"| `{alert}` |" in text, alert

@@ -12,7 +12,7 @@ from edge_service.messages.outputs import HTTP, OF_HTTP, OUTPUTS
 from edge_service.nodes.outputs.registry import OPENERS
 from edge_service.nodes.service import OPTIONAL
 
-from ..documents import document
+from ..documents import guide
 
 FOLDER = Path(edge_service.nodes.__file__).parent
 
@@ -26,7 +26,7 @@ def test_an_output_has_its_place_everywhere(output) -> None:
     assert output.name in EdgeConfig.model_fields
     assert output.name in COMPONENTS
     assert output.name in components_of(output.node)
-    assert f"`[{output.name}]" in document("deploy/README.md")
+    assert f"`[{output.name}]" in guide()
     assert output.node in PUTS
     if output.node != HTTP:
         assert PUTS[output.node] == ()

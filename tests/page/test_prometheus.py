@@ -102,7 +102,7 @@ async def test_prometheus_scrapes_it_with_tls_and_a_token(
         tokens_file=tmp_path / "tokens.json",
     )
     service = await asyncio.to_thread(lambda: make_service(http, scenario="healthy"))
-    config = block("deploy/README.md", "yaml", "credentials_file")
+    config = block("guide", "yaml", "credentials_file")
     for old, new in (
         ("edge-box:8443", service.address.removeprefix("https://").rstrip("/")),
         ("/etc/prometheus/edge-service.token", str(tmp_path / "edge-service.token")),
