@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Sequence
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import aclosing
 from pathlib import Path
 from typing import Any
@@ -76,11 +76,10 @@ class MqttStub:
     async def _send(self, axis: StubAxis, link: MqttLink) -> None:
         writer = EdgeWriter(axis)
         try:
-            async with aclosing(axis.source) as frames:
-                async for frame in frames:
-                    for number, block in writer.blocks(frame):
-                        for payload in self._spoiled(writer, number, block):
-                            link = await self._publish(axis.config, link, payload)
+            async with aclosing(_blocks(writer, axis.source)) as blocks:
+                async for number, block in blocks:
+                    for payload in self._spoiled(writer, number, block):
+                        link = await self._publish(axis.config, link, payload)
         finally:
             await link.close()
 
@@ -146,10 +145,16 @@ class EdgeWriter:
                 self._count = row[0]
                 self._rows.append(row)
             if len(self._rows) == BLOCK_ROWS:
-                self._number += 1
-                found.append((self._number, np.array(self._rows)))
-                self._rows = []
+                found += self.rest()
         return found
+
+    def rest(self) -> list[tuple[int, Floats]]:
+        """The block that is not whole yet, if there is one."""
+        if not self._rows:
+            return []
+        self._number += 1
+        block, self._rows = np.array(self._rows), []
+        return [(self._number, block)]
 
     def message(self, block: Floats, *, numbers: bool) -> bytes:
         """JSON of a block; without numbers its values are `null`."""
@@ -158,6 +163,18 @@ class EdgeWriter:
             for row in block.tolist()
         ]
         return json.dumps({HEADER: self._header, PAYLOAD: [{SAMPLES: rows}]}).encode()
+
+
+async def _blocks(
+    writer: EdgeWriter, source: AsyncGenerator[SampleFrame, None]
+) -> AsyncGenerator[tuple[int, Floats], None]:
+    """Whole blocks, each with its number, and what is left at the source's end."""
+    async with aclosing(source) as frames:
+        async for frame in frames:
+            for each in writer.blocks(frame):
+                yield each
+    for each in writer.rest():
+        yield each
 
 
 async def _reached(config: MqttSourceConfig) -> MqttLink:

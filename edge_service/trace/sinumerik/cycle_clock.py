@@ -36,7 +36,7 @@ class CycleClock:
         self._usual: float | None = None
         self._last: float | None = None
         self._origin = 0.0
-        self._offset_s = 0.0
+        self._offset = 0.0  # of the run, in counts: the same sums however a recording is parted
 
     @property
     def step_s(self) -> float | None:
@@ -66,13 +66,13 @@ class CycleClock:
             if steps[start] < 0.0:
                 self._restart(float(before[start]), float(counts[start]), int(rows[start]))
             part = slice(start, stop)
-            time_s[part] = self._offset_s + (counts[part] - self._origin) * self.period_s
+            time_s[part] = (self._offset + (counts[part] - self._origin)) * self.period_s
             run[part] = self.restarts
         self._last = float(counts[-1])
         return time_s, run
 
     def _restart(self, before: float, first: float, row: int) -> None:
-        self._offset_s += (before - self._origin) * self.period_s + RESTART_GAP_S
+        self._offset += (before - self._origin) + RESTART_GAP_S / self.period_s
         self._origin = first
         self.restarts += 1
         self._restart_rows.append(self._rows + row)
