@@ -24,9 +24,11 @@ build_program() { # relocatable: only the scripts in bin know where they stand
   $python -m venv "$1" || fail "needs python3-venv"
   # shellcheck disable=SC2086  # several words
   "$1/bin/python" $pip --no-compile --require-hashes -r deploy/requirements.lock
-  cp -r pyproject.toml README.md LICENSE edge_service drivers "$work/source"
+  cp -rL pyproject.toml README.md LICENSE edge_service drivers "$work/source" # links followed
   # shellcheck disable=SC2086
   "$1/bin/python" $pip --no-compile --no-deps "$work/source"
+  (cd "$work" && "$1/bin/python" -m edge_service check-config >/dev/null) ||
+    fail "the program that was built does not work"
   "$1/bin/python" -m pip --quiet uninstall --yes pip
   find "$1/bin" -type f ! -name edge-service -delete
   find "$1" -name __pycache__ -prune -exec rm -r {} +

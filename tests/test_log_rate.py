@@ -2,7 +2,7 @@
 
 import logging
 
-from edge_service.cli.log_rate import LogRate
+from edge_service.cli.terminal import LogRate
 
 
 def _record(line: int, text: str = "lost %d", number: int = 1) -> logging.LogRecord:

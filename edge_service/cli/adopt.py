@@ -1,17 +1,20 @@
 """Command that proposes a machine file from recordings."""
 
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from .options import AXIS_NUMBER, PATH, out_option
-
-if TYPE_CHECKING:
-    from ..adopt.guess import Question
-
-_POSITIVE = click.FloatRange(min=0.0, min_open=True)
+from .options import (
+    AXIS_NUMBER,
+    LEAD,
+    LOAD_RATING,
+    PATH,
+    POSITIVE,
+    PRELOAD,
+    PRELOAD_DRAG,
+    out_option,
+)
+from .terminal import ask_number, at_terminal
 
 
 @click.command(
@@ -21,20 +24,18 @@ _POSITIVE = click.FloatRange(min=0.0, min_open=True)
 @out_option("Machine file to write.")
 @AXIS_NUMBER
 @click.option("--name", help="Name of the axis.  [default: as the file spells it, or X]")
-@click.option("--lead", type=_POSITIVE, help="Travel per revolution of the motor, mm.")
+@LEAD
 @click.option(
     "--torque-constant",
     type=click.FloatRange(),
     help="Torque of the motor per A, or per unit of the column that tells it, N m.",
 )
-@click.option(
-    "--period", type=_POSITIVE, help="Length of a sample, s, if no column holds the time."
-)
-@click.option("--load-rating", type=_POSITIVE, help="Dynamic load rating of the screw, N.")
-@click.option("--preload", type=_POSITIVE, help="Preload of the fresh screw, N.")
-@click.option("--preload-drag", type=_POSITIVE, help="Drag torque of the fresh screw alone, N m.")
-@click.option("--nut-stiffness", type=_POSITIVE, help="Stiffness of the nut, N/m.")
-@click.option("--table-mass", type=_POSITIVE, help="Mass of the table with what is on it, kg.")
+@click.option("--period", type=POSITIVE, help="Length of a sample, s, if no column holds the time.")
+@LOAD_RATING
+@PRELOAD
+@PRELOAD_DRAG
+@click.option("--nut-stiffness", type=POSITIVE, help="Stiffness of the nut, N/m.")
+@click.option("--table-mass", type=POSITIVE, help="Mass of the table with what is on it, kg.")
 @click.option(
     "--column",
     "columns",
@@ -73,21 +74,4 @@ def adopt(
         name or "X", None, load_rating, preload, preload_drag, nut_stiffness, table_mass
     )
     request = Request(files, out, axis_number, known, sheet, columns, picture)
-    at_terminal = sys.stdin.isatty() and sys.stdout.isatty()
-    click.echo(run(request, _ask if at_terminal else None))
-
-
-def _ask(question: "Question") -> float | None:
-    """Ask a person; an empty answer is none."""
-    while True:
-        said: str = click.prompt(
-            f"{question.words} (for: {question.why}; empty if unknown)",
-            default="",
-            show_default=False,
-        )
-        if not said.strip():
-            return None
-        try:
-            return float(said.replace(",", "."))
-        except ValueError:
-            click.echo("expected a number")
+    click.echo(run(request, ask_number if at_terminal() else None))

@@ -13,6 +13,7 @@ from .adopt import adopt
 from .bench import bench
 from .diagnosis import diagnose, drift, fingerprint, gap, reproduce, response
 from .fleet import fleet
+from .init import init
 from .motion import motion
 from .options import InputError
 from .preload import commission, estimate
@@ -100,6 +101,7 @@ for _command in (
         simulate,
     ),
     *(
+        init,
         adopt,
         commission,
         estimate,

@@ -11,6 +11,7 @@ from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 PATH = click.Path(path_type=Path)
 ABOVE_0 = click.FloatRange(0.0, 1e9, min_open=True)
+POSITIVE = click.FloatRange(min=0.0, min_open=True)
 CONFIG = click.argument("config", type=PATH, required=False)
 TRACE = click.argument("trace", type=PATH)
 TRACES = click.argument("traces", nargs=-1, required=True, type=PATH)
@@ -31,6 +32,15 @@ PORT = click.option(
     "--port", type=click.IntRange(0, 65535), help="HTTP port to serve on; 0 takes a free one."
 )
 BUS = click.option("--bus", "endpoint", help="Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.")
+
+LEAD = click.option("--lead", type=POSITIVE, help="Travel per revolution of the motor, mm.")
+LOAD_RATING = click.option(
+    "--load-rating", type=POSITIVE, help="Dynamic load rating of the screw, N."
+)
+PRELOAD = click.option("--preload", type=POSITIVE, help="Preload of the fresh screw, N.")
+PRELOAD_DRAG = click.option(
+    "--preload-drag", type=POSITIVE, help="Drag torque of the fresh screw alone, N m."
+)
 
 
 def out_option(text: str, *, required: bool = True) -> Decorator:

@@ -62,23 +62,28 @@ def node(name: str, config: Path | None, port: int | None, endpoint: str | None)
 @CONFIG
 def check_config(config: Path | None) -> None:
     """Check a configuration with its machine files and driver settings; print what it means."""
+    for line in what_it_means(config or DEFAULT_CONFIG):
+        click.echo(line)
+    click.echo("configuration is right")
+
+
+def what_it_means(config: Path) -> Iterator[str]:
+    """Lines on a configuration that is right. Raises ConfigError."""
     from drivers.registry import driver_names
 
     from ..nodes.service import check_service
     from ..nodes.wiring.bus_certificates import check_bus
     from ..nodes.wiring.http_rights import check_access
 
-    settings = load_config(config or DEFAULT_CONFIG)
+    settings = load_config(config)
     unreachable = asyncio.run(check_service(settings))
-    for line in _axes(settings):
-        click.echo(line)
+    yield from _axes(settings)
     for line in unreachable:
-        click.echo(f"not reachable now: {line}")
-    click.echo(f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}")
-    click.echo(f"access: {check_access(settings.http)}; {check_bus(settings.bus)}")
-    click.echo(_history(settings))
-    click.echo(f"drivers installed: {', '.join(driver_names())}")
-    click.echo("configuration is right")
+        yield f"not reachable now: {line}"
+    yield f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}"
+    yield f"access: {check_access(settings.http)}; {check_bus(settings.bus)}"
+    yield _history(settings)
+    yield f"drivers installed: {', '.join(driver_names())}"
 
 
 def _axes(settings: EdgeConfig) -> Iterator[str]:

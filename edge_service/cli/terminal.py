@@ -1,12 +1,19 @@
-"""Messages of commands while they work."""
+"""Messages of commands while they work, at a bounded rate, and questions to whoever is there."""
 
 import logging
 import os
 import sys
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import click
 
-from .log_rate import LogRate
+if TYPE_CHECKING:
+    from ..adopt.guess import Question
+
+BURST = 20
+PER_S = 0.2
 
 
 def log_to_stderr() -> None:
@@ -36,3 +43,65 @@ def progress(line: str) -> None:
     """Tell a person at a terminal, or a service that asks, what is being done; else stay quiet."""
     if sys.stderr.isatty() or os.environ.get("EDGE_SERVICE_PROGRESS"):
         click.echo(line, err=True)
+
+
+def at_terminal() -> bool:
+    """Tell whether a person can be asked."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def ask_number(question: "Question") -> float | None:
+    """Ask a person; an empty answer is none."""
+    while True:
+        said: str = click.prompt(
+            f"{question.words} (for: {question.why}; empty if unknown)",
+            default="",
+            show_default=False,
+        )
+        if not said.strip():
+            return None
+        try:
+            return float(said.replace(",", "."))
+        except ValueError:
+            click.echo("expected a number")
+
+
+class LogRate(logging.Filter):
+    """Lets each place that logs say `burst` lines at once, then one every `1 / per_s` seconds.
+
+    What was left out is counted, and told with the next line of that place.
+    """
+
+    def __init__(
+        self,
+        burst: int = BURST,
+        per_s: float = PER_S,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__()
+        self._burst, self._per_s, self._clock = burst, per_s, clock
+        self._places: dict[tuple[str, int], _Place] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Tell whether a record is to be written."""
+        now_s = self._clock()
+        where = (record.pathname, record.lineno)
+        place = self._places.setdefault(where, _Place(self._burst, now_s))
+        place.lines = min(self._burst, place.lines + (now_s - place.seen_s) * self._per_s)
+        place.seen_s = now_s
+        if place.lines < 1.0:
+            place.left_out += 1
+            return False
+        place.lines -= 1.0
+        if place.left_out:
+            record.msg = f"{record.getMessage()} (and {place.left_out} times more)"
+            record.args = None
+            place.left_out = 0
+        return True
+
+
+class _Place:
+    """One place in the program that logs: lines it may write now, and those it could not."""
+
+    def __init__(self, lines: float, now_s: float) -> None:
+        self.lines, self.seen_s, self.left_out = lines, now_s, 0

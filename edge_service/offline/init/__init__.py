@@ -1,0 +1,1 @@
+"""First configuration of a machine: its source found, its files written and checked."""
