@@ -6,11 +6,13 @@ A wrong number with a narrow interval is worse than none: every estimate rests o
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.constants import g as gravity_m_s2
 
 from ...messages.channels import TORQUE
 from ...messages.features import FeatureBlock
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
+from .assumed_shares import other_drag_nm
 from .fresh_screw import SIGMAS, guide_drag
 from .steady_phases import CommissioningError, SteadyPhases
 from .torque_balance import TorqueBalance
@@ -26,6 +28,8 @@ SURE = 0.1
 """Relative standard deviation beyond which inertia or friction is not known."""
 UNEXPLAINED = 0.4
 """Share of the torque's rms that motion may leave unexplained."""
+MOVE_SCATTER = 0.05
+"""Scatter of friction from move to move over friction: a healthy axis has the same in all."""
 LONGEST_LAG_S = 4e-3
 """Filters and cycles of drives delay torque by 0.3 to 2 ms."""
 OTHER_FACTOR = 10.0
@@ -50,7 +54,20 @@ def require_identified(
     _require_following(phases)
     _require_one_inertia(recordings, torque, machine)
     _require_stated_inertia(torque, machine.model.inertia_kg_m2)
+    _require_explained(torque)
+    _require_one_friction(torque)
     _require_sure(torque)
+
+
+def _require_one_friction(torque: TorqueBalance) -> None:
+    """Require the same friction in every move: a process force acts in some of them."""
+    share = torque.move_scatter_nm / torque.coulomb_nm
+    if share > MOVE_SCATTER:
+        raise CommissioningError(
+            f"friction differs from move to move by {100.0 * share:.2g} % (expected less than "
+            f"{100.0 * MOVE_SCATTER:.0f}): needs recordings without process forces, such as the "
+            "same program without a workpiece"
+        )
 
 
 def _require_following(phases: SteadyPhases) -> None:
@@ -82,8 +99,8 @@ def _require_one_inertia(
             raise CommissioningError(
                 f"inertia changes with the window: {torque.inertia_kg_m2:.3g} kg m2 from sample "
                 f"to sample, {wide.inertia_kg_m2:.3g} over {wide.half_width_s:.2g} s (expected "
-                "the same): needs faster samples, a finer encoder, or torque sampled with the "
-                "position"
+                "the same): needs faster samples, a finer encoder, torque sampled with the "
+                "position, or recordings without process forces"
             )
 
 
@@ -108,13 +125,16 @@ def _require_stated_inertia(torque: TorqueBalance, stated: Quantity) -> None:
         )
 
 
-def _require_sure(torque: TorqueBalance) -> None:
+def _require_explained(torque: TorqueBalance) -> None:
     if torque.unexplained > UNEXPLAINED:
         raise CommissioningError(
             f"motion explains too little of the torque: {100.0 * torque.unexplained:.0f} % of it "
             f"is left (expected less than {100.0 * UNEXPLAINED:.0f}): needs recordings without "
             "process forces, or faster samples"
         )
+
+
+def _require_sure(torque: TorqueBalance) -> None:
     for name, value, sigma, motion in (
         ("inertia", torque.inertia_kg_m2, torque.inertia_sigma, "acceleration"),
         ("friction", torque.coulomb_nm, torque.coulomb_sigma, "friction"),
@@ -190,3 +210,21 @@ def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None
         f"{'more' if share > high else 'far less'} than the nut's own {nut.value:.3g} "
         "(model.nut_stiffness_n_per_m) allows: check it, model.table_mass_kg and the encoders"
     )
+
+
+def require_light_guides(torque: TorqueBalance, machine: Machine) -> None:
+    """Require guides that hold back less than the table weighs, unless the file states more.
+
+    Raises:
+        CommissioningError: another force brakes the axis all the time, or the mass is another.
+    """
+    mass = machine.model.table_mass_kg
+    if mass is None or machine.model.guide_force_n.value:
+        return
+    force_n = other_drag_nm(machine, torque) / machine.transmission_ratio_m_per_rad
+    if force_n > gravity_m_s2 * mass.value * (1.0 + SIGMAS * mass.tolerance):
+        raise CommissioningError(
+            f"friction beside the screw's is {force_n:.3g} N, more than the table weighs: needs "
+            "recordings without process forces, the guides' own in model.guide_force_n, or the "
+            "right model.table_mass_kg"
+        )

@@ -20,6 +20,7 @@ from .assumed_shares import nut_share, other_drag_nm, table_mass
 from .checks import (
     require_fresh_screw,
     require_identified,
+    require_light_guides,
     require_stated_nut,
 )
 from .series_compliance import SeriesCompliance, fit_series_compliance
@@ -56,6 +57,7 @@ def commissioned(
     transmission = _transmission(machine, stretch, mass)
     require_fresh_screw(torque, machine, transmission)
     require_stated_nut(machine, transmission)
+    require_light_guides(torque, machine)
     return machine.model_copy(
         update={
             "model": _model(machine, torque, transmission, mass),

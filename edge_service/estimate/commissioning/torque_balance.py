@@ -9,6 +9,7 @@ from ...messages.samples import Floats
 from ...models.machine import Machine
 from ...models.screw.friction import stribeck_decay
 from ...models.steady_limits import SteadyLimits
+from .move_friction import move_scatter_nm
 from .robust_regression import Noise, RegressionFit, robust_regression
 from .steady_phases import CommissioningError, SteadyPhases, require_motion
 
@@ -23,6 +24,7 @@ class TorqueBalance:
 
     Attributes:
         unexplained: rms of the residual over that of the torque around its mean.
+        move_scatter_nm: standard deviation of friction from move to move.
     """
 
     inertia_kg_m2: float
@@ -38,6 +40,7 @@ class TorqueBalance:
     harmonics_nm: Floats  # (k, 2)
     noise: Noise
     unexplained: float
+    move_scatter_nm: float
     motion_s: float
 
 
@@ -74,6 +77,7 @@ def fit_torque_balance(
         harmonics_nm=v[6:].reshape(-1, 2),
         noise=fit.noise,
         unexplained=_unexplained(fit, phases),
+        move_scatter_nm=move_scatter_nm(phases, fit.residual),
         motion_s=float(phases.steady_s.sum()),
     )
 

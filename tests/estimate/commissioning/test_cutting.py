@@ -1,0 +1,128 @@
+"""Production that cuts teaches no friction: `commission` refuses it, and says why."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ...adopt.test_second_commands import said
+from ...foreign_plant import (
+    Case,
+    Machine,
+    ProcessForce,
+    Recording,
+    axis_case,
+    nominal_machine_toml,
+    simulate,
+)
+
+PLANT = Machine()
+DURATION_S = 90.0
+FEED_M_S = 0.16  # the plant's rapids are faster, and cut nothing
+AXES = range(7300, 7306)
+Cut = Callable[[Case, float], tuple[ProcessForce, ...]]
+Bursts = tuple[tuple[float, float, float], ...]
+
+
+def feeds(case: Case) -> list[tuple[float, float]]:
+    """Begin and length of every move that is no rapid, s."""
+    speed = np.abs(np.gradient(case.setpoint_m, 1e-3))
+    edges = np.flatnonzero(np.diff((speed > 1e-4).astype(int), prepend=0, append=0))
+    moves = zip(edges[::2], edges[1::2], strict=True)
+    return [(1e-3 * a, 1e-3 * (b - a)) for a, b in moves if speed[a:b].max() < FEED_M_S]
+
+
+def burst_force(bursts: Bursts, ripple_share: float = 0.4) -> tuple[ProcessForce, ...]:
+    return (ProcessForce(against_motion=1.0, ripple_share=ripple_share, bursts=bursts),)
+
+
+def nothing(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Air."""
+    return ()
+
+
+def steady(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Turning: the same smooth force in every feed."""
+    return burst_force(tuple((at, long, force_n) for at, long in feeds(case)), ripple_share=0.0)
+
+
+def intermittent(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Milling: now and then, against the motion or across it."""
+    return (ProcessForce(mean_n=force_n),)
+
+
+def growing(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Tool that wears: from a third of the force to five thirds."""
+    return burst_force(
+        tuple((at, long, force_n * (1 / 3 + 4 / 3 * at / DURATION_S)) for at, long in feeds(case))
+    )
+
+
+def one_way(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Cross feed: in every feed along the axis, to the same side."""
+    cuts = feeds(case)
+    return tuple(
+        ProcessForce(against_motion=0.0, bursts=((at, long, force_n),)) for at, long in cuts
+    )
+
+
+def always(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Brake: against every motion."""
+    return burst_force(((0.0, DURATION_S, force_n),), ripple_share=0.0)
+
+
+def produced(cut: Cut, force_n: float, axis_seed: int, *, encoders: int = 2) -> Recording:
+    case = axis_case(
+        duration_s=DURATION_S, seed=axis_seed + 100, axis_seed=axis_seed, machine=PLANT
+    )
+    recording = simulate(dataclasses.replace(case, events=cut(case, force_n)))
+    if encoders == 1:
+        for name in ("table_position_m", "table_speed_m_s"):
+            recording.columns.pop(name, None)
+    return recording
+
+
+def commission(recording: Recording, folder: Path, status: int) -> str:
+    """Words of the command; a file stands there only where it succeeds."""
+    nominal, out = folder / "nominal.toml", folder / "learned.toml"
+    nominal.write_text(nominal_machine_toml(PLANT))
+    trace = recording.write_csv(folder / "production.csv")
+    text = said("commission", "--machine", nominal, trace, "--out", out, status=status)
+    assert out.exists() == (status == 0)
+    assert status == 0 or str(trace) in text
+    return text
+
+
+@pytest.mark.parametrize(("cut", "status"), [(nothing, 0), (steady, 2)])
+def test_an_axis_that_cuts_is_refused_and_in_air_it_is_not(
+    cut: Cut, status: int, tmp_path: Path
+) -> None:
+    text = commission(produced(cut, 100.0, AXES[0]), tmp_path, status)
+    assert ("process forces" in text) == (status == 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("encoders", [1, 2])
+@pytest.mark.parametrize("axis_seed", AXES)
+def test_production_in_air_commissions(axis_seed: int, encoders: int, tmp_path: Path) -> None:
+    commission(produced(nothing, 0.0, axis_seed, encoders=encoders), tmp_path, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut", [steady, intermittent, growing, one_way])
+@pytest.mark.parametrize("force_n", [80.0, 200.0, 500.0])
+@pytest.mark.parametrize("axis_seed", AXES[:3])
+def test_every_kind_of_cut_is_refused(
+    cut: Cut, force_n: float, axis_seed: int, tmp_path: Path
+) -> None:
+    recording = produced(cut, force_n, axis_seed, encoders=1 + axis_seed % 2)
+    assert "process forces" in commission(recording, tmp_path, 2)
+
+
+@pytest.mark.slow
+def test_a_brake_heavier_than_the_table_is_refused(tmp_path: Path) -> None:
+    """A force against every motion is friction, and the data sheet alone tells."""
+    text = commission(produced(always, 250.0, AXES[0]), tmp_path, 2)
+    assert "more than the table weighs" in text
