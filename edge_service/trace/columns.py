@@ -87,7 +87,7 @@ def choose_columns(
 
     Raises:
         TraceError: a mapped column, `time_s`, or every torque and position channel is missing, or
-            a wanted column is there twice.
+            a wanted column is there twice, or twice but for upper and lower case.
     """
     chosen = {}
     for channel in (TIME, *CHANNELS):
@@ -110,7 +110,19 @@ def choose_columns(
     for name in {name for column in chosen.values() for name in column.names}:
         if list(names).count(name) > 1:
             raise TraceError(f"{path}: column {name!r} is there more than once")
+    _refuse_twins(path, names, [each for each in chosen if each in names and each not in columns])
     return chosen
+
+
+def _refuse_twins(path: Path, names: Sequence[str], by_own_name: Sequence[str]) -> None:
+    """Refuse a second column for a channel that differs in case alone; a machine file chooses."""
+    for channel in by_own_name:
+        twin = next((n for n in names if n != channel and n.casefold() == channel), None)
+        if twin is not None:
+            raise TraceError(
+                f"{path}: columns {channel!r} and {twin!r} differ in case alone; delete one, or "
+                f'choose in the machine file: [columns] {channel} = {{ column = "{twin}" }}'
+            )
 
 
 def _choose(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edge_service.messages.samples import SampleFrame
-from edge_service.trace.columns import ColumnMap
+from edge_service.trace.columns import ColumnMap, TraceError
 from edge_service.trace.forms.text import BLOCK_BYTES
 from edge_service.trace.reader import open_trace, read_trace
 
@@ -175,3 +175,29 @@ def test_rows_stay_whole_over_the_blocks_of_a_large_file(tmp_path: Path) -> None
 def test_the_live_service_does_not_pay_for_arrow() -> None:
     program = "import sys, drivers.replay; sys.exit('pyarrow' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"], ids=["plain", "byte order mark"])
+@pytest.mark.parametrize(("cell", "point"), [(",", "."), (";", ","), (";", "."), ("\t", ",")])
+def test_separators_and_a_byte_order_mark_change_no_number(
+    mark: bytes, cell: str, point: str, tmp_path: Path
+) -> None:
+    rows = [("0.000", "1.25", "-3.5"), ("0.001", "-0.75", "1e-3"), ("0.002", "0.5", "2.0")]
+    lines = [("time_s", "torque_command_nm", "motor_angle_rad")]
+    lines += [tuple(each.replace(".", point) for each in row) for row in rows]
+    path = tmp_path / "a.csv"
+    path.write_bytes(mark + "\r\n".join(cell.join(line) for line in lines).encode() + b"\r\n")
+    read = read_trace(path)
+    np.testing.assert_array_equal(read.time_s, [0.0, 0.001, 0.002])
+    np.testing.assert_array_equal(read.channels["torque_command_nm"], [1.25, -0.75, 0.5])
+    np.testing.assert_array_equal(read.channels["motor_angle_rad"], [-3.5, 1e-3, 2.0])
+
+
+def test_a_machine_file_chooses_among_columns_that_differ_in_case(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,torque_command_nm,Torque_Command_NM\n0.0,1.0,5.0\n0.001,2.0,6.0\n")
+    with pytest.raises(TraceError, match="differ in case alone"):
+        read_trace(path)
+    for name, first in (("torque_command_nm", 1.0), ("Torque_Command_NM", 5.0)):
+        read = read_trace(path, {"torque_command_nm": ColumnMap(name)})
+        assert read.channels["torque_command_nm"][0] == first

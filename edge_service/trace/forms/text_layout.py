@@ -56,6 +56,8 @@ def read_layout(path: Path, head: bytes) -> Layout:
         raise TraceError(f"{path}: holds no line of text; expected a header such as time_s,...")
     delimiter, names, rows = _names_and_rows(path, comments, lines)
     cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
+    if delimiter == ",":
+        _refuse_decimal_commas(path, len(names), cells)
     start = rows[0].start if rows else len(head)
     point = _decimal_point(delimiter, cells)
     return Layout(_fit_names(names, cells), delimiter, point, terminator, start)
@@ -151,6 +153,20 @@ def _decimal_point(delimiter: str, rows: list[list[str]]) -> str:
     if delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row):
         return ","
     return "."
+
+
+def _refuse_decimal_commas(path: Path, names: int, rows: list[list[str]]) -> None:
+    """Refuse whole numbers, up to twice as many as names: commas part digits and cells alike."""
+    wide = [row for row in rows if names < len(row) <= 2 * names and _are_whole(row)]
+    if rows and len(wide) == len(rows) and names > 1:
+        raise TraceError(
+            f"{path}: {names} names above rows of {len(wide[0])} whole numbers: commas stand in "
+            "the numbers and between them; expected decimal points, or semicolons between cells"
+        )
+
+
+def _are_whole(cells: list[str]) -> bool:
+    return all(re.fullmatch(r"[+-]?\d+([eE][+-]?\d+)?", cell) for cell in cells)
 
 
 def _fit_names(names: list[str], rows: list[list[str]]) -> tuple[str, ...]:
