@@ -1,0 +1,138 @@
+"""Behind nginx, which ends TLS, the page, the stream and sign-in work for a foreign client."""
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from edge_service.config import DEFAULT_CONFIG
+from tests.documents import ROOT, document
+from tests.drivers.bench import free_port
+
+NGINX = shutil.which("nginx", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin")
+CURL = shutil.which("curl")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(NGINX is None or CURL is None, reason="nginx or curl is not installed"),
+]
+MAIN = """daemon off; pid {folder}/nginx.pid; error_log stderr; worker_processes 1;
+events {{ }}
+http {{ access_log off; client_body_temp_path {folder}; proxy_temp_path {folder};
+fastcgi_temp_path {folder}; uwsgi_temp_path {folder}; scgi_temp_path {folder};
+include {folder}/edge-service.conf; }}
+"""
+COMMAND = [sys.executable, "-m", "edge_service"]
+
+
+def asked(*line: str) -> str:
+    return subprocess.run(
+        [*COMMAND, *line], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
+    ).stdout
+
+
+@contextmanager
+def running(line: list[str]) -> Iterator["subprocess.Popen[str]"]:
+    """A program, until the test ends."""
+    with subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            yield program
+        finally:
+            program.terminate()
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, int, str]]:
+    """Folder with certificates, port of the service, and the token of an operator."""
+    folder = tmp_path_factory.mktemp("proxied")
+    asked("certs", "--out", str(folder / "certificates"), "--name", "edge-box")
+    line = ("token", "add", "Kim", "--role", "operator", "--file", str(folder / "tokens.json"))
+    token = asked(*line).split()[-1]
+    text = DEFAULT_CONFIG.read_text().replace('"commissioned.toml"', f'"{_machine()}"')
+    text = text.replace("port = 8080", 'port = 0\nallowed_hosts = ["edge-box"]')
+    text = text.replace("port = 0", 'port = 0\ntokens_file = "tokens.json"')
+    text = text.replace("tcp/127.0.0.1:7447", "tcp/127.0.0.1:0")
+    (folder / "edge.toml").write_text(text.replace('tls_endpoint = "tls/127.0.0.1:7448"', ""))
+    with running([*COMMAND, "run", str(folder / "edge.toml")]) as program:
+        assert program.stdout is not None
+        port = int(program.stdout.readline().rstrip("/\n").rpartition(":")[2])
+        yield folder, port, token
+
+
+def _machine() -> Path:
+    return DEFAULT_CONFIG.parent / "commissioned.toml"
+
+
+@pytest.fixture(scope="module")
+def proxy(service: tuple[Path, int, str]) -> Iterator[list[str]]:
+    """A curl that asks the proxy by its name, and trusts the authority alone."""
+    folder, port, _ = service
+    own = free_port()
+    site = document("deploy/nginx.conf").replace("listen 443 ssl", f"listen 127.0.0.1:{own} ssl")
+    site = site.replace("http://127.0.0.1:8080", f"http://127.0.0.1:{port}")
+    site = site.replace("/etc/edge-service/certificates", str(folder / "certificates"))
+    (folder / "edge-service.conf").write_text(site)
+    (folder / "nginx.conf").write_text(MAIN.format(folder=folder))
+    with running([str(NGINX), "-c", str(folder / "nginx.conf"), "-p", str(folder)]):
+        curl = [str(CURL), "--silent", "--show-error", "--max-time", "20", "--noproxy", "*"]
+        curl += ["--cacert", str(folder / "certificates" / "ca.pem")]
+        curl += ["--resolve", f"edge-box:{own}:127.0.0.1", "--retry", "20"]
+        yield [*curl, "--retry-connrefused", "--retry-delay", "1", f"https://edge-box:{own}"]
+
+
+def fetch(proxy: list[str], path: str, *more: str) -> tuple[int, str]:
+    """Status and body."""
+    line = [*proxy[:-1], *more, "--write-out", "\n%{http_code}", proxy[-1] + path]
+    said = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60).stdout
+    body, _, status = said.rpartition("\n")
+    return int(status), body
+
+
+def bearer(service: tuple[Path, int, str]) -> tuple[str, str]:
+    return ("--header", f"Authorization: Bearer {service[2]}")
+
+
+def test_the_page_is_there(proxy: list[str]) -> None:
+    status, body = fetch(proxy, "/")
+    assert status == 200
+    assert "<html" in body
+
+
+def test_nothing_is_told_without_a_token(proxy: list[str]) -> None:
+    assert fetch(proxy, "/api/v1/axes")[0] == 401
+
+
+def test_another_name_is_refused(proxy: list[str], service: tuple[Path, int, str]) -> None:
+    assert fetch(proxy, "/api/v1/axes", *bearer(service))[0] == 200
+    foreign = ("--header", "Host: evil.example")
+    assert fetch(proxy, "/api/v1/axes", *bearer(service), *foreign)[0] in (400, 403, 421)
+
+
+@pytest.mark.parametrize(("origin", "status"), [(None, 202), ("https://evil.example", 403)])
+def test_a_command_of_its_own_page_is_taken(
+    origin: str | None, status: int, proxy: list[str], service: tuple[Path, int, str]
+) -> None:
+    command = json.dumps({"action": "note", "user": "Kim", "note": "greased"})
+    more = ("--header", "Content-Type: application/json", "--data", command)
+    said = fetch(
+        proxy,
+        "/api/v1/axes/X/commands",
+        *(*bearer(service), *more, "--header", f"Origin: {origin or proxy[-1]}"),
+    )
+    assert said[0] == status, said[1]
+
+
+def test_the_stream_arrives_while_it_goes_on(
+    proxy: list[str], service: tuple[Path, int, str]
+) -> None:
+    line = [*proxy[:-1], "--no-buffer", *bearer(service), proxy[-1] + "/api/v1/events"]
+    with running(line) as client:
+        assert client.stdout is not None
+        heard = (each for each in client.stdout if each.startswith("data:"))
+        assert json.loads(next(heard).removeprefix("data:"))
+        next(heard)
+        assert client.poll() is None  # the answer has not ended
