@@ -18,6 +18,7 @@ from .config_tables import (
     HistoryConfig,
     JobsConfig,
     MqttConfig,
+    OpcuaConfig,
     Table,
     VibrationConfig,
     WebhookConfig,
@@ -210,6 +211,7 @@ class EdgeConfig(Table):
     estimator: EstimatorConfig = EstimatorConfig()
     health: HealthConfig = HealthConfig()
     mqtt: MqttConfig | None = None
+    opcua: OpcuaConfig | None = None
     vibration: VibrationConfig | None = None
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()
@@ -223,6 +225,13 @@ class EdgeConfig(Table):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"axes: two axes are named {name!r}")
+        return self
+
+    @model_validator(mode="after")
+    def _guarded(self) -> "EdgeConfig":
+        opcua = self.opcua
+        if opcua and not is_loopback(opcua.host) and self.http.tokens_file is None:
+            raise ValueError("opcua.host: beyond loopback it needs the [http] tokens_file")
         return self
 
     @property
@@ -261,18 +270,17 @@ def load_config(path: Path) -> EdgeConfig:
         **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "certificates"),
-        "http": _with_key(config.http, folder),
+        "http": _with_key(config.http, folder, "certificate", "tokens_file"),
+        "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     return config.model_copy(update=placed)
 
 
-def _with_key(http: HttpConfig, folder: Path) -> HttpConfig:
+def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Table | None:
     """Paths of the files that let people in; the key may be among systemd's credentials."""
-    key = http.private_key and secret_path(folder, http.private_key)
-    named = {"certificate": http.certificate, "tokens_file": http.tokens_file}
-    placed = {name: folder / path for name, path in named.items() if path}
-    return http.model_copy(update=placed | {"private_key": key})
+    key = table.private_key and secret_path(folder, table.private_key)
+    return _placed(table.model_copy(update={"private_key": key}), folder, *keys)
 
 
 def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputConfig:

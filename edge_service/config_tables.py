@@ -82,6 +82,30 @@ class MqttConfig(BrokerAccess):
         return self
 
 
+class OpcuaConfig(Table):
+    """`[opcua]`: where answers are served by OPC UA; nothing is served without it.
+
+    Attributes:
+        certificate, private_key: of the server, in PEM: encrypted with them, and only then.
+        sessions: how many clients there may be at once.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = Field(4840, ge=0, le=65535)
+    certificate: Path | None = None
+    private_key: Path | None = None
+    sessions: int = Field(20, ge=1, le=200)
+
+    @model_validator(mode="after")
+    def _pair(self) -> "OpcuaConfig":
+        if (self.certificate is None) != (self.private_key is None):
+            lone = "private_key" if self.private_key is None else "certificate"
+            raise ValueError(f"{lone}: missing, the two go together")
+        if self.certificate is None and not is_loopback(self.host):
+            raise ValueError(f"{self.host!r} is no loopback address: it needs certificate")
+        return self
+
+
 class VibrationConfig(Table):
     """`[vibration]`: fast sensors reduced to features; without it their signals are dropped.
 

@@ -82,6 +82,7 @@ def what_it_means(config: Path) -> Iterator[str]:
         yield f"not reachable now: {line}"
     yield f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}"
     yield f"access: {check_access(settings.http)}; {check_bus(settings.bus)}"
+    yield from _served(settings)
     yield _history(settings)
     yield f"drivers installed: {', '.join(driver_names())}"
 
@@ -95,6 +96,17 @@ def _axes(settings: EdgeConfig) -> Iterator[str]:
         missing = machines[axis.name].missing_for_percent()
         said = f"drag only ({missing} is unknown)" if missing else "preload in %"
         yield f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, {said}"
+
+
+def _served(settings: EdgeConfig) -> Iterator[str]:
+    """A line for each output that others read from us. Raises ConfigError for what cannot work."""
+    if settings.opcua is not None:
+        from ..nodes.outputs.opcua_rights import opcua_settings
+
+        served = opcua_settings(settings)
+        channel = "open" if served.certificate is None else "encrypted"
+        users = "anybody" if served.knows is None else "whoever has a token"
+        yield f"opcua {served.host}:{served.port}, {channel}, for {users}"
 
 
 def _history(settings: EdgeConfig) -> str:

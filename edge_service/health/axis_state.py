@@ -1,7 +1,8 @@
 """Data known of one axis, and the part of them that may be read now."""
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
-from ..messages.health import AxisHealth
+from ..messages.health import AxisCondition, AxisHealth
+from .advice.consistent import consistent
 from .condition.input_watch import InputWatch
 from .history.archive import AxisArchive
 from .model_watch.live_features import LiveFeatures
@@ -15,7 +16,7 @@ class AxisState:
     def __init__(
         self, axis: str, limits: AxisLimits | None, settings: StateSettings, keeping: Keeping
     ) -> None:
-        self.limits = limits
+        self.axis, self.limits = axis, limits
         self.archive = keeping.archives.get(axis) or AxisArchive()
         self.live = LiveFeatures(keeping.ratios_m_per_rad.get(axis))
         self.versions: dict[str, int] = {}
@@ -48,6 +49,25 @@ class AxisState:
             level=estimate.level,
             data_used_s=estimate.data_used_s,
         )
+
+    def told(self, started_ns: int, now_ns: int) -> AxisHealth:
+        """Condition of the axis now; UNAVAILABLE as soon as it rests on something stale."""
+        last = self.health or AxisHealth(
+            axis=self.axis, condition=AxisCondition.UNAVAILABLE, since_time_ns=started_ns
+        )
+        changes: dict[str, object] = {}
+        missing = self.missing(now_ns)
+        if missing:
+            own = last.reasons if last.condition is AxisCondition.UNAVAILABLE else ()
+            changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))
+        if missing and last.condition is not AxisCondition.UNAVAILABLE:
+            changes["condition"] = AxisCondition.UNAVAILABLE
+            changes["since_time_ns"] = max(self._missing_since_ns(now_ns), started_ns)
+        return consistent(last.model_copy(update=changes), self.readable(now_ns))
+
+    def _missing_since_ns(self, now_ns: int) -> int:
+        inputs = (self.preload_input, self.health_input)
+        return min(each.stale_since_ns for each in inputs if each.is_stale(now_ns))
 
 
 def _missing_preload(preload_input: InputWatch, now_ns: int) -> str | None:

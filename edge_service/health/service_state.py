@@ -8,10 +8,9 @@ from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
-from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
+from ..messages.health import AxisHealth, ComponentHealth
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .advice.consistent import consistent
 from .alarms.parts import is_down
 from .axis_state import AxisState
 from .condition.component import ComponentWatch
@@ -143,19 +142,8 @@ class ServiceState:
 
     def health(self, axis: str, now_ns: int) -> AxisHealth:
         """Condition of an axis now; UNAVAILABLE as soon as it rests on something stale."""
-        state = self._axes[axis]
-        last = state.health or AxisHealth(
-            axis=axis, condition=AxisCondition.UNAVAILABLE, since_time_ns=self._started_ns
-        )
-        changes: dict[str, object] = {"components": self._components_of(axis, last, now_ns)}
-        missing = state.missing(now_ns)
-        if missing:
-            own = last.reasons if last.condition is AxisCondition.UNAVAILABLE else ()
-            changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))
-        if missing and last.condition is not AxisCondition.UNAVAILABLE:
-            changes["condition"] = AxisCondition.UNAVAILABLE
-            changes["since_time_ns"] = self._missing_since_ns(state, now_ns)
-        return consistent(last.model_copy(update=changes), state.readable(now_ns))
+        told = self._axes[axis].told(self._started_ns, now_ns)
+        return told.model_copy(update={"components": self._components_of(axis, told, now_ns)})
 
     def components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
         """Components that serve all axes."""
@@ -243,11 +231,6 @@ class ServiceState:
         if state is None:
             self.ignored_payloads += 1
         return state
-
-    def _missing_since_ns(self, state: AxisState, now_ns: int) -> int:
-        inputs = (state.preload_input, state.health_input)
-        stale = (each.stale_since_ns for each in inputs if each.is_stale(now_ns))
-        return max(min(stale), self._started_ns)
 
     def _components_of(
         self, axis: str, health: AxisHealth, now_ns: int

@@ -20,7 +20,11 @@ class Output:
     keeps: bool
 
 
-_TABLE = (Output("webhook", HTTP, keeps=True), Output("mqtt", "mqtt", keeps=True))
+_TABLE = (
+    Output("webhook", HTTP, keeps=True),
+    Output("mqtt", "mqtt", keeps=True),
+    Output("opcua", "opcua", keeps=False),
+)
 OUTPUTS = {output.name: output for output in _TABLE}
 OF_HTTP = tuple(output.name for output in _TABLE if output.node == HTTP)
 """Outputs of events, which the node `http` keeps."""

@@ -194,7 +194,7 @@ _RUNS: dict[str, Run] = {
 async def _optional_node(context: NodeContext, name: str) -> None:
     """Run a node whose libraries are large, or may be missing. Raises ConfigError."""
     try:
-        node = import_module(f".{name}_node", __package__)
+        node = await context.heart.in_thread(import_module, f".{name}_node", __package__)
     except ImportError as error:
         raise ConfigError(f"{name}: needs `pip install edge-service[{name}]` ({error})") from None
     await node.run(context)

@@ -30,25 +30,32 @@ def doorkeeper_of(http: HttpConfig) -> Doorkeeper:
 
 def tls_files(http: HttpConfig) -> tuple[Path, Path] | None:
     """Certificate and key of the server, which fit each other. Raises ConfigError."""
-    if http.certificate is None or http.private_key is None:
+    return server_files("http", http.certificate, http.private_key)
+
+
+def server_files(
+    table: str, certificate: Path | None, private_key: Path | None
+) -> tuple[Path, Path] | None:
+    """Certificate and key of a table, which fit each other. Raises ConfigError."""
+    if certificate is None or private_key is None:
         return None
     try:
-        http.certificate.read_bytes()
-        read_secret(http.private_key)  # which others must not be able to read
-        key = expanded(http.private_key)
+        certificate.read_bytes()
+        read_secret(private_key)  # which others must not be able to read
+        key = expanded(private_key)
     except SecretError as error:
-        raise ConfigError(f"http.private_key: {error}") from None
+        raise ConfigError(f"{table}.private_key: {error}") from None
     except OSError as error:
-        words = f"{http.certificate}: cannot be read ({error.strerror})"
-        raise ConfigError(f"http.certificate: {words}") from None
+        words = f"{certificate}: cannot be read ({error.strerror})"
+        raise ConfigError(f"{table}.certificate: {words}") from None
     try:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        context.load_cert_chain(http.certificate, key, password="")
+        context.load_cert_chain(certificate, key, password="")
     except (ssl.SSLError, ValueError) as error:
         reason = getattr(error, "reason", None) or "no PEM, or a key with a password"
-        pair = f"{http.certificate} with {http.private_key}"
-        raise ConfigError(f"http.certificate: {pair}: {reason}") from None
-    return http.certificate, key
+        pair = f"{certificate} with {private_key}"
+        raise ConfigError(f"{table}.certificate: {pair}: {reason}") from None
+    return certificate, key
 
 
 def hosts_of(http: HttpConfig) -> tuple[str, ...]:

@@ -495,6 +495,7 @@ export const de = {
   "component.health": "Zustand",
   "component.http": "Seite und Schnittstelle",
   "component.mqtt": "MQTT",
+  "component.opcua": "OPC UA",
   "component.vibration": "Schwingung",
   "component.service": "Prozess",
   "component.history": "Verlauf",

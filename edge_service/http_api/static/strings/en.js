@@ -495,6 +495,7 @@ export const en = {
   "component.health": "Health",
   "component.http": "Page and interface",
   "component.mqtt": "MQTT",
+  "component.opcua": "OPC UA",
   "component.vibration": "Vibration",
   "component.service": "Process",
   "component.history": "History",

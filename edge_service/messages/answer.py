@@ -1,0 +1,58 @@
+"""Answer about one axis at one moment, as outputs show it."""
+
+from dataclasses import dataclass
+
+from .advice import Advice
+from .estimate import EstimateStatus, Interval, PreloadEstimate
+from .health import AxisHealth
+
+
+@dataclass(frozen=True, slots=True)
+class AxisAnswer:
+    """Answer about one axis: all that may be read now, and nothing else.
+
+    Attributes:
+        estimate: numbers are None unless its status is `estimated` and it is fresh.
+        measured_ns: UNIX time of the newest sample behind it, ns; None before the first.
+        health: UNAVAILABLE as soon as it rests on something stale.
+        fresh_percent: preload of the fresh screw, percent of the load rating; None if not known.
+        warning_of_fresh, fault_of_fresh: limits of the condition, percent of fresh.
+        is_heard: whether estimates and conditions come in at all.
+    """
+
+    axis: str
+    estimate: PreloadEstimate
+    measured_ns: int | None
+    health: AxisHealth
+    fresh_percent: float | None
+    warning_of_fresh: float
+    fault_of_fresh: float
+    is_heard: bool
+
+    @property
+    def of_fresh(self) -> Interval | None:
+        """Preload in percent of the fresh screw's; None where there is no number."""
+        said = self.estimate
+        if said.status is not EstimateStatus.ESTIMATED or not self.fresh_percent:
+            return None
+        if said.preload_percent is None or said.low is None or said.high is None:
+            return None
+        share = 100.0 / self.fresh_percent
+        return Interval(
+            value=said.preload_percent * share, low=said.low * share, high=said.high * share
+        )
+
+    @property
+    def advice(self) -> Advice | None:
+        """The most urgent task; None if there is nothing to do."""
+        return next(iter(self.health.advice), None)
+
+    @property
+    def due_ns(self) -> int | None:
+        """UNIX time by which the most urgent task is likely due, ns; past if it is due now."""
+        first = self.advice
+        if first is None:
+            return None
+        if first.now:
+            return self.health.since_time_ns
+        return None if first.due is None else first.due.likely_ns or first.due.earliest_ns

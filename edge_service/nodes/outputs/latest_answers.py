@@ -1,0 +1,65 @@
+"""Latest answers about all axes, for outputs that show what holds now."""
+
+from ...clock import now_ns
+from ...health.axis_state import AxisState
+from ...health.state_settings import Keeping, StateSettings
+from ...messages.answer import AxisAnswer
+from ...messages.estimate import PreloadEstimate
+from ...messages.header import Header
+from ...messages.health import AxisHealth
+from ...messages.topics import HEALTH, PRELOAD
+from ..supervision.tasks import Tasks
+from ..wiring.context import NodeContext
+from ..wiring.stages import load_machines
+
+
+class LatestAnswers:
+    """Latest estimate and condition of each configured axis. Raises ConfigError."""
+
+    def __init__(self, context: NodeContext) -> None:
+        self._context, self._started_ns = context, now_ns()
+        machines = load_machines(context.config)
+        self._fresh = {axis: machine.fresh_preload_percent for axis, machine in machines.items()}
+        self._states = {
+            axis: AxisState(axis, None, StateSettings(), Keeping()) for axis in machines
+        }
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(self._states)
+
+    def follow(self, tasks: Tasks) -> None:
+        """Listen from now on."""
+        tasks.follow("preloads", self._context.subscribe(PRELOAD), self.take_estimate)
+        tasks.follow("conditions", self._context.subscribe(HEALTH), self.take_health)
+
+    def take_estimate(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
+        """Take an estimate in; one that is older than the last is ignored."""
+        state = self._states[axis]
+        if state.preload_input.accept(header, now_ns()):
+            state.estimate = estimate
+
+    def take_health(self, axis: str, header: Header, health: AxisHealth) -> None:
+        """Take a condition in; one that is older than the last is ignored."""
+        state = self._states[axis]
+        if state.health_input.accept(header, now_ns()):
+            state.health = health
+
+    def now(self) -> tuple[AxisAnswer, ...]:
+        """Answers as they hold now, an axis each."""
+        at_ns = now_ns()
+        return tuple(self._answer(state, at_ns) for state in self._states.values())
+
+    def _answer(self, state: AxisState, at_ns: int) -> AxisAnswer:
+        header, limits = state.preload_input.header, self._context.config.health
+        return AxisAnswer(
+            axis=state.axis,
+            estimate=state.readable(at_ns),
+            measured_ns=None if header is None else header.source_time_ns,
+            health=state.told(self._started_ns, at_ns),
+            fresh_percent=self._fresh[state.axis],
+            warning_of_fresh=limits.warning_percent_of_fresh,
+            fault_of_fresh=limits.fault_percent_of_fresh,
+            is_heard=not state.missing(at_ns),
+        )

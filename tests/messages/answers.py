@@ -1,0 +1,50 @@
+"""Answers about an axis, as outputs get them."""
+
+from typing import Any
+
+from edge_service.health.advice.consistent import consistent
+from edge_service.messages.answer import AxisAnswer
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.health import AxisCondition, AxisHealth
+
+MEASURED_NS = 1_790_000_000_000_000_000
+
+
+def health_of(condition: AxisCondition, **changes: Any) -> AxisHealth:
+    """A condition with headline and advice."""
+    plain = AxisHealth(axis="X", condition=condition, since_time_ns=MEASURED_NS, **changes)
+    return consistent(plain, None)
+
+
+def answer(
+    axis: str = "X",
+    *,
+    estimate: PreloadEstimate | None = None,
+    health: AxisHealth | None = None,
+    fresh_percent: float | None = 6.85,
+    is_heard: bool = True,
+    measured_ns: int | None = MEASURED_NS,
+    **numbers: float,
+) -> AxisAnswer:
+    """A good answer, but for what is given."""
+    known = {"preload_percent": 6.7, "low": 6.5, "high": 6.9} | numbers
+    good = PreloadEstimate(time_s=1.0, status=EstimateStatus.ESTIMATED, **known)
+    return AxisAnswer(
+        axis=axis,
+        estimate=estimate or good,
+        measured_ns=measured_ns,
+        health=health or health_of(AxisCondition.NORMAL),
+        fresh_percent=fresh_percent,
+        warning_of_fresh=60.0,
+        fault_of_fresh=30.0,
+        is_heard=is_heard,
+    )
+
+
+SILENT = answer(
+    estimate=PreloadEstimate(time_s=0.0, status=EstimateStatus.UNESTIMATED),
+    health=health_of(AxisCondition.UNAVAILABLE, reasons=("no_health: not heard yet",)),
+    is_heard=False,
+    measured_ns=None,
+)
+"""Answer of a service that hears nothing."""

@@ -1,0 +1,162 @@
+"""The service with an OPC UA server: it shows the condition of the page to whoever may see it."""
+
+from contextlib import AsyncExitStack
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import httpx
+import pytest
+from asyncua import Client, ua
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from click.testing import CliRunner
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.x509.oid import NameOID
+
+from edge_service.bus.opcua.application import URI
+from edge_service.cli.entry import cli
+from edge_service.config import ConfigError, load_config
+from edge_service.http_api.security.tokens import add_token, revoke_token
+from edge_service.nodes.outputs.opcua_rights import opcua_settings
+
+from ..drivers.bench import free_port
+from .conftest import PIPELINE, running, until
+
+AXIS = '[[axes]]\nname = "X"\n'
+
+
+def write_pair(folder: Path, name: str, uri: str | None = URI) -> tuple[Path, Path]:
+    """A certificate that signs itself, and its key."""
+    key = rsa.generate_private_key(65537, 2048)
+    who = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+    now = datetime.now(UTC)
+    builder = x509.CertificateBuilder(who, who, key.public_key(), x509.random_serial_number())
+    builder = builder.not_valid_before(now - timedelta(1)).not_valid_after(now + timedelta(9))
+    if uri is not None:
+        names = x509.SubjectAlternativeName([x509.UniformResourceIdentifier(uri)])
+        builder = builder.add_extension(names, critical=False)
+    certificate, private = folder / f"{name}.pem", folder / f"{name}.key.pem"
+    pem = serialization.Encoding.PEM
+    certificate.write_bytes(builder.sign(key, hashes.SHA256()).public_bytes(pem))
+    plain = serialization.NoEncryption()
+    private.write_bytes(
+        key.private_bytes(pem, serialization.PrivateFormat.TraditionalOpenSSL, plain)
+    )
+    private.chmod(0o600)
+    return certificate, private
+
+
+def configured(folder: Path, opcua: str, http: str = "") -> Path:
+    path = folder / "edge.toml"
+    path.write_text(
+        f'[bus]\nendpoint = "tcp/127.0.0.1:0"\n[http]\nport = 0\n{http}\n[opcua]\n{opcua}\n{AXIS}'
+    )
+    path.chmod(0o600)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("opcua", "complaint"),
+    [
+        ('host = "192.168.1.2"', "opcua: '192.168.1.2' is no loopback address: it needs"),
+        ('certificate = "a.pem"', "opcua: private_key: missing"),
+        (
+            'host = "10.0.0.1"\ncertificate = "a.pem"\nprivate_key = "a.key.pem"',
+            "opcua.host: beyond loopback it needs the [http] tokens_file",
+        ),
+        ("sessions = 0", "opcua.sessions: "),
+    ],
+)
+def test_what_would_be_open_to_all_is_refused(opcua: str, complaint: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"^[^\n]*$") as caught:
+        load_config(configured(tmp_path, opcua))
+    assert complaint in str(caught.value)
+
+
+@pytest.mark.parametrize("wrong", ["no uri", "missing", "another's", "open"])
+def test_check_config_says_what_is_wrong_with_a_certificate(wrong: str, tmp_path: Path) -> None:
+    certificate, key = write_pair(tmp_path, "a", None if wrong == "no uri" else URI)
+    if wrong == "missing":
+        certificate.unlink()
+    elif wrong == "another's":
+        write_pair(tmp_path, "b")[1].replace(key)
+    elif wrong == "open":
+        key.chmod(0o644)
+    path = configured(tmp_path, 'certificate = "a.pem"\nprivate_key = "a.key.pem"')
+    result = CliRunner().invoke(cli, ["check-config", str(path)])
+    assert isinstance(result.exception, ConfigError), result.output
+    assert "opcua." in str(result.exception)
+    assert "\n" not in str(result.exception)
+
+
+@pytest.mark.slow
+async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_token(
+    tmp_path: Path,
+) -> None:
+    write_pair(tmp_path, "server")
+    own = write_pair(tmp_path, "client", "urn:somebody:else")
+    tokens = tmp_path / "tokens.json"
+    secret = add_token(tokens, "scada", "viewer", 3, datetime.now(UTC))
+    port = free_port()
+    path = configured(
+        tmp_path,
+        f'port = {port}\ncertificate = "server.pem"\nprivate_key = "server.key.pem"',
+        'tokens_file = "tokens.json"',
+    )
+    url = f"opc.tcp://127.0.0.1:{port}/edge-service/"
+
+    async def client(user: str, password: str, *, encrypted: bool = True) -> Client:
+        made = Client(url)
+        made.application_uri = "urn:somebody:else"
+        if encrypted:
+            await made.set_security(
+                SecurityPolicyBasic256Sha256,
+                *map(str, own),
+                server_certificate=tmp_path / "server.pem",
+            )
+        made.set_user(user)
+        made.set_password(password)
+        return made
+
+    async with running(load_config(path), ("opcua", *PIPELINE)) as service:
+        address = await service.address
+        headers = {"authorization": f"Bearer {secret}"}
+        async with httpx.AsyncClient(base_url=address, headers=headers) as page:
+
+            async def connected() -> Client | None:
+                reader = await client("scada", secret)
+                try:
+                    await reader.connect()
+                except OSError:  # its address space is being built
+                    return None
+                return reader
+
+            async with AsyncExitStack() as stack:
+                reader = await until(connected)
+                stack.push_async_callback(reader.disconnect)
+                index = await reader.get_namespace_index("urn:edge-service:axes")
+                node = reader.get_node(f"ns={index};s=X.Condition")
+
+                async def agrees() -> bool:
+                    shown = (await page.get("/api/v1/axes/X/health")).json()["condition"]
+                    return shown != "UNAVAILABLE" and await node.read_value() == shown
+
+                await until(agrees)
+            for user, password, encrypted in (
+                ("scada", "edge-wrong", True),
+                ("other", secret, True),
+                ("", "", True),
+                ("scada", secret, False),
+            ):
+                with pytest.raises(ua.UaError):
+                    await (await client(user, password, encrypted=encrypted)).connect()
+            revoke_token(tokens, "scada")
+            with pytest.raises(ua.UaError):
+                await (await client("scada", secret)).connect()
+
+
+def test_without_tokens_anybody_of_this_machine_may_look(tmp_path: Path) -> None:
+    settings = opcua_settings(load_config(configured(tmp_path, "port = 0")))
+    assert settings.knows is None
+    assert settings.certificate is None
