@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 
 from ..health.service_state import ServiceState
 from ..threads import Threads
-from .times import parse_moment
+from .times import LAST_S, parse_moment
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
@@ -19,7 +19,14 @@ Clock = Callable[[], int]
 Moment = Annotated[
     float,
     BeforeValidator(parse_moment),
-    WithJsonSchema({"anyOf": [{"type": "string", "format": "date-time"}, {"type": "number"}]}),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string", "format": "date-time", "pattern": r"^(19[7-9]\d|[2-9]\d{3})-"},
+                {"type": "number", "minimum": 0.0, "maximum": LAST_S},
+            ]
+        }
+    ),
 ]
 """RFC 3339 or UNIX s."""
 

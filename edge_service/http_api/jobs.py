@@ -3,11 +3,15 @@
 from collections.abc import AsyncIterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Annotated, Protocol, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 
 from .answers import Answer, Timestamp
+
+RECORDING_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet)"
+RecordingName = Annotated[str, WithJsonSchema({"type": "string", "pattern": f"^{RECORDING_NAME}$"})]
+"""Name of a recording; whoever keeps them judges it."""
 
 
 class JobKind(StrEnum):
@@ -52,7 +56,7 @@ class JobBody(Answer):
 
     kind: JobKind
     axis: str
-    recordings: list[str] = Field(
+    recordings: list[RecordingName] = Field(
         min_length=1, max_length=50, description="Names; of `drift` two or more, oldest first."
     )
     baseline: int | None = Field(None, description="An older fingerprint job to compare with.")
@@ -92,7 +96,7 @@ class DiagnoseBody(Answer):
         }
     )
 
-    recordings: list[str] = Field(min_length=1, max_length=50)
+    recordings: list[RecordingName] = Field(min_length=1, max_length=50)
 
 
 class JobsAnswer(Answer):

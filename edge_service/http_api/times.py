@@ -4,7 +4,7 @@ import math
 from datetime import UTC, datetime
 
 _NS_PER_S = 1_000_000_000
-_LAST_S = 253402300799.0
+LAST_S = 253402300799.0
 """The end of the year 9999, the last that RFC 3339 can write, in UNIX seconds."""
 
 
@@ -15,7 +15,7 @@ def rfc3339(time_ns: int) -> str:
 
 def rfc3339_s(time_s: float) -> str:
     """UNIX time in s as `2026-01-31T12:00:00.000Z`; times out of its years are clipped."""
-    moment = datetime.fromtimestamp(min(max(time_s, 0.0), _LAST_S), UTC)
+    moment = datetime.fromtimestamp(min(max(time_s, 0.0), LAST_S), UTC)
     return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
@@ -25,7 +25,7 @@ def parse_moment(text: str) -> float:
         time_s = float(text)
     except ValueError:
         time_s = _parse_rfc3339(text)
-    if not (math.isfinite(time_s) and 0.0 <= time_s <= _LAST_S):
+    if not (math.isfinite(time_s) and 0.0 <= time_s <= LAST_S):
         raise ValueError(f"{text!r} is outside the years 1970 to 9999")
     return time_s
 

@@ -16,6 +16,7 @@ from ..jobs import (
     JobDesk,
     JobsAnswer,
     RecordingAnswer,
+    RecordingName,
     RecordingsAnswer,
     RefusedError,
 )
@@ -60,7 +61,7 @@ async def recordings(desk: DeskDep) -> RecordingsAnswer:
     return RecordingsAnswer(recordings=desk.recordings())
 
 
-async def opened(name: str, desk: DeskDep) -> AsyncIterator[BinaryIO]:
+async def opened(name: RecordingName, desk: DeskDep) -> AsyncIterator[BinaryIO]:
     """A recording, open until it is sent: it may be removed meanwhile."""
     try:
         file = desk.recording(name).open("rb")
@@ -71,7 +72,9 @@ async def opened(name: str, desk: DeskDep) -> AsyncIterator[BinaryIO]:
 
 
 @job_router.get("/recordings/{name}", response_class=StreamingResponse)
-async def recording(name: str, file: Annotated[BinaryIO, Depends(opened)]) -> StreamingResponse:
+async def recording(
+    name: RecordingName, file: Annotated[BinaryIO, Depends(opened)]
+) -> StreamingResponse:
     """A recording as a file."""
     headers = {
         "content-disposition": f'attachment; filename="{name}"',
@@ -87,13 +90,13 @@ async def recording(name: str, file: Annotated[BinaryIO, Depends(opened)]) -> St
     status_code=201,
     openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
 )
-async def upload(name: str, request: Request, desk: DeskDep) -> RecordingAnswer:
+async def upload(name: RecordingName, request: Request, desk: DeskDep) -> RecordingAnswer:
     """Upload a trace file (CSV or Parquet) as the request's body."""
     return await desk.receive(name, request.stream())
 
 
 @job_router.delete("/recordings/{name}", response_model=AcceptedAnswer)
-async def remove(name: str, desk: DeskDep) -> AcceptedAnswer:
+async def remove(name: RecordingName, desk: DeskDep) -> AcceptedAnswer:
     """Forget a recording."""
     desk.remove(name)
     return AcceptedAnswer()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ...atomic import made_folder, replaced_bytes
-from ...http_api.jobs import RecordingAnswer, RefusedError
+from ...http_api.jobs import RECORDING_NAME, RecordingAnswer, RefusedError
 from ...http_api.times import rfc3339_s
 from ...threads import Threads
 
@@ -20,7 +20,7 @@ MOST_AT_ONCE = 4
 LEFT_FREE_BYTES = 200_000_000
 """Room on the disk that recordings leave to history and events."""
 _AT_ONCE_BYTES = 1 << 20
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet)")
+_NAME = re.compile(RECORDING_NAME)
 
 
 class Recordings:
