@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from .config_secrets import open_secrets, secret_keys, with_secrets, with_table_secrets
@@ -397,16 +398,22 @@ def _key_path(location: tuple[int | str, ...]) -> str:
 
 
 def _closest(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """A hint at the known key that was perhaps meant."""
+    """A hint at the table in which a key belongs, or at the known key that was perhaps meant."""
+    key, fields = str(location[-1]), model.model_fields.items()
+    homes = [name for name, field in fields for each in _within(field) if key in each.model_fields]
+    if homes:
+        return f" here; it belongs under {' or '.join(f'[{name}]' for name in homes)}"
     known = {name for table in _tables(model) for name in table.model_fields}
-    near = difflib.get_close_matches(str(location[-1]), sorted(known), n=1)
+    near = difflib.get_close_matches(key, sorted(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def _tables(model: type[BaseModel]) -> list[type[BaseModel]]:
-    tables = [model]
-    for field in model.model_fields.values():
-        for candidate in (field.annotation, *getattr(field.annotation, "__args__", ())):
-            if isinstance(candidate, type) and issubclass(candidate, BaseModel):
-                tables += _tables(candidate)
-    return tables
+    within = [table for field in model.model_fields.values() for table in _within(field)]
+    return [model, *(deeper for table in within for deeper in _tables(table))]
+
+
+def _within(field: FieldInfo) -> list[type[BaseModel]]:
+    """Tables that a field holds, one or several of a kind."""
+    candidates = (field.annotation, *getattr(field.annotation, "__args__", ()))
+    return [each for each in candidates if isinstance(each, type) and issubclass(each, BaseModel)]

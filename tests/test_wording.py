@@ -3,9 +3,13 @@
 import ast
 import re
 from collections.abc import Iterator
+from inspect import isclass
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel, ValidationError
+
+from edge_service.config import EdgeConfig, explain
 
 from .documents import ROOT, document
 from .page.test_language import CODES, words
@@ -84,3 +88,20 @@ def test_every_message_that_is_explained_exists() -> None:
     messages = [row[0].strip("`") for row in rows(TROUBLES, "Messages of commands")]
     assert len(messages) > 3
     assert {message for message in messages if message not in code} == set()
+
+
+AXES = [{"name": "X", "machine": "machine.toml", "driver": "simulated"}]
+TABLES = [name for name, field in EdgeConfig.model_fields.items() if isclass(field.annotation)]
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_key_without_its_table_is_told_where_it_belongs(table: str) -> None:
+    model = EdgeConfig.model_fields[table].annotation
+    assert isclass(model)
+    assert issubclass(model, BaseModel)
+    for key in model.model_fields.keys() - EdgeConfig.model_fields.keys():
+        with pytest.raises(ValidationError) as caught:
+            EdgeConfig.model_validate({"axes": AXES, key: 1})
+        said = explain(caught.value, EdgeConfig)
+        assert said.startswith(f"{key}: unknown key here; it belongs under ")
+        assert f"[{table}]" in said

@@ -28,22 +28,22 @@ from .terminal import ask_number, at_terminal
 @click.option(
     "--torque-constant",
     type=click.FloatRange(),
-    help="Torque of the motor per A, or per unit of the column that tells it, N m.",
+    help="Torque constant of the motor, N m per A, or per unit of the torque column.",
 )
-@click.option("--period", type=POSITIVE, help="Length of a sample, s, if no column holds the time.")
+@click.option("--period", type=POSITIVE, help="Sampling period, s, if no column holds the time.")
 @LOAD_RATING
 @PRELOAD
 @PRELOAD_DRAG
 @click.option("--nut-stiffness", type=POSITIVE, help="Stiffness of the nut, N/m.")
-@click.option("--table-mass", type=POSITIVE, help="Mass of the table with what is on it, kg.")
+@click.option("--table-mass", type=POSITIVE, help="Moved mass, kg: the table and everything on it.")
 @click.option(
     "--column",
     "columns",
     multiple=True,
     metavar="QUANTITY=COLUMN[:UNIT]",
-    help="What a column is, e.g. current=#6:mA; may be repeated.",
+    help="What a column contains, e.g. current=#6:mA; repeat it for several.",
 )
-@click.option("--picture", type=PATH, help="Also draw the channels as understood, as PNG file.")
+@click.option("--picture", type=PATH, help="Also draw the channels as understood, to this PNG file.")
 def adopt(
     files: tuple[Path, ...],
     out: Path,
@@ -60,9 +60,9 @@ def adopt(
     columns: tuple[str, ...],
     picture: Path | None,
 ) -> None:
-    """Propose the machine file of an axis from recordings, each line with its reason.
+    """Propose a machine file from recordings of an axis, with a reason for every line.
 
-    At a terminal it asks for what no recording tells; an empty answer leaves it open.
+    At a terminal it asks for what recordings cannot show; Enter leaves a question open.
     """
     from ..adopt.guess import Known
     from ..offline.adopt.adopt import Request

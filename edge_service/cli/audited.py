@@ -10,7 +10,7 @@ import click
 from .options import PATH, InputError
 
 HISTORY = click.option(
-    "--history", type=PATH, help="History folder of the service, in whose audit log it is noted."
+    "--history", type=PATH, help="History folder of the service: note the change in its audit log."
 )
 
 

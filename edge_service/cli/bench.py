@@ -21,7 +21,7 @@ _NONE = "it needs a checkout of the project, and this is an installed package"
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def bench(arguments: tuple[str, ...]) -> object:
-    """Measure speed and size, and how right the answers are; in a checkout of the project."""
+    """Measure speed, size and accuracy; needs a checkout of the project."""
     return benchmarks(CHECKOUT).main(
         list(arguments), prog_name="edge-service bench", standalone_mode=False
     )

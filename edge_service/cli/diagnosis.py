@@ -45,7 +45,7 @@ def fingerprint(
     """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload.
 
     Several friction tests of one session are also drawn over one another, from first to last. A
-    servo tuning of a SINUMERIK, given alone, tells modes and inertia and needs no machine file.
+    SINUMERIK servo tuning on its own gives modes and inertia and needs no machine file.
     """
     from ..offline.response import is_servo_tuning
     from ..offline.response import response as run_response
@@ -64,10 +64,10 @@ def fingerprint(
 @json_option("Print the content of response.json instead of the summary.")
 @OUT_FOLDER
 def response(source: Path, baseline: Path | None, as_json: bool, out: Path) -> None:
-    """Find modes and inertia in a frequency response that a SINUMERIK has measured.
+    """Find modes and inertia in a frequency response measured by a SINUMERIK.
 
     SOURCE is the XML of an auto servo tuning or of a frequency response measurement. With the modes
-    of two masses come inertias, stiffness and damping at the motor; none needs a machine file.
+    of two masses come inertias, stiffness and damping at the motor. No machine file is needed.
     """
     from ..offline.response import response as run_response
 
@@ -104,7 +104,7 @@ def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_jso
     multiple=True,
     metavar="FILE...",
     type=PATH,
-    help="Recordings of the healthy machine: what they have beyond the model is no fault.",
+    help="Recordings of the healthy machine: what they already show is not taken for a fault.",
 )
 def diagnose(
     traces: tuple[Path, ...],
@@ -113,9 +113,9 @@ def diagnose(
     out: Path,
     reference: tuple[Path, ...],
 ) -> None:
-    """Say where model and machine disagree, which effect causes it, and how far it shrinks.
+    """Find where model and machine disagree, which effect causes it, and how much it explains.
 
-    Ends with status 3 where the recordings are unfit for it; the report says why.
+    Ends with status 3 if the recordings cannot be diagnosed; the report says why.
     """
     from ..offline.diagnosis.diagnose import diagnose as run_diagnosis
 
@@ -130,7 +130,7 @@ def diagnose(
     "--by",
     multiple=True,
     metavar="COLUMN",
-    help="Compare only rows alike in this column too; tool and NC block by default.",
+    help="Compare only rows with the same value in this column; tool and NC block by default.",
 )
 @out_option("Folder for drift.json, drift.png and report.html.", required=False)
 @json_option("Print the answer as one JSON object.")
@@ -142,9 +142,9 @@ def drift(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Compare the same moves in recordings of several days, oldest first: what changed since when.
+    """Compare the same moves in recordings of several days, oldest first: what changed, and when.
 
-    Repeats within a recording tell the scatter; there and back tell friction from a load.
+    Repetitions within a recording show the scatter; moving both ways separates friction and load.
     """
     from ..offline.drift.drift import drift as compare
 
@@ -164,23 +164,29 @@ def drift(
     show_default=True,
     help="Folder that the report is written to.",
 )
-@click.option("--stage-h", type=ABOVE_0, default=35.0, show_default=True, help="wear: h per line.")
 @click.option(
-    "--speed-rpm", type=ABOVE_0, default=300.0, show_default=True, help="wear: speed at first."
+    "--stage-h", type=ABOVE_0, default=35.0, show_default=True, help="wear: hours per line."
+)
+@click.option(
+    "--speed-rpm",
+    type=ABOVE_0,
+    default=300.0,
+    show_default=True,
+    help="wear: initial speed, r/min.",
 )
 @click.option(
     "--speed-step-rpm",
     type=click.FloatRange(min=0.0),
     default=200.0,
     show_default=True,
-    help="wear: by so much the speed rises,",
+    help="wear: rise of the speed, r/min,",
 )
 @click.option(
     "--speed-step-h",
     type=ABOVE_0,
     default=140.0,
     show_default=True,
-    help="wear: after so many hours each.",
+    help="wear: every so many hours.",
 )
 @json_option("wear: print the account as one JSON object.")
 def reproduce(

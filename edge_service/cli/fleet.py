@@ -23,7 +23,7 @@ from .options import PATH, InputError, json_option
 )
 @json_option("Print the rows as JSON, one line per round.")
 @click.option(
-    "--watch", "period_s", type=click.FloatRange(1.0), help="Ask again after so many seconds."
+    "--watch", "period_s", type=click.FloatRange(1.0), help="Repeat every so many seconds."
 )
 def fleet(
     addresses: tuple[str, ...],

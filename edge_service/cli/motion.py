@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     type=click.IntRange(min=0),
     default=1,
     show_default=True,
-    help="Start of the random numbers in motions that use chance.",
+    help="Seed of motions with random moves.",
 )
 @click.option(
-    "--clip", is_flag=True, help="Leave out moves that the axis does not allow, and name them."
+    "--clip", is_flag=True, help="Leave out moves beyond the limits of the axis, and list them."
 )
 @click.option(
     "--effect",
     "effects",
     multiple=True,
-    help="With `next`: an effect to tell apart; give it twice or more.",
+    help="With `next`: an effect to distinguish; repeat it for each.",
 )
 @click.option("--motion", "rehearsed", help="With `isolability`: the motion to examine.")
 @out_option("File to write: setpoints as .csv or an NC program as .mpf.", required=False)
@@ -57,11 +57,11 @@ def motion(
 ) -> None:
     """Write a motion for a controller: setpoints as CSV, or an NC program.
 
-    `motion next DIAGNOSIS.json` proposes the shortest motion that tells apart what a diagnosis left
-    tied, with the evidence to expect. `motion isolability TRACE`, or with --motion NAME, shows what
-    a motion can tell apart, before anything is measured.
+    `motion next DIAGNOSIS.json` proposes the shortest motion that separates the causes between
+    which a diagnosis could not decide, with the evidence to expect. `motion isolability TRACE`, or
+    with --motion NAME, shows what a motion can distinguish, before anything is measured.
 
-    It keeps to stroke, speed, acceleration and torque of the machine file, or is refused.
+    A motion beyond stroke, speed, acceleration or torque of the machine file is refused.
     """
     from ..offline.motion.motion_file import MotionFileSettings, write_motion
 

@@ -26,7 +26,7 @@ AXIS_NUMBER = click.option(
     "--axis-number",
     type=click.IntRange(1),
     show_default="the machine file's, or the only one there",
-    help="The controller's number of the axis, in recordings that hold several.",
+    help="The controller's number of the axis, for recordings of several axes.",
 )
 PORT = click.option(
     "--port", type=click.IntRange(0, 65535), help="HTTP port to serve on; 0 takes a free one."
@@ -58,7 +58,7 @@ def json_option(text: str) -> Decorator:
     return click.option("--json", "as_json", is_flag=True, help=text)
 
 
-OUT_FOLDER = out_option("Folder that the answer is written to.")
+OUT_FOLDER = out_option("Folder to write the results to.")
 
 
 class Greedy(click.Command):

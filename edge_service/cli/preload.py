@@ -27,7 +27,7 @@ from .options import (
 @click.option(
     "--assume-fresh",
     is_flag=True,
-    help="Take the screw for fresh although recordings and data sheet contradict it.",
+    help="Treat the screw as fresh although recordings or data sheet say otherwise.",
 )
 def commission(
     traces: tuple[Path, ...],
@@ -51,7 +51,7 @@ def commission(
 @TRACE
 @MACHINE
 @AXIS_NUMBER
-@out_option("CSV file to write, a row per block.")
+@out_option("CSV file to write, one row per block.")
 @service_config_option("Service configuration with the estimator's settings.")
 @click.option(
     "--state",

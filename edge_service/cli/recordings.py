@@ -23,7 +23,12 @@ from .terminal import progress
 @click.command(epilog="Example: edge-service record --axis X --duration 60 --out trace.csv")
 @CONFIG
 @click.option("--axis", help="Axis to record; the first configured one by default.")
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True))
+@click.option(
+    "--duration",
+    "duration_s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="How long to record, s; until Ctrl-C by default.",
+)
 @out_option("File to write, .csv or .parquet.")
 @BUS
 def record(
@@ -47,18 +52,18 @@ def record(
     "--torque-constant",
     "torque_constant_nm_per_a",
     type=click.FloatRange(0.0, min_open=True),
-    help="Torque constant, N m per A: a current stands in for a torque that is not recorded.",
+    help="Torque constant, N m per A: turns a current into torque where no torque was recorded.",
 )
 @click.option(
     "--interpolate",
     is_flag=True,
-    help="Interpolate positions that are recorded more slowly instead of holding them.",
+    help="Interpolate positions that were sampled more slowly, instead of holding them.",
 )
 @click.option(
     "--all",
     "keep_all",
     is_flag=True,
-    help="Keep columns that are no channel, under their own names.",
+    help="Also keep columns that are not channels, under their own names.",
 )
 def convert(
     source: Path,
@@ -69,11 +74,11 @@ def convert(
     interpolate: bool,
     keep_all: bool,
 ) -> None:
-    """Read a recording of any form and write it as a trace: CSV, Parquet or MCAP.
+    """Convert a recording to a trace: CSV, Parquet or MCAP.
 
     SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace, a recording of Industrial Edge or a
     MATLAB 5 file; SINUMERIK and Industrial Edge names are known. The machine file gives the lead
-    and, under [columns], what comes before those names.
+    and, under [columns], names that take precedence.
     """
     from ..offline.convert import convert as convert_trace
     from ..offline.recordings import controller_axis
@@ -136,7 +141,7 @@ def convert(
     default=1,
     show_default=True,
     type=click.IntRange(min=0),
-    help="Start of the random numbers of noise and motion.",
+    help="Seed of noise and random moves.",
 )
 @click.option(
     "--format",

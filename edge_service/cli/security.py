@@ -20,13 +20,17 @@ if TYPE_CHECKING:
 @click.option("--out", type=PATH, required=True, help="Folder to write to.")
 @click.option("--name", "names", multiple=True, help="Host name or address of this machine.")
 @click.option(
-    "--days", type=click.IntRange(1, 3650), default=825, show_default=True, help="Validity."
+    "--days",
+    type=click.IntRange(1, 3650),
+    default=825,
+    show_default=True,
+    help="Days until they expire.",
 )
 @HISTORY
 def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) -> None:
-    """Make certificates: a local authority, a server (page and bus), and each role on the bus.
+    """Create certificates: a local authority, the server (page and bus), each role on the bus.
 
-    The authority of the folder is used again if it is there, so that nobody needs to trust it anew.
+    An authority that is already in the folder is used again, so nobody has to trust a new one.
     """
     from ..bus.access import PUTS, client_name
     from ..certificates import expiry, make_certificates
@@ -42,9 +46,9 @@ def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) ->
 @click.command(epilog="Example: edge-service audit /var/lib/edge-service")
 @click.argument("folder", type=PATH)
 def audit(folder: Path) -> None:
-    """Print the audit log of a history folder, an entry per line as JSON, and check its chain.
+    """Print the audit log of a history folder as JSON lines, and verify its chain.
 
-    Ends with status 1 if entries are damaged or missing. The service may run meanwhile.
+    Ends with status 1 if entries are damaged or missing. The service may be running.
     """
     from ..health.events.audit import described, read_audit
     from ..nodes.stores.diary_store import DIARY
@@ -69,21 +73,28 @@ TOKENS = click.option(
 
 @click.group(epilog="Example: edge-service token add kim --role operator --file tokens.json")
 def token() -> None:
-    """Make, list and revoke the tokens that people and programs sign in with."""
+    """Create, list and revoke the tokens with which people and programs sign in."""
 
 
 @token.command("add", epilog="Example: edge-service token add prometheus --role viewer")
 @click.argument("name")
 @click.option(
-    "--role", type=click.Choice(["viewer", "operator", "admin"]), required=True, help="Its rights."
+    "--role",
+    type=click.Choice(["viewer", "operator", "admin"]),
+    required=True,
+    help="What it may do.",
 )
 @click.option(
-    "--days", type=click.IntRange(1, 3650), default=365, show_default=True, help="Validity."
+    "--days",
+    type=click.IntRange(1, 3650),
+    default=365,
+    show_default=True,
+    help="Days until it expires.",
 )
 @TOKENS
 @HISTORY
 def add(name: str, role: "RoleName", days: int, path: Path, history: Path | None) -> None:
-    """Make a token, print it once, and keep its hash. A running service knows it at once."""
+    """Create a token, print it once, and store its hash. A running service accepts it at once."""
     from ..http_api.security.tokens import add_token
 
     with noted(history, "add_token", f"{name}, {role}, {days} days, {path}"):
@@ -95,7 +106,7 @@ def add(name: str, role: "RoleName", days: int, path: Path, history: Path | None
 @token.command("list", epilog="Example: edge-service token list --file tokens.json")
 @TOKENS
 def list_tokens(path: Path) -> None:
-    """Show whose tokens there are, with role and end."""
+    """List the tokens with their roles and expiry dates."""
     from ..http_api.security.tokens import read_tokens
 
     now = datetime.now(UTC)
@@ -111,7 +122,7 @@ def list_tokens(path: Path) -> None:
 @TOKENS
 @HISTORY
 def revoke(name: str, path: Path, history: Path | None) -> None:
-    """End a token with all its sessions, at once."""
+    """Revoke a token and end its sessions at once."""
     from ..http_api.security.tokens import revoke_token
 
     with noted(history, "revoke_token", f"{name}, {path}"):

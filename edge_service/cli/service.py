@@ -29,7 +29,7 @@ from .terminal import announce, log_to_stderr
 def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
     """Run all nodes in one process: drives, bus, downsampling, estimator, health, HTTP.
 
-    Without CONFIG the simulated drive of the embedded default is run.
+    Without CONFIG, run a simulated drive with the built-in default configuration.
     """
     from ..nodes.service import run_service
     from ..nodes.wiring.memory import stay_small
@@ -45,9 +45,9 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 @PORT
 @BUS
 def node(name: str, config: Path | None, port: int | None, endpoint: str | None) -> None:
-    """Run one node alone. `bus` is the router; every other node joins it there.
+    """Run a single node. `bus` is the router that all others connect to.
 
-    Nodes prove with certificates (`edge-service certs`) who they are, unless the bus is open.
+    Nodes identify themselves by certificates (`edge-service certs`), unless the bus is open.
     """
     from ..nodes.service import run_node
     from ..nodes.wiring.memory import stay_small
@@ -61,7 +61,7 @@ def node(name: str, config: Path | None, port: int | None, endpoint: str | None)
 @click.command("check-config", epilog="Example: edge-service check-config deploy/edge.toml")
 @CONFIG
 def check_config(config: Path | None) -> None:
-    """Check a configuration with its machine files and driver settings; print what it means."""
+    """Check a configuration, its machine files and driver settings, and sum it up."""
     for line in what_it_means(config or DEFAULT_CONFIG):
         click.echo(line)
     click.echo("configuration is right")
@@ -144,7 +144,7 @@ def replay(
     port: int | None,
     endpoint: str | None,
 ) -> None:
-    """Send a recording through the whole service, and print the last answer at its end."""
+    """Play a recording through the whole service, and print the final answer."""
     from ..nodes.wiring.memory import stay_small
     from ..offline.replay import replay_trace
 

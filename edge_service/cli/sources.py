@@ -24,7 +24,7 @@ from .terminal import announce, log_to_stderr
 @MACHINE
 @AXIS_NUMBER
 @service_config_option("Listen to the drivers of this configuration instead.")
-@click.option("--axis", help="Examine this axis of --config alone; all by default.")
+@click.option("--axis", help="Check only this axis of --config; all by default.")
 @click.option(
     "--seconds",
     type=click.FloatRange(min=0.1),
@@ -42,10 +42,10 @@ def doctor(
     seconds: float,
     as_json: bool,
 ) -> int:
-    """Check that a source is what its configuration says: rate, quality, units and signs.
+    """Check a source against its configuration: rate, quality, units and signs.
 
-    Give recordings and their machine file, or a configuration whose drivers shall be listened to
-    while the axis moves. Ends with status 1 where something is doubtful.
+    Pass recordings and their machine file, or --config to listen to live drivers while the axis
+    moves. Ends with status 1 if anything is doubtful.
     """
     from ..offline.doctor import DOUBTED, examine_sources, examine_traces
 
@@ -65,7 +65,7 @@ def doctor(
 )
 @click.argument("protocol")
 @CONFIG
-@click.option("--axis", help="Serve this axis alone; all that use this protocol by default.")
+@click.option("--axis", help="Serve only this axis; by default all that use this protocol.")
 @click.option(
     "--scenario",
     type=click.Choice(["healthy", "gradual", "partial", "sudden"]),
@@ -73,7 +73,9 @@ def doctor(
     show_default=True,
     help="How the simulated screw loses its preload.",
 )
-@click.option("--recording", type=PATH, help="Play this recording once, in place of the drive.")
+@click.option(
+    "--recording", type=PATH, help="Play this recording once, instead of the simulated drive."
+)
 @click.option(
     "--nodesets",
     type=PATH,
@@ -93,9 +95,9 @@ def stub(
     nodesets: Path | None,
     fault: str,
 ) -> None:
-    """Serve the simulated drive or a recording over a real protocol, by its driver's map in CONFIG.
+    """Serve the simulated drive or a recording over a real protocol; CONFIG holds the map.
 
-    PROTOCOL is modbus, opcua or mqtt. Faults are given here, or written into the running server.
+    PROTOCOL is modbus, opcua or mqtt. Set faults here, or write them into the running server.
     """
     from drivers.stub import parse_fault
 
