@@ -43,7 +43,9 @@ from .terminal import ask_number, at_terminal
     metavar="QUANTITY=COLUMN[:UNIT]",
     help="What a column contains, e.g. current=#6:mA; repeat it for several.",
 )
-@click.option("--picture", type=PATH, help="Also draw the channels as understood, to this PNG file.")
+@click.option(
+    "--picture", type=PATH, help="Also draw the channels as understood, to this PNG file."
+)
 def adopt(
     files: tuple[Path, ...],
     out: Path,
