@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
-from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.config import DEFAULT_CONFIG, DEFAULT_MACHINE, load_config, load_machine
 from edge_service.messages.channels import TORQUE
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
+from edge_service.nodes.stub_node import make_stub
 from edge_service.trace.writer import TraceWriter
 
 from .drivers.bench import ROOT, free_port
@@ -114,7 +115,25 @@ def test_a_port_in_use_is_one_line_and_status_2(
         taken.listen()
         config = write(tmp_path, modbus(taken.getsockname()[1]))
         assert main(["stub", "modbus", config]) == 2
-    assert "is in use or not ours" in capsys.readouterr().err
+    complaint = capsys.readouterr().err
+    assert "is in use or not ours" in complaint
+    assert "--port" in complaint
+
+
+@pytest.mark.parametrize("protocol", ["modbus", "opcua"])
+async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
+    """The port of its configuration may be in use, by a demo for instance."""
+    port = free_port()
+    config = load_config(DEFAULT_CONFIG.parent / "drivers" / f"{protocol}.toml")
+    axes = [axis.model_copy(update={"machine": DEFAULT_MACHINE}) for axis in config.axes]
+    changed = config.model_copy(update={"axes": tuple(axes)})
+    stub = make_stub(protocol, changed, None, "healthy", None, None, port)
+    try:
+        assert (await stub.start()).endswith(f":{port}")
+        with socket.create_connection(("127.0.0.1", port), 5.0):
+            pass
+    finally:
+        await stub.close()
 
 
 def test_a_device_that_is_not_there_is_a_finding(

@@ -187,7 +187,9 @@ def _check_free(endpoint: str) -> None:
         try:
             probe.bind((host.strip("[]"), port))
         except OSError as error:
-            raise BusConfigurationError(f"{endpoint} is in use by another process") from error
+            raise BusConfigurationError(
+                f"{endpoint} is in use by another process; choose another (--bus)"
+            ) from error
 
 
 def _family(host: str) -> socket.AddressFamily:

@@ -81,6 +81,7 @@ def doctor(
     type=PATH,
     help="OPC UA: folder of companion specifications for the Machine Tool address space.",
 )
+@click.option("--port", type=click.IntRange(1, 65535), help="Port in place of the one in CONFIG.")
 @click.option(
     "--fault",
     default="none",
@@ -93,6 +94,7 @@ def stub(
     scenario: str,
     recording: Path | None,
     nodesets: Path | None,
+    port: int | None,
     fault: str,
 ) -> None:
     """Serve the simulated drive or a recording over a real protocol; CONFIG holds the map.
@@ -109,4 +111,6 @@ def stub(
     except ValueError as error:
         raise InputError(f"--fault: {error}") from None
     settings = load_config(config or DEFAULT_CONFIG)
-    asyncio.run(run_stub(protocol, settings, axis, scenario, nodesets, wanted, announce, recording))
+    asyncio.run(
+        run_stub(protocol, settings, axis, scenario, nodesets, wanted, announce, recording, port)
+    )

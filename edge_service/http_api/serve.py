@@ -182,5 +182,7 @@ def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
 
 def _bind_error(host: str, port: int, error: OSError) -> AddressError:
     if error.errno == errno.EADDRINUSE:
-        return PortInUseError(f"{host}:{port} is in use by another program: choose another port")
+        return PortInUseError(
+            f"{host}:{port} is in use by another program: choose another (--port)"
+        )
     return AddressError(f"cannot listen on {host}:{port}: {error.strerror}")

@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavailableError
 from drivers.registry import load_driver
@@ -29,16 +30,18 @@ async def run_stub(
     fault: Fault,
     announce: Callable[[str], None],
     recording: Path | None = None,
+    port: int | None = None,
 ) -> None:
     """Serve the configuration's axes of that driver until SIGINT or SIGTERM.
 
     Args:
         recording: is played once, in place of the simulated drive.
+        port: in place of the configuration's.
 
     Raises:
         ConfigError: no such axis, wrong settings, or an address that cannot be taken.
     """
-    stub = make_stub(name, config, axis, scenario, nodesets, recording)
+    stub = make_stub(name, config, axis, scenario, nodesets, recording, port)
     stub.fault = fault
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -48,7 +51,7 @@ async def run_stub(
         announce(await stub.start())
         await stop.wait()
     except DriverMisconfiguredError as error:
-        raise ConfigError(f"stub {name}: {error}") from None
+        raise ConfigError(f"stub {name}: {error} (--port takes another port)") from None
     finally:
         await stub.close()
 
@@ -60,6 +63,7 @@ def make_stub(
     scenario: str,
     nodesets: Path | None,
     recording: Path | None = None,
+    port: int | None = None,
 ) -> Stub:
     """The stub of the axes that use the driver `name`. Raises ConfigError."""
     if name not in stub_names():
@@ -71,22 +75,32 @@ def make_stub(
     if recording is not None and not recording.is_file():
         raise ConfigError(f"--recording {recording}: no such file")
     try:
-        axes = [_stub_axis(each, scenario, recording) for each in chosen]
+        axes = [_stub_axis(each, scenario, recording, port) for each in chosen]
         return load_stub(name)(axes, nodesets)
     except DriverMisconfiguredError as error:
         raise ConfigError(f"stub {name}: {error}") from None
 
 
-def _stub_axis(axis: AxisConfig, scenario: str, recording: Path | None) -> StubAxis:
-    settings = check_settings(
-        load_driver(axis.driver).config_model, axis.settings, f"axes.{axis.name}.settings"
-    )
+def _stub_axis(
+    axis: AxisConfig, scenario: str, recording: Path | None, port: int | None
+) -> StubAxis:
+    given = axis.settings if port is None else _on_port(axis.settings, port)
+    model = load_driver(axis.driver).config_model
+    settings = check_settings(model, given, f"axes.{axis.name}.settings")
     context = DriverContext(axis.name, load_machine(axis.machine))
     if recording is None:
         source = _driven("simulated", {"scenario": scenario, "frame_s": FRAME_S}, context)
     else:
         source = _driven("replay", {"path": recording, "frame_s": FRAME_S}, context)
     return StubAxis(axis.name, settings, context, source)
+
+
+def _on_port(settings: dict[str, Any], port: int) -> dict[str, Any]:
+    """Settings of a driver with another port, which stands in its address or beside it."""
+    if "url" not in settings:
+        return settings | {"port": port}
+    parts = urlsplit(str(settings["url"]))
+    return settings | {"url": f"{parts.scheme}://{parts.hostname}:{port}{parts.path}"}
 
 
 async def _driven(
