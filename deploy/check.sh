@@ -28,6 +28,11 @@ $bin/python -m pip install --quiet --disable-pip-version-check --require-hashes 
 $bin/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes \
   -r deploy/requirements-sparkplug.lock
 
+# A tester of the interface by its schema, that nobody here wrote. Its test is not skipped here.
+$bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
+  -r deploy/requirements-schema.lock
+export EDGE_SERVICE_CHECK=1
+
 # The builder of the Debian package.
 $bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
   -r deploy/requirements-package.lock

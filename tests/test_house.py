@@ -263,6 +263,16 @@ def test_the_locks_pin_every_package_once_with_a_hash() -> None:
         assert re.split(r"[<>=\[]", requirement)[0] in pinned
 
 
+def test_what_tests_look_for_is_locked_and_every_lock_is_installed() -> None:
+    locks = [path.name for path in (ROOT / "deploy").glob("requirements*.lock")]
+    scripts = document("deploy/setup.sh") + document("deploy/check.sh")
+    assert [each for each in locks if f"-r deploy/{each}" not in scripts] == []
+    tests = "".join(path.read_text() for path in ROOT.glob("tests/**/*.py"))
+    looked_for = re.findall(r'(?:importorskip|find_spec)\(\s*"(\w+)', tests)
+    pinned = {name for lock in locks for name in pinned_in(lock)}
+    assert {each.replace("_", "-") for each in looked_for} - pinned == set()
+
+
 def test_what_runs_the_service_is_locked_apart_from_what_tests_it() -> None:
     running, extras = pinned_in(LOCKS[0]), PROJECT["project"]["optional-dependencies"]
     wanted = [*PROJECT["project"]["dependencies"]]
