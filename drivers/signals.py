@@ -70,7 +70,7 @@ def check_channels(key: str, signals: Sequence[SignalConfig]) -> None:
     channels = [each.channel for each in signals if each.channel is not None]
     for channel in channels:
         if channels.count(channel) > 1:
-            raise ValueError(f"{key}: {channel} is there more than once")
+            raise ValueError(f"{key}: {channel} appears more than once")
     if not set(channels) & set(JOINT_CHANNELS):
         raise ValueError(f"{key}: expected one of {', '.join(JOINT_CHANNELS)}")
 

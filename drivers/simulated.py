@@ -96,7 +96,7 @@ class _SimulatedAxis:
         self._wear = _wear(config, context)
         if config.motion not in MOTIONS:
             known = ", ".join(sorted(MOTIONS))
-            raise DriverMisconfiguredError("motion", f"{config.motion!r} is none of {known}")
+            raise DriverMisconfiguredError("motion", f"{config.motion!r} is not one of {known}")
         try:
             limits = motion_limits(context.machine)
             segments = MOTIONS[config.motion](limits, np.random.default_rng((config.seed, 1)))

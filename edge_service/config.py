@@ -348,16 +348,16 @@ def _read_toml(path: Path) -> dict[str, Any]:
     try:
         content = path.read_bytes()
         if _DEEP.search(content):
-            raise ConfigError(f"{path}: no TOML: nested too deeply")
+            raise ConfigError(f"{path}: is not valid TOML: nested too deeply")
         return tomllib.loads(content.decode())
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: no TOML: {error}") from None
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
     except RecursionError:
-        raise ConfigError(f"{path}: no TOML: nested too deeply") from None
+        raise ConfigError(f"{path}: is not valid TOML: nested too deeply") from None
 
 
 def _checked(model: type[_Model], content: dict[str, Any], path: Path) -> _Model:

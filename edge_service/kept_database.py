@@ -132,7 +132,7 @@ class KeptDatabase:
             self.rescues += 1
             aside = f", kept as {set_aside(path).name}" if path.exists() else ""
             _finish(path)
-            self.damages.append(f"{path}: {damage}{aside}; begun anew with what could be saved")
+            self.damages.append(f"{path}: {damage}{aside}; started over with what could be saved")
 
     def _begin_anew(self, sources: tuple[Path, ...], new: Path) -> None:
         for part in _parts(new):

@@ -59,10 +59,10 @@ CASES: dict[str, tuple[Case, str]] = {
         "expected a name that ends in .png",
     ),
     "missing configuration": (lambda p: ["check-config", str(p / "no.toml")], "no such file"),
-    "no toml": (lambda p: ["check-config", write(p, "a.toml", "x = = 1")], "no TOML"),
+    "no toml": (lambda p: ["check-config", write(p, "a.toml", "x = = 1")], "is not valid TOML"),
     "binary configuration": (
         lambda p: ["check-config", str((p / "b.toml", (p / "b.toml").write_bytes(b"\xff\x00"))[0])],
-        "no TOML",
+        "is not valid TOML",
     ),
     "unknown key with a hint": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + "[http]\nprot = 1")],
@@ -82,7 +82,7 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "unknown motion": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + 'settings = { motion = "dance" }')],
-        "axes.X.settings.motion: 'dance' is none of",
+        "axes.X.settings.motion: 'dance' is not one of",
     ),
     "unknown effect": (
         lambda p: [

@@ -163,7 +163,7 @@ def test_the_doctor_reads_a_recording(trace: Path, capsys: pytest.CaptureFixture
     assert main(["doctor", str(trace)]) == 1
     printed = capsys.readouterr().out
     assert "torque sign looks inverted: inertia and friction read negative" in printed
-    assert "1 of 11 checks found something to doubt" in printed
+    assert "1 of 11 checks raised doubts" in printed
 
 
 def test_findings_as_json(trace: Path, capsys: pytest.CaptureFixture[str]) -> None:

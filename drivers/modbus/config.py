@@ -103,7 +103,7 @@ class ModbusConfig(DriverConfig):
             if register.group is not None and register.group not in self.poll_groups:
                 known = ", ".join(self.poll_groups)
                 raise ValueError(
-                    f"registers[{number}].group: {register.group!r} is none of {known}"
+                    f"registers[{number}].group: {register.group!r} is not one of {known}"
                 )
         self._check_channels()
         return self

@@ -144,7 +144,7 @@ class ModbusLink:
 
     def _note_connection(self, connected: bool) -> None:
         if not connected:
-            self._fail(OSError("the device hung up"))
+            self._fail(OSError("the device closed the connection"))
 
     def _fail(self, error: Exception) -> None:
         """End the read that is under way, if any, instead of waiting for its time to run out."""

@@ -49,7 +49,8 @@ class ModbusStub:
         for axis in axes[1:]:
             if (axis.config.host, axis.config.port) != (self._config.host, self._config.port):
                 raise DriverMisconfiguredError(
-                    "port", f"axis {axis.name} is elsewhere than axis {axes[0].name}; choose --axis"
+                    "port",
+                    f"axis {axis.name} has another address than {axes[0].name}; choose --axis",
                 )
 
     async def start(self) -> str:

@@ -87,7 +87,7 @@ class MqttLink:
                 message = await anext(self._require().messages)
         heed_cancellation()
         if message is None and not self._ended:
-            raise DriverUnavailableError(f"{self._where}: the broker hung up")
+            raise DriverUnavailableError(f"{self._where}: the broker closed the connection")
         return message
 
     async def close(self) -> None:

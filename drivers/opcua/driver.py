@@ -164,7 +164,7 @@ class OpcuaDriver:
                 return getting.result()
             if self._session is not session:
                 return None
-            problem = "hung up" if losing.done() else f"no word for {patience_s:g} s"
+            problem = "connection closed" if losing.done() else f"no message for {patience_s:g} s"
             await session.close()
             heed_cancellation()
             raise DriverUnavailableError(f"{url}: {problem}")

@@ -56,7 +56,8 @@ class OpcuaStub:
         for axis in axes[1:]:
             if axis.config.url != self._config.url:
                 raise DriverMisconfiguredError(
-                    "url", f"axis {axis.name} is elsewhere than axis {axes[0].name}; choose --axis"
+                    "url",
+                    f"axis {axis.name} has another address than {axes[0].name}; choose --axis",
                 )
 
     async def start(self) -> str:

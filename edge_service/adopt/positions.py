@@ -136,7 +136,7 @@ class Motion(Speeds):
         sigma = abs(lead * link.sigma / link.factor)
         if lead < 0.0:
             self._found.columns[ANGLE] = Choice(motor.name, -angle.scale)
-            self._found.say(ANGLE, "turned round: it counts against the table")
+            self._found.say(ANGLE, "sign reversed: it counts against the table")
         self._set_lead(abs(lead), sigma, f"from {table.column!r} over {motor.name!r}")
         self._derived(motor.name)
 
@@ -202,7 +202,7 @@ class Motion(Speeds):
         if lead < 0.0:
             angle = columns[ANGLE]
             columns[ANGLE] = Choice(angle.column, -angle.scale)
-            self._found.say(ANGLE, "turned round: it counts against the set point")
+            self._found.say(ANGLE, "sign reversed: it counts against the set point")
         self._set_lead(abs(lead), abs(sigma), "from the set point over the motor's angle")
 
     def _only_one_encoder(self) -> None:

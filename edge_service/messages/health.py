@@ -47,7 +47,7 @@ the outputs of events are parts of `http`.
 def check_component(name: str) -> str:
     """Return `name` if a part of the service has it; raise ValueError if none has."""
     if name not in COMPONENTS:
-        raise ValueError(f"{name!r:.60} is none of {', '.join(sorted(COMPONENTS))}")
+        raise ValueError(f"{name!r:.60} is not one of {', '.join(sorted(COMPONENTS))}")
     return name
 
 

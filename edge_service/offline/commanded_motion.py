@@ -51,7 +51,7 @@ class MotionWish:
         """
         name, _, rest = text.partition(":")
         if name not in MOTIONS:
-            raise MotionError(f"motion: {name!r} is none of {', '.join(sorted(MOTIONS))}")
+            raise MotionError(f"motion: {name!r} is not one of {', '.join(sorted(MOTIONS))}")
         if rest:
             if duration_s is not None:
                 raise MotionError(f"motion {name}: has two durations; expected one")

@@ -51,7 +51,7 @@ class Examination:
             )
             if each.remedy:
                 lines.append(f"        {'':<11}-> {each.remedy}")
-        lines.append(f"  {self.doubts} of {len(self.findings)} checks found something to doubt")
+        lines.append(f"  {self.doubts} of {len(self.findings)} checks raised doubts")
         return "\n".join(lines)
 
     def as_json(self) -> str:

@@ -46,7 +46,7 @@ class OfflineEstimate:
                 self._estimator.restore(kept.snapshot["estimator"])
                 self._end_s, self._restored = kept.time_s, True
         except (StateError, OSError, *DAMAGED) as error:
-            raise ConfigError(f"--state {path}: cannot be gone on from: {error}") from None
+            raise ConfigError(f"--state {path}: cannot be resumed: {error}") from None
 
     def keep(self, path: Path) -> None:
         """Leave the state in a file."""

@@ -109,7 +109,7 @@ def choose_columns(
         )
     for name in {name for column in chosen.values() for name in column.names}:
         if list(names).count(name) > 1:
-            raise TraceError(f"{path}: column {name!r} is there more than once")
+            raise TraceError(f"{path}: column {name!r} appears more than once")
     _refuse_twins(path, names, [each for each in chosen if each in names and each not in columns])
     return chosen
 

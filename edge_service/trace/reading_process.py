@@ -169,7 +169,7 @@ class ReadingProcess:
         self._buffer += came
 
     def _ended(self) -> TraceError:
-        why = why_it_ended(self._process.wait(), self._limits) or "it ended without a word"
+        why = why_it_ended(self._process.wait(), self._limits) or "it ended without a message"
         return TraceError(f"{self.path}: cannot be read by a process within its limits; {why}")
 
     def _nonsense(self) -> TraceError:

@@ -54,10 +54,10 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], str]] = {
     "no key": (lambda f: (f / "http.key").write_text("x"), "http.key: holds no key"),
     "a key for everybody": (lambda f: (f / "http.key").chmod(0o644), "http.key: others may read"),
     "a key of another": (lambda f: _swap(f, "health.key", "http.key"), "http.key does not belong"),
-    "of another authority": (lambda f: _foreign(f, "http"), "http.pem: ca.pem has not signed it"),
+    "of another authority": (lambda f: _foreign(f, "http"), "http.pem: ca.pem did not sign it"),
     "another authority": (
         lambda f: (made(f / "other"), _swap(f / "other", "ca.pem", "../ca.pem")),
-        "server.pem: ca.pem has not signed it",
+        "server.pem: ca.pem did not sign it",
     ),
     "of another role": (
         lambda f: [_swap(f, f"health.{kind}", f"http.{kind}") for kind in ("pem", "key")],

@@ -332,7 +332,7 @@ def fresh_and_warned(store: EstimateStore, caplog: pytest.LogCaptureFixture, *wo
     with caplog.at_level(logging.WARNING):
         axis.restore(store)
     (record,) = caplog.records
-    for word in ("estimate.json", "begins anew", *words):
+    for word in ("estimate.json", "starts over", *words):
         assert word in record.getMessage()
     told = [
         axis.take(Header(n, 1, time.time_ns(), 0), block).model_dump_json()

@@ -334,7 +334,7 @@ def test_what_is_no_address_is_refused(
         ("services = []", "services"),
         ("[[services]]\naddres = 'http://a'", "services[0].address: missing"),
         ("[[services]]\naddress = 'a'", "no address of the form"),
-        ("[[services]", "no TOML"),
+        ("[[services]", "is not valid TOML"),
     ],
 )
 def test_a_fleet_file_is_checked(

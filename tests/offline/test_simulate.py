@@ -110,7 +110,7 @@ def test_progress_is_reported_in_seconds(machine: Machine, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"motion": "polka"}, "motion: 'polka' is none of .*production"),
+        ({"motion": "polka"}, "motion: 'polka' is not one of .*production"),
         ({"effects": ("stribek",)}, "no effect 'stribek'; did you mean 'stribeck'?"),
         ({"effects": ("stribeck:excess_nm=99",)}, "excess_nm: expected -5 to 5 N m, got 99"),
         ({"effects": ("inertia_error:change_kg_m2=-0.01",)}, "leave a table of"),
@@ -193,7 +193,7 @@ def test_one_motion_may_say_its_duration_too(machine: Machine, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("motions", "message"),
     [
-        (("standstill", "polka"), "motion: 'polka' is none of"),
+        (("standstill", "polka"), "motion: 'polka' is not one of"),
         (("standstill", "warmup:speed=2"), "motion warmup: 'speed=2', expected duration_s=SECONDS"),
         (("standstill", "warmup:duration_s=long"), "duration_s: 'long' is no number"),
         (("standstill", "warmup:duration_s=nan"), "duration: expected a time above 0 s, got nan"),

@@ -65,7 +65,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     page.fill("#ask-note", "looked at")
     page.route("**/commands", lose_the_answer, times=1)
     page.click("#ask-ok")
-    page.wait_for_selector("#ask-error:has-text('It was not taken')")
+    page.wait_for_selector("#ask-error:has-text('It was not accepted')")
     page.click("#ask-ok")
     page.wait_for_selector("#ask", state="hidden")
     page.wait_for_selector('#diary :text("looked at (Kim)")')

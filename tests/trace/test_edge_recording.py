@@ -50,7 +50,7 @@ def test_gaps_and_restarts_of_the_count_are_said_and_time_goes_on(tmp_path: Path
     assert frame.time_s[5] - frame.time_s[4] == pytest.approx(RESTART_GAP_S)
     said = "\n".join(reader.remarks)
     assert "CYCLE: 1 gaps, 9 samples missing" in said
-    assert "CYCLE begins anew 1 times (at row 5): each is a new run" in said
+    assert "CYCLE starts over 1 times (at row 5): each is a new run" in said
 
 
 def test_a_period_of_the_machine_file_comes_first(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_a_period_of_the_machine_file_comes_first(tmp_path: Path) -> None:
     (frame,), reader = _read(path, {"time_s": ColumnMap("CYCLE", 0.004)})
     assert frame.time_s[1] == pytest.approx(0.004)
     assert "as no header says it" not in "\n".join(reader.remarks)
-    assert "begins anew" in "\n".join(reader.remarks)
+    assert "starts over" in "\n".join(reader.remarks)
 
 
 def test_a_time_of_the_machine_file_replaces_the_count(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}
         (b"time_s,torque_command_nm\n,1\n,2\n", "none of 2 rows holds a time"),
         (b"Time_s,torque_command_nm\n0,1\n", "no column 'time_s'; did you mean 'Time_s'?"),
         (b"time_s,temperature_c\n0,1\n", "no torque and no position channel"),
-        (b"time_s,torque_command_nm,time_s\n0,1,0\n", "'time_s' is there more than once"),
+        (b"time_s,torque_command_nm,time_s\n0,1,0\n", "'time_s' appears more than once"),
         (b"time_s,torque_command_nm\n0,on\n1,off\n", "holds 'on' and no number at all"),
         (b"<!DOCTYPE html><html><body>404</body></html>", "HTML or XML"),
         (b"PK\x03\x04\x14\x00[Content_Types].xml xl/workbook.xml", "an Excel workbook: export it"),

@@ -57,7 +57,7 @@ def test_what_is_no_trace_is_told_as_by_the_reader(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("code", "said"),
     [
-        ("", "it ended without a word"),
+        ("", "it ended without a message"),
         ("import os; os.abort()", "ended by SIGABRT"),
         ("import os; os.kill(os.getpid(), 9)", "as by a lack of memory"),
         ("while True: pass", "more than 1 s of processor time"),
@@ -70,7 +70,7 @@ def test_what_is_no_trace_is_told_as_by_the_reader(tmp_path: Path) -> None:
         ('print(\'{"channels": []}\\n{"rows": 1000000000000}\')', "sends no frames"),
         ('print(\'{"channels": []}\\n{"rows": -1}\')', "sends no frames"),
         ('print(\'{"channels": []}\\n{"rows": "1"}\')', "sends no frames"),
-        ('print(\'{"channels": []}\\n{"rows": 9}\\n\')', "it ended without a word"),
+        ('print(\'{"channels": []}\\n{"rows": 9}\\n\')', "it ended without a message"),
         ('print(\'{"error": "a.csv: no trace"}\')', "a.csv: no trace"),
     ],
 )

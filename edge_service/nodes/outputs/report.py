@@ -24,7 +24,7 @@ class OutputReport:
 
         def problems() -> list[str]:
             problem = spool.problem
-            return [f"the disk takes nothing ({problem}); kept in memory"] if problem else []
+            return [f"the disk accepts no data ({problem}); kept in memory"] if problem else []
 
         self._reporter.problems = problems
         self._reporter.counters = lambda: (

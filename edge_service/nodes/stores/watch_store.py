@@ -60,7 +60,7 @@ class WatchStore:
             return monitor
         except OSError as error:
             self.problem = f"{error.filename}: {error.strerror}"
-            log.warning("%s: the axis begins anew", self.problem)
+            log.warning("%s: the axis starts over", self.problem)
         except (DamagedError, ValueError, RecursionError) as error:
             self._set_aside(axis, str(error))
         return make()
@@ -111,5 +111,5 @@ class WatchStore:
         except OSError as error:
             aside = f"cannot be set aside ({error.strerror})"
         log.warning("%s: %s; %s", path, reason, aside)
-        words = f"alarms, trend and use begin anew: {path.name} is damaged, {aside}"
+        words = f"alarms, trend and use start over: {path.name} is damaged, {aside}"
         self.damages.append((axis, words))

@@ -43,7 +43,7 @@ def _checked(folder: Path, name: str, authorities: list[x509.Certificate]) -> da
         raise _error(path, f"{name}.key does not belong to it")
     issuer = next((each for each in authorities if _is_signed_by(chain[-1], each)), None)
     if issuer is None or not all(_is_signed_by(*pair) for pair in pairwise(chain)):
-        raise _error(path, f"{AUTHORITY}.pem has not signed it")
+        raise _error(path, f"{AUTHORITY}.pem did not sign it")
     for each in (*chain, issuer):
         if now < each.not_valid_before_utc:
             raise _error(path, f"holds from {each.not_valid_before_utc:%Y-%m-%d} on only")

@@ -79,7 +79,7 @@ class EstimatedAxis:
             if isinstance(error, StateError) and error.damaged:
                 aside = _set_aside(store, self._axis)
             path = store.path(self._axis)
-            log.warning("%s: %s%s; the estimate of this axis begins anew", path, error, aside)
+            log.warning("%s: %s%s; the estimate of this axis starts over", path, error, aside)
 
     def begin(self, estimator: PreloadEstimator, kept: Kept | None = None) -> None:
         """Begin with another estimator, from a state. Raises StateError if it is none."""

@@ -190,7 +190,7 @@ def _mechanics(frames: Sequence[SampleFrame], understood: Understanding) -> Mech
         choice = understood.columns[TORQUE]
         turned = Choice(choice.column, -choice.scale, choice.minus, choice.direction)
         understood.columns[TORQUE] = turned
-        understood.say(TORQUE, "turned round: as recorded, it counts against the motion")
+        understood.say(TORQUE, "sign reversed: as recorded, it counts against the motion")
         for frame in frames:
             frame.channels[TORQUE][:] *= -1.0
     return found
@@ -234,7 +234,7 @@ def _found(mechanics: Mechanics | None) -> list[str]:
 def _examined(request: Request, mechanics: Mechanics | None) -> list[str]:
     """Findings of the checks that every command begins with, on the file as it was written."""
     if mechanics is None:
-        missing = "the machine file is not whole: lead_m or inertia_kg_m2 is missing"
+        missing = "the machine file is incomplete: lead_m or inertia_kg_m2 is missing"
         return [f"not examined: {missing}"]
     findings = examine(load_machine(request.out), request.files)
     doubts = [each for each in findings if each.is_doubtful]

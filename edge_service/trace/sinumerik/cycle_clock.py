@@ -97,7 +97,7 @@ class CycleClock:
             shown = ", ".join(str(row) for row in self._restart_rows[:5])
             more = ", ..." if self.restarts > 5 else ""
             lines.append(
-                f"CYCLE begins anew {self.restarts} times (at row {shown}{more}): each is a new "
+                f"CYCLE starts over {self.restarts} times (at row {shown}{more}): each is a new "
                 f"run, {RESTART_GAP_S:g} s after the one before"
             )
         return lines

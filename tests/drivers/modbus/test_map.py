@@ -140,7 +140,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "unknown group": (
         {"registers": [TORQUE | {"group": "fats"}]},
-        "registers[0].group: 'fats' is none of fast, slow",
+        "registers[0].group: 'fats' is not one of fast, slow",
     ),
     "no scale": ({"registers": [TORQUE | {"scale": 0}]}, "registers[0]: scale must not be 0"),
     "beyond the last register": (
@@ -156,7 +156,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
         {"registers": [TORQUE, {"channel": "motor_angle_rad", "address": TORQUE["address"] + 1}]},
         "registers[1].address:",
     ),
-    "a channel twice": ({"registers": [TORQUE, TORQUE]}, "torque_command_nm is there more than"),
+    "a channel twice": ({"registers": [TORQUE, TORQUE]}, "torque_command_nm appears more than"),
     "nothing that makes rows": (
         {"registers": [{"channel": "temperature_c", "address": 0}]},
         "registers: expected one of torque_command_nm",

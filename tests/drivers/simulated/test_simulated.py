@@ -270,7 +270,9 @@ async def test_probe_tells_channels_and_rate_without_opening() -> None:
 
 
 async def test_a_wrong_configuration_names_its_key() -> None:
-    with pytest.raises(DriverMisconfiguredError, match=r"motion: 'polka' is none of .*production"):
+    with pytest.raises(
+        DriverMisconfiguredError, match=r"motion: 'polka' is not one of .*production"
+    ):
         await driver(motion="polka").open()
     with pytest.raises(DriverMisconfiguredError, match=r"effects: no effect 'rust'"):
         await driver(effects=["rust"]).open()
