@@ -78,7 +78,6 @@ def make_problem() -> Callable[..., Problem]:
 
 HERE = Path(__file__).parent
 KNOWN_LIMITS = {
-    "test_mixture_recovery.py": "one encoder: a new nut is taken for lubrication for minutes",
     "test_fused_stop.py": "another nut after a night is recognised only in part",
 }
 """What the estimator does not do yet (its README, Limits), by the file of its cases."""
@@ -87,8 +86,6 @@ LIMITED_CASES = (
     "test_what_is_there_from_the_first_sample_is_no_loss[torque_gain_error",
     "test_preload_that_was_lost_before_the_first_sample_is_reported[0.25]",
     "test_preload_does_not_come_back_over_night_on_a_cold_axis[True]",
-    "test_a_new_nut_is_found_without_a_word_of_it[0.5-False-True]",
-    "test_a_new_nut_is_found_without_a_word_of_it[2.0-False-True]",
 )
 
 

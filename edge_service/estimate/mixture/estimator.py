@@ -78,7 +78,7 @@ class FusedPreloadEstimator:
         self._model = axis_model(machine, self._settings)
         self._start = start_of(machine, self._model, self._settings)
         self._process = process_of(machine, self._model, self._start, self._settings)
-        self._limits = fault_limits(machine, self._model)
+        self._limits = fault_limits(machine, self._model, self._settings)
         self._known = EffectCompensation.of_machine(machine)
         self.reset()
 

@@ -58,6 +58,8 @@ class MixtureSettings:
     Attributes:
         together, apart: standard deviation by which lubrication and temperature move all frictions
             alike, and each on its own.
+        warmth: share of its friction that an axis with one encoder may have lost by warming up (it
+            often loses 30 %); any share up to this is equally likely.
         friction_s: its time constant, s; more than 0.
         start_share: factor on it at the start of a session, another day's.
         wander, wander_s, wander_m: friction that wanders along the way, over the Coulomb friction;
@@ -87,6 +89,7 @@ class MixtureSettings:
 
     together: float = 0.10
     apart: float = 0.07
+    warmth: float = 0.35
     friction_s: float = 600.0
     start_share: float = 1.25
     wander: float = 0.02

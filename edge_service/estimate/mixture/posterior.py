@@ -12,20 +12,26 @@ from ...models.compiled import compiled
 from ...models.machine import Machine
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.bank.mode_transition import LEVELS_PERCENT
+from .model import MixtureSettings
 from .state import (
     BEARING_FRICTION,
+    BEFORE,
     GUIDE_FRICTION,
+    LEARNING,
     LOOSENESS,
     MOST_SHARE,
     NUT_COMPLIANCE,
     NUT_FRICTION,
     PAYLOAD,
     PRELOAD,
+    STEADY,
     TORQUE_STATES,
     TORQUE_WANDER,
+    WEARING,
     AxisModel,
     Bank,
 )
+from .torque_alone import CELLS, below, quantile, slicker, weigh
 
 Rows = npt.NDArray[np.int64]
 LEVELS = tuple(f"{level:g}" for level in LEVELS_PERCENT)
@@ -54,6 +60,9 @@ class FaultLimits(NamedTuple):
     error_share: float
     mass_tolerance: float  # NaN where the stiffness is unknown
     coulomb_nm: float
+    warmth: float  # of friction, see MixtureSettings
+    together: float
+    apart: float
 
 
 class Posterior(NamedTuple):
@@ -74,8 +83,11 @@ class Posterior(NamedTuple):
     faults: dict[str, float]
 
 
-def fault_limits(machine: Machine, model: AxisModel) -> FaultLimits:
-    """Fault limits of a commissioned axis."""
+def fault_limits(
+    machine: Machine, model: AxisModel, settings: MixtureSettings | None = None
+) -> FaultLimits:
+    """Fault limits of a commissioned axis, and what its friction may do."""
+    assumed = settings or MixtureSettings()
     commissioned, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
     assert commissioned is not None
     table = mass.table_mass_kg if model.compliance_m_per_n > 0.0 else None
@@ -83,6 +95,9 @@ def fault_limits(machine: Machine, model: AxisModel) -> FaultLimits:
         MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance),
         math.nan if table is None else table.tolerance,
         commissioned.coulomb_nm,
+        assumed.warmth,
+        assumed.together,
+        assumed.apart,
     )
 
 
@@ -131,9 +146,52 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
         values[_FAULT + 3] += _above(bank, rows, weight, PAYLOAD, limit, -1.0)
         limit = LOOSE_SHARE * model.compliance_m_per_n
         values[_FAULT + 4] = _above(bank, rows, weight, LOOSENESS, limit, 1.0)
+    if bank.mean.shape[1] == TORQUE_STATES and limits.together > 0.0:
+        _of_torque_alone(bank, model, limits, rows, weight, values)
     for i in range(_LEVEL, _SIZE):
         values[i] = min(max(values[i], 0.0), 1.0)
     return values
+
+
+@compiled
+def _of_torque_alone(
+    bank: Bank, model: AxisModel, limits: FaultLimits, rows: Rows, weight: Floats, values: Floats
+) -> None:
+    """Preload, levels and faults of an axis with one encoder, from its dry friction, in place.
+
+    A challenger that is not accepted widens the interval, and moves nothing: with torque alone a
+    cut may pass for anything for some seconds.
+    """
+    fresh = model.fresh_percent
+    fresh_nm = model.drag_per_percent_nm * fresh
+    other_nm = limits.coulomb_nm - fresh_nm
+    friction = (limits.warmth, limits.together, limits.apart)
+    limit_nm = other_nm + SLICK_SHARE * limits.coulomb_nm
+    every, firm, up = np.zeros(CELLS), np.zeros(CELLS), 0.0
+    slopes, names = np.empty(5), np.empty(5, dtype=np.int64)
+    for i in range(len(rows)):
+        k = rows[i]
+        level_nm, variance = _coulomb(bank.mean[k], bank.covariance[k], model, slopes, names)
+        sigma_nm = math.sqrt(variance)
+        mine = weigh(level_nm, sigma_nm, fresh_nm, other_nm, limits.error_share, friction)
+        every += weight[i] * mine
+        if bank.moments[LEARNING] > 0.0 or k in (STEADY, WEARING, BEFORE):
+            firm += weight[i] * mine
+            up += weight[i] * slicker(level_nm, sigma_nm, fresh_nm, limit_nm, mine)
+    total = firm.sum()
+    firm = firm / total if total > 0.0 else every
+    low = min(quantile(0.025, every), quantile(0.025, firm))
+    high = max(quantile(0.975, every), quantile(0.975, firm), UNDETERMINED_HIGH_SHARE)
+    values[0] = fresh * quantile(0.5, firm)
+    values[1], values[2] = fresh * low if low > LOST_SHARE else 0.0, fresh * high
+    above = 1.0
+    for i in range(len(_EDGES)):
+        under = below(_EDGES[i] / fresh, firm)
+        values[_LEVEL + i] = above - under
+        above = under
+    values[_LEVEL + len(_EDGES)] = above
+    values[_FAULT] = below(1.0 - LOST_SHARE, firm)
+    values[_FAULT + 1] = up / total if total > 0.0 else 0.0
 
 
 @compiled

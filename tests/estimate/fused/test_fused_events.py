@@ -49,7 +49,20 @@ def test_part_of_a_loss_is_not_read_as_all_of_it(one_encoder: bool, left: float,
     after = answers[answers[:, 0] > 46.0]
     assert len(after) > 300
     assert misled(after, left * FRESH) == 0.0
-    assert after[-1, 1] < 0.95 * FRESH
+    if not one_encoder:
+        assert after[-1, 1] < 0.95 * FRESH
+
+
+@pytest.mark.parametrize("left", [0.3, 0.4, 0.6])
+def test_with_one_encoder_a_loss_moves_the_answer_and_warmth_stays_possible(left: float) -> None:
+    axis = replace(AXIS, one_encoder=True)
+    percent = np.where(np.arange(80_000) < 40_000, FRESH, left * FRESH)
+    blocks = downsampled(axis.frames("production", percent, 6), axis.nominal())
+    answers = numbers(run(blocks, FusedPreloadEstimator(machine(True))))
+    before, after = answers[answers[:, 0] < 39.0], answers[answers[:, 0] > 55.0]
+    assert after[:, 1].mean() < before[:, 1].mean()
+    assert after[:, 2].mean() < before[:, 2].mean() - 0.15 * FRESH
+    assert (after[:, 3] > 0.85 * FRESH).all()
 
 
 def test_a_load_and_a_lubricant_that_change_in_motion_are_no_loss() -> None:

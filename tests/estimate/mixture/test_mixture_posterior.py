@@ -26,6 +26,7 @@ from edge_service.estimate.mixture.posterior import (
 )
 from edge_service.estimate.mixture.state import (
     BEARING_FRICTION,
+    BEFORE,
     GUIDE_FRICTION,
     HYPOTHESES,
     LOOSENESS,
@@ -34,7 +35,11 @@ from edge_service.estimate.mixture.state import (
     NUT_FRICTION,
     PAYLOAD,
     PRELOAD,
+    STEADY,
+    TORQUE_STATES,
     TORQUE_WANDER,
+    TOTAL_LOSS,
+    WEARING,
     Bank,
     empty_bank,
 )
@@ -184,12 +189,84 @@ class Another:
         return np.array([*self.preload(), *self.drag(), *self.stiffness(), *levels, *self.faults()])
 
 
-@pytest.mark.parametrize("one_encoder", [False, True])
 @pytest.mark.parametrize("seed", range(15))
-def test_the_numbers_are_those_of_another_reading(seed: int, one_encoder: bool) -> None:
-    bank = drawn(seed, one_encoder)
-    expected = Another(bank).numbers()
-    np.testing.assert_allclose(flat(read(bank, one_encoder)), expected, rtol=1e-7, atol=1e-9)
+def test_the_numbers_are_those_of_another_reading(seed: int) -> None:
+    bank = drawn(seed)
+    np.testing.assert_allclose(flat(read(bank)), Another(bank).numbers(), rtol=1e-7, atol=1e-9)
+
+
+class TorqueAlone:
+    """Preload of an axis with one encoder by sampling: frictions are drawn, and weighed."""
+
+    def __init__(self, bank: Bank, draws: int = 400_000) -> None:
+        rng = np.random.default_rng(3)
+        self.percent = FRESH * np.where(
+            rng.random(draws) < 0.5,
+            truncnorm(-20.0, 1.0, 1.0, 0.05).rvs(draws, random_state=rng),
+            rng.uniform(0.0, MOST_SHARE, draws),
+        )
+        warm = 1.0 - 0.35 * rng.integers(0, 5, draws) / 4.0
+        nut, other, both = rng.standard_normal((3, draws))
+        fresh_nm = PER_PERCENT_NM * FRESH
+        other_nm = (COULOMB_NM - fresh_nm) * (warm + 0.07 * other)
+        screw_nm = PER_PERCENT_NM * self.percent
+        error_nm = MODEL_ERROR_SHARE * (fresh_nm - screw_nm) * rng.standard_normal(draws)
+        every_nm = screw_nm * (warm + 0.07 * nut) + other_nm + error_nm
+        every_nm += 0.1 * both * warm * (screw_nm + COULOMB_NM - fresh_nm)
+        self.weights = self._weights(bank, every_nm)
+
+    def _weights(self, bank: Bank, every_nm: Floats) -> list[tuple[Floats, bool]]:
+        reading = Another(bank)
+        slots = np.flatnonzero(bank.alive)
+        found = []
+        for i, slot in enumerate(slots):
+            one = Another(bank)
+            one.mean, one.cov = reading.mean[i : i + 1], reading.cov[i : i + 1]
+            one.q, one.weight = reading.q[i : i + 1], np.ones(1)
+            level_nm, _, high_nm = one.drag()
+            density = norm.pdf(every_nm, level_nm, (high_nm - level_nm) / 1.96)
+            share = reading.weight[i] / max(density.sum(), 1e-300)
+            found.append((share * density, bool(slot in (STEADY, WEARING, BEFORE))))
+        return found
+
+    def quantile(self, probability: float, accepted: bool) -> float:
+        weight = sum(each for each, mine in self.weights if mine or not accepted)
+        order = np.argsort(self.percent)
+        cumulated = np.cumsum(weight[order])
+        at = np.searchsorted(cumulated, probability * cumulated[-1])
+        return float(self.percent[order][at])
+
+
+@pytest.mark.parametrize("level", [0.5, 0.7, 0.85, 1.0, 1.2])
+def test_torque_alone_leaves_every_preload_that_friction_may_hide(level: float) -> None:
+    """The belief and a rival that is not accepted; the numbers are those of drawn frictions."""
+    bank = empty_bank(TORQUE_STATES)
+    start = parts(True)[1]
+    for slot, change, weight in ((STEADY, level - 1.0, 0.7), (TOTAL_LOSS, level - 1.3, 0.3)):
+        bank.mean[slot], bank.covariance[slot] = start.mean, 1e-4 * start.covariance
+        bank.mean[slot, BEARING_FRICTION] = change * COULOMB_NM / parts(True)[0].bearing_nm
+        bank.covariance[slot, TORQUE_WANDER, TORQUE_WANDER] = (0.03 * COULOMB_NM) ** 2
+        bank.alive[slot], bank.log_weight[slot] = 1, math.log(weight)
+    drawn_ones = TorqueAlone(bank)
+    value, low, high = read(bank, one_encoder=True).preload
+    lowest = min(drawn_ones.quantile(0.025, accepted) for accepted in (False, True))
+    highest = max(drawn_ones.quantile(0.975, accepted) for accepted in (False, True))
+    assert value == pytest.approx(drawn_ones.quantile(0.5, True), abs=0.02 * FRESH)
+    assert low == pytest.approx(lowest if lowest > LOST_SHARE * FRESH else 0.0, abs=0.03 * FRESH)
+    assert high == pytest.approx(highest, abs=0.02 * FRESH)
+
+
+@pytest.mark.parametrize("one_encoder", [False, True])
+def test_a_rival_with_one_encoder_moves_nothing_until_it_is_accepted(one_encoder: bool) -> None:
+    start = parts(one_encoder)[1]
+    bank = empty_bank(len(start.mean))
+    for slot, percent, weight in ((STEADY, FRESH, 0.2), (TOTAL_LOSS, 0.1, 0.8)):
+        bank.mean[slot], bank.covariance[slot] = start.mean, 1e-3 * start.covariance
+        bank.mean[slot, PRELOAD] = math.log(percent)
+        bank.alive[slot], bank.log_weight[slot] = 1, math.log(weight)
+    value, low, _ = read(bank, one_encoder).preload
+    assert low < LOST_SHARE * FRESH
+    assert (value > 0.9 * FRESH) == one_encoder
 
 
 @pytest.mark.parametrize("seed", range(30))

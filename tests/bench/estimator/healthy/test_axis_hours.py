@@ -27,9 +27,6 @@ def test_each_accused_axis_is_named():
     assert "own 42" not in accused
 
 
-UNKNOWN = "with torque alone a screw that warms up by 30 % passes for one that loses preload"
-
-
 def test_each_shift_is_told_as_it_comes(capsys: pytest.CaptureFixture[str]):
     shifts = told(
         iter([Shift("own", 41, 1.0, Counter({"rate": 1})), Shift("own", 42, 1.0, Counter())])
@@ -41,12 +38,6 @@ def test_each_shift_is_told_as_it_comes(capsys: pytest.CaptureFixture[str]):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "plant",
-    [
-        pytest.param("own, one encoder", marks=pytest.mark.xfail(reason=UNKNOWN, strict=True)),
-        "foreign",
-    ],
-)
+@pytest.mark.parametrize("plant", ["own, one encoder", "foreign"])
 def test_a_healthy_shift_is_silent(plant):
     assert watched(plant, 5003).said == {}
