@@ -1,8 +1,10 @@
 """`stub` and `doctor`: mistakes are one line and status 2; what they print is for people."""
 
+import asyncio
 import json
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -120,7 +122,13 @@ def test_a_port_in_use_is_one_line_and_status_2(
     assert "--port" in complaint
 
 
-@pytest.mark.parametrize("protocol", ["modbus", "opcua"])
+FIRST_MESSAGES = {
+    "modbus": bytes.fromhex("000100000006010300000001"),  # read holding register 0 of unit 1
+    "opcua": b"HELF" + struct.pack("<6Ii", 32, 0, 65_536, 65_536, 0, 0, -1),
+}
+
+
+@pytest.mark.parametrize("protocol", FIRST_MESSAGES)
 async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
     """The port of its configuration may be in use, by a demo for instance."""
     port = free_port()
@@ -130,8 +138,11 @@ async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
     stub = make_stub(protocol, changed, None, "healthy", None, None, port)
     try:
         assert (await stub.start()).endswith(f":{port}")
-        with socket.create_connection(("127.0.0.1", port), 5.0):
-            pass
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(FIRST_MESSAGES[protocol])
+        assert await asyncio.wait_for(reader.read(1), 10.0)
+        writer.close()
+        await writer.wait_closed()
     finally:
         await stub.close()
 
