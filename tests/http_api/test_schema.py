@@ -45,7 +45,7 @@ def test_every_route_keeps_what_its_schema_says(tmp_path: Path) -> None:
 
 def _examined(schema: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     options = ["--max-time", str(LONGEST_S), "--max-examples", "8", "--seed", "1", "--no-color"]
-    options += ["--exclude-path", STREAM, "--request-timeout", "10"]
+    options += ["--exclude-path", STREAM, "--request-timeout", "30"]
     options += ["--exclude-checks", "positive_data_acceptance"]
     options += ["--report", "json", "--report-json-path", REPORT]
     return subprocess.run(
