@@ -198,7 +198,7 @@ class FleetConfig(Table):
 
 
 class EventOutputConfig(Table):
-    """What outputs of events have in common.
+    """Keys that outputs of events share.
 
     Attributes:
         kinds: of the events that are sent.

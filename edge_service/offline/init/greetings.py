@@ -61,7 +61,7 @@ def _listed(ports: Sequence[int]) -> str:
 
 
 async def _answers(host: str, port: int, greeting: Greeting) -> bool:
-    """Whether a device there answers as the protocol has it."""
+    """True if a device there answers as the protocol has it."""
     with suppress(OSError, TimeoutError):
         async with asyncio.timeout(WAIT_S):
             reader, writer = await asyncio.open_connection(host, port)

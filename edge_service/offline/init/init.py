@@ -22,7 +22,7 @@ Check = Callable[[Path], Sequence[str]]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be written, and where.
+    """Files to be written, and where.
 
     Attributes:
         machine: a machine file that is there; None if one is written beside the configuration.

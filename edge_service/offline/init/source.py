@@ -1,4 +1,4 @@
-"""Where samples come from: recordings, or a device by its address."""
+"""Sources of samples: recordings, or a device by its address."""
 
 import asyncio
 from collections.abc import Sequence
