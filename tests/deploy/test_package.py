@@ -118,6 +118,7 @@ dpkg --remove edge-service >/dev/null
 tail -n 1 /etc/edge-service/edge.toml
 cat /var/lib/edge-service/kept
 test ! -e /opt/edge-service -a ! -e /usr/bin/edge-service
+echo '# written by init' >/etc/edge-service/machine.toml
 dpkg --purge edge-service >/dev/null 2>&1
 test "$before" = "$(ours)"
 echo nothing left
