@@ -80,6 +80,7 @@ class ReplayDriver:
         self._reader: ReadingProcess | None = None
         self._threads = Threads(f"replay {context.axis}", 2)  # one may hang while the other closes
         self._lock = threading.Lock()  # held by the one thread that opens, reads or closes
+        self._turn = 0  # grows with each close: an open that was given up before it comes too late
         self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
 
     @property
@@ -95,7 +96,7 @@ class ReplayDriver:
 
     async def open(self) -> None:
         """Open the trace and check its columns; raises DriverMisconfiguredError."""
-        await self._threads.run(self._open)
+        await self._threads.run(self._open, self._turn)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of about `frame_s` until the end of the trace, or until `close`."""
@@ -117,6 +118,7 @@ class ReplayDriver:
 
     async def close(self) -> None:
         """Close the trace, once a read that is under way has ended; safe twice."""
+        self._turn += 1
         await self._threads.run(self._close)
 
     async def _cut_frames(self, reader: ReadingProcess) -> AsyncGenerator[SampleFrame, None]:
@@ -144,9 +146,9 @@ class ReplayDriver:
                 yield shifted
             following = await self._threads.run(self._start_again, reader)
 
-    def _open(self) -> None:
+    def _open(self, turn: int) -> None:
         with self._lock:
-            if self._reader is None:
+            if self._reader is None and self._turn == turn:
                 self._reader = self._open_trace()
 
     def _open_trace(self) -> ReadingProcess:

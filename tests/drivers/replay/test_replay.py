@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from drivers import replay
 from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavailableError
 from drivers.replay import LONGEST_STEP_S, ReplayConfig, ReplayDriver
 from edge_service.messages.samples import Floats, SampleFrame
@@ -224,6 +225,30 @@ async def test_cancelling_while_reading_leaves_nothing_open(write: Callable[...,
             await task
         await driver.close()
     gc.collect()
+
+
+async def test_an_open_that_comes_after_the_close_opens_nothing(
+    write: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The open was given up, and its thread gets its turn last, as on a busy machine."""
+    begun = []
+    monkeypatch.setattr(replay, "ReadingProcess", lambda *_: begun.append(1))
+    driver = _driver(write([0.0, 0.001]), speed=0)
+    work: list[Callable[[], object]] = []
+
+    class Late:
+        async def run(self, function: Callable[..., object], *given: object) -> None:
+            work.append(lambda: function(*given))
+
+    monkeypatch.setattr(driver, "_threads", Late())
+    await driver.open()
+    await driver.close()
+    work[1]()
+    work[0]()
+    assert not begun
+    await driver.open()
+    work[2]()
+    assert begun
 
 
 async def test_the_event_loop_gets_its_turn_between_frames(write: Callable[..., Path]) -> None:
