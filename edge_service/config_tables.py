@@ -202,12 +202,14 @@ class EventOutputConfig(Table):
 
     Attributes:
         kinds: of the events that are sent.
+        tries: refusals after which an event becomes a dead letter if the receiver takes the next.
         give_up_h: time of pauses after which one becomes a dead letter whatever the receiver does.
         buffer: file in which events wait; unless given in the folder of the history.
         buffer_events, buffer_mb: how many of them, and how much; then the oldest go.
     """
 
     kinds: tuple[str, ...] = ("alarm_raised", "alarm_cleared", "condition_changed")
+    tries: int = Field(4, ge=1, le=1000)
     give_up_h: float = Field(72.0, gt=0.0, le=8760.0)
     buffer: Path | None = None
     buffer_events: int = Field(100_000, ge=1)
@@ -221,7 +223,6 @@ class WebhookConfig(EventOutputConfig):
         url: of the receiver; secret, as it may hold a password or a token.
         secret: what is sent is signed with it; may be a `whsec_...` of Standard Webhooks.
         previous_secret: signs as well, until every receiver knows the new one.
-        tries: refusals after which an event becomes a dead letter if the receiver takes the next.
     """
 
     url: SecretStr | None = None
@@ -230,7 +231,6 @@ class WebhookConfig(EventOutputConfig):
     secret_file: Path | None = None
     previous_secret: SecretStr | None = None
     previous_secret_file: Path | None = None
-    tries: int = Field(4, ge=1, le=1000)
 
     @field_validator("url")
     @classmethod

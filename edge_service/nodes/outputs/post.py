@@ -4,10 +4,10 @@ import asyncio
 import logging
 import ssl
 from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import StrEnum
 
 import httpx
+
+from .reply import Outcome, Reply
 
 for _name in ("httpx", "httpcore"):
     logging.getLogger(_name).setLevel(logging.CRITICAL)  # they would write whole addresses
@@ -16,26 +16,6 @@ WHOLE_S = 15.0
 """Time for a whole exchange, however slowly bytes come."""
 _LATER = frozenset({408, 425, 429, 502, 503, 504})
 _NEVER = frozenset({400, 413, 415, 422})
-
-
-class Outcome(StrEnum):
-    """Meaning of an answer."""
-
-    TAKEN = "taken"
-    LATER = "later"
-    """The receiver is away or busy: it has not judged what was sent."""
-    REFUSED = "refused"
-    """Another try may help."""
-    NEVER = "never"
-    """Refusal of an event that was read and will not be taken."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """Outcome of a POST, and why; the reason holds nothing that the receiver wrote."""
-
-    outcome: Outcome
-    reason: str = ""
 
 
 class Poster:
