@@ -3,6 +3,7 @@
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisCondition, AxisHealth
 from .advice.consistent import consistent
+from .condition.component import ComponentWatch
 from .condition.input_watch import InputWatch
 from .history.archive import AxisArchive
 from .model_watch.live_features import LiveFeatures
@@ -14,11 +15,17 @@ class AxisState:
     """Data known of one axis."""
 
     def __init__(
-        self, axis: str, limits: AxisLimits | None, settings: StateSettings, keeping: Keeping
+        self,
+        axis: str,
+        limits: AxisLimits | None,
+        settings: StateSettings,
+        keeping: Keeping,
+        components: ComponentWatch | None = None,
     ) -> None:
         self.axis, self.limits = axis, limits
         self.archive = keeping.archives.get(axis) or AxisArchive()
         self.live = LiveFeatures(keeping.ratios_m_per_rad.get(axis))
+        self._components = components or ComponentWatch(settings.component_silent_after_s)
         self.versions: dict[str, int] = {}
         self.preload_input = InputWatch(settings.preload_stale_after_s)
         self.health_input = InputWatch(settings.health_stale_after_s)
@@ -27,13 +34,13 @@ class AxisState:
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Reasons why nothing current can be said; empty if it can."""
-        reasons = (_missing_preload(self.preload_input, now_ns), _missing_health(self, now_ns))
+        reasons = (self._missing_preload(now_ns), _missing_health(self, now_ns))
         return tuple(reason for reason in reasons if reason is not None)
 
     def readable(self, now_ns: int) -> PreloadEstimate:
         """The estimate without what must not be read now."""
         estimate = self.estimate
-        missing = _missing_preload(self.preload_input, now_ns)
+        missing = self._missing_preload(now_ns)
         if estimate is None or missing is not None:
             return PreloadEstimate(
                 time_s=0.0 if estimate is None else estimate.time_s,
@@ -65,18 +72,20 @@ class AxisState:
             changes["since_time_ns"] = max(self._missing_since_ns(now_ns), started_ns)
         return consistent(last.model_copy(update=changes), self.readable(now_ns))
 
+    def _missing_preload(self, now_ns: int) -> str | None:
+        heard = self.preload_input
+        if not heard.is_stale(now_ns):
+            return None
+        preparing = self._components.preparing(self.axis, now_ns)
+        if preparing is not None:
+            return preparing
+        if heard.header is None:
+            return "no_input: no preload estimate heard yet"
+        return f"stale_input: no new preload estimate for more than {heard.stale_after_s:g} s"
+
     def _missing_since_ns(self, now_ns: int) -> int:
         inputs = (self.preload_input, self.health_input)
         return min(each.stale_since_ns for each in inputs if each.is_stale(now_ns))
-
-
-def _missing_preload(preload_input: InputWatch, now_ns: int) -> str | None:
-    if preload_input.header is None:
-        return "no_input: no preload estimate heard yet"
-    if preload_input.is_stale(now_ns):
-        limit_s = preload_input.stale_after_s
-        return f"stale_input: no new preload estimate for more than {limit_s:g} s"
-    return None
 
 
 def _missing_health(state: AxisState, now_ns: int) -> str | None:

@@ -77,11 +77,12 @@ class ServiceState:
         self.place = place or MachineKeys("", "")
         self.refused = refused
         self.keeping = keeping
+        self._components = ComponentWatch(settings.component_silent_after_s)
         self._axes = {
-            axis: AxisState(axis, limits, settings, keeping) for axis, limits in axes.items()
+            axis: AxisState(axis, limits, settings, keeping, self._components)
+            for axis, limits in axes.items()
         }
         self._strokes = dict(strokes or {})
-        self._components = ComponentWatch(settings.component_silent_after_s)
         self.events = keeping.diary or Diary()
         self.readers = FanOut(settings.backlog_capacity)
         self.ignored_payloads = 0

@@ -19,6 +19,7 @@ from .wiring.stages import load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 _WARM_UP_S = 120.0
+PREPARING = "the estimator is being prepared; after an installation or upgrade that takes a minute"
 PART_REPLACED = "part_replaced"
 RETRY_PERIOD_S = 2.0
 SAVE_PERIOD_S = 60.0
@@ -135,6 +136,8 @@ async def run(context: NodeContext) -> None:
     async with AsyncExitStack() as parts, reporter.running() as tasks:
         for part in estimated.parts.values():
             await parts.enter_async_context(part.running())
+        for each in (reporter, *estimated.parts.values()):
+            each.to(ComponentStatus.STARTING, PREPARING)
         machines = estimated.machines.values()
         await context.heart.in_thread(
             warm_up, config.downsample, config.estimator, machines, limit_s=_WARM_UP_S

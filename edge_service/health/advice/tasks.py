@@ -54,6 +54,7 @@ _SUBJECTS = {
     Task.ACKNOWLEDGE: Subject.ALARM,
 }
 _BY_REASON = {
+    "preparing": Task.WAIT,
     "process_force": Task.MOVE_FREELY,
     "no_motion": Task.MOVE,
     "learning": Task.WAIT,

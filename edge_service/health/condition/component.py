@@ -92,6 +92,14 @@ class ComponentWatch:
         self._reports[report.component, report.axis] = (report, now_ns)
         return self.tick(now_ns)
 
+    def preparing(self, axis: str, now_ns: int) -> str | None:
+        """Reason why the estimator of an axis cannot answer yet; None once it could."""
+        for report in self.reports(now_ns):
+            if (report.component, report.axis) == ("estimate", axis):
+                starting = report.status is ComponentStatus.STARTING and report.reason
+                return f"preparing: {report.reason}" if starting else None
+        return None
+
     def tick(self, now_ns: int) -> tuple[Event, ...]:
         """Events of what changed up to now."""
         events = []

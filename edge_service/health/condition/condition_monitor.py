@@ -137,6 +137,9 @@ class ConditionMonitor:
         return condition, (*self._limits.reasons, *held)
 
     def _missing_input(self, now_ns: int) -> tuple[str, ...]:
+        preparing = self._components.preparing(self.axis, now_ns)
+        if preparing is not None:
+            return (preparing,)
         if self.estimate is None:
             reasons = ["no_input: no preload estimate heard yet"]
         else:

@@ -154,6 +154,7 @@ export const de = {
   "reason.no_percent": "Vorspannung in % nicht verfügbar: die Maschinendatei ist unvollständig",
   "reason.no_number": "Es gibt keine Zahl für die Vorspannung",
   "reason.confirming": "Die ersten Zahlen müssen sich kurz bestätigen",
+  "reason.preparing": "Der Schätzer wird vorbereitet; nach Installation oder Update dauert das eine Minute",
   "reason.no_input": "Noch keine Schätzung der Vorspannung empfangen",
   "reason.stale_input": "Keine neue Schätzung der Vorspannung",
   "reason.no_limit": "Es gibt keine Grenzen: die Vorspannung im Neuzustand ist nicht bekannt",

@@ -154,6 +154,7 @@ export const en = {
   "reason.no_percent": "Preload in % is not available: the machine file is incomplete",
   "reason.no_number": "There is no number for the preload",
   "reason.confirming": "The first numbers must last for a moment",
+  "reason.preparing": "The estimator is being prepared",
   "reason.no_input": "No preload estimate heard yet",
   "reason.stale_input": "No new preload estimate",
   "reason.no_limit": "There are no limits: the fresh preload is not known",
