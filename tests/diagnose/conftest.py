@@ -11,6 +11,7 @@ from edge_service.diagnose.session.recordings import Run, runs_of
 from edge_service.diagnose.session.session import Session
 from edge_service.diagnose.session.twin import rigid_baseline
 from edge_service.messages.samples import SampleFrame
+from edge_service.models.effects.learned import model_effects
 from edge_service.models.machine import Machine
 
 from .. import foreign_plant
@@ -51,4 +52,5 @@ def runs(machine: Machine, frame: SampleFrame) -> list[Run]:
 
 
 def session_of(machine: Machine, frame: SampleFrame) -> Session:
-    return Session.of_runs(runs(machine, frame), rigid_baseline(machine))
+    baseline = rigid_baseline(machine)
+    return Session.of_runs(runs(machine, frame), baseline, model_effects(machine))

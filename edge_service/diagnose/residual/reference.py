@@ -15,7 +15,7 @@ from scipy import stats
 from ...messages.samples import Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
-from ...models.effects.registry import machine_effects
+from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
 from ..session.run import Run, by_recording
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
@@ -86,7 +86,7 @@ def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> 
     """
     if not any(run.has_torque and run.compared_rows.any() for run in runs):
         return machine
-    session = Session.of_runs(runs, baseline, machine_effects(machine))
+    session = Session.of_runs(runs, baseline, model_effects(machine))
     columns = np.column_stack([session.torque_column(curve) for curve in _PARAMETERS.values()])
     scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
     gram = with_ridge((columns / scale).T @ (columns / scale), _LOOSE * len(columns))

@@ -18,7 +18,7 @@ from ...messages.samples import Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.forward import Forward, TimeLoad, put_into
-from ...models.effects.registry import machine_effects
+from ...models.effects.learned import model_effects
 from ...models.feed_drive import SUBSTEP_RATE_HZ
 from ...models.machine import Machine
 from ...models.plant.from_machine import plant_of
@@ -62,7 +62,7 @@ class PrescribedMotionAxis:
         """Axis behind a baseline."""
         plant = rigid_plant(plant_of(machine))
         others_nm = plant.bearing_drag_nm + plant.guide_force_n * plant.ratio_m_per_rad
-        known = tuple(machine_effects(machine))
+        known = tuple(model_effects(machine))
         return cls(plant, baseline, baseline.coulomb_nm - others_nm, known)
 
     def with_effects(self, effects: Sequence[ActiveEffect]) -> Forward:

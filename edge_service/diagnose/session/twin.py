@@ -12,12 +12,12 @@ from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ...messages.samples import Floats, SampleFrame
 from ...models.effects.baseline import Baseline
 from ...models.effects.effect import ActiveEffect, Role, Term
+from ...models.effects.learned import model_effects
 from ...models.effects.registry import (
     active_effect,
     effects,
     error_of,
     get_effect,
-    machine_effects,
 )
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import Machine
@@ -89,13 +89,13 @@ def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session
     """Simulate a healthy axis on the motion of runs: drawn parameters, traces, measured noise."""
     random = np.random.default_rng((seed, 20))
     drawn = _drawn(machine, random)
-    effects = [*machine_effects(machine), *_traces(machine, random)]
+    effects = [*model_effects(machine), *_traces(machine, random)]
     baseline = rigid_baseline(machine)
     made: list[Run] = []
     for number, run in enumerate(excerpt(runs)):
         frame = simulated(drawn, run, effects, seed * 1000 + number)
         made += runs_of([frame], baseline, 3.0 * EDGE_S)
-    return Session.of_runs(made, baseline, machine_effects(machine))
+    return Session.of_runs(made, baseline, model_effects(machine))
 
 
 def simulated(

@@ -79,7 +79,7 @@ def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | No
     return StrokeProfile(
         position_m=position_m,
         fresh_percent=fresh,
-        preload_share=_share(known.stroke_map, position_m / machine.axis.stroke_m),
+        preload_share=preload_share(known.stroke_map, position_m / machine.axis.stroke_m),
         compliance_m_per_n=compliance,
         compliance_tolerance=tolerance,
         nut_m_per_n=nut,
@@ -87,7 +87,7 @@ def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | No
     )
 
 
-def _share(harmonics: tuple[tuple[float, float], ...], place: Floats) -> Floats:
+def preload_share(harmonics: tuple[tuple[float, float], ...], place: Floats) -> Floats:
     """Preload over its mean: 1 plus the harmonics of the stroke; `place` is from 0 to 1."""
     share = np.ones_like(place)
     for order, (cosine, sine) in enumerate(harmonics, start=1):

@@ -19,7 +19,7 @@ from ...diagnose.selection.observability import unobservable
 from ...diagnose.session.data_check import check_data
 from ...diagnose.session.session import TORQUE_GAP, Session
 from ...diagnose.session.twin import rigid_baseline
-from ...models.effects.registry import machine_effects
+from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ..examination import examine
@@ -138,7 +138,7 @@ def _healthy(
     faults = check_data(runs, machine.transmission_ratio_m_per_rad, names).faults
     if faults:
         raise DiagnosisError(f"reference: {'; '.join(faults)}")
-    return shown, healthy_machine(runs, rigid_baseline(shown), machine_effects(shown))
+    return shown, healthy_machine(runs, rigid_baseline(shown), model_effects(shown))
 
 
 def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:

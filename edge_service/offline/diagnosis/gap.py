@@ -17,7 +17,7 @@ from ...diagnose.session.session import (
 )
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import Floats
-from ...models.effects.registry import machine_effects
+from ...models.effects.learned import model_effects
 from ..examination import require_sound
 from .sessions import NOTHING_TO_COMPARE, DiagnosisError, one_line, opened_recordings
 
@@ -38,7 +38,7 @@ def gap(
     """
     machine = load_machine(machine_file, axis_number)
     require_sound(machine, traces)
-    modelled = machine_effects(machine)
+    modelled = model_effects(machine)
     torque, transmission = _Spread(), _Spread()
     with one_line():
         baseline = rigid_baseline(machine)

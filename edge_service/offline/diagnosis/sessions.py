@@ -8,7 +8,7 @@ from ...diagnose.session.recordings import Run, runs_of
 from ...diagnose.session.session import Session
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import SampleFrame
-from ...models.effects.registry import machine_effects
+from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...trace.reader import TraceReader
 from ..recordings import open_recording
@@ -69,7 +69,7 @@ def _reporting(
 
 def session_of(machine: Machine, runs: Sequence[Run]) -> Session:
     """The session of runs that hold motion."""
-    session = Session.of_runs(runs, rigid_baseline(machine), machine_effects(machine))
+    session = Session.of_runs(runs, rigid_baseline(machine), model_effects(machine))
     if not session.channels or not all(len(rows.gap) for rows in session.channels.values()):
         raise DiagnosisError(NOTHING_TO_COMPARE)
     return session
