@@ -22,7 +22,7 @@ from ..axis import OwnAxis
 from ..plants.foreign import commissioned_machine
 from ..scores import Recorded, follow
 from .false_conditions import FALSE, WatchCount, Watched, upper_bound
-from .production_cases import draw_shift, produced
+from .production_cases import HEALTHY, Course, draw_shift, produced
 
 SHIFT_S = 600.0
 PER_AXIS_HOURS = 1000.0
@@ -48,15 +48,18 @@ def said_of(count: WatchCount) -> Counter[str]:
 
 def watched(plant: str, axis_seed: int) -> Shift:
     """One shift through estimator and monitor."""
-    machine, recorded = _produced(plant, axis_seed)
+    machine, recorded = worked(plant, axis_seed)
     axis = Watched(FusedPreloadEstimator(machine), machine)
     follow(axis, recorded)
     return Shift(plant, axis_seed, SHIFT_S / 3600.0, said_of(axis.count()))
 
 
-def _produced(plant: str, axis_seed: int) -> tuple[Machine, Recorded]:
+def worked(
+    plant: str, axis_seed: int, course: Course = HEALTHY, shift_s: float = SHIFT_S
+) -> tuple[Machine, Recorded]:
+    """Machine file and recording of a shift; without the linear encoder where the plant says so."""
     name, _, lacking = plant.partition(", ")
-    machine, recorded = produced(draw_shift(name, axis_seed, SHIFT_S))
+    machine, recorded = produced(draw_shift(name, axis_seed, shift_s), course)
     return (_one_encoder(name, axis_seed), blind(recorded)) if lacking else (machine, recorded)
 
 

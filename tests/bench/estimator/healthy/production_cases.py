@@ -1,6 +1,6 @@
 """Shifts of healthy production: warm-up, new lubricant, payload, process force and pauses.
 
-The preload never changes in them, so every WARNING or FAULT is false.
+Unless a course is given the preload never changes in them, so every WARNING or FAULT is false.
 """
 
 from collections.abc import Iterator
@@ -22,6 +22,9 @@ from ..scores import Recorded
 
 SHIFT_S = 600.0
 Pauses = tuple[tuple[float, float], ...]
+Course = tuple[tuple[float, float], ...]
+"""Preload over the fresh one at some times: (s, share), straight between them."""
+HEALTHY: Course = ((0.0, 1.0),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +84,15 @@ def _alternating(changes: list[tuple[float, float]]) -> tuple[tuple[float, float
     return ((first_s, kg), (second_s, -kg))
 
 
-def produced(shift: Shift) -> tuple[Machine, Recorded]:
+def produced(shift: Shift, course: Course = HEALTHY) -> tuple[Machine, Recorded]:
     """Commissioned machine file and recording of a shift."""
     if shift.plant == "own":
         axis = OwnAxis(shift.axis_seed)
-        return axis.commissioned(), _own(shift, axis)
-    return foreign_machine(shift.axis_seed), _foreign(shift)
+        return axis.commissioned(), _own(shift, axis, course)
+    return foreign_machine(shift.axis_seed), _foreign(shift, course)
 
 
-def _foreign(shift: Shift) -> Recorded:
+def _foreign(shift: Shift, course: Course) -> Recorded:
     after = 1.0 - shift.relubricated
     events: list[Any] = [
         plant.Warmup(time_constant_s=TIME_CONSTANT_S, start=shift.warmth),
@@ -99,7 +102,9 @@ def _foreign(shift: Shift) -> Recorded:
     if shift.force_n:
         events.append(plant.ProcessForce(shift.force_n, duty=shift.force_duty))
     rng = np.random.default_rng([shift.seed, 43])
+    times_s, shares = np.array(course).T
     case = plant.axis_case(
+        (times_s, plant.Machine().preload_percent * shares),
         setpoint_m=plant.part_programme(rng, shift.duration_s, pauses=shift.pauses),
         events=tuple(events),
         seed=shift.seed,
@@ -108,7 +113,7 @@ def _foreign(shift: Shift) -> Recorded:
     return recorded(case)
 
 
-def _own(shift: Shift, axis: OwnAxis) -> Recorded:
+def _own(shift: Shift, axis: OwnAxis, course: Course) -> Recorded:
     """On the library's plant; it pauses where its part program would go on."""
     count = round(shift.duration_s * RATE_HZ)
     time_s = np.arange(count) / RATE_HZ
@@ -122,9 +127,10 @@ def _own(shift: Shift, axis: OwnAxis) -> Recorded:
     added = np.zeros(count)
     for at_s, kg in shift.payload:
         added[time_s >= at_s] += kg
+    percent = axis.fresh_percent * np.interp(time_s, *np.array(course).T)
     frames = axis.frames(
         "production",
-        np.full(count, axis.fresh_percent),
+        percent,
         shift.seed,
         effects,
         np.where(time_s >= shift.relubricated_s, shift.relubricated, 1.0),
@@ -132,7 +138,6 @@ def _own(shift: Shift, axis: OwnAxis) -> Recorded:
         added_mass_kg=added,
         external_force_n=_bursts(shift, count),
     )
-    percent = np.full(count, axis.fresh_percent)
     return estimator_axis.recorded(frames, axis.nominal(), percent)
 
 
