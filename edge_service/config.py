@@ -14,6 +14,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from .config_secrets import open_secrets, secret_keys, with_secrets, with_table_secrets
 from .config_tables import (
     AlarmsConfig,
+    EmailConfig,
     EventOutputConfig,
     FleetConfig,
     HistoryConfig,
@@ -216,6 +217,7 @@ class EdgeConfig(Table):
     vibration: VibrationConfig | None = None
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()
+    email: EmailConfig = EmailConfig()
     history: HistoryConfig = HistoryConfig()
     jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
@@ -288,7 +290,10 @@ def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputCo
     """Events wait in the folder of the history, unless something else is said."""
     table: EventOutputConfig = getattr(config, output)
     usual = (config.history.folder or folder) / f"{output}-buffer.sqlite"
-    return table.model_copy(update={"buffer": folder / (table.buffer or usual)})
+    placed = table.model_copy(update={"buffer": folder / (table.buffer or usual)})
+    if isinstance(placed, EmailConfig) and placed.ca_certificate is not None:
+        return placed.model_copy(update={"ca_certificate": folder / placed.ca_certificate})
+    return placed
 
 
 def load_machine(path: Path, axis_number: int | None = None) -> Machine:

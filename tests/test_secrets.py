@@ -43,6 +43,7 @@ def test_there_are_secrets_to_look_after() -> None:
         ("webhook", "url"),
         ("webhook", "secret"),
         ("webhook", "previous_secret"),
+        ("email", "password"),
         ("driver opcua", "password"),
     }
 

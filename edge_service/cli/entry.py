@@ -19,7 +19,7 @@ from .options import InputError
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
 from .security import audit, certs, token
-from .service import check_config, node, replay, run
+from .service import check_config, node, replay, run, send_test
 from .sources import doctor, stub
 
 
@@ -90,6 +90,7 @@ for _command in (
         run,
         node,
         check_config,
+        send_test,
         certs,
         token,
         audit,

@@ -7,7 +7,9 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, EdgeConfig, load_config
+from ..exit_status import DONE, INTERNAL_FAILURE
 from ..messages.health import NODES
+from ..messages.outputs import OF_HTTP
 from .options import (
     AXIS_NUMBER,
     BUS,
@@ -65,6 +67,24 @@ def check_config(config: Path | None) -> None:
     for line in what_it_means(config or DEFAULT_CONFIG):
         click.echo(line)
     click.echo("configuration is right")
+
+
+@click.command("send-test", epilog="Example: edge-service send-test email edge.toml")
+@click.argument("output", type=click.Choice(OF_HTTP))
+@CONFIG
+def send_test(output: str, config: Path | None) -> int:
+    """Send a test message by an output of events, as the service would, and say what came of it.
+
+    Ends with status 1 if it is not taken.
+    """
+    from ..nodes.outputs.trial import try_output
+
+    trial = asyncio.run(try_output(load_config(config or DEFAULT_CONFIG), output))
+    if trial.problem:
+        click.echo(f"{output}: {trial.place}: {trial.problem}", err=True)
+        return INTERNAL_FAILURE
+    click.echo(f"{output}: {trial.place} has taken a test message")
+    return DONE
 
 
 def what_it_means(config: Path) -> Iterator[str]:

@@ -22,6 +22,7 @@ class Output:
 
 _TABLE = (
     Output("webhook", HTTP, keeps=True),
+    Output("email", HTTP, keeps=True),
     Output("mqtt", "mqtt", keeps=True),
     Output("opcua", "opcua", keeps=False),
 )

@@ -29,6 +29,7 @@ from .jobs.job_desk import ProcessJobDesk
 from .jobs.live_recorder import LiveRecorder
 from .jobs.motion_desk import LiveMotionDesk
 from .outputs.desk import OutputDesk
+from .outputs.latest_answers import answer_of
 from .stores.disagreement_recorder import DisagreementRecorder
 from .stores.history_store import open_history
 from .stores.history_watch import HistoryWatch
@@ -72,7 +73,8 @@ async def run(context: NodeContext) -> None:
         place=config.keys,
         refused=context.bus.refused,
     )
-    outputs = await context.heart.patiently(OutputDesk.open(context))
+    answers = partial(answer_of, state, config.health)
+    outputs = await context.heart.patiently(OutputDesk.open(context, answers))
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter, keeper = Reporter(context, "http"), Reporter(context, "history")

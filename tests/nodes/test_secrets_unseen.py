@@ -68,6 +68,16 @@ host = "127.0.0.1"
 port = {free_port()}
 user = "edge"
 password = "{MARKER}"
+[email]
+host = "127.0.0.1"
+port = {free_port()}
+user = "edge"
+password = "{MARKER}"
+sender = "edge@example.org"
+recipients = ["shift@example.org"]
+kinds = ["note"]
+severities = ["info"]
+gather_s = 0.0
 [webhook]
 url = "http://user:{MARKER}@127.0.0.1:{hook}/{MARKER}?key={MARKER}"
 secret = "{MARKER}"
@@ -82,7 +92,7 @@ driver = "opcua"
         + "\n".join(lines)
         + (MQTT_AXIS.format(port=free_port(), marker=MARKER) if HAS_MQTT else "")
     )
-    held = {("mqtt", "password")}
+    held = {("mqtt", "password"), ("email", "password")}
     held |= {("webhook", key) for key in ("url", "secret", "previous_secret")}
     drivers = {"driver opcua", *(["driver mqtt"] if HAS_MQTT else [])}
     return text, held | {(driver, "password") for driver in drivers}
@@ -124,7 +134,9 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
             async def complained() -> bool:
                 said = caplog.text
                 lost = ("lost: opc.tcp", *(["lost: 127.0.0.1"] if HAS_MQTT else []))
-                return all(name in said for name in ("webhook: http:", "mqtt: ", *lost))
+                return all(
+                    name in said for name in ("webhook: http:", "mqtt: ", "email: 127", *lost)
+                )
 
             async def dead_letter() -> Any:
                 async with httpx.AsyncClient(base_url=address) as client:

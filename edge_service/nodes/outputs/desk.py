@@ -13,7 +13,8 @@ from ...health.events.log import LoggedEvent
 from ...http_api.jobs import RefusedError
 from ...http_api.outputs import DeadLetterAnswer
 from ..wiring.context import NodeContext
-from .registry import OPENERS, EventOutput
+from .ordered import Answers, OrderedOutput
+from .registry import OPENERS
 from .report import OutputReport
 
 MOST_MISSED = 10_000
@@ -25,15 +26,21 @@ class OutputDesk:
 
     def __init__(self, spools: Mapping[str, Spool]) -> None:
         self._spools = spools
-        self._outputs: dict[str, tuple[EventOutput, OutputReport]] = {}
+        self._outputs: dict[str, tuple[OrderedOutput, OutputReport]] = {}
 
     @classmethod
-    async def open(cls, context: NodeContext) -> "OutputDesk":
-        """Open what is configured. Raises ConfigError."""
+    async def open(
+        cls, context: NodeContext, answers: Answers = lambda _axis: None
+    ) -> "OutputDesk":
+        """Open what is configured. Raises ConfigError.
+
+        Args:
+            answers: what holds now of an axis.
+        """
         desk = cls(context.spools)
         for name, make in OPENERS.items():
             report = OutputReport(context, name)
-            output = await make(context.config, report.tell)
+            output = await make(context.config, report.tell, answers)
             if output is not None:
                 report.watch(output.spool, partial(_counters, output))
                 report.tell("")
@@ -89,7 +96,7 @@ class OutputDesk:
         return spool
 
 
-async def _catch_up(output: EventOutput, diary: Diary) -> None:
+async def _catch_up(output: OrderedOutput, diary: Diary) -> None:
     """Offer an output what came into the diary and, as the service ended then, not to the output.
 
     A new output begins with the events to come.
@@ -100,7 +107,7 @@ async def _catch_up(output: EventOutput, diary: Diary) -> None:
     await output.spool.set_mark(diary.last_id)
 
 
-def _counters(output: EventOutput) -> dict[str, int]:
+def _counters(output: OrderedOutput) -> dict[str, int]:
     return {"delivered": output.delivered}
 
 

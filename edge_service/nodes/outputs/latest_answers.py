@@ -1,7 +1,9 @@
 """Latest answers about all axes, for outputs that show what holds now."""
 
 from ...clock import now_ns
+from ...config import HealthConfig
 from ...health.axis_state import AxisState
+from ...health.service_state import ServiceState
 from ...health.state_settings import Keeping, StateSettings
 from ...messages.answer import AxisAnswer
 from ...messages.estimate import PreloadEstimate
@@ -11,6 +13,24 @@ from ...messages.topics import HEALTH, PRELOAD
 from ..supervision.tasks import Tasks
 from ..wiring.context import NodeContext
 from ..wiring.stages import load_machines
+
+
+def answer_of(state: ServiceState, limits: HealthConfig, axis: str) -> AxisAnswer | None:
+    """Answer about an axis from the state of the service; None of one that is not known."""
+    if axis not in state.axes:
+        return None
+    at_ns = now_ns()
+    reading, bounds = state.preload(axis, at_ns), state.limits(axis)
+    return AxisAnswer(
+        axis=axis,
+        estimate=reading.estimate,
+        measured_ns=reading.measured_ns,
+        health=state.health(axis, at_ns),
+        fresh_percent=None if bounds is None else bounds.fresh_percent,
+        warning_of_fresh=limits.warning_percent_of_fresh,
+        fault_of_fresh=limits.fault_percent_of_fresh,
+        is_heard=reading.measured_ns is not None,
+    )
 
 
 class LatestAnswers:

@@ -15,6 +15,7 @@ from ...bus.spool.spool import Spool
 from ...clock import now_ns
 from ...config_tables import EventOutputConfig
 from ...health.events.log import LoggedEvent
+from ...messages.answer import AxisAnswer
 from ...messages.event import Event
 from ..supervision.heartbeat import THREAD_LIMIT_S, Heartbeat
 from .reply import Outcome, Reply
@@ -26,6 +27,10 @@ SHORTENED = 0.25
 """Share by which a pause may be shorter, so that many services do not return at one moment."""
 MOST_WITNESSES = 16
 """Events behind a refused one that are tried before its receiver is taken for sick."""
+
+
+Answers = Callable[[str], AxisAnswer | None]
+"""What holds now of an axis; None of one that is not known."""
 
 
 def jittered(seconds: float) -> asyncio.Timeout:
@@ -46,6 +51,7 @@ class OrderedOutput(ABC):
         spool: where events wait.
         on_change: called with "" when an event has arrived, else with what is wrong.
         pause: limits a pause, s.
+        tries: see above.
 
     Attributes:
         spool: as given.
@@ -64,10 +70,11 @@ class OrderedOutput(ABC):
         spool: Spool,
         on_change: Callable[[str], None] = lambda _problem: None,
         pause: Callable[[float], asyncio.Timeout] = jittered,
+        tries: int = 1,
     ) -> None:
         self._name = name
         self._kinds = frozenset(settings.kinds)
-        self._tries = settings.tries
+        self._tries = tries
         self._most_pauses = round(settings.give_up_h * 3600.0 / LONGEST_PAUSE_S)
         self._on_change = on_change
         self._pause = pause
@@ -81,26 +88,31 @@ class OrderedOutput(ABC):
         """Address of the receiver, without what only it should know."""
 
     @abstractmethod
-    async def _send(self, messages: Sequence[Message]) -> Reply:
+    async def send(self, messages: Sequence[Message]) -> Reply:
         """Send once; whatever the other side does ends in a reply."""
 
     @abstractmethod
-    def _payload(self, event: Event) -> bytes:
+    def payload(self, event: Event) -> bytes:
         """Content to keep of an event."""
 
-    async def _together(self, first: Message) -> list[Message]:
+    async def together(self, first: Message) -> list[Message]:
         """Messages that go in one sending, beginning with the oldest."""
         return [first]
 
-    def _wants(self, event: Event) -> bool:
+    def due_in_s(self, first: Message) -> float:
+        """Time for which the oldest is to wait yet."""
+        return 0.0
+
+    def wants(self, event: Event) -> bool:
+        """Tell whether an event is of a configured kind."""
         return event.kind in self._kinds
 
     def put(self, logged: LoggedEvent) -> None:
         """Keep an event, if it is wanted, on disk to be sent; never waits."""
         event = logged.event
-        if self._wants(event):
+        if self.wants(event):
             topic = f"{event.axis}/{event.kind}"
-            self.spool.put_soon(topic, self._payload(event), mark=logged.id)
+            self.spool.put_soon(topic, self.payload(event), mark=logged.id)
 
     async def run(self, heart: Heartbeat) -> None:
         """Send until cancelled."""
@@ -120,11 +132,14 @@ class OrderedOutput(ABC):
         (first,) = await heart.patiently(self.spool.oldest(1)) or (None,)
         if first is None:
             return False
-        sent = await heart.patiently(self._together(first))
+        if (due_in_s := self.due_in_s(first)) > 0.0:
+            await self._hold(heart, min(due_in_s, LONGEST_PAUSE_S))
+            return False
+        sent = await heart.patiently(self.together(first))
         reply = await self._try(heart, sent)
         if reply.outcome is Outcome.TAKEN:
             return False
-        if self._is_suspect(first, reply) and await self._is_to_blame(heart, first):
+        if self._is_suspect(first, reply) and await self._is_to_blame(heart, first, reply):
             again = reply if reply.outcome is Outcome.NEVER else await self._try(heart, sent)
             if again.outcome is Outcome.TAKEN:
                 return False
@@ -137,8 +152,9 @@ class OrderedOutput(ABC):
         often = reply.outcome is Outcome.REFUSED and message.refusals + 1 >= self._tries
         return often or reply.outcome is Outcome.NEVER
 
-    async def _is_to_blame(self, heart: Heartbeat, first: Message) -> bool:
-        return self.BELIEVED or await self._takes_another(heart, first.refusals + 1)
+    async def _is_to_blame(self, heart: Heartbeat, first: Message, reply: Reply) -> bool:
+        believed = self.BELIEVED and reply.outcome is Outcome.NEVER
+        return believed or await self._takes_another(heart, first.refusals + 1)
 
     async def _takes_another(self, heart: Heartbeat, tries: int) -> bool:
         """Tell whether the receiver takes one of those behind the first; more of them each time.
@@ -157,14 +173,13 @@ class OrderedOutput(ABC):
 
     async def _deliver(self, messages: Sequence[Message]) -> Reply:
         """Try to send once; what has arrived is forgotten."""
-        reply = await self._send(messages)
+        reply = await self.send(messages)
         if reply.outcome is Outcome.TAKEN:
             self.delivered += len(messages)
             await self.spool.remove(messages)
             self._pause_s = FIRST_PAUSE_S
-            self._on_change("")
-        else:
-            self._on_change(f"{self.place}: {reply.reason}")
+        is_well = reply.outcome is Outcome.TAKEN and not reply.reason
+        self._on_change("" if is_well else f"{self.place}: {reply.reason}")
         return reply
 
     async def _wait_for(self, messages: Sequence[Message], reply: Reply) -> bool:
@@ -183,6 +198,13 @@ class OrderedOutput(ABC):
             said = (each.key, each.topic, each.payload, tries, reply.reason, now_ns())
             await self.spool.bury(DeadLetter(*said))
             log.warning("%s: event %s is a dead letter: %s", self._name, each.key, reply.reason)
+
+    async def _hold(self, heart: Heartbeat, pause_s: float) -> None:
+        """Let the oldest wait."""
+        heart.beat(pause_s)
+        with suppress(TimeoutError):
+            async with self._pause(pause_s):
+                await asyncio.Event().wait()
 
     async def _rest(self, heart: Heartbeat) -> None:
         """Pause; less if only now there is another event by which to judge the receiver."""

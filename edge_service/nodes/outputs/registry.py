@@ -1,33 +1,14 @@
 """Registry of the outputs that take events: a new one is its file and a line here."""
 
 from collections.abc import Awaitable, Callable
-from typing import Protocol
 
-from ...bus.spool.spool import Spool
 from ...config import EdgeConfig
-from ...health.events.log import LoggedEvent
-from ..supervision.heartbeat import Heartbeat
+from .ordered import Answers, OrderedOutput
 
 
-class EventOutput(Protocol):
-    """Output to which every event is offered.
-
-    Attributes:
-        spool: where its events wait, and its dead letters lie.
-        delivered: events that arrived.
-    """
-
-    spool: Spool
-    delivered: int
-
-    def put(self, logged: LoggedEvent) -> None:
-        """Keep an event, if it is wanted, on disk to be sent, its number as mark; never waits."""
-
-    async def run(self, heart: Heartbeat) -> None:
-        """Send what was kept until cancelled."""
-
-
-async def _open_webhook(config: EdgeConfig, on_change: Callable[[str], None]) -> EventOutput | None:
+async def _open_webhook(
+    config: EdgeConfig, on_change: Callable[[str], None], _answers: Answers
+) -> OrderedOutput | None:
     if config.webhook.url is None:
         return None
     from .webhook import open_webhook  # its client takes 8 MB
@@ -35,7 +16,17 @@ async def _open_webhook(config: EdgeConfig, on_change: Callable[[str], None]) ->
     return await open_webhook(config, on_change)
 
 
-OpenOutput = Callable[[EdgeConfig, Callable[[str], None]], Awaitable[EventOutput | None]]
+async def _open_email(
+    config: EdgeConfig, on_change: Callable[[str], None], answers: Answers
+) -> OrderedOutput | None:
+    if config.email.host is None:
+        return None
+    from .mail.output import open_email
+
+    return await open_email(config, on_change, answers)
+
+
+OpenOutput = Callable[[EdgeConfig, Callable[[str], None], Answers], Awaitable[OrderedOutput | None]]
 """Opens an output as configured, None if it is not; told what to call with what is wrong now."""
-OPENERS: dict[str, OpenOutput] = {"webhook": _open_webhook}
+OPENERS: dict[str, OpenOutput] = {"webhook": _open_webhook, "email": _open_email}
 """Openers by the name that the output reports under."""

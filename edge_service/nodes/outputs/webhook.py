@@ -38,7 +38,7 @@ class Webhook(OrderedOutput):
         on_change: Callable[[str], None] = lambda _problem: None,
         pause: Callable[[float], asyncio.Timeout] = jittered,
     ) -> None:
-        super().__init__("webhook", settings, spool, on_change, pause)
+        super().__init__("webhook", settings, spool, on_change, pause, settings.tries)
         assert settings.url is not None and settings.secret is not None
         secrets = (settings.secret, settings.previous_secret)
         self._secrets = [secret.get_secret_value() for secret in secrets if secret is not None]
@@ -49,10 +49,12 @@ class Webhook(OrderedOutput):
         """Address without path and login."""
         return self._poster.place
 
-    def _payload(self, event: Event) -> bytes:
+    def payload(self, event: Event) -> bytes:
+        """The event as on the bus."""
         return json.dumps({"schema": EVENT.payload} | event.model_dump(mode="json")).encode()
 
-    async def _send(self, messages: Sequence[Message]) -> Reply:
+    async def send(self, messages: Sequence[Message]) -> Reply:
+        """Post one event."""
         (message,) = messages
         timestamp = str(int(now_ns() / 1e9))
         headers = {"Content-Type": "application/json", "Connection": "close"}

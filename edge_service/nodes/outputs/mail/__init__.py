@@ -1,0 +1,1 @@
+"""E-mails about events: what they say, and how they are sent."""

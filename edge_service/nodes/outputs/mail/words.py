@@ -1,0 +1,63 @@
+"""Words of letters, those of the page, in the language that is configured."""
+
+from datetime import datetime
+
+from ....http_api.words import words_in
+from ....messages.answer import AxisAnswer
+from ....messages.event import Event
+
+
+class Words:
+    """Words of one language."""
+
+    def __init__(self, language: str) -> None:
+        self._known = words_in(language)
+
+    def __call__(self, key: str, **values: object) -> str:
+        """Text of a key, with its values put in."""
+        text = self._known[key]
+        for name, value in values.items():
+            text = text.replace(f"{{{name}}}", str(value))
+        return text
+
+    def counted(self, key: str, n: int) -> str:
+        """Text that a number asks for."""
+        return self(f"{key}.{'one' if n == 1 else 'other'}", n=n)
+
+    def moment(self, time_ns: int) -> str:
+        """Date and time here, with the zone."""
+        return datetime.fromtimestamp(time_ns / 1e9).astimezone().strftime(self("mail.moment"))
+
+    def headline(self, event: Event, answer: AxisAnswer | None) -> str:
+        """Headline of the axis as it holds now, else of the event, else what that says."""
+        now = answer.health.headline if answer is not None and answer.is_heard else None
+        code = event.data.get("headline") if now is None else now.code
+        return self._known.get(f"headline.{code}", event.message)
+
+    def event(self, event: Event) -> str:
+        """Sentence about an event; what the service says stays in English."""
+        word = self._known.get(f"alarm.{event.data.get('alarm')}")
+        said = " ".join(event.message.split())
+        return said if word is None else f"{word} ({said})"
+
+    def state(self, answer: AxisAnswer | None) -> str:
+        """Preload now and how sure it is, or that it is not known."""
+        interval = None if answer is None else answer.of_fresh
+        if answer is None or interval is None:
+            return self("headline.unavailable")
+        bounds = self("between", low=f"{interval.low:.0f}", high=f"{interval.high:.0f}")
+        sure = self("answer.unsure")
+        if answer.estimate.level is not None:
+            sure = self("answer.sure", level=f"{100.0 * answer.estimate.level:.0f}", bounds=bounds)
+        return f"{self('of_fresh', n=f'{interval.value:.0f}')}, {sure}"
+
+    def tasks(self, answer: AxisAnswer | None) -> list[str]:
+        """Tasks in words, the most urgent first, each with its date and what goes with it."""
+        told = []
+        for each in () if answer is None else answer.health.advice:
+            parts = [self._known.get(f"task.{each.task}", each.text)]
+            if each.due is not None:
+                parts.append(self("task.due", first=self.moment(each.due.earliest_ns)))
+            parts += [self._known.get(f"together.{more}", "") for more in each.together_with]
+            told.append(" ".join(part for part in parts if part))
+        return told
