@@ -43,9 +43,9 @@ def replaced_file(path: Path, mode: int = 0o666) -> Iterator[TextIO]:
 
 
 @contextmanager
-def replaced_bytes(path: Path) -> Iterator[BinaryIO]:
+def replaced_bytes(path: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
     """The same for bytes."""
-    with _part(path) as handle, os.fdopen(handle, "wb", closefd=False) as file:
+    with _part(path, mode) as handle, os.fdopen(handle, "wb", closefd=False) as file:
         yield file
 
 

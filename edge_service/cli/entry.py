@@ -19,7 +19,7 @@ from .options import InputError
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
 from .security import audit, certs, token
-from .service import check_config, node, replay, run, send_test
+from .service import backup, check_config, node, replay, restore, run, send_test
 from .sources import doctor, stub
 
 
@@ -64,12 +64,13 @@ def _is_bad_input(error: Exception) -> bool:
     from ..http_api.security.tokens import TokenError
     from ..http_api.serve import AddressError
     from ..models.motions.registry import MotionError
+    from ..offline.backup.contents import BackupError
     from ..offline.diagnosis.sessions import DiagnosisError
     from ..offline.simulate import SimulationError
     from ..trace.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    access = (CertificateError, TokenError)
+    access = (CertificateError, TokenError, BackupError)
     twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
     return isinstance(error, (InputError, ConfigError, TraceError, *access, *bus, *twin))
 
@@ -91,6 +92,8 @@ for _command in (
         node,
         check_config,
         send_test,
+        backup,
+        restore,
         certs,
         token,
         audit,

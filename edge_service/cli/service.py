@@ -1,4 +1,4 @@
-"""Commands that run the service, or check what it would run."""
+"""Commands that run the service, check what it would run, or copy what it keeps."""
 
 import asyncio
 from collections.abc import Iterator
@@ -15,10 +15,12 @@ from .options import (
     BUS,
     CONFIG,
     MACHINE,
+    PATH,
     PORT,
     TRACE,
     InputError,
     configured,
+    out_option,
     service_config_option,
 )
 from .terminal import announce, log_to_stderr
@@ -185,4 +187,40 @@ def replay(
             axis_number=axis_number,
         )
     ):
+        click.echo(line)
+
+
+@click.command(epilog="Example: edge-service backup /etc/edge-service/edge.toml --out backup.zip")
+@click.argument("config", type=PATH)
+@out_option("File to write; it may hold secrets, and is for its owner alone.")
+@click.option("--recordings", is_flag=True, help="Keep the recordings of the history as well.")
+def backup(config: Path, out: Path, recordings: bool) -> None:
+    """Copy the configuration, the files that it names and the history into one file.
+
+    The service may be running.
+    """
+    from ..offline.backup.backup import back_up
+
+    for line in back_up(config, out, recordings=recordings):
+        click.echo(line)
+
+
+@click.command(
+    epilog="Example: edge-service restore backup.zip --config /etc/edge-service/edge.toml"
+    " --history /var/lib/edge-service"
+)
+@click.argument("file", type=PATH)
+@click.option("--config", type=PATH, help="Configuration to write, with the files that it names.")
+@click.option("--history", type=PATH, help="History folder to fill; it must be empty.")
+@click.option("--force", is_flag=True, help="Replace files of the configuration that differ.")
+def restore(file: Path, config: Path | None, history: Path | None, force: bool) -> None:
+    """Put back what `edge-service backup` has copied: all of it is checked before.
+
+    No service may be running on that history.
+    """
+    from ..offline.backup import restore as backups
+
+    if config is None and history is None:
+        raise InputError("expected --config, --history or both: where to restore to")
+    for line in backups.restore(file, config, history, force=force):
         click.echo(line)

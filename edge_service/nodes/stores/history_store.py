@@ -31,6 +31,8 @@ _CHECKING_S = 0.2
 _CHECK_AGAIN_AFTER_S = 86_400.0
 _READ_STEP_S = 3600.0
 _MB = 1_000_000
+UNFINISHED = "@restore"
+"""Folder in which a restore unpacks a backup; it is gone once the history is whole."""
 _File = tuple[AxisArchive, FileTier, Path]
 
 
@@ -151,7 +153,7 @@ class HistoryStore:
     def _hold(self) -> None:
         """Lock the folder, unless it is. Raises OSError; ConfigError if another holds it."""
         if self._folder is not None and self._lock is None:
-            self._lock = _locked(self._folder)
+            self._lock = lock_folder(self._folder)
             sweep(self._folder)
 
 
@@ -169,12 +171,16 @@ def _words(error: OSError | ConfigError) -> str:
     return str(error)
 
 
-def _locked(folder: Path) -> int:
+def lock_folder(folder: Path) -> int:
     """Descriptor that locks the folder; ConfigError if another service holds it. OSError.
 
     It is open for reading only, so that the disk may become read-only.
     """
     made_folder(folder)
+    if (folder / UNFINISHED).exists():
+        raise ConfigError(
+            f"history.folder: {folder}: a restore was cut off; empty it, and restore again"
+        )
     lock = os.open(folder / "@lock", os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

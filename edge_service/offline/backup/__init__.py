@@ -1,0 +1,1 @@
+"""Backups of a service: its configuration and its history in one file."""
