@@ -68,8 +68,8 @@ class KeyRings:
         """Tell whether a key has a ring, or may have one."""
         return key in self._rings or len(self._rings) < MOST_KEYS
 
-    def put(self, arrival: Arrival) -> None:
-        """Let a payload wait; the oldest of its key make room."""
+    def put(self, arrival: Arrival) -> int:
+        """Let a payload wait; the oldest of its key make room. Returns how many wait there."""
         with self._lock:
             ring = self._rings[arrival.key]
             ring.waiting.append(arrival)
@@ -78,6 +78,7 @@ class KeyRings:
                 ring.waiting_bytes -= len(ring.waiting.popleft().payload)
                 self.overruns += 1
             self._turn.setdefault(arrival.key)
+            return len(ring.waiting)
 
     def take(self) -> Arrival | None:
         """The oldest payload of the key whose turn it is; None if none waits."""

@@ -17,6 +17,7 @@ from ..clock import now_ns
 from ..messages.addresses import split_endpoint
 from ..messages.codec.interface import T
 from ..messages.topics import Topic
+from .decoding import Decoding
 from .publisher import Publisher
 from .questions import Answer, Answering, ask
 from .refusals import Refusals, together
@@ -43,6 +44,7 @@ class Bus:
         self.tls_endpoint = settings.tls.endpoint if settings.tls else None
         self._boot_epoch = now_ns()
         self._numbers: dict[str, count[int]] = {}
+        self._decodings: dict[str, Decoding[Any]] = {}
         self._refusals: WeakSet[Refusals] = WeakSet()
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: list[Publisher[Any]] = []
@@ -94,7 +96,8 @@ class Bus:
         Args:
             keys: payloads of other keys are refused; None hears all that the expression means.
         """
-        subscriber = Subscriber(self._session, key_expr, topic, depth, keys)
+        decoding = self._decodings.setdefault(topic.name, Decoding(topic))
+        subscriber = Subscriber(self._session, key_expr, topic, decoding, depth, keys)
         self._subscribers.append(subscriber)
         self._refusals.add(subscriber.refusals)
         return subscriber

@@ -5,6 +5,7 @@ came before, and of the axis that its key names. Everything else is refused, cou
 """
 
 import asyncio
+import threading
 import time
 from collections.abc import AsyncIterator, Collection
 from dataclasses import asdict, dataclass, replace
@@ -17,6 +18,7 @@ from ..messages.codec.interface import CodecError, T
 from ..messages.header import Header
 from ..messages.keys import axis_of
 from ..messages.topics import Topic
+from .decoding import Decoding
 from .refusals import Refusal, Refusals
 from .rings import Arrival, KeyRings
 from .sender import Sender
@@ -25,6 +27,9 @@ _PATIENCE_SHARE = 0.25
 """Of the time after which a topic is stale: after so much silence another publisher is heard."""
 _TURN = 32
 """Payloads after which everybody else gets a turn."""
+_LONGEST_REST_S = 0.2
+_MOST_RESTING = 16
+"""Payloads of a key that wait for the end of a rest, at most."""
 
 
 @dataclass(slots=True)
@@ -53,6 +58,7 @@ class Subscriber(Generic[T]):
     """An asynchronous iterator of `(axis, header, payload)`; ends when it is closed.
 
     Args:
+        decoding: of its payloads, shared with other subscribers of the topic.
         depth: Payloads that may wait on each key.
         keys: The keys that are heard; None hears every key of the expression, up to a number.
     """
@@ -62,19 +68,24 @@ class Subscriber(Generic[T]):
         session: zenoh.Session,
         key_expr: str,
         topic: Topic[T],
+        decoding: Decoding[T],
         depth: int,
         keys: Collection[str] | None = None,
     ) -> None:
         self.refusals = Refusals()
+        self._decoding = decoding
         self._topic = topic
         self._keys = keys
         self._received = 0
         self._rings = KeyRings(depth, topic.most_hz)
         self._senders: dict[str, Sender] = {}
         self._loop = asyncio.get_running_loop()
+        self._thread = threading.get_ident()
         self._wake = asyncio.Event()
         self._waiting = False
         self._closed = False
+        self._rests: dict[str, float] = {}
+        self._end_of_rest: asyncio.TimerHandle | None = None
         self._subscriber = session.declare_subscriber(
             key_expr, zenoh.handlers.Callback(self._on_sample, indirect=False)
         )
@@ -102,17 +113,22 @@ class Subscriber(Generic[T]):
         return self._waiting and not self._rings and not self._closed
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        """Runs in a thread of Zenoh: takes the bytes, nothing else."""
+        """Runs in a thread of Zenoh, or in that of the publisher: takes the bytes, nothing else."""
         key, now_s = str(sample.key_expr), time.monotonic()
         self._received += 1
         refusal = self._refusal(key, len(sample.payload), now_s)
         if refusal is not None:
             self.refusals.add(key, refusal)
             return
-        self._rings.put(Arrival(key, sample.payload.to_bytes(), now_s))
+        waiting = self._rings.put(Arrival(key, sample.payload.to_bytes(), now_s))
+        if now_s < self._rests.get(axis_of(key), 0.0) and waiting < _MOST_RESTING:
+            return
         if self._waiting and not self._loop.is_closed():
             self._waiting = False
-            self._loop.call_soon_threadsafe(self._wake.set)
+            if threading.get_ident() == self._thread:
+                self._wake.set()
+            else:
+                self._loop.call_soon_threadsafe(self._wake.set)
 
     def _refusal(self, key: str, size: int, now_s: float) -> Refusal | None:
         known = self._rings.knows(key) if self._keys is None else key in self._keys
@@ -121,6 +137,20 @@ class Subscriber(Generic[T]):
         if size > self._topic.most_bytes:
             return Refusal.OVERSIZED
         return None if self._rings.admits(key, now_s) else Refusal.FLOODED
+
+    def rest(self, axis: str, seconds: float) -> None:
+        """Read what comes of an axis later: its reader can make nothing of it before.
+
+        Every time that a process wakes costs more than what it then reads.
+        """
+        if seconds <= 0.0:
+            self._rests.pop(axis, None)
+            return
+        seconds = min(seconds, _LONGEST_REST_S)
+        self._rests[axis] = time.monotonic() + seconds
+        if self._end_of_rest is not None:
+            self._end_of_rest.cancel()
+        self._end_of_rest = self._loop.call_later(seconds + _LONGEST_REST_S, self._wake.set)
 
     async def __aiter__(self) -> AsyncIterator[tuple[str, Header, T]]:
         turns = 0
@@ -145,7 +175,7 @@ class Subscriber(Generic[T]):
     def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
         """Axis, header and payload; or why they must not be read."""
         try:
-            axis, header, value = self._topic.decode(arrival.payload)
+            axis, header, value = self._decoding.decode(arrival.payload)
         except CodecError:
             return Refusal.MALFORMED
         if axis != axis_of(arrival.key):
@@ -161,6 +191,8 @@ class Subscriber(Generic[T]):
         """Undeclare; what is in the ring can still be read, then the iteration ends."""
         if not self._closed:
             self._closed = True
+            if self._end_of_rest is not None:
+                self._end_of_rest.cancel()
             self._subscriber.undeclare()
             self._wake.set()
 

@@ -161,6 +161,16 @@ class Downsampler:
         self._channels.restore(snapshot["channels"])
         self.faults = dict(snapshot["faults"])
 
+    @property
+    def due_s(self) -> float:
+        """Time of the sample that completes the current interval, s; -inf while it is unknown."""
+        segment = self._segment
+        if self._period_s is None or segment.first >= len(segment.rows):
+            return -np.inf
+        interval = self._interval_of(segment.rows[segment.first, T])
+        end_s = (interval + 1 - _GRID_SLACK) * self._settings.interval_s
+        return end_s + (self._reach - 0.5) * self._period_s
+
     def push(self, frame: SampleFrame) -> list[FeatureBlock]:
         """Take the next samples; return the intervals that they complete."""
         if len(frame) == 0:

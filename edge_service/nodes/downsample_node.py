@@ -1,6 +1,7 @@
 """Raw samples in, feature blocks out: all axes."""
 
 from ..downsample import Downsampler
+from ..downsample.gathering import Gathering
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
@@ -14,15 +15,20 @@ async def run(context: NodeContext) -> None:
     """Downsample every configured axis until cancelled."""
     machines, config = load_machines(context.config), context.config.downsample
     downsamplers = {axis: make_downsampler(config, machine) for axis, machine in machines.items()}
+    gatherings = {axis: Gathering() for axis in machines}
     publishers = {axis: context.publisher(axis, FEAT) for axis in machines}
     subscriber = context.subscribe(RAW)
     reporter = Reporter(context, "downsample")
     reporter.counters = lambda: subscriber.counts() | _fault_counts(downsamplers)
 
     def take(axis: str, header: Header, frame: SampleFrame) -> None:
-        if axis in downsamplers:
-            for block in downsamplers[axis].push(frame):
-                publishers[axis].publish(block, source_time_ns(header, frame, block))
+        if axis not in downsamplers:
+            return
+        downsampler = downsamplers[axis]
+        for gathered in gatherings[axis].add(frame, downsampler.due_s):
+            for block in downsampler.push(gathered):
+                publishers[axis].publish(block, source_time_ns(header, gathered, block))
+        subscriber.rest(axis, downsampler.due_s - float(frame.time_s[-1]))
 
     async with reporter.running() as tasks:
         tasks.follow("samples", subscriber, take, vital=True)

@@ -44,6 +44,7 @@ from .wiring.teller import Teller
 
 log = logging.getLogger(__name__)
 REFUSALS_PERIOD_S = 1.0
+SAMPLES_PERIOD_S = 0.1  # of samples that recordings may need later: nobody waits for them
 
 
 def _limits(context: NodeContext) -> dict[str, AxisLimits | None]:
@@ -180,14 +181,17 @@ def _follow_events(
         if event.kind in TASK_EVENTS:  # nothing else is theirs to tell
             take(event)
 
+    samples = context.subscribe(RAW, depth=1024)
+
     def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
         recorder.follow(axis, frame)
         live.follow(axis, frame)
+        samples.rest(axis, SAMPLES_PERIOD_S)
 
     tasks.start("teller", teller.run)
     tasks.follow("events", context.subscribe(EVENT), take_event)
     tasks.follow("service_events", of_service, take_service_event)
-    tasks.follow("samples", context.subscribe(RAW, depth=1024), take_samples)
+    tasks.follow("samples", samples, take_samples)
     return take
 
 

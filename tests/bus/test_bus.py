@@ -165,3 +165,61 @@ async def test_no_bus_to_join_is_one_clear_line(router: Bus) -> None:
     await router.close()
     with pytest.raises(BusUnavailableError, match="no bus answers"):
         await Bus.open(BusSettings(router.endpoint, "client"))
+
+
+async def test_readers_of_one_process_share_what_is_decoded_and_cannot_change_it(
+    router: Bus,
+) -> None:
+    one, other = (router.subscribe(KEYS.all_axes(RAW), RAW) for _ in range(2))
+    router.publisher(KEYS.key("X", RAW), RAW, "X").publish(FRAME, time.time_ns())
+    frames = [(await anext(aiter(each)))[2] for each in (one, other)]
+    assert frames[0] is frames[1]
+    with pytest.raises(ValueError, match="read-only"):
+        frames[0].channels[TORQUE][0] = 1.0
+
+
+async def test_bytes_that_are_refused_are_refused_to_every_reader(router: Bus) -> None:
+    readers = [router.subscribe(KEYS.all_axes(RAW), RAW) for _ in range(2)]
+    for payload in (b"EDB1", b"EDB1", encode(Header(0, 1, 2, 3))):
+        router._session.put(KEYS.key("X", RAW), payload)
+    for reader in readers:
+        await anext(aiter(reader))
+        assert reader.counters.malformed == 2
+
+
+async def test_a_reader_that_rests_is_woken_by_what_comes_later_or_by_too_much(
+    router: Bus,
+) -> None:
+    reader = router.subscribe(KEYS.all_axes(RAW), RAW)
+    publishers = {axis: router.publisher(KEYS.key(axis, RAW), RAW, axis) for axis in "XY"}
+    heard: list[str] = []
+
+    async def read() -> None:
+        async for axis, _, _ in reader:
+            heard.append(axis)
+            if axis == "X":
+                reader.rest("X", 0.2)
+
+    async def published(axis: str) -> None:
+        publishers[axis].publish(FRAME, time.time_ns())
+        for _ in range(5):
+            await asyncio.sleep(0)
+
+    reading = asyncio.create_task(read())
+    await asyncio.sleep(0)
+    await published("X")
+    assert heard == ["X"]
+    begun_s = time.monotonic()
+    await published("X")
+    rested = heard == ["X"] or time.monotonic() - begun_s > 0.2  # a busy machine may take so long
+    assert rested
+    await published("Y")  # who does not rest wakes the reader for all
+    assert sorted(heard) == ["X", "X", "Y"]
+    for _ in range(40):
+        await published("X")
+    assert len(heard) > 20
+    async with asyncio.timeout(5.0):
+        while len(heard) < 43:  # what is left is read though nothing more comes
+            await asyncio.sleep(0.01)
+    reader.close()
+    await reading

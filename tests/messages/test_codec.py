@@ -3,6 +3,7 @@
 import json
 import struct
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
@@ -132,3 +133,35 @@ def test_deep_nesting_is_refused_like_any_other_garbage(depth: int) -> None:
 def test_another_schema_is_refused() -> None:
     with pytest.raises(CodecError, match="samples/1"):
         FEAT.decode(RAW.encode("X", HEADER, samples()))
+
+
+@pytest.mark.parametrize(
+    "rewritten",
+    [
+        json.dumps,
+        lambda members: json.dumps(dict(reversed(members.items()))),
+        lambda members: json.dumps(members, separators=(",", ":")),
+        lambda members: json.dumps(members, indent=1),
+        lambda members: json.dumps({"note": {"a": [1], "columns": [["x", ""]]}} | members),
+        lambda members: json.dumps(members | {"note": 1}),
+    ],
+)
+def test_the_header_of_a_block_may_be_written_in_any_way(rewritten: Any) -> None:
+    payload = RAW.encode("X", HEADER, samples())
+    (length,) = struct.unpack_from("<4xI", payload)
+    text = rewritten(json.loads(payload[8 : 8 + length])).encode()
+    other = b"EDB1" + struct.pack("<I", len(text)) + text + payload[8 + length :]
+    axis, header, frame = RAW.decode(other)
+    assert (axis, header) == ("X", HEADER)
+    assert list(frame.channels) == [TORQUE, ANGLE]
+    np.testing.assert_array_equal(frame.time_s, samples().time_s)
+
+
+@pytest.mark.parametrize(
+    "columns", ['[["time_s"]]', '[["a/b", "s"]]', "[]", '[["x", ""], ["x", ""]]']
+)
+def test_columns_that_are_none_are_refused_every_time(columns: str) -> None:
+    text = f'{{"schema": "samples/1", "axis": "X", "rows": 0, "columns": {columns}}}'.encode()
+    for _ in range(2):
+        with pytest.raises(CodecError, match="column"):
+            RAW.decode(b"EDB1" + struct.pack("<I", len(text)) + text)

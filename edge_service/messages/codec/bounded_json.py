@@ -19,7 +19,7 @@ MOST_ENTRIES = 1024
 
 def parse_bounded(text: bytes) -> dict[str, Any]:
     """Members of a JSON object. Raises ValueError, RecursionError."""
-    members = json.loads(text, parse_constant=_refuse)
+    members = _DECODER.decode(text.decode())
     if not isinstance(members, dict):
         raise ValueError("no object")
     _check(members, MOST_DEPTH)
@@ -28,6 +28,9 @@ def parse_bounded(text: bytes) -> dict[str, Any]:
 
 def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is no number of JSON")
+
+
+_DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 
 def _check(value: Any, depth: int) -> None:

@@ -123,13 +123,14 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
         """Interval of columns. Raises CodecError."""
-        if set(columns) != set(self.units) or any(len(c) != 1 for c in columns.values()):
+        if columns.keys() != self.units.keys() or len(columns[TIME]) != 1:
             raise CodecError("a block of features with other columns than this version's")
-        values: dict[str, float] = {name: float(column[0]) for name, column in columns.items()}
+        row = np.concatenate(list(columns.values()))
+        if (np.abs(row) > FURTHEST).any():
+            raise CodecError("an interval with numbers that nobody can measure")
+        values: dict[str, float] = dict(zip(columns, row.tolist(), strict=True))
         if not (0.0 < values["duration_s"] <= LONGEST_S and abs(values["time_s"]) <= LONGEST_S):
             raise CodecError("an interval at an impossible time")
-        if any(abs(value) > FURTHEST for value in values.values()):
-            raise CodecError("an interval with numbers that nobody can measure")
         integers = {name: _whole(values.pop(name), _MOST_COUNT) for name in _INTEGER_FEATURES}
         fault = Fault(_whole(values.pop("fault"), _EVERY_FAULT))
         phases = {

@@ -14,6 +14,8 @@ import struct
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
 from typing import Any, ClassVar, Generic
 
 import numpy as np
@@ -28,6 +30,9 @@ BLOCK_ENCODING = "application/octet-stream;edge-block/1"
 MAGIC = b"EDB1"
 MOST_COLUMNS, MOST_UNIT = 256, 32
 _PREFIX = struct.Struct("<4sI")
+_COLUMNS = b', "columns": '
+"""Parts the members that change from block to block from those that stay."""
+_LONGEST_COLUMNS = 16_384
 
 
 @dataclass(frozen=True)
@@ -54,21 +59,16 @@ class BlockCodec(ABC, Generic[T]):
     def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
         """Bytes of a payload with its axis and header."""
         columns, units = self.to_columns(payload)
-        text = json.dumps(
-            {"schema": self.schema, "axis": axis}
-            | header_members(header)
-            | {
-                "rows": len(next(iter(columns.values()))),
-                "columns": [[name, units.get(name, "")] for name in columns],
-            }
-        ).encode()
+        members = {"schema": self.schema, "axis": axis} | header_members(header)
+        members["rows"] = len(next(iter(columns.values())))
+        described = _described(tuple((name, units.get(name, "")) for name in columns))
+        text = json.dumps(members).encode()[:-1] + described
         body = [np.ascontiguousarray(column, dtype="<f8").tobytes() for column in columns.values()]
         return b"".join([_PREFIX.pack(MAGIC, len(text)), text, *body])
 
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis, header and payload. Raises CodecError."""
-        members, body = self._parsed(payload)
-        units = _units(members.get("columns"))
+        members, units, body = self._parsed(payload)
         columns = _columns(members.get("rows"), list(units), body)
         return checked_axis(members), take_header(members), self.from_columns(columns, units)
 
@@ -81,23 +81,53 @@ class BlockCodec(ABC, Generic[T]):
             "columns": dict(self.units),
         }
 
-    def _parsed(self, payload: bytes) -> tuple[dict[str, Any], Floats]:
-        """Header and numbers of a block of this schema. Raises CodecError."""
+    def _parsed(self, payload: bytes) -> tuple[dict[str, Any], Mapping[str, str], Floats]:
+        """Header, units by column and numbers of a block of this schema. Raises CodecError."""
         try:
             magic, length = _PREFIX.unpack_from(payload)
             if magic != MAGIC:
                 raise CodecError("no edge block: wrong first four bytes")
             start = _PREFIX.size + length
-            members = parse_bounded(payload[_PREFIX.size : start])
+            members, units = _members(payload[_PREFIX.size : start])
             if members.get("schema") != self.schema:
                 raise CodecError(
                     f"{members.get('schema')!r:.40} block where {self.schema} was expected"
                 )
-            return members, np.frombuffer(payload, dtype="<f8", offset=start)
+            return members, units, np.frombuffer(payload, dtype="<f8", offset=start)
         except CodecError:
             raise
         except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error
+
+
+@lru_cache(64)
+def _described(columns: tuple[tuple[str, str], ...]) -> bytes:
+    """The end of a header: names and units of its columns."""
+    return _COLUMNS + json.dumps(columns).encode() + b"}"
+
+
+def _members(text: bytes) -> tuple[dict[str, Any], Mapping[str, str]]:
+    """Members of a header, and units by column. Raises CodecError, ValueError, RecursionError.
+
+    Columns are the same from block to block: their text is parsed once.
+    """
+    changing, found, columns = text.partition(_COLUMNS)
+    if found and len(columns) <= _LONGEST_COLUMNS:
+        try:
+            return parse_bounded(changing + b"}"), _units_of(columns)
+        except ValueError:
+            pass  # members in another order, or nested: all of it is parsed
+    members = parse_bounded(text)
+    return members, _units(members.get("columns"))
+
+
+@lru_cache(64)
+def _units_of(text: bytes) -> Mapping[str, str]:
+    """Units by column, of the text of a header from its columns on. Raises ValueError."""
+    members = parse_bounded(b'{"columns": ' + text)
+    if len(members) > 1:
+        raise ValueError("members beside the columns")
+    return MappingProxyType(_units(members["columns"]))
 
 
 def _units(columns: object) -> dict[str, str]:
@@ -122,8 +152,9 @@ def _checked(name: str) -> str:
 
 
 def _columns(rows: object, names: list[str], body: Floats) -> dict[str, Floats]:
-    """Columns (rows,) by name. Raises CodecError."""
+    """Columns (rows,) by name, for reading only. Raises CodecError."""
     if type(rows) is not int or rows < 0 or body.size != rows * len(names):
         raise CodecError("an edge block whose size contradicts its header")
     table = body.reshape(len(names), rows).astype(np.float64)
+    table.flags.writeable = False
     return dict(zip(names, table, strict=True))

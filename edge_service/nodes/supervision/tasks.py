@@ -77,7 +77,7 @@ class Tasks:
                     heart.beat()
                     with self.failures.borne(name, axis):
                         taken = take(axis, header, payload)
-                        if isawaitable(taken):
+                        if taken is not None:
                             await heart.patiently(taken)
 
         return self.start(name, work, vital=vital)
