@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from ..offline.answer import Answer
 from .options import (
     AXIS_NUMBER,
     LEAD,
@@ -12,6 +13,7 @@ from .options import (
     POSITIVE,
     PRELOAD,
     PRELOAD_DRAG,
+    answering,
     out_option,
 )
 from .terminal import ask_number, at_terminal
@@ -46,6 +48,7 @@ from .terminal import ask_number, at_terminal
 @click.option(
     "--picture", type=PATH, help="Also draw the channels as understood, to this PNG file."
 )
+@answering
 def adopt(
     files: tuple[Path, ...],
     out: Path,
@@ -61,7 +64,7 @@ def adopt(
     table_mass: float | None,
     columns: tuple[str, ...],
     picture: Path | None,
-) -> None:
+) -> Answer:
     """Propose a machine file from recordings of an axis, with a reason for every line.
 
     At a terminal it asks for what recordings cannot show; Enter leaves a question open.
@@ -76,4 +79,4 @@ def adopt(
         name or "X", None, load_rating, preload, preload_drag, nut_stiffness, table_mass
     )
     request = Request(files, out, axis_number, known, sheet, columns, picture)
-    click.echo(run(request, ask_number if at_terminal() else None))
+    return run(request, ask_number if at_terminal() else None)

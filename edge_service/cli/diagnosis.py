@@ -1,11 +1,11 @@
 """Commands that hold a model against an axis: fingerprint, gap, diagnosis, the thesis' studies."""
 
-import json
 import math
 from pathlib import Path
 
 import click
 
+from ..offline.answer import Answer
 from .options import (
     ABOVE_0,
     AXIS_NUMBER,
@@ -15,7 +15,7 @@ from .options import (
     TRACES,
     Greedy,
     InputError,
-    json_option,
+    answering,
     out_option,
 )
 from .terminal import progress
@@ -34,6 +34,7 @@ from .terminal import progress
     help="Also write the pictures as PNG files into this folder.",
 )
 @OUT_FOLDER
+@answering
 def fingerprint(
     traces: tuple[Path, ...],
     machine: Path,
@@ -41,7 +42,7 @@ def fingerprint(
     baseline: Path | None,
     pictures: Path | None,
     out: Path,
-) -> None:
+) -> Answer:
     """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload.
 
     Several friction tests of one session are also drawn over one another, from first to last. A
@@ -51,19 +52,18 @@ def fingerprint(
     from ..offline.response import response as run_response
 
     if len(traces) == 1 and is_servo_tuning(traces[0]):
-        click.echo(run_response(traces[0], out, baseline, name="fingerprint.json"))
-        return
+        return run_response(traces[0], out, baseline, name="fingerprint.json")
     from ..offline.fingerprint import fingerprint as run_fingerprint
 
-    click.echo(run_fingerprint(machine, traces, out, baseline, pictures, axis_number))
+    return run_fingerprint(machine, traces, out, baseline, pictures, axis_number)
 
 
 @click.command(epilog="Example: edge-service response AST_AX7.xml --out out/AX7")
 @click.argument("source", type=PATH)
 @click.option("--baseline", type=PATH, help="Compare with this older response.json.")
-@json_option("Print the content of response.json instead of the summary.")
 @OUT_FOLDER
-def response(source: Path, baseline: Path | None, as_json: bool, out: Path) -> None:
+@answering
+def response(source: Path, baseline: Path | None, out: Path) -> Answer:
     """Find modes and inertia in a frequency response measured by a SINUMERIK.
 
     SOURCE is the XML of an auto servo tuning or of a frequency response measurement. With the modes
@@ -71,24 +71,19 @@ def response(source: Path, baseline: Path | None, as_json: bool, out: Path) -> N
     """
     from ..offline.response import response as run_response
 
-    click.echo(run_response(source, out, baseline, as_json=as_json))
+    return run_response(source, out, baseline)
 
 
 @click.command(epilog="Example: edge-service gap --machine m.toml trace.csv --json")
 @TRACES
 @MACHINE
 @AXIS_NUMBER
-@json_option("Print one JSON object: channel -> RMS of the gap.")
-def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_json: bool) -> None:
+@answering
+def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None) -> Answer:
     """Measure the gap between model and machine: torque in motion, and table against motor."""
     from ..offline.diagnosis.gap import gap as measure_gap
 
-    found = measure_gap(machine, traces, progress, axis_number)
-    if as_json:
-        click.echo(json.dumps(found))
-    else:
-        for name, rms in found.items():
-            click.echo(f"{name}: {rms:.4g}")
+    return measure_gap(machine, traces, progress, axis_number)
 
 
 @click.command(
@@ -106,20 +101,21 @@ def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None, as_jso
     type=PATH,
     help="Recordings of the healthy machine: what they already show is not taken for a fault.",
 )
+@answering
 def diagnose(
     traces: tuple[Path, ...],
     machine: Path,
     axis_number: int | None,
     out: Path,
     reference: tuple[Path, ...],
-) -> None:
+) -> Answer:
     """Find where model and machine disagree, which effect causes it, and how much it explains.
 
     Ends with status 3 if the recordings cannot be diagnosed; the report says why.
     """
     from ..offline.diagnosis.diagnose import diagnose as run_diagnosis
 
-    click.echo(run_diagnosis(machine, traces, out, progress, reference, axis_number))
+    return run_diagnosis(machine, traces, out, progress, reference, axis_number)
 
 
 @click.command(epilog="Example: edge-service drift monday.csv friday.csv --machine m.toml")
@@ -133,25 +129,21 @@ def diagnose(
     help="Compare only rows with the same value in this column; tool and NC block by default.",
 )
 @out_option("Folder for drift.json, drift.png and report.html.", required=False)
-@json_option("Print the answer as one JSON object.")
+@answering
 def drift(
     traces: tuple[Path, ...],
     machine: Path,
     axis_number: int | None,
     by: tuple[str, ...],
     out: Path | None,
-    as_json: bool,
-) -> None:
+) -> Answer:
     """Compare the same moves in recordings of several days, oldest first: what changed, and when.
 
     Repetitions within a recording show the scatter; moving both ways separates friction and load.
     """
     from ..offline.drift.drift import drift as compare
 
-    found = compare(machine, traces, out, axis_number, by)
-    click.echo(json.dumps(found.as_dict()) if as_json else found.as_text())
-    if out is not None and not as_json:
-        click.echo(f"report: {out / 'report.html'}")
+    return compare(machine, traces, out, axis_number, by).answer(out)
 
 
 @click.command(epilog="Example: edge-service reproduce --out out/reproduce")
@@ -188,7 +180,7 @@ def drift(
     show_default=True,
     help="wear: every so many hours.",
 )
-@json_option("wear: print the account as one JSON object.")
+@answering
 def reproduce(
     study: str,
     file: Path | None,
@@ -197,8 +189,7 @@ def reproduce(
     speed_rpm: float,
     speed_step_rpm: float,
     speed_step_h: float,
-    as_json: bool,
-) -> None:
+) -> Answer:
     """Repeat the simulations and Table 4.2 of the thesis beside the published figures.
 
     STUDY puzzle: the diagnosis finds why linear models did not fit the thesis' test bench
@@ -217,17 +208,12 @@ def reproduce(
         if not all(map(math.isfinite, figures)):
             raise InputError("reproduce: hours and speeds must be finite numbers")
         schedule = Schedule(*figures)
-        found = reproduce_wear(file, schedule, out)
-        click.echo(json.dumps(found.as_dict()) if as_json else found.as_text())
-        if not as_json:
-            click.echo(f"picture: {out / 'wear.png'}")
-        return
+        return reproduce_wear(file, schedule, out)
     if study == "puzzle":
         from ..offline.thesis.puzzle import reproduce_puzzle
 
-        click.echo(reproduce_puzzle(out, progress))
-        return
+        return reproduce_puzzle(out, progress)
     from ..offline.thesis.reproduce import reproduce as run_study
 
-    click.echo(run_study(out, progress=progress).as_text())
-    click.echo(f"report: {out / 'report.html'}")
+    found = run_study(out, progress=progress)
+    return Answer(f"{found.as_text()}\nreport: {out / 'report.html'}", found)

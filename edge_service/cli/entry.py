@@ -15,7 +15,7 @@ from .diagnosis import diagnose, drift, fingerprint, gap, reproduce, response
 from .fleet import fleet
 from .init import init
 from .motion import motion
-from .options import InputError
+from .options import FLAG, InputError, error_document
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
 from .security import audit, certs, token
@@ -25,36 +25,37 @@ from .sources import doctor, stub
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status: 0 done, 2 bad input, 3 bad data, 1 a failure."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        status = cli.main(args=arguments, prog_name="edge-service", standalone_mode=False)
+        status = cli.main(args=given, prog_name="edge-service", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return BAD_INPUT
-    except click.ClickException as error:
-        return _complain(error.format_message(), BAD_INPUT)
     except (KeyboardInterrupt, click.Abort):
         return INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our pipe has gone; nothing is left to say
         return INTERNAL_FAILURE
     except Exception as error:  # the outermost edge: no traceback reaches a user
-        return _explain(error)
+        return _complain(*_explained(error), as_json=FLAG in given)
     return status if isinstance(status, int) else DONE
 
 
-def _explain(error: Exception) -> int:
+def _explained(error: Exception) -> tuple[str, int]:
+    """A mistake or failure in words, and the exit status."""
     from ..offline.diagnosis.sessions import BadDataError
 
+    if isinstance(error, click.ClickException):
+        return error.format_message(), BAD_INPUT
     if isinstance(error, BadDataError):
-        return _complain(str(error), BAD_DATA)
+        return str(error), BAD_DATA
     if _is_bad_input(error):
-        return _complain(str(error), BAD_INPUT)
+        return str(error), BAD_INPUT
     if os.environ.get("EDGE_SERVICE_DEBUG"):
         raise error
     kind = type(error).__name__
-    return _complain(
-        f"internal failure: {kind}: {error} (EDGE_SERVICE_DEBUG=1 shows where)", INTERNAL_FAILURE
-    )
+    words = f"internal failure: {kind}: {error} (EDGE_SERVICE_DEBUG=1 shows where)"
+    return words, INTERNAL_FAILURE
 
 
 def _is_bad_input(error: Exception) -> bool:
@@ -75,8 +76,11 @@ def _is_bad_input(error: Exception) -> bool:
     return isinstance(error, (InputError, ConfigError, TraceError, *access, *bus, *twin))
 
 
-def _complain(line: str, status: int) -> int:
-    click.echo(f"edge-service: {' '.join(line.split())}", err=True)
+def _complain(line: str, status: int, *, as_json: bool) -> int:
+    line = " ".join(line.split())
+    click.echo(f"edge-service: {line}", err=True)
+    if as_json:
+        click.echo(error_document(line, status))
     return status
 
 

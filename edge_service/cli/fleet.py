@@ -2,14 +2,20 @@
 
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from pydantic import ValidationError
 
 from ..config import explain, load_fleet
 from ..config_tables import FleetConfig, FleetServiceConfig
-from .options import PATH, InputError, json_option
+from ..offline.answer import Answer
+from .options import PATH, InputError, answering, wants_json
+
+if TYPE_CHECKING:
+    from ..offline.fleet.rows import FleetRow
 
 
 @click.command(epilog="Example: edge-service fleet http://127.0.0.1:8080 --services fleet.toml")
@@ -21,37 +27,42 @@ from .options import PATH, InputError, json_option
     type=click.FloatRange(0.1, 60.0),
     help="Wait this many seconds for all answers [default: 5].",
 )
-@json_option("Print the rows as JSON, one line per round.")
 @click.option(
     "--watch", "period_s", type=click.FloatRange(1.0), help="Repeat every so many seconds."
 )
+@answering
 def fleet(
     addresses: tuple[str, ...],
     services: Path | None,
     timeout_s: float | None,
-    as_json: bool,
     period_s: float | None,
-) -> None:
+) -> Iterator[Answer]:
     """Show the axes of many services in one table, the worst first."""
-    from rich.console import Console
-
     from ..offline.fleet.ask import ask_fleet
-    from ..offline.fleet.table import as_json_line, table_of, terminal_table
+    from ..offline.fleet.table import Fleet, table_of
 
-    on_terminal = sys.stdout.isatty() and not as_json
     settings = _fleet_of(addresses, services, timeout_s)
+    on_terminal = sys.stdout.isatty() and not wants_json()
     while True:
         rows = ask_fleet(settings)
         if period_s is not None and on_terminal:
             click.clear()
-        if on_terminal:
-            Console(highlight=False).print(terminal_table(rows))
-        else:
-            click.echo(as_json_line(rows) if as_json else table_of(rows))
+        yield Answer(_drawn(rows) if on_terminal else table_of(rows), Fleet.of(rows))
         if period_s is None:
             return
-        sys.stdout.flush()
         time.sleep(period_s)
+
+
+def _drawn(rows: Sequence["FleetRow"]) -> str:
+    """The table in the colours and the width of this terminal."""
+    from rich.console import Console
+
+    from ..offline.fleet.table import terminal_table
+
+    console = Console(highlight=False)
+    with console.capture() as drawn:
+        console.print(terminal_table(rows))
+    return drawn.get().rstrip("\n")
 
 
 def _fleet_of(

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import LEAD, LOAD_RATING, PATH, POSITIVE, PRELOAD, PRELOAD_DRAG, InputError
-from .service import what_it_means
+from ..offline.answer import Answer
+from .options import LEAD, LOAD_RATING, PATH, POSITIVE, PRELOAD, PRELOAD_DRAG, InputError, answering
 from .terminal import ask_number, at_terminal
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     help="Folder of the history, seen from that of the configuration.",
 )
 @click.option("--force", is_flag=True, help="Overwrite what is there.")
+@answering
 def init(
     sources: tuple[str, ...],
     out: Path,
@@ -56,7 +57,7 @@ def init(
     name: str,
     history: Path,
     force: bool,
-) -> int:
+) -> Answer:
     """Write and check a first configuration, and say what to do next.
 
     SOURCE is the device (modbus://HOST:PORT, opc.tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC, or a
@@ -67,6 +68,7 @@ def init(
     from ..offline.adopt.adopt import Request as Recordings
     from ..offline.adopt.adopt import adopt as run_adopt
     from ..offline.adopt.machine_text import DataSheet
+    from ..offline.configuration import check_configuration
     from ..offline.init.init import Request
     from ..offline.init.init import init as run
     from ..offline.init.source import source_of
@@ -83,12 +85,9 @@ def init(
     def adopted(path: Path) -> str:
         known = Known(lead_m, torque_constant)
         data = DataSheet(axis, None, load_rating, preload, preload_drag)
-        return run_adopt(Recordings(source.recordings, path, None, known, data), ask)
+        return run_adopt(Recordings(source.recordings, path, None, known, data), ask).words
 
-    lines, status = run(request, adopted, lambda path: list(what_it_means(path)))
-    for line in lines:
-        click.echo(line)
-    return status
+    return run(request, adopted, lambda path: check_configuration(path).words.splitlines())
 
 
 def _found_source() -> str:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from ..config import load_machine
-from .options import MACHINE, PATH, InputError, out_option
+from ..offline.answer import Answer
+from .options import MACHINE, PATH, InputError, answering, out_option
 from .terminal import progress
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 )
 @click.option("--motion", "rehearsed", help="With `isolability`: the motion to examine.")
 @out_option("File to write: setpoints as .csv or an NC program as .mpf.", required=False)
+@answering
 def motion(
     name: str | None,
     files: tuple[Path, ...],
@@ -54,7 +56,7 @@ def motion(
     effects: tuple[str, ...],
     rehearsed: str | None,
     out: Path | None,
-) -> None:
+) -> Answer:
     """Write a motion for a controller: setpoints as CSV, or an NC program.
 
     `motion next DIAGNOSIS.json` proposes the shortest motion that separates the causes between
@@ -66,32 +68,32 @@ def motion(
     from ..offline.motion.motion_file import MotionFileSettings, write_motion
 
     if list_all:
-        _list(machine, out)
-        return
+        return _list(machine, out)
     settings = MotionFileSettings(duration_s, rate_hz, seed, clip)
     if name == "next":
-        click.echo(_proposed(machine, files, effects, out, settings))
-        return
+        return _proposed(machine, files, effects, out, settings)
     if name == "isolability":
         from ..offline.motion.isolability import isolability
 
-        click.echo(isolability(load_machine(machine), rehearsed, files, progress))
-        return
+        return isolability(load_machine(machine), rehearsed, files, progress)
     if files:
         raise InputError(f"motion: {files[0]}: {name} takes no file")
     if name is None or out is None:
         raise InputError("motion: expected a NAME and --out, or --list")
-    click.echo(write_motion(name, load_machine(machine), out, settings, progress))
+    written = write_motion(name, load_machine(machine), out, settings, progress)
+    return Answer(written.as_text(), written)
 
 
-def _list(machine: Path, out: Path | None) -> None:
-    from ..offline.motion.motion_file import list_motions
+def _list(machine: Path, out: Path | None) -> Answer:
+    from ..offline.motion.motion_file import ListedMotions, list_motions
     from ..offline.motion.picture import write_motions_picture
 
     axis = load_machine(machine)
-    click.echo(list_motions(axis))
+    listed = list_motions(axis)
+    lines = [each.as_text() for each in listed]
     if out is not None:
-        click.echo(write_motions_picture(axis, out))
+        lines.append(write_motions_picture(axis, out))
+    return Answer("\n".join(lines), ListedMotions(motions=listed, picture=out and str(out)))
 
 
 def _proposed(
@@ -100,7 +102,7 @@ def _proposed(
     effects: tuple[str, ...],
     out: Path | None,
     settings: "MotionFileSettings",
-) -> str:
+) -> Answer:
     """The motion that tells tied effects apart."""
     from ..offline.motion.next_motion import next_motion, tied_effects, typical
 

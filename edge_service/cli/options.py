@@ -1,14 +1,20 @@
-"""Options and arguments that several commands share, and the error for bad input."""
+"""Options that several commands share, among them `--json`, and the error for bad input."""
 
-from collections.abc import Callable
+import json
+import sys
+from collections.abc import Callable, Iterable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
 from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
+from ..exit_status import DONE
+from ..offline.answer import Answer
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+FLAG = "--json"
 PATH = click.Path(path_type=Path)
 ABOVE_0 = click.FloatRange(0.0, 1e9, min_open=True)
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
@@ -53,12 +59,39 @@ def service_config_option(text: str) -> Decorator:
     return click.option("--config", type=PATH, help=text)
 
 
-def json_option(text: str) -> Decorator:
-    """Flag `--json`: the answer for a program."""
-    return click.option("--json", "as_json", is_flag=True, help=text)
-
-
 OUT_FOLDER = out_option("Folder to write the results to.")
+
+
+def answering(command: Callable[..., Answer | Iterable[Answer]]) -> Callable[..., int]:
+    """Print what a command returns, as words or with `--json` as a document; its exit status.
+
+    A command with several answers yields them; each document is then one line.
+    """
+
+    @click.option(FLAG, "as_json", is_flag=True, help="Print the answer as JSON.")
+    @wraps(command)
+    def told(*arguments: Any, as_json: bool, **named: Any) -> int:
+        answers = command(*arguments, **named)
+        status = DONE
+        for answer in [answers] if isinstance(answers, Answer) else answers:
+            if said := answer.as_json() if as_json else answer.words:
+                click.echo(said)
+                sys.stdout.flush()
+            status = max(status, answer.status)
+        return status
+
+    return told
+
+
+def wants_json() -> bool:
+    """Tell whether stdout of the running command belongs to a program."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.params.get("as_json"))
+
+
+def error_document(line: str, status: int) -> str:
+    """A mistake as the document that stands in place of the answer."""
+    return json.dumps({"error": {"detail": line, "exit_status": status}})
 
 
 class Greedy(click.Command):

@@ -5,12 +5,14 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, load_config
+from ..offline.answer import Answer
 from .options import (
     AXIS_NUMBER,
     MACHINE,
     PATH,
     TRACE,
     TRACES,
+    answering,
     out_option,
     service_config_option,
 )
@@ -29,6 +31,7 @@ from .options import (
     is_flag=True,
     help="Treat the screw as fresh although recordings or data sheet say otherwise.",
 )
+@answering
 def commission(
     traces: tuple[Path, ...],
     machine: Path,
@@ -36,13 +39,12 @@ def commission(
     out: Path,
     config: Path | None,
     assume_fresh: bool,
-) -> None:
+) -> Answer:
     """Learn from recordings of a healthy, cold axis what the estimator needs."""
     from ..offline.commission import commission_to_file
 
     service = load_config(config or DEFAULT_CONFIG)
-    done = commission_to_file(machine, traces, out, service, axis_number, assume_fresh=assume_fresh)
-    click.echo(done)
+    return commission_to_file(machine, traces, out, service, axis_number, assume_fresh=assume_fresh)
 
 
 @click.command(
@@ -58,6 +60,7 @@ def commission(
     type=PATH,
     help="Continue from the state in this file if it exists; write the new state to it.",
 )
+@answering
 def estimate(
     trace: Path,
     machine: Path,
@@ -65,9 +68,9 @@ def estimate(
     out: Path,
     config: Path | None,
     state: Path | None,
-) -> None:
+) -> Answer:
     """Run the live estimator over a recording as fast as it can."""
     from ..offline.estimate import estimate_to_csv
 
     service = load_config(config or DEFAULT_CONFIG)
-    click.echo(estimate_to_csv(trace, machine, out, service, state, axis_number))
+    return estimate_to_csv(trace, machine, out, service, state, axis_number)

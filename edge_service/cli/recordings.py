@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ..config import load_machine
+from ..offline.answer import Answer, Document
 from .options import (
     AXIS_NUMBER,
     BUS,
@@ -14,10 +15,20 @@ from .options import (
     MACHINE,
     PATH,
     InputError,
+    answering,
     configured,
     out_option,
 )
 from .terminal import progress
+
+
+class Recorded(Document):
+    """A recording of a running service."""
+
+    out: str
+    axis: str
+    rows: int
+    lost_payloads: int
 
 
 @click.command(epilog="Example: edge-service record --axis X --duration 60 --out trace.csv")
@@ -31,16 +42,18 @@ from .terminal import progress
 )
 @out_option("File to write, .csv or .parquet.")
 @BUS
+@answering
 def record(
     config: Path | None, axis: str | None, duration_s: float | None, out: Path, endpoint: str | None
-) -> None:
+) -> Answer:
     """Write what a running service publishes to a trace file, until --duration or Ctrl-C."""
     from ..nodes.record_node import record_axis
 
     settings = configured(config, None, endpoint)
     name = axis or settings.axes[0].name
     rows, lost = asyncio.run(record_axis(settings, name, out, duration_s))
-    click.echo(f"{out}: {rows} rows of axis {name}, {lost} payloads lost")
+    words = f"{out}: {rows} rows of axis {name}, {lost} payloads lost"
+    return Answer(words, Recorded(out=str(out), axis=name, rows=rows, lost_payloads=lost))
 
 
 @click.command(epilog="Example: edge-service convert trace.xml --axis-number 7 --out trace.parquet")
@@ -65,6 +78,7 @@ def record(
     is_flag=True,
     help="Also keep columns that are not channels, under their own names.",
 )
+@answering
 def convert(
     source: Path,
     machine: Path,
@@ -73,7 +87,7 @@ def convert(
     torque_constant_nm_per_a: float | None,
     interpolate: bool,
     keep_all: bool,
-) -> None:
+) -> Answer:
     """Convert a recording to a trace: CSV, Parquet or MCAP.
 
     SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace, a recording of Industrial Edge or a
@@ -98,7 +112,7 @@ def convert(
             keep_all=keep_all,
             progress=lambda fraction: bar.update(int(1000 * fraction) - bar.pos),
         )
-    click.echo(summary.as_text())
+    return Answer(summary.as_text(), summary)
 
 
 @click.command(
@@ -150,6 +164,7 @@ def convert(
     help="Format of the files in a folder; csv by default.",
 )
 @out_option("File to write, .csv or .parquet; a folder for 01_NAME.csv, ... with several motions.")
+@answering
 def simulate(
     machine: Path,
     motions: tuple[str, ...],
@@ -161,7 +176,7 @@ def simulate(
     seed: int,
     file_format: str | None,
     out: Path,
-) -> None:
+) -> Answer:
     """Record the simulated axis with any set of effects."""
     from ..offline.simulate import SimulationSettings, simulate_session
     from ..offline.simulate import simulate as run_simulation
@@ -173,9 +188,8 @@ def simulate(
     if len(motions) == 1:
         if file_format is not None:
             raise InputError("--format: with one motion the name of --out says it")
-        click.echo(run_simulation(load_machine(machine), settings, out, progress))
-        return
+        return run_simulation(load_machine(machine), settings, out, progress)
     if duration_s is not None:
         raise InputError("--duration: with several motions expected NAME:duration_s=SECONDS")
     files = TraceFormat(file_format or "csv")
-    click.echo(simulate_session(load_machine(machine), settings, motions, out, files, progress))
+    return simulate_session(load_machine(machine), settings, motions, out, files, progress)

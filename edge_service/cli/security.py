@@ -7,11 +7,57 @@ from typing import TYPE_CHECKING
 import click
 
 from ..exit_status import INTERNAL_FAILURE
+from ..offline.answer import Answer, Document
 from .audited import HISTORY, noted
-from .options import PATH, InputError
+from .options import PATH, InputError, answering
 
 if TYPE_CHECKING:
     from ..http_api.security.tokens import RoleName
+
+
+class Certificates(Document):
+    """Files that were written, each with the day until which it holds."""
+
+    until: dict[str, str]
+    authority: str
+
+
+class AddedToken(Document):
+    """The only place where the token itself is shown."""
+
+    file: str
+    name: str
+    role: str
+    token: str
+
+
+class ListedToken(Document):
+    """One token; the dates are days in UTC."""
+
+    name: str
+    role: str
+    created: str
+    expires: str
+    has_ended: bool
+
+    def as_text(self) -> str:
+        """One line."""
+        end = "ended" if self.has_ended else "until"
+        return f"{self.name}: {self.role}, since {self.created}, {end} {self.expires}"
+
+
+class ListedTokens(Document):
+    """All tokens of a file."""
+
+    file: str
+    tokens: list[ListedToken]
+
+
+class RevokedToken(Document):
+    """A token that no longer signs anybody in."""
+
+    file: str
+    name: str
 
 
 @click.command(
@@ -27,7 +73,8 @@ if TYPE_CHECKING:
     help="Days until they expire.",
 )
 @HISTORY
-def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) -> None:
+@answering
+def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) -> Answer:
     """Create certificates: a local authority, the server (page and bus), each role on the bus.
 
     An authority that is already in the folder is used again, so nobody has to trust a new one.
@@ -38,9 +85,11 @@ def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) ->
     clients = {role: client_name(role) for role in PUTS}
     with noted(history, "make_certificates", " ".join((str(out), *names))):
         made = make_certificates(out, names, clients, days)
-    for path in made:
-        click.echo(f"{path}: until {_day(expiry(path))}")
-    click.echo(f"browsers and clients must trust {out / 'ca.pem'}; keep {out / 'ca.key'} elsewhere")
+    until = {str(path): _day(expiry(path)) for path in made}
+    lines = [f"{path}: until {day}" for path, day in until.items()]
+    authority = out / "ca.pem"
+    lines.append(f"browsers and clients must trust {authority}; keep {out / 'ca.key'} elsewhere")
+    return Answer("\n".join(lines), Certificates(until=until, authority=str(authority)))
 
 
 @click.command(epilog="Example: edge-service audit /var/lib/edge-service")
@@ -93,41 +142,51 @@ def token() -> None:
 )
 @TOKENS
 @HISTORY
-def add(name: str, role: "RoleName", days: int, path: Path, history: Path | None) -> None:
+@answering
+def add(name: str, role: "RoleName", days: int, path: Path, history: Path | None) -> Answer:
     """Create a token, print it once, and store its hash. A running service accepts it at once."""
     from ..http_api.security.tokens import add_token
 
     with noted(history, "add_token", f"{name}, {role}, {days} days, {path}"):
         secret = add_token(path, name, role, days, datetime.now(UTC))
-    click.echo(secret)
     click.echo(f"{path}: {name} is {role}; the token is shown only now", err=True)
+    return Answer(secret, AddedToken(file=str(path), name=name, role=role, token=secret))
 
 
 @token.command("list", epilog="Example: edge-service token list --file tokens.json")
 @TOKENS
-def list_tokens(path: Path) -> None:
+@answering
+def list_tokens(path: Path) -> Answer:
     """List the tokens with their roles and expiry dates."""
     from ..http_api.security.tokens import read_tokens
 
     now = datetime.now(UTC)
-    for each in read_tokens(path):
-        end = "ended" if each.expires <= now else "until"
-        click.echo(
-            f"{each.name}: {each.role}, since {_day(each.created)}, {end} {_day(each.expires)}"
+    listed = [
+        ListedToken(
+            name=each.name,
+            role=each.role,
+            created=_day(each.created),
+            expires=_day(each.expires),
+            has_ended=each.expires <= now,
         )
+        for each in read_tokens(path)
+    ]
+    lines = [each.as_text() for each in listed]
+    return Answer("\n".join(lines), ListedTokens(file=str(path), tokens=listed))
 
 
 @token.command("revoke", epilog="Example: edge-service token revoke kim --file tokens.json")
 @click.argument("name")
 @TOKENS
 @HISTORY
-def revoke(name: str, path: Path, history: Path | None) -> None:
+@answering
+def revoke(name: str, path: Path, history: Path | None) -> Answer:
     """Revoke a token and end its sessions at once."""
     from ..http_api.security.tokens import revoke_token
 
     with noted(history, "revoke_token", f"{name}, {path}"):
         revoke_token(path, name)
-    click.echo(f"{path}: {name} is revoked")
+    return Answer(f"{path}: {name} is revoked", RevokedToken(file=str(path), name=name))
 
 
 def _day(moment: datetime) -> str:

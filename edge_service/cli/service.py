@@ -1,15 +1,16 @@
 """Commands that run the service, check what it would run, or copy what it keeps."""
 
 import asyncio
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from ..config import DEFAULT_CONFIG, EdgeConfig, load_config
+from ..config import DEFAULT_CONFIG, load_config
 from ..exit_status import DONE, INTERNAL_FAILURE
 from ..messages.health import NODES
 from ..messages.outputs import OF_HTTP
+from ..offline.answer import Answer, Document
 from .options import (
     AXIS_NUMBER,
     BUS,
@@ -19,6 +20,7 @@ from .options import (
     PORT,
     TRACE,
     InputError,
+    answering,
     configured,
     out_option,
     service_config_option,
@@ -64,17 +66,28 @@ def node(name: str, config: Path | None, port: int | None, endpoint: str | None)
 
 @click.command("check-config", epilog="Example: edge-service check-config deploy/edge.toml")
 @CONFIG
-def check_config(config: Path | None) -> None:
+@answering
+def check_config(config: Path | None) -> Answer:
     """Check a configuration, its machine files and driver settings, and sum it up."""
-    for line in what_it_means(config or DEFAULT_CONFIG):
-        click.echo(line)
-    click.echo("configuration is right")
+    from ..offline.configuration import check_configuration
+
+    checked = check_configuration(config or DEFAULT_CONFIG)
+    return replace(checked, words=f"{checked.words}\nconfiguration is right")
+
+
+class SentTest(Document):
+    """Outcome of a test message; the problem is null where it was taken."""
+
+    output: str
+    place: str
+    problem: str | None
 
 
 @click.command("send-test", epilog="Example: edge-service send-test email edge.toml")
 @click.argument("output", type=click.Choice(OF_HTTP))
 @CONFIG
-def send_test(output: str, config: Path | None) -> int:
+@answering
+def send_test(output: str, config: Path | None) -> Answer:
     """Send a test message by an output of events, as the service would, and say what came of it.
 
     Ends with status 1 if it is not taken.
@@ -82,60 +95,11 @@ def send_test(output: str, config: Path | None) -> int:
     from ..nodes.outputs.trial import try_output
 
     trial = asyncio.run(try_output(load_config(config or DEFAULT_CONFIG), output))
+    sent = SentTest(output=output, place=trial.place, problem=trial.problem or None)
     if trial.problem:
         click.echo(f"{output}: {trial.place}: {trial.problem}", err=True)
-        return INTERNAL_FAILURE
-    click.echo(f"{output}: {trial.place} has taken a test message")
-    return DONE
-
-
-def what_it_means(config: Path) -> Iterator[str]:
-    """Lines on a configuration that is right. Raises ConfigError."""
-    from drivers.registry import driver_names
-
-    from ..nodes.service import check_service
-    from ..nodes.wiring.bus_certificates import check_bus
-    from ..nodes.wiring.http_rights import check_access
-
-    settings = load_config(config)
-    unreachable = asyncio.run(check_service(settings))
-    yield from _axes(settings)
-    for line in unreachable:
-        yield f"not reachable now: {line}"
-    yield f"bus {settings.bus.endpoint}, http {settings.http.host}:{settings.http.port}"
-    yield f"access: {check_access(settings.http)}; {check_bus(settings.bus)}"
-    yield from _served(settings)
-    yield _history(settings)
-    yield f"drivers installed: {', '.join(driver_names())}"
-
-
-def _axes(settings: EdgeConfig) -> Iterator[str]:
-    """A line for each axis: where it comes from, and what can be said of it."""
-    from ..nodes.wiring.stages import load_machines
-
-    machines = load_machines(settings)
-    for axis in settings.axes:
-        missing = machines[axis.name].missing_for_percent()
-        said = f"drag only ({missing} is unknown)" if missing else "preload in %"
-        yield f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, {said}"
-
-
-def _served(settings: EdgeConfig) -> Iterator[str]:
-    """A line for each output that others read from us. Raises ConfigError for what cannot work."""
-    if settings.opcua is not None:
-        from ..nodes.outputs.opcua_rights import opcua_settings
-
-        served = opcua_settings(settings)
-        channel = "open" if served.certificate is None else "encrypted"
-        users = "anybody" if served.knows is None else "whoever has a token"
-        yield f"opcua {served.host}:{served.port}, {channel}, for {users}"
-
-
-def _history(settings: EdgeConfig) -> str:
-    folder = settings.history.folder
-    if folder is None:
-        return "history in memory, it ends with the service ([history] folder)"
-    return f"history in {folder}, up to {settings.history.budget_mb:g} MB"
+        return Answer("", sent, INTERNAL_FAILURE)
+    return Answer(f"{output}: {trial.place} has taken a test message", sent, DONE)
 
 
 @click.command(
@@ -155,6 +119,7 @@ def _history(settings: EdgeConfig) -> str:
 @service_config_option("Service configuration; its axes are not used.")
 @PORT
 @BUS
+@answering
 def replay(
     trace: Path,
     machine: Path,
@@ -165,7 +130,7 @@ def replay(
     config: Path | None,
     port: int | None,
     endpoint: str | None,
-) -> None:
+) -> Answer:
     """Play a recording through the whole service, and print the final answer."""
     from ..nodes.wiring.memory import stay_small
     from ..offline.replay import replay_trace
@@ -175,7 +140,7 @@ def replay(
     if speed < 0.0:
         raise InputError(f"--speed: {speed:g}, expected 0 or more")
     settings = configured(config, port, endpoint)
-    for line in asyncio.run(
+    return asyncio.run(
         replay_trace(
             settings,
             trace,
@@ -186,23 +151,22 @@ def replay(
             announce=announce,
             axis_number=axis_number,
         )
-    ):
-        click.echo(line)
+    )
 
 
 @click.command(epilog="Example: edge-service backup /etc/edge-service/edge.toml --out backup.zip")
 @click.argument("config", type=PATH)
 @out_option("File to write; it may hold secrets, and is for its owner alone.")
 @click.option("--recordings", is_flag=True, help="Keep the recordings of the history as well.")
-def backup(config: Path, out: Path, recordings: bool) -> None:
+@answering
+def backup(config: Path, out: Path, recordings: bool) -> Answer:
     """Copy the configuration, the files that it names and the history into one file.
 
     The service may be running.
     """
     from ..offline.backup.backup import back_up
 
-    for line in back_up(config, out, recordings=recordings):
-        click.echo(line)
+    return back_up(config, out, recordings=recordings)
 
 
 @click.command(
@@ -213,7 +177,8 @@ def backup(config: Path, out: Path, recordings: bool) -> None:
 @click.option("--config", type=PATH, help="Configuration to write, with the files that it names.")
 @click.option("--history", type=PATH, help="History folder to fill; it must be empty.")
 @click.option("--force", is_flag=True, help="Replace files of the configuration that differ.")
-def restore(file: Path, config: Path | None, history: Path | None, force: bool) -> None:
+@answering
+def restore(file: Path, config: Path | None, history: Path | None, force: bool) -> Answer:
     """Put back what `edge-service backup` has copied: all of it is checked before.
 
     No service may be running on that history.
@@ -222,5 +187,4 @@ def restore(file: Path, config: Path | None, history: Path | None, force: bool) 
 
     if config is None and history is None:
         raise InputError("expected --config, --history or both: where to restore to")
-    for line in backups.restore(file, config, history, force=force):
-        click.echo(line)
+    return backups.restore(file, config, history, force=force)

@@ -6,14 +6,14 @@ from pathlib import Path
 import click
 
 from ..config import DEFAULT_CONFIG, load_config
-from ..exit_status import DONE
+from ..offline.answer import Answer
 from .options import (
     AXIS_NUMBER,
     CONFIG,
     MACHINE,
     PATH,
     InputError,
-    json_option,
+    answering,
     service_config_option,
 )
 from .terminal import announce, log_to_stderr
@@ -32,7 +32,7 @@ from .terminal import announce, log_to_stderr
     show_default=True,
     help="How long to listen to the drivers of --config.",
 )
-@json_option("Print the findings as JSON, one object per axis.")
+@answering
 def doctor(
     traces: tuple[Path, ...],
     machine: Path,
@@ -40,14 +40,13 @@ def doctor(
     config: Path | None,
     axis: str | None,
     seconds: float,
-    as_json: bool,
-) -> int:
+) -> list[Answer]:
     """Check a source against its configuration: rate, quality, units and signs.
 
     Pass recordings and their machine file, or --config to listen to live drivers while the axis
     moves. Ends with status 1 if anything is doubtful.
     """
-    from ..offline.doctor import DOUBTED, examine_sources, examine_traces
+    from ..offline.doctor import examine_sources, examine_traces
 
     if bool(traces) == (config is not None):
         raise InputError("doctor: expected either TRACES or --config")
@@ -55,9 +54,7 @@ def doctor(
         examined = [examine_traces(machine, traces, axis_number)]
     else:
         examined = asyncio.run(examine_sources(load_config(config), axis, seconds))
-    for each in examined:
-        click.echo(each.as_json() if as_json else each.as_text())
-    return DOUBTED if any(each.doubts for each in examined) else DONE
+    return [each.answer() for each in examined]
 
 
 @click.command(

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .options import wants_json
+
 if TYPE_CHECKING:
     from ..adopt.guess import Question
 
@@ -36,7 +38,7 @@ class _Lines(logging.Formatter):
 
 
 def announce(address: str) -> None:
-    click.echo(f"edge-service: serving {address}")
+    click.echo(f"edge-service: serving {address}", err=wants_json())
 
 
 def progress(line: str) -> None:
@@ -47,7 +49,7 @@ def progress(line: str) -> None:
 
 def at_terminal() -> bool:
     """Tell whether a person can be asked."""
-    return sys.stdin.isatty() and sys.stdout.isatty()
+    return sys.stdin.isatty() and sys.stdout.isatty() and not wants_json()
 
 
 def ask_number(question: "Question") -> float | None:

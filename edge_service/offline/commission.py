@@ -1,6 +1,6 @@
 """Recordings of a healthy, cold axis in, a commissioned machine file out."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import tomlkit
@@ -14,6 +14,7 @@ from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.wiring.stages import make_downsampler
+from .answer import Answer, Document
 from .examination import require_sound
 from .recordings import open_recording
 from .report.quantities import tolerated
@@ -27,6 +28,30 @@ _IDENTIFIED = (
 )
 
 
+class Stretch(Document):
+    """Stiffness in series between two encoders, and the nut's share of it."""
+
+    stiffness_n_per_m: float
+    reference_m: float
+    nut_share: float
+    nut_share_sigma: float
+    nut_stiffness_is_stated: bool
+
+
+class Learned(Document):
+    """Result of commissioning; `assumed_fresh_because` is null where the screw is not in doubt."""
+
+    out: str
+    motion_s: float
+    inertia_kg_m2: Quantity
+    viscous_nm_s_per_rad: Quantity
+    coulomb_nm: float
+    guide_force_n: float
+    bearing_drag_nm: float
+    stretch: Stretch | None
+    assumed_fresh_because: str | None
+
+
 def commission_to_file(
     machine_file: Path,
     traces: Sequence[Path],
@@ -35,8 +60,8 @@ def commission_to_file(
     axis_number: int | None = None,
     *,
     assume_fresh: bool = False,
-) -> str:
-    """Write the commissioned machine file; returns what was learned, in lines.
+) -> Answer:
+    """Write the commissioned machine file; returns what was learned.
 
     Args:
         assume_fresh: take the screw for fresh where recordings and data sheet contradict it. Where
@@ -74,8 +99,8 @@ def commission_to_file(
     _write_model(document, machine)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
-    assumed = [] if doubt is None else [f"  the screw is assumed to be fresh: {doubt.words}"]
-    return "\n".join([f"{out}: commissioned", *_summary(machine), *assumed])
+    learned = _learned(out, machine, None if doubt is None else doubt.words)
+    return Answer("\n".join(_lines(learned)), learned)
 
 
 def _assumed_fresh(machine: Machine) -> Machine:
@@ -118,30 +143,61 @@ def _inline(quantity: Quantity) -> tomlkit.items.InlineTable:
     return table
 
 
-def _summary(machine: Machine) -> list[str]:
+def _learned(out: Path, machine: Machine, doubt: str | None) -> Learned:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
-    lines = [
-        f"from {learned.motion_s:.0f} s of steady motion:",
-        f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
-        f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
-        f"  Coulomb friction {learned.coulomb_nm:.4g} N m in all, of it "
-        f"guides {model.guide_force_n.value:.3g} N, bearings {model.bearing_drag_nm.value:.3g} N m",
-    ]
-    transmission = learned.transmission
+    return Learned(
+        out=str(out),
+        motion_s=learned.motion_s,
+        inertia_kg_m2=model.inertia_kg_m2,
+        viscous_nm_s_per_rad=model.viscous_nm_s_per_rad,
+        coulomb_nm=learned.coulomb_nm,
+        guide_force_n=model.guide_force_n.value,
+        bearing_drag_nm=model.bearing_drag_nm.value,
+        stretch=_stretch(machine),
+        assumed_fresh_because=doubt,
+    )
+
+
+def _stretch(machine: Machine) -> Stretch | None:
+    assert machine.commissioned is not None
+    transmission, mass = machine.commissioned.transmission, machine.model.table_mass_kg
     if transmission is None:
-        lines.append(
+        return None
+    assert mass is not None
+    return Stretch(
+        stiffness_n_per_m=mass.value / transmission.stretch_per_acceleration_s2,
+        reference_m=transmission.reference_m,
+        nut_share=transmission.nut_share,
+        nut_share_sigma=transmission.nut_share_sigma,
+        nut_stiffness_is_stated=machine.model.nut_stiffness_n_per_m is not None,
+    )
+
+
+def _lines(found: Learned) -> Iterator[str]:
+    yield f"{found.out}: commissioned"
+    yield f"from {found.motion_s:.0f} s of steady motion:"
+    yield f"  inertia {tolerated(found.inertia_kg_m2, 'kg m2')}"
+    yield f"  viscous friction {tolerated(found.viscous_nm_s_per_rad, 'N m s/rad')}"
+    yield (
+        f"  Coulomb friction {found.coulomb_nm:.4g} N m in all, of it "
+        f"guides {found.guide_force_n:.3g} N, bearings {found.bearing_drag_nm:.3g} N m"
+    )
+    yield from _stretch_lines(found.stretch)
+    if found.assumed_fresh_because is not None:
+        yield f"  the screw is assumed to be fresh: {found.assumed_fresh_because}"
+
+
+def _stretch_lines(stretch: Stretch | None) -> Iterator[str]:
+    if stretch is None:
+        yield (
             "  no stretch between two encoders: preload will rest on torque alone, and its "
             "interval will hold what warm-up and lubrication may do to friction"
         )
-        return lines
-    mass = model.table_mass_kg
-    assert mass is not None
-    stiffness = mass.value / transmission.stretch_per_acceleration_s2
-    lines.append(
-        f"  series stiffness {stiffness:.3g} N/m at {transmission.reference_m:.3g} m, nut's share "
-        f"{transmission.nut_share:.2f} +- {transmission.nut_share_sigma:.2f}"
+        return
+    yield (
+        f"  series stiffness {stretch.stiffness_n_per_m:.3g} N/m at {stretch.reference_m:.3g} m, "
+        f"nut's share {stretch.nut_share:.2f} +- {stretch.nut_share_sigma:.2f}"
     )
-    if model.nut_stiffness_n_per_m is None:
-        lines.append("  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance")
-    return lines
+    if not stretch.nut_stiffness_is_stated:
+        yield "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"

@@ -1,7 +1,6 @@
 """`edge-service doctor`: is a source what its configuration and machine file say?"""
 
 import asyncio
-import json
 from collections.abc import Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableError
 
 from ..config import AxisConfig, ConfigError, EdgeConfig, load_machine
+from ..exit_status import DONE
 from ..fingerprint.checks.check_result import CheckResult, Verdict
 from ..fingerprint.checks.plausibility import check_plausibility
 from ..messages.arrays import finite_or_none
@@ -19,6 +19,7 @@ from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
+from .answer import Answer, Document
 from .examination import examine
 from .report.quantities import against
 
@@ -27,6 +28,35 @@ FEW = 0.01
 DOUBTED = 1
 """Exit status of a source that was examined and is not all right."""
 _MARKS = {Verdict.FITS: "ok", Verdict.DOUBTFUL: "DOUBT", Verdict.UNKNOWN: "?"}
+
+
+class Number(Document):
+    """A measured number beside what was expected, in `unit`; null where there is none."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    expected: float | None
+
+
+class Finding(Document):
+    """One check."""
+
+    name: str
+    verdict: Verdict
+    sentence: str
+    figure: Number | None
+    compared: str
+    remedy: str
+
+
+class Examined(Document):
+    """Findings about one axis."""
+
+    axis: str
+    source: str
+    findings: list[Finding]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +84,11 @@ class Examination:
         lines.append(f"  {self.doubts} of {len(self.findings)} checks raised doubts")
         return "\n".join(lines)
 
-    def as_json(self) -> str:
-        """One JSON object; a number that there is none of is null."""
-        return json.dumps(
-            {
-                "axis": self.axis,
-                "source": self.source,
-                "findings": [_as_dict(each) for each in self.findings],
-            },
-            indent=2,
-        )
+    def answer(self) -> Answer:
+        """Words and document; with a doubt the exit status says so."""
+        findings = [_finding(each) for each in self.findings]
+        document = Examined(axis=self.axis, source=self.source, findings=findings)
+        return Answer(self.as_text(), document, DOUBTED if self.doubts else DONE)
 
 
 def examine_traces(
@@ -161,22 +186,22 @@ def _against(finding: CheckResult) -> str:
     return f" [{said}]" if said else ""
 
 
-def _as_dict(finding: CheckResult) -> dict[str, object]:
-    figure = finding.figure
+def _finding(found: CheckResult) -> Finding:
+    figure = found.figure
     number = None
     if figure is not None:
-        number = {
-            "value": finite_or_none(figure.value),
-            "low": finite_or_none(figure.low),
-            "high": finite_or_none(figure.high),
-            "unit": figure.unit,
-            "expected": finding.expected,
-        }
-    return {
-        "name": finding.name,
-        "verdict": finding.verdict.value,
-        "sentence": finding.sentence,
-        "figure": number,
-        "compared": finding.compared,
-        "remedy": finding.remedy,
-    }
+        number = Number(
+            value=finite_or_none(figure.value),
+            low=finite_or_none(figure.low),
+            high=finite_or_none(figure.high),
+            unit=figure.unit,
+            expected=found.expected,
+        )
+    return Finding(
+        name=found.name,
+        verdict=found.verdict,
+        sentence=found.sentence,
+        figure=number,
+        compared=found.compared,
+        remedy=found.remedy,
+    )

@@ -18,12 +18,21 @@ from ..nodes.stores.estimate_store import (
     write_kept,
 )
 from ..nodes.wiring.stages import make_downsampler, make_estimator
+from .answer import Answer, Document
 from .examination import require_sound
 from .recordings import open_recording
 
 UNKNOWN_STOP_S = 86_400.0
 """A recording on a clock of its own does not say how long after the other it was made."""
 COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
+
+
+class Estimated(Document):
+    """File that was written, and its last block."""
+
+    out: str
+    blocks: int
+    last: PreloadEstimate | None
 
 
 class OfflineEstimate:
@@ -81,8 +90,8 @@ def estimate_to_csv(
     config: EdgeConfig,
     state: Path | None = None,
     axis_number: int | None = None,
-) -> str:
-    """Write the estimates of a trace; returns a line that says what was written.
+) -> Answer:
+    """Write the estimates of a trace; returns what was written, and the last estimate.
 
     Args:
         state: gone on from if it is there, and left behind.
@@ -126,7 +135,8 @@ def estimate_to_csv(
             )
         if state is not None:
             offline.keep(state)
-    return f"{out}: {rows} blocks, last status {_ending(last)}"
+    words = f"{out}: {rows} blocks, last status {_ending(last)}"
+    return Answer(words, Estimated(out=str(out), blocks=rows, last=last))
 
 
 def _ending(last: PreloadEstimate | None) -> str:

@@ -24,8 +24,10 @@ from ..fingerprint.result import Status
 from ..messages.arrays import finite_or_none
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
+from .answer import Answer
 from .examination import require_sound
 from .recordings import read_recording
+from .report.documents import FingerprintDocument
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
 from .report.page import rendered
@@ -40,8 +42,8 @@ def fingerprint(
     baseline_file: Path | None = None,
     pictures_dir: Path | None = None,
     axis_number: int | None = None,
-) -> str:
-    """Write `fingerprint.json` and `report.html` into `out_dir`; returns lines of summary.
+) -> Answer:
+    """Write `fingerprint.json` and `report.html` into `out_dir`; returns a summary.
 
     Args:
         pictures_dir: each picture of the page is also written there, as SECTION.png.
@@ -76,7 +78,8 @@ def fingerprint(
     if pictures_dir is not None:
         for name, figure in figures.items():
             write_png(figure, pictures_dir / f"{name}.png")
-    return _summary(found, baseline, changes, out_dir)
+    summary = _summary(found, baseline, changes, out_dir)
+    return Answer(summary, FingerprintDocument.model_validate(document))
 
 
 def render(

@@ -12,8 +12,17 @@ from ..messages.topics import PRELOAD
 from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
 from ..nodes.wiring.bus_rights import router_settings
 from ..nodes.wiring.context import NodeContext
+from .answer import Answer, Document
 
 FLAT_OUT_FRAME_S = 0.5
+
+
+class Replayed(Document):
+    """Last answer of a recording; null where it gave no interval."""
+
+    axis: str
+    estimates: int
+    last: PreloadEstimate | None
 
 
 async def replay_trace(
@@ -26,14 +35,11 @@ async def replay_trace(
     hold: bool,
     announce: Callable[[str], None],
     axis_number: int | None = None,
-) -> list[str]:
+) -> Answer:
     """Run every node on a recording until its end (for ever with `loop` or `hold`).
 
     Args:
         axis_number: the controller's number of the axis, in place of the machine file's.
-
-    Returns:
-        Lines that say what came out.
     """
     name = load_machine(machine).axis.name
     settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": loop}
@@ -59,7 +65,8 @@ async def replay_trace(
         count, last = await following
     finally:
         await bus.close()
-    return _summary(name, count, last)
+    words = "\n".join(_summary(name, count, last))
+    return Answer(words, Replayed(axis=name, estimates=count, last=last))
 
 
 async def _follow(answers: Subscriber[PreloadEstimate]) -> tuple[int, PreloadEstimate | None]:

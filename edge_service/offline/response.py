@@ -24,7 +24,9 @@ from ..fingerprint.result import Section, Status, examined
 from ..trace.columns import TraceError
 from ..trace.forms.registry import head_of, name_of
 from ..trace.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
+from .answer import Answer
 from .fingerprint import render
+from .report.documents import ResponseDocument
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import plain
 from .report.pictures import write_png
@@ -45,15 +47,13 @@ def response(
     out_dir: Path,
     baseline_file: Path | None = None,
     *,
-    as_json: bool = False,
     name: str = "response.json",
-) -> str:
+) -> Answer:
     """Write the document, `report.html` and a picture into `out_dir`; returns a summary.
 
     Args:
         source: XML of a SINUMERIK's auto servo tuning, or of a frequency response measured with it.
         baseline_file: an older `response.json` of the axis, to compare with.
-        as_json: return the document instead of lines.
         name: of the document.
 
     Raises:
@@ -81,14 +81,13 @@ def response(
         file.write(render(found, baseline, changes, figures))
     for drawn, figure in figures.items():
         write_png(figure, out_dir / f"{drawn}.png")
-    if as_json:
-        return json.dumps(document, allow_nan=False)
     lines = [f"axis {axis}, {source.name}", *_lines(section, measured.stated, modes)]
     if baseline is not None:
         compared = ", ".join(plain(each.name) for each in changes)
         named = ", ".join(plain(each.name) for each in changes if each.changed)
         lines.append(f"changed against the baseline: {named or 'nothing'}, of {compared or 'none'}")
-    return "\n".join([*lines, f"report: {out_dir / 'report.html'}"])
+    words = "\n".join([*lines, f"report: {out_dir / 'report.html'}"])
+    return Answer(words, ResponseDocument.model_validate(document))
 
 
 def is_servo_tuning(source: Path) -> bool:

@@ -17,6 +17,7 @@ from ..models.motions.registry import MotionLimits, motion_limits
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..trace.columns import TraceError
 from ..trace.writer import TraceFormat, TraceWriter
+from .answer import Answer, Document
 from .commanded_motion import CommandedMotion, MotionWish
 
 _BLOCK_S = 10.0
@@ -26,6 +27,30 @@ Progress = Callable[[str], None]
 
 class SimulationError(Exception):
     """A simulation that cannot be; the text is one line."""
+
+
+class SimulatedRecording(Document):
+    """A recording of the simulated axis."""
+
+    out: str
+    rows: int
+    duration_s: float
+    motion: str
+    preload_percent: float
+    effects: list[str]
+
+    def as_text(self) -> str:
+        """One line."""
+        return (
+            f"{self.out}: {self.rows} rows, {self.duration_s:g} s of {self.motion} at "
+            f"{self.preload_percent:.3g} % preload; effects: {', '.join(self.effects) or 'none'}"
+        )
+
+
+class Simulated(Document):
+    """Recordings of one session, in their order."""
+
+    recordings: list[SimulatedRecording]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +79,8 @@ class SimulationSettings:
 
 def simulate(
     machine: Machine, settings: SimulationSettings, out: Path, progress: Progress = lambda _: None
-) -> str:
-    """Write the recording to `out`, .csv or .parquet, and return a line that tells what it is.
+) -> Answer:
+    """Write the recording to `out`, .csv or .parquet.
 
     Raises:
         SimulationError: an unknown motion or effect, or a number that cannot be.
@@ -69,7 +94,7 @@ def simulate(
         raise SimulationError(str(error)) from error
     with TraceWriter(out, tuple(CHANNELS)) as writer:
         axis.record(commanded, writer, progress)
-    return axis.summary(commanded, out)
+    return _answer([axis.recording(commanded, out)])
 
 
 def simulate_session(
@@ -79,7 +104,7 @@ def simulate_session(
     out: Path,
     file_format: TraceFormat = TraceFormat.CSV,
     progress: Progress = lambda _: None,
-) -> str:
+) -> Answer:
     """Run motions one after another on one axis, each into a file of the folder `out`.
 
     Warm-up, clock and noise carry on from file to file, as in a session at a machine; each motion
@@ -89,9 +114,6 @@ def simulate_session(
     Args:
         settings: of the axis; its own motion and duration are not used.
         motions: each NAME, or NAME:duration_s=SECONDS.
-
-    Returns:
-        A line on each file.
 
     Raises:
         SimulationError: as `simulate` does, or the folder holds recordings of another session.
@@ -110,9 +132,14 @@ def simulate_session(
         writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
         for commanded, writer in zip(session, writers, strict=True):
             axis.record(commanded, writer, progress)
-    return "\n".join(
-        axis.summary(commanded, path) for commanded, path in zip(session, paths, strict=True)
+    return _answer(
+        [axis.recording(commanded, path) for commanded, path in zip(session, paths, strict=True)]
     )
+
+
+def _answer(recordings: list[SimulatedRecording]) -> Answer:
+    words = "\n".join(each.as_text() for each in recordings)
+    return Answer(words, Simulated(recordings=recordings))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,12 +183,15 @@ class _Axis:
             writer.write(frame)
             progress(f"{(done + rows) / settings.rate_hz:.0f} of {count / settings.rate_hz:.0f} s")
 
-    def summary(self, commanded: CommandedMotion, out: Path) -> str:
-        """Description of a recording, for people."""
-        present = ", ".join(each.effect.name for each in self.drive.settings.effects) or "none"
-        return (
-            f"{out}: {commanded.count} rows, {commanded.count / self.settings.rate_hz:g} s of "
-            f"{commanded.name} at {self.preload_percent:.3g} % preload; effects: {present}"
+    def recording(self, commanded: CommandedMotion, out: Path) -> SimulatedRecording:
+        """Description of a recording."""
+        return SimulatedRecording(
+            out=str(out),
+            rows=commanded.count,
+            duration_s=commanded.count / self.settings.rate_hz,
+            motion=commanded.name,
+            preload_percent=self.preload_percent,
+            effects=[each.effect.name for each in self.drive.settings.effects],
         )
 
 

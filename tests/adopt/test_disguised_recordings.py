@@ -165,7 +165,7 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
         "i_A": t["torque_command_nm"],
     }
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    text = adopt(Request([path], out))
+    text = adopt(Request([path], out)).words
     assert "--lead" in text and "--torque-constant" in text
     document = tomllib.loads(out.read_text("utf-8"))
     assert "lead_m" not in document["axis"] and "torque_command_nm" not in document["columns"]
@@ -199,7 +199,7 @@ def test_a_table_made_of_the_motors_angle_is_no_second_encoder(tmp_path: Path) -
     t = truth()
     columns = german() | {"Tisch Lage [mm]": np.round(t["motor_angle_rad"] / TURN * LEAD_MM, 4)}
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    assert "no second encoder" in adopt(Request([path], out))
+    assert "no second encoder" in adopt(Request([path], out)).words
     machine = load_machine(out)
     assert "table_position_m" not in machine.columns
     assert machine.axis.lead_m == pytest.approx(DIAGNOSIS.lead_m, rel=1e-3)
@@ -214,7 +214,7 @@ def test_a_current_without_a_sign_gets_that_of_the_direction(tmp_path: Path) -> 
         "supply_current_A": np.abs(t["torque_command_nm"]),
     }
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    text = adopt(Request([path], out, known=Known(DIAGNOSIS.lead_m, 1.0)))
+    text = adopt(Request([path], out, known=Known(DIAGNOSIS.lead_m, 1.0))).words
     assert "has no sign" in text
     machine = load_machine(out)
     torque = read_recording(machine, path).channels["torque_command_nm"]
@@ -237,4 +237,4 @@ def test_a_clock_that_starts_anew_is_said_aloud(tmp_path: Path) -> None:
     time_ms = columns["Zeit [ms]"]
     columns["Zeit [ms]"] = np.where(time_ms < 6000.0, time_ms, time_ms - 6000.0)
     path = write(tmp_path / "r.csv", columns)
-    assert "starts anew 1 times" in adopt(Request([path], tmp_path / "m.toml"))
+    assert "starts anew 1 times" in adopt(Request([path], tmp_path / "m.toml")).words

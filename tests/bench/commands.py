@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from edge_service.cli.options import PATH, InputError, json_option
+from edge_service.cli.options import FLAG, PATH, InputError
 from edge_service.cli.terminal import progress
 
 from .estimator.parts import FIRST_SEED, PARTS, PROCESSES
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .identification.bench import IdentificationBench
 
 
-JSON = json_option("Print the figures as JSON.")
+JSON = click.option(FLAG, "as_json", is_flag=True, help="Print the figures as JSON.")
 QUICK = click.option("--quick", is_flag=True, help="Measure for a shorter time.")
 
 

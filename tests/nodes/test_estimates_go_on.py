@@ -266,10 +266,10 @@ async def test_a_replay_neither_reads_nor_leaves_a_state(trace_path: Path, tmp_p
     state_file(tmp_path).parent.mkdir()
     state_file(tmp_path).write_text("of the axis itself")
     config = config_in(tmp_path)
-    lines = await replay_trace(
+    answer = await replay_trace(
         config, trace_path, COMMISSIONED, 0.0, loop=False, hold=False, announce=str
     )
-    assert "199 estimates" in lines[0]
+    assert "199 estimates" in answer.words
     assert state_file(tmp_path).read_text() == "of the axis itself"
     assert not list(state_file(tmp_path).parent.glob("*.damaged"))
 

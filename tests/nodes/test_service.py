@@ -181,9 +181,10 @@ async def test_nodes_on_sessions_of_their_own_work_alike(
 async def test_replay_service_tells_the_last_answer(trace_path: Path) -> None:
     addresses: list[str] = []
     config = config_of("simulated", {})
-    lines = await replay_trace(
+    answer = await replay_trace(
         config, trace_path, DEFAULT_MACHINE, 0.0, loop=False, hold=False, announce=addresses.append
     )
+    lines = answer.words.splitlines()
     assert addresses[0].startswith("http://127.0.0.1:")
     assert lines[0].startswith("axis X: 199 estimates, status estimated at 19.9 s")
     assert lines[1].startswith("preload ")

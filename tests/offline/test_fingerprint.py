@@ -54,7 +54,7 @@ def walked(rubbing: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder / "worn",
         folder / "healthy" / "fingerprint.json",
     )
-    (folder / "summary.txt").write_text(line)
+    (folder / "summary.txt").write_text(line.words)
     return folder
 
 
@@ -105,7 +105,7 @@ def test_nothing_that_changed_is_said_with_what_was_compared(
 ) -> None:
     old = walked / "healthy" / "fingerprint.json"
     said = fingerprint(rubbing, [walked / "healthy_acceleration.parquet"], tmp_path, old)
-    (line,) = [each for each in said.splitlines() if each.startswith("changed")]
+    (line,) = [each for each in said.words.splitlines() if each.startswith("changed")]
     changes = json.loads((tmp_path / "fingerprint.json").read_text())["changes"]
     assert changes and not any(each["significant"] and each["material"] for each in changes)
     assert f"nothing of {len(changes)} figures: " in line
@@ -120,7 +120,7 @@ def test_nothing_that_changed_is_said_with_what_was_compared(
         tmp_path / "out",
         tmp_path / "none.json",
     )
-    assert "cannot tell, no figure is determined in both" in said
+    assert "cannot tell, no figure is determined in both" in said.words
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(walked: Path, tmp_path: Path) -> None:
@@ -201,7 +201,7 @@ def test_the_warm_up_study_comes_out_of_the_fingerprint(rubbing: Path, tmp_path:
     simulate_session(load_machine(rubbing), settings, motions, runs, TraceFormat.PARQUET)
     pictures = tmp_path / "pictures"
     summary = fingerprint(rubbing, sorted(runs.iterdir()), tmp_path, pictures_dir=pictures)
-    assert "Friction from test to test: change at 300 rpm -0.0" in summary
+    assert "Friction from test to test: change at 300 rpm -0.0" in summary.words
     section = read_fingerprint(tmp_path / "fingerprint.json").sections["friction_runs"]
     first, last = (runs / f"{k}_friction.parquet" for k in ("01", "05"))
     assert [curve.name for curve in section.curves] == [

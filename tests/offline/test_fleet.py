@@ -7,6 +7,7 @@ import re
 import socket
 import threading
 import time
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -23,9 +24,10 @@ from edge_service.config import HttpConfig, ServiceConfig
 from edge_service.config_tables import FleetConfig, FleetServiceConfig
 from edge_service.http_api.security.tokens import add_token
 from edge_service.messages.health import AxisCondition
+from edge_service.offline.answer import Answer
 from edge_service.offline.fleet.ask import ask_fleet
-from edge_service.offline.fleet.rows import rows_of
-from edge_service.offline.fleet.table import as_json_line, table_of, terminal_table
+from edge_service.offline.fleet.rows import FleetRow, rows_of
+from edge_service.offline.fleet.table import Fleet, table_of, terminal_table
 
 from ..nodes.conftest import Running, config_of, running, until
 
@@ -36,6 +38,11 @@ def fleet_of(*addresses: str, timeout_s: float = 20.0) -> FleetConfig:
     return FleetConfig(
         timeout_s=timeout_s, services=[FleetServiceConfig(address=each) for each in addresses]
     )
+
+
+def fleet_document(rows: Sequence[FleetRow]) -> str:
+    """The rows as a program reads them."""
+    return Answer("", Fleet.of(rows)).as_json()
 
 
 class Service:
@@ -179,7 +186,7 @@ def test_the_worst_comes_first() -> None:
     services = {f"http://h{k}": Service(f"h{k}", 1.0, each) for k, each in enumerate(conditions)}
     rows = ask_fleet(fleet_of(*services), lambda address, left: asked(services, address, left))
     assert [row.condition.value for row in rows] == ["FAULT", "WARNING", "UNAVAILABLE", "NORMAL"]
-    answer = json.loads(as_json_line(rows))
+    answer = json.loads(fleet_document(rows))
     assert answer["condition"] == "FAULT"
     assert answer["rows"][0]["machine"] == "h2"
 
@@ -219,7 +226,7 @@ def test_a_terminal_shows_headline_and_first_task_at_any_width(width: int) -> No
     assert max(map(len, text.splitlines())) <= width
     words = re.findall(r"[^\s│]+", text)
     assert {"low", "[17].", "nut."} <= set(words)
-    for line in (table_of(rows, NOW).splitlines()[2], as_json_line(rows)):
+    for line in (table_of(rows, NOW).splitlines()[2], fleet_document(rows)):
         assert "The preload is low [17]." in line
         assert "Plan a nut." in line
 

@@ -42,7 +42,7 @@ def test_setpoints_are_those_of_the_motion_to_its_very_end(
     tmp_path: Path, machine: Machine, rate_hz: float
 ) -> None:
     out = tmp_path / "setpoints.csv"
-    line = write_motion("friction", machine, out, MotionFileSettings(rate_hz=rate_hz))
+    line = write_motion("friction", machine, out, MotionFileSettings(rate_hz=rate_hz)).as_text()
     _, rows = rows_of(out)
     limits = motion_limits(machine)
     source = Setpoints(MOTIONS["friction"](limits, np.random.default_rng(0)), 0.04, rate_hz)
@@ -83,7 +83,7 @@ def test_what_is_left_out_is_named_in_the_file_and_in_the_answer(
 ) -> None:
     out = tmp_path / "setpoints.csv"
     slow = changed(machine, max_speed_rad_s=200.0)
-    answer = write_motion("friction", slow, out, MotionFileSettings(clip=True))
+    answer = write_motion("friction", slow, out, MotionFileSettings(clip=True)).as_text()
     line = "left out: friction, 3000 rpm over 1 rev: speed: asks for 1 m/s, the axis allows 0.6366"
     assert line in answer
     assert line in "\n".join(rows_of(out)[0])
@@ -218,11 +218,11 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, machine: Mac
 
 
 def test_the_list_names_each_motion_with_its_duration_on_this_axis(machine: Machine) -> None:
-    lines = list_motions(machine).splitlines()
+    lines = [each.as_text() for each in list_motions(machine)]
     assert [line.split()[0] for line in lines] == list(MOTIONS)
     assert re.search(r"friction +131 s  ten speeds of Table 5\.1", lines[2])
     assert re.search(r"warmup +endless  rapids", "\n".join(lines))
-    short = list_motions(changed(machine, stroke_m=0.2))
+    short = "\n".join(each.as_text() for each in list_motions(changed(machine, stroke_m=0.2)))
     assert re.search(r"signature +refused .* asks for 0\.4051 m, the axis allows 0\.18 m", short)
 
 

@@ -34,7 +34,7 @@ def machine() -> Machine:
 
 
 def test_the_trace_has_every_channel_at_the_rate(machine: Machine, tmp_path: Path) -> None:
-    line = simulate(machine, SHORT, tmp_path / "a.csv")
+    line = simulate(machine, SHORT, tmp_path / "a.csv").words
     trace = read(tmp_path / "a.csv")
     assert tuple(trace) == (channels.TIME, *channels.CHANNELS)
     assert trace[channels.TIME] == pytest.approx(np.arange(3000) / 1000.0)
@@ -94,7 +94,7 @@ def test_less_preload_is_less_torque(machine: Machine, tmp_path: Path) -> None:
 def test_effects_of_the_machine_file_are_simulated_too(machine: Machine, tmp_path: Path) -> None:
     content = tomllib.loads(DEFAULT_MACHINE.read_text())
     content["effects"] = [{"name": "load_offset", "parameters": {"constant_nm": 0.5}}]
-    line = simulate(Machine.model_validate(content), SHORT, tmp_path / "a.csv")
+    line = simulate(Machine.model_validate(content), SHORT, tmp_path / "a.csv").words
     assert line.endswith("effects: load_offset")
     simulate(machine, SHORT, tmp_path / "b.csv")
     change = read(tmp_path / "a.csv")[channels.TORQUE] - read(tmp_path / "b.csv")[channels.TORQUE]
@@ -140,7 +140,9 @@ SESSION = ("standstill", "warmup:duration_s=4", "standstill")
 
 
 def test_a_session_is_one_axis_and_one_clock(machine: Machine, tmp_path: Path) -> None:
-    summary = simulate_session(machine, SimulationSettings(seed=3), SESSION, tmp_path / "runs")
+    summary = simulate_session(
+        machine, SimulationSettings(seed=3), SESSION, tmp_path / "runs"
+    ).words
     paths = sorted((tmp_path / "runs").iterdir())
     names = ["01_standstill.csv", "02_warmup.csv", "03_standstill.csv"]
     assert [path.name for path in paths] == names

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...adopt.answers import abilities
+from ...adopt.answers import Ability, abilities
 from ...adopt.guess import Choice, Known, Question, Understanding
 from ...adopt.mechanics import Mechanics, identify_mechanics, steady_friction
 from ...adopt.names import Quantity
@@ -19,7 +19,9 @@ from ...models.screw.ball_screw import transmission_ratio
 from ...trace.columns import ColumnMap, TraceError
 from ...trace.reader import read_trace
 from ...trace.sinumerik.controller_axis import ControllerAxis
+from ..answer import Answer
 from ..examination import examine
+from .adopted import answer_of
 from .channels_picture import write_channels_picture
 from .machine_text import SHEET_QUESTIONS, DataSheet, machine_text
 from .raw_columns import RawColumns, read_columns
@@ -48,8 +50,8 @@ class Request:
     picture: Path | None = None
 
 
-def adopt(request: Request, ask: Ask | None = None) -> str:
-    """Write the machine file; returns what was understood, in lines.
+def adopt(request: Request, ask: Ask | None = None) -> Answer:
+    """Write the machine file; returns what was understood.
 
     Args:
         ask: asks whoever is at the terminal; None if nobody is.
@@ -73,13 +75,11 @@ def adopt(request: Request, ask: Ask | None = None) -> str:
     text = machine_text(names, understood, mechanics, sheet, _travel(frames))
     with replaced_file(request.out) as file:
         file.write(text)
-    lines = [f"{request.out}: written", *_understood_lines(understood), *_found(mechanics)]
-    lines += _examined(request, mechanics)
-    lines += _able(frames, understood, mechanics, sheet)
+    findings = None if mechanics is None else examine(load_machine(request.out), request.files)
+    able = _abilities(frames, understood, mechanics, sheet)
     if request.picture is not None:
         _draw(frames[0], names[0], request.picture)
-        lines.append(f"{request.picture}: the channels as they were understood")
-    return "\n".join(lines)
+    return answer_of(request.out, request.picture, understood, mechanics, findings, able)
 
 
 def _axis(request: Request, raw: RawColumns) -> tuple[str, int | None]:
@@ -203,57 +203,17 @@ def _travel(frames: Sequence[SampleFrame]) -> float | None:
     return float(max(map(np.nanmax, values)) - min(map(np.nanmin, values)))
 
 
-def _understood_lines(understood: Understanding) -> list[str]:
-    lines = ["understood:"]
-    for each in understood.guesses:
-        mark = "assumed" if each.assumed else ""
-        words = each.words.removeprefix("assumed: ")
-        lines.append(f"  {mark:<8}{each.subject}: {words}")
-    lines += [
-        f"  unknown {each.option}: {each.words} ({each.why})" for each in understood.questions
-    ]
-    return lines
-
-
-def _found(mechanics: Mechanics | None) -> list[str]:
-    if mechanics is None:
-        return []
-    lines = [f"found, from {mechanics.seconds:.3g} s of motion (95 %):"]
-    for name, each in (
-        ("inertia", mechanics.inertia),
-        ("dry friction", mechanics.coulomb),
-        ("viscous friction", mechanics.viscous),
-        ("constant load", mechanics.offset),
-    ):
-        interval = f"{each.low:.3g} to {each.high:.3g}" if each.determined else "not determined"
-        value = f"{each.value:.4g} {each.unit} ({interval})" if each.determined else interval
-        lines.append(f"  {name}: {value}")
-    return lines
-
-
-def _examined(request: Request, mechanics: Mechanics | None) -> list[str]:
-    """Findings of the checks that every command begins with, on the file as it was written."""
-    if mechanics is None:
-        missing = "the machine file is incomplete: lead_m or inertia_kg_m2 is missing"
-        return [f"not examined: {missing}"]
-    findings = examine(load_machine(request.out), request.files)
-    doubts = [each for each in findings if each.is_doubtful]
-    lines = [f"examined: {len(findings)} checks, {len(doubts)} of them doubtful"]
-    return lines + [f"  {each.name}: {each.sentence}" for each in doubts]
-
-
-def _able(
+def _abilities(
     frames: Sequence[SampleFrame],
     understood: Understanding,
     mechanics: Mechanics | None,
     sheet: DataSheet,
-) -> list[str]:
+) -> list[Ability]:
     steps = np.concatenate([np.diff(frame.time_s) for frame in frames])
     forward = steps[steps > 0.0]
     rate_hz = 1.0 / float(np.median(forward)) if forward.size else 0.0
     rated = sheet.dynamic_load_rating_n is not None and sheet.preload_n is not None
-    found = abilities(understood.columns, mechanics, rate_hz, has_rating=rated)
-    return ["these recordings answer:", *(f"  {each.as_text()}" for each in found)]
+    return abilities(understood.columns, mechanics, rate_hz, has_rating=rated)
 
 
 def _draw(frame: SampleFrame, title: str, out: Path) -> None:

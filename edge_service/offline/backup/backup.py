@@ -18,6 +18,7 @@ from zipfile import ZipFile
 from ... import __version__
 from ...atomic import PART, PRIVATE, replaced_bytes
 from ...config import load_config
+from ..answer import Answer, Document
 from .contents import (
     CONFIG,
     HISTORY,
@@ -37,8 +38,16 @@ _ELSEWHERE = ("-wal", "-shm", "-journal", ".lock", PART)
 _MOST_PASSES = 10
 
 
-def back_up(config: Path, out: Path, *, recordings: bool = False) -> list[str]:
-    """Write a backup of the service with this configuration; returns what to tell.
+class BackedUp(Document):
+    """A backup; files that the configuration names and that lie elsewhere are left out."""
+
+    out: str
+    size_mb: float
+    left_out: list[str]
+
+
+def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
+    """Write a backup of the service with this configuration.
 
     Raises:
         ConfigError: the configuration is wrong.
@@ -53,8 +62,10 @@ def back_up(config: Path, out: Path, *, recordings: bool = False) -> list[str]:
     except sqlite3.Error as error:
         raise BackupError(f"a database cannot be copied ({error})") from None
     size_mb = out.stat().st_size / 1e6
-    told = [f"not in the backup, because it lies elsewhere: {path}" for path in outside]
-    return [*told, f"{out}: written, {size_mb:.1f} MB; it may hold secrets"]
+    lines = [f"not in the backup, because it lies elsewhere: {path}" for path in outside]
+    lines.append(f"{out}: written, {size_mb:.1f} MB; it may hold secrets")
+    written = BackedUp(out=str(out), size_mb=size_mb, left_out=list(map(str, outside)))
+    return Answer("\n".join(lines), written)
 
 
 def _write(file: BinaryIO, config: Path, history: Path | None, *, recordings: bool) -> list[Path]:

@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from ... import __version__
 from ...atomic import made_folder, sync_file, sync_folder
 from ...nodes.stores.history_store import UNFINISHED, lock_folder
+from ..answer import Answer, Document
 from .contents import (
     CONFIG,
     HISTORY,
@@ -36,10 +37,16 @@ _DAMAGE = (BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, 
 _OURS = (LOCK, UNFINISHED, "lost+found")
 
 
+class Restored(Document):
+    """A sentence on each place that was restored."""
+
+    done: list[str]
+
+
 def restore(
     backup: Path, config: Path | None, history: Path | None, *, force: bool = False
-) -> list[str]:
-    """Put back configuration, history or both; returns what to tell.
+) -> Answer:
+    """Put back configuration, history or both.
 
     Args:
         config: configuration file to write, beside it the files that it names; None: none.
@@ -52,13 +59,14 @@ def restore(
     try:
         with ZipFile(backup) as archive:
             manifest = read_manifest(archive)
-            return _restored(archive, manifest, config, history, force=force)
+            lines = _restored(archive, manifest, config, history, force=force)
     except OSError as error:
         raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
     except BackupError as error:
         raise BackupError(f"{backup}: {error}") from None
     except _DAMAGE as error:
         raise BackupError(f"{backup}: is damaged, or no backup ({error})") from None
+    return Answer("\n".join(lines), Restored(done=lines))
 
 
 def read_manifest(archive: ZipFile) -> Manifest:

@@ -22,6 +22,7 @@ from ...diagnose.session.twin import rigid_baseline
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
+from ..answer import Answer
 from ..examination import examine
 from ..report.diagnosis_document import (
     augmented_toml,
@@ -31,6 +32,7 @@ from ..report.diagnosis_document import (
     withheld,
 )
 from ..report.diagnosis_page import render, render_bad_data
+from ..report.documents import DiagnosisDocument
 from .doubts import beside_doubts, doubts
 from .preload import preload_reading
 from .sessions import BadDataError, DiagnosisError, read_runs, session_of
@@ -45,7 +47,7 @@ def diagnose(
     progress: Callable[[str], None] = lambda _line: None,
     reference: Sequence[Path] = (),
     axis_number: int | None = None,
-) -> str:
+) -> Answer:
     """Write diagnosis.json, augmented.toml and report.html into `out`; returns a summary.
 
     A run that fails leaves none of them there, not even older ones.
@@ -78,7 +80,7 @@ def _diagnosed(
     out: Path,
     progress: Callable[[str], None],
     reference: Sequence[Path],
-) -> str:
+) -> Answer:
     text = machine_file.read_text("utf-8")
     healthy = None
     if reference:
@@ -112,7 +114,7 @@ def _diagnosed(
     document["reference"] = [path.name for path in reference]
     page = render(machine, names, session, found, check, silent, [path.name for path in reference])
     _write(out, document, augmented, page)
-    return _summary(found, out)
+    return Answer(_summary(found, out), DiagnosisDocument.model_validate(document))
 
 
 def _augmented(machine_file: Path, text: str, found: Diagnosis) -> str:

@@ -4,8 +4,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from pydantic import RootModel
 
 from ...config import load_machine
 from ...diagnose.session.recordings import unbroken_runs
@@ -18,8 +20,13 @@ from ...diagnose.session.session import (
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import Floats
 from ...models.effects.learned import model_effects
+from ..answer import Answer
 from ..examination import require_sound
 from .sessions import NOTHING_TO_COMPARE, DiagnosisError, one_line, opened_recordings
+
+
+class GapDocument(RootModel[dict[Literal["torque_nm", "transmission_m"], float]]):
+    """Channel -> RMS of the gap."""
 
 
 def gap(
@@ -27,7 +34,7 @@ def gap(
     traces: Sequence[Path],
     progress: Callable[[str], None] = lambda _line: None,
     axis_number: int | None = None,
-) -> dict[str, float]:
+) -> Answer:
     """Root mean square gap by channel, over every run of all recordings, one at a time.
 
     Raises:
@@ -51,7 +58,8 @@ def gap(
     known = {name: value for name, value in found.items() if value is not None}
     if not known:
         raise DiagnosisError(NOTHING_TO_COMPARE)
-    return known
+    words = "\n".join(f"{name}: {rms:.4g}" for name, rms in known.items())
+    return Answer(words, GapDocument.model_validate(known))
 
 
 @dataclass(slots=True)

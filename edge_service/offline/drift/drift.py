@@ -19,10 +19,12 @@ from ...messages.samples import SampleFrame
 from ...models.machine import Machine
 from ...models.screw.ball_screw import transmission_ratio
 from ...trace.columns import TraceError
+from ..answer import Answer
 from ..examination import ExaminationError
 from ..recordings import open_recording
 from ..report.page import rendered
 from ..report.pictures import as_svg, write_png
+from .document import DriftDocument
 from .picture import draw_drift
 from .wording import QUANTITIES, place, sentences, verdict
 
@@ -107,6 +109,12 @@ class DriftReport:
                 for drift in each.drifts
             ],
         }
+
+    def answer(self, out: Path | None) -> Answer:
+        """Words and document; the words say where the report is."""
+        report = [] if out is None else [f"report: {out / 'report.html'}"]
+        words = "\n".join([self.as_text(), *report])
+        return Answer(words, DriftDocument.model_validate(self.as_dict()))
 
 
 def drift(

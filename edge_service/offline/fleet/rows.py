@@ -1,7 +1,7 @@
 """Answers of many services as one row per axis, the worst first."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -53,10 +53,6 @@ class FleetRow:
     reason: str = ""
     headline: str = ""
     task: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """The row for JSON."""
-        return asdict(self)
 
 
 class StrangeAnswerError(ValueError):

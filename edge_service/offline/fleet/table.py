@@ -1,6 +1,5 @@
 """The table of a fleet for people."""
 
-import json
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -9,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ...messages.health import AxisCondition
+from ..answer import Document
 from .rows import WORST_FIRST, FleetRow, days_until, worst
 
 _HEAD = (
@@ -58,10 +58,16 @@ def terminal_table(rows: Sequence[FleetRow], now: datetime | None = None) -> Gro
     return Group(_summary(rows), table, *map(Text, _faster(rows)))
 
 
-def as_json_line(rows: Sequence[FleetRow]) -> str:
-    """The same for programs, without a line break."""
-    answer = {"condition": worst(rows), "rows": [row.as_dict() for row in rows]}
-    return json.dumps(answer, allow_nan=False)
+class Fleet(Document):
+    """The same for programs: the condition of the whole, and its rows."""
+
+    condition: AxisCondition
+    rows: list[FleetRow]
+
+    @classmethod
+    def of(cls, rows: Sequence[FleetRow]) -> "Fleet":
+        """The document of rows."""
+        return cls(condition=worst(rows), rows=list(rows))
 
 
 def _summary(rows: Sequence[FleetRow]) -> str:

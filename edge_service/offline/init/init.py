@@ -8,6 +8,7 @@ from pathlib import Path
 from ...atomic import made_folder, replaced_file
 from ...config import ConfigError, load_config, load_machine
 from ...exit_status import DONE, INTERNAL_FAILURE
+from ..answer import Answer, Document
 from .source import Source
 from .text import FirstSheet, Place, configuration_text, machine_text
 
@@ -38,8 +39,23 @@ class Request:
     force: bool = False
 
 
-def init(request: Request, adopt: Adopt, check: Check) -> tuple[list[str], int]:
-    """Write configuration and machine file; returns what to tell, and the exit status.
+class FirstConfiguration(Document):
+    """Files of a first configuration; where it is not right yet, `found` says why."""
+
+    found: list[str]
+    is_right: bool
+    written: list[str]
+    next_steps: list[str]
+
+    def as_text(self) -> str:
+        """Lines for people."""
+        written = [f"{path}: written" for path in self.written]
+        steps = [f"  {each}" for each in self.next_steps]
+        return "\n".join([*self.found, *written, "next:", *steps])
+
+
+def init(request: Request, adopt: Adopt, check: Check) -> Answer:
+    """Write configuration and machine file; returns what to do next.
 
     Raises:
         ConfigError, TraceError: one line; then nothing was written.
@@ -54,8 +70,13 @@ def init(request: Request, adopt: Adopt, check: Check) -> tuple[list[str], int]:
                 _take_place(Path(folder) / path.name, path)
     except OSError as error:
         raise ConfigError(f"{request.out}: cannot be written ({error.strerror})") from None
-    written = [f"{path}: written" for path in wanted]
-    return [*lines, *written, *_next_steps(request, status)], status
+    first = FirstConfiguration(
+        found=lines,
+        is_right=status == DONE,
+        written=list(map(str, wanted)),
+        next_steps=list(_next_steps(request, status)),
+    )
+    return Answer(first.as_text(), first, status)
 
 
 def _may_be_written(wanted: Sequence[Path], request: Request) -> None:
@@ -102,14 +123,13 @@ def _take_place(draft: Path, path: Path) -> None:
 def _next_steps(request: Request, status: int) -> Iterator[str]:
     out, recordings = request.out, request.source.recordings
     machine = request.machine or out.parent / MACHINE
-    yield "next:"
     if status != DONE:
-        yield f"  mend the signals in {out}, then: edge-service check-config {out}"
+        yield f"mend the signals in {out}, then: edge-service check-config {out}"
     elif recordings:
         names = " ".join(map(str, recordings))
-        yield f"  edge-service commission {names} --machine {machine} --out commissioned.toml"
-        yield "    (of the healthy, cold axis; then name that file in the configuration)"
+        yield f"edge-service commission {names} --machine {machine} --out commissioned.toml"
+        yield "  (of the healthy, cold axis; then name that file in the configuration)"
     else:
-        yield f"  compare the signals in {out} with your machine's, then, while the axis moves:"
-        yield f"  edge-service doctor --config {out}"
-    yield f"  edge-service run {out}    # the page: http://127.0.0.1:8080/"
+        yield f"compare the signals in {out} with your machine's, then, while the axis moves:"
+        yield f"edge-service doctor --config {out}"
+    yield f"edge-service run {out}    # the page: http://127.0.0.1:8080/"

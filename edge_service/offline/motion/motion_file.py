@@ -25,6 +25,7 @@ from ...models.motions.registry import (
     motion_limits,
 )
 from ...models.motions.segments import samples_of
+from ..answer import Document
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
 SETPOINTS, NC_PROGRAM = ".csv", ".mpf"
@@ -35,6 +36,46 @@ SAMPLES_PER_CYCLE = 2.5
 _CHUNK = 50_000
 _FORMAT = ("%.6f", "%.10f", "%.9f", "%.7f")
 Progress = Callable[[str], None]
+
+
+class ListedMotion(Document):
+    """A motion on this axis; without a duration it is endless, or refused."""
+
+    name: str
+    duration_s: float | None
+    refused_because: str | None
+    purpose: str
+
+    def as_text(self) -> str:
+        """One line."""
+        length = "endless" if self.duration_s is None else f"{self.duration_s:.0f} s"
+        if self.refused_because is not None:
+            return f"{self.name:<13}{'refused':>8}  {self.purpose} [{self.refused_because}]"
+        return f"{self.name:<13}{length:>8}  {self.purpose}"
+
+
+class ListedMotions(Document):
+    """Every motion, and the picture of them where one was asked for."""
+
+    motions: list[ListedMotion]
+    picture: str | None
+
+
+class MotionFile(Document):
+    """File of a motion: setpoints at `rate_hz`, or blocks of a program, which has no rate."""
+
+    out: str
+    motion: str
+    duration_s: float
+    rows: int
+    rate_hz: float | None
+    left_out: list[str]
+
+    def as_text(self) -> str:
+        """One line, and one on each part that was left out."""
+        size = "blocks" if self.rate_hz is None else f"setpoints at {self.rate_hz:g} Hz"
+        line = f"{self.out}: {self.motion}, {self.duration_s:.1f} s, {self.rows} {size}"
+        return "\n".join((line, *(f"left out: {each}" for each in self.left_out)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,19 +95,22 @@ class MotionFileSettings:
     clip: bool = False
 
 
-def list_motions(machine: Machine) -> str:
-    """Name, duration on this axis and purpose of every motion, a line each."""
+def list_motions(machine: Machine) -> list[ListedMotion]:
+    """Every motion with its duration on this axis."""
     limits = motion_limits(machine)
-    lines = []
+    listed = []
     for name, motion in MOTIONS.items():
+        duration_s, refused = None, None
         try:
             duration_s = motion.duration_s(limits)
-            length = "endless" if duration_s is None else f"{duration_s:.0f} s"
-            remark = ""
         except MotionError as error:
-            length, remark = "refused", f" [{error}]"
-        lines.append(f"{name:<13}{length:>8}  {motion.purpose}{remark}")
-    return "\n".join(lines)
+            refused = str(error)
+        listed.append(
+            ListedMotion(
+                name=name, duration_s=duration_s, refused_because=refused, purpose=motion.purpose
+            )
+        )
+    return listed
 
 
 def write_motion(
@@ -75,11 +119,8 @@ def write_motion(
     out: Path,
     settings: MotionFileSettings | None = None,
     progress: Progress | None = None,
-) -> str:
+) -> MotionFile:
     """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
-
-    Returns:
-        What was written, and a line on each part that was left out.
 
     Raises:
         MotionError: one line; the name, a setting, the axis or the file does not allow it.
@@ -98,12 +139,18 @@ def write_motion(
     plan = motion.plan(limits, random, duration_s=settings.duration_s, clip=settings.clip)
     header = _header(name, motion, machine, limits, plan, settings)
     if out.suffix == NC_PROGRAM:
-        rows = _write_program(out, name, machine, plan, limits, header)
-        size = f"{rows} blocks"
+        rows, rate_hz = _write_program(out, name, machine, plan, limits, header), None
     else:
-        rows = _write_setpoints(out, name, plan, limits, settings.rate_hz, header, progress)
-        size = f"{rows} setpoints at {settings.rate_hz:g} Hz"
-    return "\n".join((f"{out}: {name}, {plan.duration_s:.1f} s, {size}", *_left_out(plan)))
+        rate_hz = settings.rate_hz
+        rows = _write_setpoints(out, name, plan, limits, rate_hz, header, progress)
+    return MotionFile(
+        out=str(out),
+        motion=name,
+        duration_s=plan.duration_s,
+        rows=rows,
+        rate_hz=rate_hz,
+        left_out=list(plan.left_out),
+    )
 
 
 def _find(name: str) -> Motion:

@@ -9,13 +9,53 @@ from pathlib import Path
 from ...diagnose.experiment.proposal import Proposal, propose
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
+from ..answer import Answer, Document
 from ..diagnosis.sessions import DiagnosisError
-from .motion_file import MotionFileSettings, write_motion
+from .motion_file import MotionFile, MotionFileSettings, write_motion
 
 LONGEST_S = 300.0
 _SHOWN = 4
 _DOUBTED = 0.9
 Values = Mapping[str, float]
+
+
+class ProposedMotion(Document):
+    """A motion with the evidence to expect of the pair that it separates least.
+
+    `given_s` is the duration to ask for; null where the motion has its own.
+    """
+
+    motion: str
+    duration_s: float
+    given_s: float | None
+    log_evidence: float
+
+    def as_text(self) -> str:
+        """The command that writes it, and how sure its answer would be."""
+        given = f" --duration {self.given_s:g}" if self.given_s else ""
+        return (
+            f"edge-service motion {self.motion}{given}, {self.duration_s:.0f} s, "
+            f"expected evidence {self.log_evidence:.1f} (odds {_odds(self.log_evidence)})"
+        )
+
+
+class NextMotion(Document):
+    """Motions to record next, the best first; only one where it decides."""
+
+    decides: bool
+    hardest_pair: list[str]
+    proposals: list[ProposedMotion]
+    file: MotionFile | None
+
+    def as_text(self) -> str:
+        """A line on each, and what was written."""
+        best, *others = self.proposals
+        undecided = (
+            f"none of {LONGEST_S:g} s or less decides between {' and '.join(self.hardest_pair)}"
+        )
+        head = "the shortest that decides" if self.decides else f"{undecided}; best"
+        lines = [f"{head}: {best.as_text()}", *(f"  or {each.as_text()}" for each in others)]
+        return "\n".join(lines if self.file is None else [*lines, self.file.as_text()])
 
 
 def tied_effects(diagnosis: Path) -> dict[str, Values]:
@@ -53,7 +93,7 @@ def next_motion(
     out: Path | None,
     settings: MotionFileSettings,
     progress: Callable[[str], None] = lambda _line: None,
-) -> str:
+) -> Answer:
     """Propose the shortest motion that decides, write it to `out` if given, and say why.
 
     Raises:
@@ -71,30 +111,27 @@ def next_motion(
     if not proposals:
         raise DiagnosisError("motion next: the axis allows none of the known motions")
     best = proposals[0]
-    lines = [_described(best)]
-    if not best.decides:
-        lines += [f"  or {_shown(each)}" for each in proposals[1:_SHOWN]]
+    shown = proposals[: 1 if best.decides else _SHOWN]
+    written = None
     if out is not None:
         chosen = replace(settings, duration_s=settings.duration_s or best.candidate.given_s)
-        lines.append(write_motion(best.candidate.motion, machine, out, chosen, progress))
-    return "\n".join(lines)
-
-
-def _described(best: Proposal) -> str:
+        written = write_motion(best.candidate.motion, machine, out, chosen, progress)
     worst = min(best.separations, key=lambda each: each.evidence)
-    if best.decides:
-        return f"the shortest that decides: {_shown(best)}"
-    return (
-        f"none of {LONGEST_S:g} s or less decides between {worst.effect} and {worst.rival}; best: "
-        f"{_shown(best)}"
+    found = NextMotion(
+        decides=best.decides,
+        hardest_pair=[worst.effect, worst.rival or "a healthy axis"],
+        proposals=[_proposed(each) for each in shown],
+        file=written,
     )
+    return Answer(found.as_text(), found)
 
 
-def _shown(each: Proposal) -> str:
-    given = f" --duration {each.candidate.given_s:g}" if each.candidate.given_s else ""
-    return (
-        f"edge-service motion {each.candidate.motion}{given}, {each.candidate.duration_s:.0f} s, "
-        f"expected evidence {each.evidence:.1f} (odds {_odds(each.evidence)})"
+def _proposed(each: Proposal) -> ProposedMotion:
+    return ProposedMotion(
+        motion=each.candidate.motion,
+        duration_s=each.candidate.duration_s,
+        given_s=each.candidate.given_s,
+        log_evidence=each.evidence,
     )
 
 

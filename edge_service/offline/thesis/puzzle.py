@@ -24,6 +24,7 @@ from ...models.effects.signature import transmission_signature
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import EffectConfig, Machine, Quantity
 from ...models.motions.registry import MOTIONS, Setpoints, motion_limits
+from ..answer import Answer
 from ..report.pictures import write_png
 from .puzzle_picture import CHANNELS, Step, draw_puzzle
 
@@ -87,13 +88,13 @@ def _line(name: str, gap: dict[str, float]) -> str:
     return f"  {name:<24}" + "  ".join(shown)
 
 
-def reproduce_puzzle(out: Path, progress: Progress = lambda _line: None) -> str:
-    """Write the picture `puzzle.png` into `out`; returns the story as text."""
+def reproduce_puzzle(out: Path, progress: Progress = lambda _line: None) -> Answer:
+    """Write the picture `puzzle.png` into `out`; returns the story."""
     found = solve(progress)
     write_png(draw_puzzle(found.before, found.fitted, found.floor, found.steps), out / "puzzle.png")
     with replaced_file(out / "puzzle.txt") as file:
         file.write(found.as_text() + "\n")
-    return f"{found.as_text()}\npicture: {out / 'puzzle.png'}"
+    return Answer(f"{found.as_text()}\npicture: {out / 'puzzle.png'}", found)
 
 
 def solve(progress: Progress = lambda _line: None) -> Puzzle:

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from ...atomic import replaced_file
+from ..answer import Answer
 from ..report.pictures import write_png
+from .document import WearDocument
 from .outcome import (
     LIMITS,
     Crossing,
@@ -70,14 +72,15 @@ class Account:
         return found
 
 
-def reproduce_wear(path: Path, schedule: Schedule, out: Path) -> Account:
+def reproduce_wear(path: Path, schedule: Schedule, out: Path) -> Answer:
     """Write `wear.json` and `wear.png` into `out`. Raises TraceError."""
     found = account(read_wear_test(path, schedule))
     write_png(draw_wear(found.test, found.asked, found.came), out / "wear.png")
     with replaced_file(out / "wear.json") as file:
         json.dump(found.as_dict(), file, indent=1)
         file.write("\n")
-    return found
+    words = f"{found.as_text()}\npicture: {out / 'wear.png'}"
+    return Answer(words, WearDocument.model_validate(found.as_dict()))
 
 
 def account(test: WearTest, limits: Sequence[float] = LIMITS) -> Account:

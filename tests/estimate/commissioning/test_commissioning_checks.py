@@ -184,7 +184,9 @@ LIN_A_LEAD_M = 0.006 * 35.0 / 624.0
 
 
 def commission_file(machine_file: Path, traces: list[Path], out: Path) -> str:
-    return commission_to_file(machine_file, traces, out, load_config(ROOT / "deploy/edge.toml"))
+    return commission_to_file(
+        machine_file, traces, out, load_config(ROOT / "deploy/edge.toml")
+    ).words
 
 
 @pytest.mark.skipif(not ACTUATORS.exists(), reason="the recordings of the actuators are not here")

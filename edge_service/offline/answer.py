@@ -1,0 +1,33 @@
+"""Answer of a command: words for people, and the same as a typed document for programs."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from ..exit_status import DONE
+from ..messages.estimate import Frozen
+
+
+class Document(Frozen):
+    """Base of the documents: units stand in the names, what is not known is null."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One truth, told twice.
+
+    Attributes:
+        words: lines for people.
+        document: a `Document`, or a data class of values that JSON knows.
+        status: exit status of the command.
+    """
+
+    words: str
+    document: Any
+    status: int = DONE
+
+    def as_json(self) -> str:
+        """The document on one line."""
+        written = TypeAdapter(type(self.document)).dump_json(self.document, by_alias=True)
+        return written.decode("utf-8")

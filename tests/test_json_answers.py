@@ -1,0 +1,207 @@
+"""Every command that answers has `--json`: one typed document with units, and nothing beside it."""
+
+import json
+import re
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from unittest.mock import AsyncMock
+
+import click
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+import edge_service.nodes.record_node as recording
+from edge_service.cli.entry import cli, main
+from edge_service.config import DEFAULT_MACHINE
+from edge_service.exit_status import BAD_INPUT, DONE
+from edge_service.http_api.security.tokens import add_token
+from edge_service.nodes.outputs import trial
+from edge_service.offline.answer import Answer
+
+from .offline.test_response import FREQUENCY, _response
+from .trace.tuning_files import tuning
+
+WITHOUT = {
+    "run": "serves until it is stopped",
+    "node": "serves until it is stopped",
+    "stub": "serves until it is stopped",
+    "audit": "prints JSON lines anyway",
+    "bench": "its commands stand in a checkout alone, and have their own",
+}
+UNIT = re.compile(
+    r"(^|_)(share|s|h|m|hz|rpm|n|nm|mb|c|percent|rad_s2?|m_s2?|m_s3|kg|kg_m2|nm_s_per_rad|n_per_m|nm_per_rad)$"
+)
+PURE = {"probability", "level", "share", "energy_share", "sigmas", "relative", "n_effective"} | {
+    *("log_evidence", "nut_share", "nut_share_sigma", "coverage", "nis", "tolerance", "height"),
+    *("mode_probability", "fault_probability", "structure", "scores", "trend", "line", "context"),
+    *("shrink", "replay"),
+}
+"""Shares, probabilities and ratios: numbers without a unit."""
+BESIDE = {"unit", "x_label", "preload_percent"}
+"""Keys that tell the unit of the numbers beside them."""
+KNOWN = PURE | BESIDE
+COMMANDS: dict[str, list[str]] = {
+    "check-config": ["check-config"],
+    "send-test": ["send-test", "email"],
+    "backup": ["backup", "{dir}/service.toml", "--out", "{dir}/again.zip"],
+    "restore": ["restore", "{dir}/backup.zip", "--config", "{dir}/new/service.toml"],
+    "certs": ["certs", "--out", "{dir}/certificates"],
+    "token add": ["token", "add", "kim", "--role", "viewer", "--file", "{dir}/tokens.json"],
+    "token list": ["token", "list", "--file", "{dir}/given.json"],
+    "token revoke": ["token", "revoke", "prometheus", "--file", "{dir}/given.json"],
+    "replay": ["replay", "{trace}", "--speed", "0", "--port", "0"],
+    "doctor": ["doctor", "{trace}"],
+    "record": ["record", "--out", "{dir}/recorded.csv"],
+    "convert": ["convert", "{trace}", "--out", "{dir}/trace.csv"],
+    "simulate": ["simulate", "--duration", "3", "--out", "{dir}/s.csv"],
+    "init": ["init", "modbus://127.0.0.1:9", "--out", "{dir}/edge.toml", "--machine", "{machine}"],
+    "adopt": ["adopt", "{trace}", "--lead", "20", "--out", "{dir}/machine.toml"],
+    "commission": ["commission", "{trace}", "--out", "{dir}/commissioned.toml"],
+    "estimate": ["estimate", "{trace}", "--out", "{dir}/estimates.csv"],
+    "motion": ["motion", "standstill", "--out", "{dir}/m.csv"],
+    "motion --list": ["motion", "--list"],
+    "motion next": ["motion", "next", "--effect", "stribeck", "--effect", "backlash"],
+    "motion isolability": ["motion", "isolability", "{monday}"],
+    "fingerprint": ["fingerprint", "{trace}", "--out", "{dir}/fingerprint"],
+    "fingerprint --baseline": [
+        *("fingerprint", "{trace}", "--out", "{dir}/now"),
+        *("--baseline", "{dir}/fingerprint.json"),
+    ],
+    "response": ["response", "{tuning}", "--out", "{dir}/response"],
+    "gap": ["gap", "{trace}"],
+    "diagnose": ["diagnose", "{trace}", "--out", "{dir}/diagnosis"],
+    "drift": ["drift", "{monday}", "{friday}"],
+    "reproduce": ["reproduce", "wear", "{wear}", "--out", "{dir}/wear"],
+    "fleet": ["fleet", "http://127.0.0.1:9", "--timeout", "2"],
+}
+"""Each on the smallest input that it answers; a command with several answers more than once."""
+
+
+def leaves(group: click.Group, path: str = "") -> Iterator[tuple[str, click.Command]]:
+    """Every command that can be called, with its words."""
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from leaves(command, f"{path}{name} ")
+        else:
+            yield f"{path}{name}", command
+
+
+def has_json(command: click.Command) -> bool:
+    """Tell whether a command has the flag."""
+    return any("--json" in each.opts for each in command.params)
+
+
+@pytest.mark.parametrize(("name", "command"), list(leaves(cli)))
+def test_every_command_answers_as_json_or_says_why_not(name: str, command: click.Command) -> None:
+    assert has_json(command) == (name not in WITHOUT)
+    assert name in WITHOUT or name in COMMANDS
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Recordings and files that commands read."""
+    folder = tmp_path_factory.mktemp("inputs")
+    paths = {
+        "trace": folder / "acceleration.parquet",
+        "monday": folder / "monday.parquet",
+        "friday": folder / "friday.parquet",
+        "tuning": folder / "AST_AX1.xml",
+        "wear": folder / "drag.txt",
+    }
+    for seed, (name, motion) in enumerate(
+        (("trace", "acceleration"), ("monday", "warmup"), ("friday", "warmup")), start=1
+    ):
+        seconds = ["--duration", "20"] if motion == "warmup" else []
+        out = ["--seed", str(seed), "--out", str(paths[name])]
+        assert main(["simulate", "--motion", motion, *seconds, *out]) == DONE
+    paths["tuning"].write_text(tuning(FREQUENCY, _response(), np.full(300, 0.999), {}))
+    paths["wear"].write_text("\n".join(f"{0.2 - 0.004 * k:.3f}" for k in range(16)))
+    return {name: str(path) for name, path in paths.items()} | {"machine": str(DEFAULT_MACHINE)}
+
+
+@pytest.fixture
+def documents(monkeypatch: pytest.MonkeyPatch) -> list[type]:
+    """Types of the documents that are printed."""
+    found: list[type] = []
+    written = Answer.as_json
+
+    def noted(answer: Answer) -> str:
+        found.append(type(answer.document))
+        return written(answer)
+
+    monkeypatch.setattr(Answer, "as_json", noted)
+    return found
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_answer_is_one_document_of_its_schema(
+    name: str,
+    inputs: dict[str, str],
+    documents: list[type],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    prepare(name, inputs, tmp_path, monkeypatch)
+    arguments = [part.format(dir=tmp_path, **inputs) for part in COMMANDS[name]]
+    capfd.readouterr()
+    assert main([*arguments, "--json"]) == DONE
+    said = capfd.readouterr().out
+    adapter = TypeAdapter(documents[0])
+    assert adapter.dump_json(adapter.validate_json(said), by_alias=True).decode() == said.strip()
+    assert list(without_unit(json.loads(said))) == []
+
+
+def prepare(
+    name: str, inputs: dict[str, str], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lay down what a command needs beside its recordings."""
+    if name.startswith("token"):
+        add_token(folder / "given.json", "prometheus", "viewer", 30, datetime.now(UTC))
+    if name in ("backup", "restore"):
+        config = folder / "service.toml"
+        config.write_text('[[axes]]\nname = "X"\n')
+        assert main(["backup", str(config), "--out", str(folder / "backup.zip")]) == DONE
+    if name == "fingerprint --baseline":
+        assert main(["fingerprint", inputs["trace"], "--out", str(folder)]) == DONE
+    if name == "record":
+        monkeypatch.setattr(recording, "record_axis", AsyncMock(return_value=(1000, 0)))
+    if name == "send-test":
+        taken = trial.Trial("mail.example:587", "")
+        monkeypatch.setattr(trial, "try_output", AsyncMock(return_value=taken))
+
+
+def without_unit(node: Any, path: tuple[str, ...] = ()) -> Iterator[str]:
+    """Numbers to which neither their names nor what stands beside them give a unit."""
+    if isinstance(node, dict):
+        named = (*path, str(node.get("name", "")), *(each for each in node if each in BESIDE))
+        for key, value in node.items():
+            yield from without_unit(value, (*named, key))
+    elif isinstance(node, list):
+        for value in node:
+            yield from without_unit(value, path)
+    elif isinstance(node, float) and not any(
+        each in PURE | BESIDE or UNIT.search(each) for each in path
+    ):
+        yield "/".join(path)
+
+
+@pytest.mark.parametrize("name", [name for name, command in leaves(cli) if has_json(command)])
+def test_a_mistake_is_a_document_too(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main([*name.split(), "--json", "--no-such-option"]) == BAD_INPUT
+    told = capfd.readouterr()
+    error = json.loads(told.out)["error"]
+    assert error == {"detail": told.err.strip().removeprefix("edge-service: "), "exit_status": 2}
+
+
+def test_a_number_without_its_unit_is_found() -> None:
+    right = {
+        "speed_m_s": 1.5,
+        "mode_probability": {"10": 0.5},
+        "length": {"value": 2.5, "unit": "m"},
+    }
+    assert list(without_unit(right)) == []
+    assert list(without_unit({"speed": 1.5})) == ["/speed"]
