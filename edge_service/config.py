@@ -20,6 +20,7 @@ from .config_tables import (
     HistoryConfig,
     JobsConfig,
     MqttConfig,
+    MtconnectConfig,
     OpcuaConfig,
     Table,
     VibrationConfig,
@@ -214,6 +215,7 @@ class EdgeConfig(Table):
     health: HealthConfig = HealthConfig()
     mqtt: MqttConfig | None = None
     opcua: OpcuaConfig | None = None
+    mtconnect: MtconnectConfig | None = None
     vibration: VibrationConfig | None = None
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()

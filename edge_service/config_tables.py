@@ -108,6 +108,29 @@ class OpcuaConfig(Table):
         return self
 
 
+class MtconnectConfig(Table):
+    """`[mtconnect]`: where agents of MTConnect are told answers; nothing is told without it.
+
+    Attributes:
+        allow_plain: also beyond loopback, where others may read along; the protocol has neither
+            encryption nor login.
+        clients: how many agents there may be at once.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = Field(7878, ge=0, le=65535)
+    allow_plain: bool = False
+    clients: int = Field(10, ge=1, le=200)
+
+    @model_validator(mode="after")
+    def _guarded(self) -> "MtconnectConfig":
+        if not (self.allow_plain or is_loopback(self.host)):
+            raise ValueError(
+                f"{self.host!r} is no loopback address: anybody may read there; needs allow_plain"
+            )
+        return self
+
+
 class VibrationConfig(Table):
     """`[vibration]`: fast sensors reduced to features; without it their signals are dropped.
 

@@ -46,6 +46,7 @@ KNOWN = PURE | BESIDE
 COMMANDS: dict[str, list[str]] = {
     "check-config": ["check-config"],
     "send-test": ["send-test", "email"],
+    "mtconnect-devices": ["mtconnect-devices", "--out", "{dir}/Devices.xml"],
     "backup": ["backup", "{dir}/service.toml", "--out", "{dir}/again.zip"],
     "restore": ["restore", "{dir}/backup.zip", "--config", "{dir}/new/service.toml"],
     "certs": ["certs", "--out", "{dir}/certificates"],

@@ -19,7 +19,7 @@ from .options import FLAG, InputError, error_document
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
 from .security import audit, certs, token
-from .service import backup, check_config, node, replay, restore, run, send_test
+from .service import backup, check_config, mtconnect_devices, node, replay, restore, run, send_test
 from .sources import doctor, stub
 
 
@@ -96,6 +96,7 @@ for _command in (
         node,
         check_config,
         send_test,
+        mtconnect_devices,
         backup,
         restore,
         certs,

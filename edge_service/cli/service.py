@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from ..atomic import replaced_file
+from ..clock import now_ns
 from ..config import DEFAULT_CONFIG, load_config
 from ..exit_status import DONE, INTERNAL_FAILURE
 from ..messages.health import NODES
@@ -100,6 +102,35 @@ def send_test(output: str, config: Path | None) -> Answer:
         click.echo(f"{output}: {trial.place}: {trial.problem}", err=True)
         return Answer("", sent, INTERNAL_FAILURE)
     return Answer(f"{output}: {trial.place} has taken a test message", sent, DONE)
+
+
+class WrittenDevices(Document):
+    """Description of the machine that was written, and the axes in it."""
+
+    out: str
+    axes: list[str]
+
+
+@click.command(
+    "mtconnect-devices",
+    epilog="Example: edge-service mtconnect-devices edge.toml --out Devices.xml",
+)
+@CONFIG
+@out_option("File to write.")
+@answering
+def mtconnect_devices(config: Path | None, out: Path) -> Answer:
+    """Write the description of the machine that an agent of MTConnect needs."""
+    from ..bus.mtconnect.devices import devices_xml
+
+    settings = load_config(config or DEFAULT_CONFIG)
+    axes = [axis.name for axis in settings.axes]
+    service = settings.service
+    try:
+        with replaced_file(out) as file:
+            file.write(devices_xml(service.site, service.machine, axes, now_ns()))
+    except OSError as error:
+        raise InputError(f"{out}: {error.strerror}") from None
+    return Answer(f"{out}: axes {', '.join(axes)}", WrittenDevices(out=str(out), axes=axes))
 
 
 @click.command(

@@ -25,6 +25,7 @@ _TABLE = (
     Output("email", HTTP, keeps=True),
     Output("mqtt", "mqtt", keeps=True),
     Output("opcua", "opcua", keeps=False),
+    Output("mtconnect", "mtconnect", keeps=False),
 )
 OUTPUTS = {output.name: output for output in _TABLE}
 OF_HTTP = tuple(output.name for output in _TABLE if output.node == HTTP)

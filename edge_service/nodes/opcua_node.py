@@ -4,8 +4,8 @@ from functools import partial
 
 from ..bus.opcua.application import OpcuaSettings
 from ..bus.opcua.server import AnswerServer
-from ..messages.health import ComponentStatus
 from .outputs.latest_answers import LatestAnswers
+from .outputs.listening import listen
 from .outputs.opcua_rights import opcua_settings
 from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
@@ -13,7 +13,6 @@ from .wiring.context import NodeContext, Reporter
 BUILD_S = 120.0
 """Longest time in which the address space is there, on a slow and busy machine."""
 SHOW_PERIOD_S = 0.5
-RETRY_S = 5.0
 
 
 async def run(context: NodeContext) -> None:
@@ -34,24 +33,9 @@ async def _serve(
     server = await heart.in_thread(build, limit_s=BUILD_S)
     reporter.readings = lambda: {"sessions": server.sessions}
     try:
-        await _listen(server, settings, reporter, heart)
+        await listen(server.start, f"{settings.host}:{settings.port}", reporter, heart)
         while True:
             await server.show(latest.now())
             await heart.sleep(SHOW_PERIOD_S)
     finally:
         await server.stop()
-
-
-async def _listen(
-    server: AnswerServer, settings: OpcuaSettings, reporter: Reporter, heart: Heartbeat
-) -> None:
-    """Listen as soon as the port is free; says meanwhile that it is not."""
-    while True:
-        try:
-            await server.start()
-            break
-        except OSError as error:
-            where = f"{settings.host}:{settings.port}"
-            reporter.to(ComponentStatus.RECOVERABLE_ERROR, f"{where}: {error.strerror}")
-            await heart.sleep(RETRY_S)
-    reporter.to(ComponentStatus.OK)

@@ -33,6 +33,13 @@ class ServedOpcua(Document):
     needs_token: bool
 
 
+class ServedMtconnect(Document):
+    """The adapter of MTConnect, which asks nobody who they are."""
+
+    host: str
+    port: int
+
+
 class CheckedConfiguration(Document):
     """A configuration that is right; sources that do not answer now are `not_reachable`."""
 
@@ -44,6 +51,7 @@ class CheckedConfiguration(Document):
     bus_endpoint: str
     bus_access: str
     opcua: ServedOpcua | None
+    mtconnect: ServedMtconnect | None
     history_folder: str | None
     history_budget_mb: float
     drivers_installed: list[str]
@@ -62,6 +70,7 @@ def check_configuration(path: Path) -> Answer:
         bus_endpoint=settings.bus.endpoint,
         bus_access=check_bus(settings.bus),
         opcua=_opcua(settings),
+        mtconnect=_mtconnect(settings),
         history_folder=None if settings.history.folder is None else str(settings.history.folder),
         history_budget_mb=settings.history.budget_mb,
         drivers_installed=list(driver_names()),
@@ -94,6 +103,11 @@ def _opcua(settings: EdgeConfig) -> ServedOpcua | None:
     )
 
 
+def _mtconnect(settings: EdgeConfig) -> ServedMtconnect | None:
+    served = settings.mtconnect
+    return None if served is None else ServedMtconnect(host=served.host, port=served.port)
+
+
 def _lines(checked: CheckedConfiguration) -> Iterator[str]:
     for each in checked.axes:
         missing = each.missing_for_percent
@@ -107,6 +121,8 @@ def _lines(checked: CheckedConfiguration) -> Iterator[str]:
         channel = "encrypted" if checked.opcua.encrypted else "open"
         users = "whoever has a token" if checked.opcua.needs_token else "anybody"
         yield f"opcua {checked.opcua.host}:{checked.opcua.port}, {channel}, for {users}"
+    if checked.mtconnect is not None:
+        yield f"mtconnect {checked.mtconnect.host}:{checked.mtconnect.port}, open, for anybody"
     yield _history(checked)
     yield f"drivers installed: {', '.join(checked.drivers_installed)}"
 

@@ -497,6 +497,7 @@ export const de = {
   "component.http": "Seite und Schnittstelle",
   "component.mqtt": "MQTT",
   "component.opcua": "OPC UA",
+  "component.mtconnect": "MTConnect",
   "component.vibration": "Schwingung",
   "component.service": "Prozess",
   "component.history": "Verlauf",

@@ -497,6 +497,7 @@ export const en = {
   "component.http": "Page and interface",
   "component.mqtt": "MQTT",
   "component.opcua": "OPC UA",
+  "component.mtconnect": "MTConnect",
   "component.vibration": "Vibration",
   "component.service": "Process",
   "component.history": "History",

@@ -1,0 +1,1 @@
+"""Answers for agents of MTConnect: an adapter of the SHDR protocol, and its description."""

@@ -1,0 +1,289 @@
+"""A foreign agent is told what holds; clients that misbehave cost nobody anything."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_service.bus.mtconnect import adapter as module
+from edge_service.bus.mtconnect.adapter import HEARTBEAT_S, Adapter
+from edge_service.bus.mtconnect.devices import devices_xml
+from edge_service.bus.mtconnect.shdr import changes, field, lines, values_of
+from edge_service.messages.alarm import Alarm, AlarmKind
+from edge_service.messages.answer import AxisAnswer
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import Severity
+from edge_service.messages.health import AxisCondition
+
+from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
+from ...nodes.conftest import until
+from .agent import Agent, ProtocolError, connected, item_types, tokens
+
+NOW_NS = MEASURED_NS + 5_000_000
+DEVICES = devices_xml("hall", "mill", ["X", "Y_Z", "1.b"], NOW_NS)
+NUMBERS = ("preload_X", "preloadLow_X", "preloadHigh_X", "preloadForce_X", "dragTorque_X")
+
+
+def alarm(kind: AlarmKind, severity: Severity = Severity.ERROR, said: str = "gone") -> Alarm:
+    return Alarm(kind=kind, severity=severity, active=True, message=said, raised_time_ns=1)
+
+
+def told(*answers: AxisAnswer) -> Agent:
+    """State of an agent that was told one answer after the other."""
+    agent, before = Agent(item_types(DEVICES)), {}
+    for each in answers:
+        after = values_of(each)
+        for line in lines(changes(before, after), NOW_NS, each.measured_ns):
+            agent.take(line)
+        before = after
+    return agent
+
+
+class Clock:
+    """Time that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@asynccontextmanager
+async def serving(
+    clients: int = 5, clock: Callable[[], float] | None = None
+) -> AsyncIterator[Adapter]:
+    adapter = Adapter(clients, clock or Clock())
+    adapter.show([answer()], NOW_NS)
+    await adapter.start("127.0.0.1", 0)
+    try:
+        yield adapter
+    finally:
+        adapter.stop()
+        await asyncio.sleep(0)
+
+
+async def nobody(adapter: Adapter) -> None:
+    async def gone() -> bool:
+        return adapter.clients == 0
+
+    await until(gone)
+
+
+@pytest.mark.parametrize("condition", AxisCondition)
+def test_the_condition_is_the_services_own(condition: AxisCondition) -> None:
+    for before in AxisCondition:
+        agent = told(answer(health=health_of(before)), answer(health=health_of(condition)))
+        assert agent.level("condition_X") == condition.value
+        assert len(agent.conditions["condition_X"]) == 1
+
+
+def test_numbers_are_percent_of_fresh_and_carry_the_time_of_the_measurement() -> None:
+    agent = told(answer(preload_percent=3.0, low=2.5, high=4.0, fresh_percent=5.0))
+    assert [agent.values[name] for name in NUMBERS[:3]] == [60.0, 50.0, 80.0]
+    assert agent.times["preload_X"] == datetime.fromtimestamp(MEASURED_NS / 1e9, UTC)
+
+
+@pytest.mark.parametrize("status", [s for s in EstimateStatus if s is not EstimateStatus.ESTIMATED])
+def test_a_number_that_may_no_longer_be_read_is_unavailable(status: EstimateStatus) -> None:
+    without = answer(estimate=PreloadEstimate(time_s=1.0, status=status))
+    agent = told(answer(), without)
+    assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
+    agent = told(answer(), SILENT)
+    assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
+    assert agent.level("condition_X") == agent.level("alarms_X") == "UNAVAILABLE"
+    assert agent.values["advice_X"] == ("", "UNAVAILABLE")
+
+
+@given(st.lists(st.sets(st.sampled_from(list(AlarmKind))), min_size=1, max_size=8))
+def test_alarms_come_and_go_one_by_one(course: list[set[AlarmKind]]) -> None:
+    answers = [
+        answer(
+            health=health_of(AxisCondition.FAULT, alarms=tuple(alarm(kind) for kind in sorted(now)))
+        )
+        for now in course
+    ]
+    active = {
+        code
+        for code, (level, _) in told(*answers).conditions["alarms_X"].items()
+        if level == "FAULT"
+    }
+    assert active == {kind.value for kind in course[-1]}
+
+
+def test_an_alarm_whose_text_changes_is_told_again_and_stands_once() -> None:
+    answers = [
+        answer(health=health_of(AxisCondition.FAULT, alarms=(alarm(AlarmKind.RATE, said=said),)))
+        for said in ("at 27 %", "at 17 %")
+    ]
+    assert told(*answers).conditions["alarms_X"] == {"rate": ("FAULT", "at 17 %")}
+
+
+def test_what_has_not_changed_is_not_told() -> None:
+    values = values_of(answer())
+    assert changes(values, values) == {}
+    assert list(lines({}, NOW_NS)) == []
+
+
+@given(st.text())
+def test_whatever_a_text_holds_it_stays_one_field_on_one_line(text: str) -> None:
+    said = field(text.encode("utf-8", "replace").decode())
+    assert len(f"a|{said}|b".splitlines()) == 1
+    first, middle, last = tokens(f"a|{said}|b")
+    assert (first, last) == ("a", "b")
+    if text.isascii() and text.isprintable():
+        assert middle == text.strip()
+
+
+async def test_a_foreign_agent_that_connects_is_told_all_and_then_what_changes() -> None:
+    async with serving() as adapter, connected(adapter.port, DEVICES) as agent:
+        adapter.show([answer(), answer("Y_Z", health=health_of(AxisCondition.WARNING))], NOW_NS)
+
+        async def knows() -> bool:
+            return "condition_Y_Z" in agent.conditions and agent.seconds > 0.0
+
+        await until(knows)
+        assert agent.values["avail"] == "AVAILABLE"
+        assert (agent.level("condition_X"), agent.level("condition_Y_Z")) == ("NORMAL", "WARNING")
+        assert agent.seconds == HEARTBEAT_S
+        assert {"* shdrVersion: 2.0", "* mtconnectVersion: 2.0"} < set(agent.commands)
+        lost = health_of(AxisCondition.FAULT, alarms=(alarm(AlarmKind.PRELOAD_LOST),))
+        adapter.show([answer(health=lost)], NOW_NS)
+
+        async def lost_now() -> bool:
+            return agent.level("condition_X") == "FAULT"
+
+        await until(lost_now)
+        async with connected(adapter.port, DEVICES) as late:
+
+            async def the_same() -> bool:
+                return late.conditions == agent.conditions and late.values == agent.values
+
+            await until(the_same)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"",
+        b"* PI",
+        b"* PING\n* PI",
+        b"GET / HTTP/1.1\r\nHost: x\r\n\r\n",
+        bytes(range(256)) * 3,
+        b"\n" * 500,
+        b"* PONG 1\n|preload_X|1\n* preload: 1\n",
+    ],
+)
+async def test_half_lines_and_garbage_change_nothing_and_end_with_the_client(sent: bytes) -> None:
+    async with serving() as adapter:
+        _, writer = await asyncio.open_connection("127.0.0.1", adapter.port)
+        writer.write(sent)
+        await writer.drain()
+        async with connected(adapter.port, DEVICES) as agent:
+
+            async def knows() -> bool:
+                return agent.seconds > 0.0
+
+            await until(knows)
+        writer.close()
+        await nobody(adapter)
+
+
+@pytest.mark.parametrize("sent", [b"a" * 2000, b"* PING\n" * 3000])
+async def test_who_sends_too_much_is_cut_off(sent: bytes) -> None:
+    async with serving() as adapter:
+        reader, writer = await asyncio.open_connection("127.0.0.1", adapter.port)
+        with suppress(ConnectionError):
+            writer.write(sent)
+            while await reader.read(65_536):
+                pass
+        await nobody(adapter)
+        assert adapter.cut_off == 1
+        writer.close()
+
+
+async def test_who_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "UNREAD_BYTES", 10_000)
+    async with serving() as adapter, connected(adapter.port, DEVICES) as agent:
+        _, writer = await asyncio.open_connection("127.0.0.1", adapter.port, limit=1)
+
+        async def both() -> bool:
+            return adapter.clients == 2
+
+        await until(both)
+        count = 0
+
+        async def cut_off() -> bool:
+            nonlocal count
+            for _ in range(200):
+                count += 1
+                texts = alarm(AlarmKind.RATE, said=f"{count} " + "x" * 5000)
+                adapter.show([answer(health=health_of(AxisCondition.FAULT, alarms=(texts,)))], 1)
+                await asyncio.sleep(0)
+            return adapter.clients == 1
+
+        await until(cut_off)
+        assert adapter.cut_off == 1
+
+        async def up_to_date() -> bool:
+            return agent.conditions["alarms_X"]["rate"][1].startswith(f"{count} ")
+
+        await until(up_to_date)
+        writer.close()
+
+
+async def test_no_more_clients_than_allowed_and_a_place_is_free_again() -> None:
+    async with serving(clients=2) as adapter:
+        first, second = [await asyncio.open_connection("127.0.0.1", adapter.port) for _ in "ab"]
+        for reader, _ in (first, second):
+            assert (await reader.readline()).startswith(b"* adapterVersion: ")
+        for _ in range(20):
+            reader, writer = await asyncio.open_connection("127.0.0.1", adapter.port)
+            with pytest.raises(ConnectionError):
+                assert await reader.read() == b""
+                raise ConnectionError
+            writer.close()
+        assert adapter.clients == 2
+        second[1].close()
+
+        async def one() -> bool:
+            return adapter.clients == 1
+
+        await until(one)
+        async with connected(adapter.port, DEVICES) as agent:
+
+            async def knows() -> bool:
+                return "avail" in agent.values
+
+            await until(knows)
+        first[1].close()
+
+
+async def test_who_has_given_signs_of_life_and_is_silent_is_cut_off() -> None:
+    clock = Clock()
+    async with serving(clock=clock) as adapter:
+        reader, writer = await asyncio.open_connection("127.0.0.1", adapter.port)
+        _, quiet = await asyncio.open_connection("127.0.0.1", adapter.port)
+        writer.write(b"* PING\n")
+        while not (await reader.readline()).startswith(b"* PONG"):
+            pass
+        for now_s, clients in ((1.9 * HEARTBEAT_S, 2), (2.1 * HEARTBEAT_S, 1)):
+            clock.now_s = now_s
+            adapter.show([answer()], NOW_NS)
+            await asyncio.sleep(0.01)
+            assert adapter.clients == clients  # who never gave one is not asked for it
+        writer.close()
+        quiet.close()
+
+
+def test_the_agent_of_these_tests_refuses_what_the_specification_does(
+    bad: Any = ("2026-01-01T00:00:00.000000Z|preload_X", "x|preload_X|1", '|"a', "now|other|1"),
+) -> None:
+    for line in bad:
+        with pytest.raises((ProtocolError, ValueError)):
+            Agent(item_types(DEVICES)).take(line)
