@@ -16,7 +16,7 @@ from .options import (
     answering,
     out_option,
 )
-from .terminal import ask_number, at_terminal
+from .terminal import ask_number, at_terminal, progress
 
 
 @click.command(
@@ -79,4 +79,4 @@ def adopt(
         name or "X", None, load_rating, preload, preload_drag, nut_stiffness, table_mass
     )
     request = Request(files, out, axis_number, known, sheet, columns, picture)
-    return run(request, ask_number if at_terminal() else None)
+    return run(request, ask_number if at_terminal() else None, progress)

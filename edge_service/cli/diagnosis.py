@@ -55,7 +55,7 @@ def fingerprint(
         return run_response(traces[0], out, baseline, name="fingerprint.json")
     from ..offline.fingerprint import fingerprint as run_fingerprint
 
-    return run_fingerprint(machine, traces, out, baseline, pictures, axis_number)
+    return run_fingerprint(machine, traces, out, baseline, pictures, axis_number, progress)
 
 
 @click.command(epilog="Example: edge-service response AST_AX7.xml --out out/AX7")
@@ -71,6 +71,7 @@ def response(source: Path, baseline: Path | None, out: Path) -> Answer:
     """
     from ..offline.response import response as run_response
 
+    progress(f"reading {source.name}")
     return run_response(source, out, baseline)
 
 
@@ -143,7 +144,7 @@ def drift(
     """
     from ..offline.drift.drift import drift as compare
 
-    return compare(machine, traces, out, axis_number, by).answer(out)
+    return compare(machine, traces, out, axis_number, by, progress).answer(out)
 
 
 @click.command(epilog="Example: edge-service reproduce --out out/reproduce")
@@ -208,6 +209,7 @@ def reproduce(
         if not all(map(math.isfinite, figures)):
             raise InputError("reproduce: hours and speeds must be finite numbers")
         schedule = Schedule(*figures)
+        progress(f"dates after every line of {file.name}")
         return reproduce_wear(file, schedule, out)
     if study == "puzzle":
         from ..offline.thesis.puzzle import reproduce_puzzle

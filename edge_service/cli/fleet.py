@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from ..config import explain, load_fleet
 from ..config_tables import FleetConfig, FleetServiceConfig
 from ..offline.answer import Answer
-from .options import PATH, InputError, answering, wants_json
+from .options import PATH, InputError, answering
+from .terminal import progress, wants_json
 
 if TYPE_CHECKING:
     from ..offline.fleet.rows import FleetRow
@@ -44,6 +45,7 @@ def fleet(
     settings = _fleet_of(addresses, services, timeout_s)
     on_terminal = sys.stdout.isatty() and not wants_json()
     while True:
+        progress(f"asking {len(settings.services)} services")
         rows = ask_fleet(settings)
         if period_s is not None and on_terminal:
             click.clear()

@@ -8,7 +8,7 @@ import click
 
 from ..offline.answer import Answer
 from .options import LEAD, LOAD_RATING, PATH, POSITIVE, PRELOAD, PRELOAD_DRAG, InputError, answering
-from .terminal import ask_number, at_terminal
+from .terminal import ask_number, at_terminal, progress
 
 if TYPE_CHECKING:
     from ..offline.init.text import FirstSheet
@@ -74,6 +74,7 @@ def init(
     from ..offline.init.source import source_of
     from ..offline.init.text import FirstSheet, Place
 
+    progress("looking for the source")
     source = source_of(sources or (_found_source(),))
     lead_m = None if lead is None else 1e-3 * lead
     sheet = FirstSheet(lead_m, load_rating, inertia, preload, preload_drag)
@@ -85,7 +86,9 @@ def init(
     def adopted(path: Path) -> str:
         known = Known(lead_m, torque_constant)
         data = DataSheet(axis, None, load_rating, preload, preload_drag)
-        return run_adopt(Recordings(source.recordings, path, None, known, data), ask).words
+        return run_adopt(
+            Recordings(source.recordings, path, None, known, data), ask, progress
+        ).words
 
     return run(request, adopted, lambda path: check_configuration(path).words.splitlines())
 

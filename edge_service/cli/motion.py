@@ -92,6 +92,7 @@ def _list(machine: Path, out: Path | None) -> Answer:
     listed = list_motions(axis)
     lines = [each.as_text() for each in listed]
     if out is not None:
+        progress("drawing")
         lines.append(write_motions_picture(axis, out))
     return Answer("\n".join(lines), ListedMotions(motions=listed, picture=out and str(out)))
 

@@ -12,6 +12,7 @@ import click
 from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
 from ..exit_status import DONE
 from ..offline.answer import Answer
+from .terminal import pause_progress
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 FLAG = "--json"
@@ -75,18 +76,13 @@ def answering(command: Callable[..., Answer | Iterable[Answer]]) -> Callable[...
         status = DONE
         for answer in [answers] if isinstance(answers, Answer) else answers:
             if said := answer.as_json() if as_json else answer.words:
+                pause_progress()
                 click.echo(said)
                 sys.stdout.flush()
             status = max(status, answer.status)
         return status
 
     return told
-
-
-def wants_json() -> bool:
-    """Tell whether stdout of the running command belongs to a program."""
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.params.get("as_json"))
 
 
 def error_document(line: str, status: int) -> str:

@@ -16,6 +16,7 @@ from .options import (
     out_option,
     service_config_option,
 )
+from .terminal import progress
 
 
 @click.command(
@@ -44,7 +45,9 @@ def commission(
     from ..offline.commission import commission_to_file
 
     service = load_config(config or DEFAULT_CONFIG)
-    return commission_to_file(machine, traces, out, service, axis_number, assume_fresh=assume_fresh)
+    return commission_to_file(
+        machine, traces, out, service, axis_number, assume_fresh=assume_fresh, progress=progress
+    )
 
 
 @click.command(
@@ -73,4 +76,4 @@ def estimate(
     from ..offline.estimate import estimate_to_csv
 
     service = load_config(config or DEFAULT_CONFIG)
-    return estimate_to_csv(trace, machine, out, service, state, axis_number)
+    return estimate_to_csv(trace, machine, out, service, state, axis_number, progress)

@@ -1,7 +1,6 @@
 """Commands that make a trace: of a running service, a foreign file or the simulated axis."""
 
 import asyncio
-import sys
 from pathlib import Path
 
 import click
@@ -51,6 +50,7 @@ def record(
 
     settings = configured(config, None, endpoint)
     name = axis or settings.axes[0].name
+    progress(f"recording axis {name}")
     rows, lost = asyncio.run(record_axis(settings, name, out, duration_s))
     words = f"{out}: {rows} rows of axis {name}, {lost} payloads lost"
     return Answer(words, Recorded(out=str(out), axis=name, rows=rows, lost_payloads=lost))
@@ -101,17 +101,7 @@ def convert(
     axis = controller_axis(
         model, axis_number, torque_constant_nm_per_a, interpolate_positions=interpolate
     )
-    with click.progressbar(
-        length=1000, label="convert", file=sys.stderr, hidden=not sys.stderr.isatty()
-    ) as bar:
-        summary = convert_trace(
-            source,
-            out,
-            model,
-            axis,
-            keep_all=keep_all,
-            progress=lambda fraction: bar.update(int(1000 * fraction) - bar.pos),
-        )
+    summary = convert_trace(source, out, model, axis, keep_all=keep_all, progress=progress)
     return Answer(summary.as_text(), summary)
 
 

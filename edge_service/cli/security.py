@@ -10,6 +10,7 @@ from ..exit_status import INTERNAL_FAILURE
 from ..offline.answer import Answer, Document
 from .audited import HISTORY, noted
 from .options import PATH, InputError, answering
+from .terminal import progress
 
 if TYPE_CHECKING:
     from ..http_api.security.tokens import RoleName
@@ -83,6 +84,7 @@ def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) ->
     from ..certificates import expiry, make_certificates
 
     clients = {role: client_name(role) for role in PUTS}
+    progress("making keys")
     with noted(history, "make_certificates", " ".join((str(out), *names))):
         made = make_certificates(out, names, clients, days)
     until = {str(path): _day(expiry(path)) for path in made}

@@ -27,7 +27,7 @@ from .options import (
     out_option,
     service_config_option,
 )
-from .terminal import announce, log_to_stderr
+from .terminal import announce, log_to_stderr, progress
 
 
 @click.command(epilog="Example: edge-service run deploy/edge.toml --port 8080")
@@ -73,6 +73,7 @@ def check_config(config: Path | None) -> Answer:
     """Check a configuration, its machine files and driver settings, and sum it up."""
     from ..offline.configuration import check_configuration
 
+    progress("checking configuration and sources")
     checked = check_configuration(config or DEFAULT_CONFIG)
     return replace(checked, words=f"{checked.words}\nconfiguration is right")
 
@@ -96,6 +97,7 @@ def send_test(output: str, config: Path | None) -> Answer:
     """
     from ..nodes.outputs.trial import try_output
 
+    progress(f"sending to {output}")
     trial = asyncio.run(try_output(load_config(config or DEFAULT_CONFIG), output))
     sent = SentTest(output=output, place=trial.place, problem=trial.problem or None)
     if trial.problem:
@@ -197,6 +199,7 @@ def backup(config: Path, out: Path, recordings: bool) -> Answer:
     """
     from ..offline.backup.backup import back_up
 
+    progress("copying")
     return back_up(config, out, recordings=recordings)
 
 
@@ -218,4 +221,5 @@ def restore(file: Path, config: Path | None, history: Path | None, force: bool) 
 
     if config is None and history is None:
         raise InputError("expected --config, --history or both: where to restore to")
+    progress("checking the backup")
     return backups.restore(file, config, history, force=force)

@@ -16,7 +16,7 @@ from .options import (
     answering,
     service_config_option,
 )
-from .terminal import announce, log_to_stderr
+from .terminal import announce, log_to_stderr, progress
 
 
 @click.command(epilog="Example: edge-service doctor --config deploy/drivers/modbus.toml")
@@ -51,8 +51,9 @@ def doctor(
     if bool(traces) == (config is not None):
         raise InputError("doctor: expected either TRACES or --config")
     if config is None:
-        examined = [examine_traces(machine, traces, axis_number)]
+        examined = [examine_traces(machine, traces, axis_number, progress)]
     else:
+        progress(f"listening for {seconds:g} s")
         examined = asyncio.run(examine_sources(load_config(config), axis, seconds))
     return [each.answer() for each in examined]
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .options import wants_json
-
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from ..adopt.guess import Question
 
 BURST = 20
 PER_S = 0.2
+_LINE = "edge_service.progress"
 
 
 def log_to_stderr() -> None:
@@ -42,9 +43,47 @@ def announce(address: str) -> None:
 
 
 def progress(line: str) -> None:
-    """Tell a person at a terminal, or a service that asks, what is being done; else stay quiet."""
-    if sys.stderr.isatty() or os.environ.get("EDGE_SERVICE_PROGRESS"):
+    """Tell a person at a terminal, or a service that asks, what is being done; else stay quiet.
+
+    At a terminal it is one line with the time since the first, which goes when the command ends.
+    """
+    if sys.stderr.isatty():
+        shown = _shown()
+        shown.update(shown.task_ids[0], description=line)
+        shown.start()
+    elif os.environ.get("EDGE_SERVICE_PROGRESS"):
         click.echo(line, err=True)
+
+
+def _shown() -> "Progress":
+    """The line of the running command; it goes with its context."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    context = click.get_current_context()
+    if _LINE not in context.meta:
+        words = TextColumn("{task.description}", markup=False)
+        console = Console(stderr=True)
+        shown = Progress(
+            SpinnerColumn(), words, TimeElapsedColumn(), console=console, transient=True
+        )
+        shown.add_task("")
+        context.meta[_LINE] = context.with_resource(shown)
+    line: Progress = context.meta[_LINE]
+    return line
+
+
+def pause_progress() -> None:
+    """Clear the line for something else: an answer, a question."""
+    context = click.get_current_context(silent=True)
+    if context is not None and _LINE in context.meta:
+        context.meta[_LINE].stop()
+
+
+def wants_json() -> bool:
+    """Tell whether stdout of the running command belongs to a program."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.params.get("as_json"))
 
 
 def at_terminal() -> bool:
@@ -54,6 +93,7 @@ def at_terminal() -> bool:
 
 def ask_number(question: "Question") -> float | None:
     """Ask a person; an empty answer is none."""
+    pause_progress()
     while True:
         said: str = click.prompt(
             f"{question.words} (for: {question.why}; empty if unknown)",

@@ -16,7 +16,7 @@ from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.wiring.stages import make_downsampler
 from .answer import Answer, Document
 from .examination import require_sound
-from .recordings import open_recording
+from .recordings import Progress, open_recording, reported, silent
 from .report.quantities import tolerated
 
 _IDENTIFIED = (
@@ -60,6 +60,7 @@ def commission_to_file(
     axis_number: int | None = None,
     *,
     assume_fresh: bool = False,
+    progress: Progress = silent,
 ) -> Answer:
     """Write the commissioned machine file; returns what was learned.
 
@@ -75,13 +76,14 @@ def commission_to_file(
     if any(out.resolve() == given.resolve() for given in traces):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     nominal = load_machine(machine_file, axis_number)
-    require_sound(nominal, traces, strict=("columns", "torque"))
+    require_sound(nominal, traces, strict=("columns", "torque"), progress=progress)
     uncommissioned = nominal.model_copy(update={"commissioned": None})
     limits = steady_limits(uncommissioned)
-    recordings = [_blocks(trace, nominal, config, limits) for trace in traces]
+    recordings = [_blocks(trace, nominal, config, limits, progress) for trace in traces]
     observed = observed_limits(recordings)
     if observed != limits:
-        recordings = [_blocks(trace, nominal, config, observed) for trace in traces]
+        recordings = [_blocks(trace, nominal, config, observed, progress) for trace in traces]
+    progress("identifying the axis")
     try:
         machine = commissioned(recordings, nominal, observed)
     except CommissioningError as error:
@@ -110,10 +112,11 @@ def _assumed_fresh(machine: Machine) -> Machine:
 
 
 def _blocks(
-    trace: Path, machine: Machine, config: EdgeConfig, limits: SteadyLimits
+    trace: Path, machine: Machine, config: EdgeConfig, limits: SteadyLimits, progress: Progress
 ) -> list[FeatureBlock]:
     downsampler = make_downsampler(config.downsample, machine, limits)
-    with open_recording(machine, trace) as frames:
+    with open_recording(machine, trace) as reader:
+        frames = reported(reader, f"reading {trace.name}", progress)
         return [block for frame in frames for block in downsampler.push(frame)]
 
 

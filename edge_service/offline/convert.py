@@ -1,6 +1,5 @@
 """A recording of any form in, a trace of another form out: CSV, Parquet or MCAP."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from ..trace.reader import TraceReader
 from ..trace.signals.speed_check import SpeedCheck
 from ..trace.sinumerik.controller_axis import ControllerAxis
 from ..trace.writer import TraceFormat, TraceWriter, format_of
-from .recordings import open_recording
+from .recordings import Progress, open_recording, reported, silent
 
 _GAP_STEPS = 1.5
 
@@ -69,7 +68,7 @@ def convert(
     axis: ControllerAxis | None = None,
     *,
     keep_all: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
 ) -> ConvertSummary:
     """Read a recording as the machine file says and write it in the form of the name `out`.
 
@@ -79,7 +78,6 @@ def convert(
         machine: its [columns], and its lead where `axis` has none.
         axis: which axis of a controller's recording, and what its units need.
         keep_all: also write the columns that are no channel, under their own names.
-        progress: called with the fraction done, 0 to 1, after each run of rows.
 
     Raises:
         TraceError: one line with the file, what was wrong and what was expected.
@@ -93,12 +91,10 @@ def convert(
         open_recording(machine, source, axis, keep_all=keep_all) as reader,
         TraceWriter(out, reader.channels) as writer,
     ):
-        for frame in reader:
+        for frame in reported(reader, f"converting {source.name}", progress):
             writer.write(frame)
             rows.add(frame)
             check.add(frame)
-            if progress is not None:
-                progress(reader.fraction_read)
     return _summary(out, reader, rows, check)
 
 

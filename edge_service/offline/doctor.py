@@ -21,6 +21,7 @@ from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
 from .answer import Answer, Document
 from .examination import examine
+from .recordings import Progress, silent
 from .report.quantities import against
 
 FEW = 0.01
@@ -92,12 +93,15 @@ class Examination:
 
 
 def examine_traces(
-    machine_file: Path, traces: Sequence[Path], axis_number: int | None = None
+    machine_file: Path,
+    traces: Sequence[Path],
+    axis_number: int | None = None,
+    progress: Progress = silent,
 ) -> Examination:
     """Check recordings against a machine file. Raises ConfigError and TraceError."""
     machine = load_machine(machine_file, axis_number)
     source = ", ".join(path.name for path in traces)
-    return Examination(machine.axis.name, source, tuple(examine(machine, traces)))
+    return Examination(machine.axis.name, source, tuple(examine(machine, traces, progress)))
 
 
 async def examine_sources(

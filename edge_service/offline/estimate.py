@@ -20,7 +20,7 @@ from ..nodes.stores.estimate_store import (
 from ..nodes.wiring.stages import make_downsampler, make_estimator
 from .answer import Answer, Document
 from .examination import require_sound
-from .recordings import open_recording
+from .recordings import Progress, open_recording, reported, silent
 
 UNKNOWN_STOP_S = 86_400.0
 """A recording on a clock of its own does not say how long after the other it was made."""
@@ -90,6 +90,7 @@ def estimate_to_csv(
     config: EdgeConfig,
     state: Path | None = None,
     axis_number: int | None = None,
+    progress: Progress = silent,
 ) -> Answer:
     """Write the estimates of a trace; returns what was written, and the last estimate.
 
@@ -107,7 +108,7 @@ def estimate_to_csv(
     if state is not None and state.resolve() in (trace.resolve(), machine_file.resolve()):
         raise ConfigError(f"--state {state}: would overwrite an input; choose another file")
     machine = load_machine(machine_file, axis_number)
-    require_sound(machine, [trace])
+    require_sound(machine, [trace], progress=progress)
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)
@@ -119,7 +120,7 @@ def estimate_to_csv(
     ):
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for last in offline.estimates(frames):
+        for last in offline.estimates(reported(frames, f"estimating {trace.name}", progress)):
             rows += 1
             drag = last.drag_torque_nm
             writer.writerow(

@@ -10,7 +10,7 @@ from ..fingerprint.checks.check_result import CheckResult
 from ..fingerprint.checks.plausibility import check_plausibility
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from .recordings import open_recording
+from .recordings import Progress, open_recording, reported, silent
 
 MOST_ROWS = 600_000
 """Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
@@ -20,19 +20,24 @@ class ExaminationError(ConfigError):
     """Recordings that contradict the machine file, so that no answer is right; one line."""
 
 
-def examine(machine: Machine, traces: Sequence[Path]) -> list[CheckResult]:
+def examine(
+    machine: Machine, traces: Sequence[Path], progress: Progress = silent
+) -> list[CheckResult]:
     """Every check that these files allow; errors as `open_trace`."""
     frames: list[SampleFrame] = []
     unread: dict[str, None] = {}
     for path in traces:
         with open_recording(machine, path) as reader:
-            frames += spread(reader)
+            frames += spread(reported(reader, f"examining {path.name}", progress))
             unread |= dict.fromkeys(reader.ignored)
     return check_plausibility(machine, frames, tuple(unread))
 
 
 def require_sound(
-    machine: Machine, traces: Sequence[Path], strict: Collection[str] = ()
+    machine: Machine,
+    traces: Sequence[Path],
+    strict: Collection[str] = (),
+    progress: Progress = silent,
 ) -> list[CheckResult]:
     """Examine recordings and go on only where an answer can be right; returns the findings.
 
@@ -42,7 +47,7 @@ def require_sound(
     Raises:
         ExaminationError: a mistake of unit, sign or column; the text names the worst.
     """
-    findings = examine(machine, traces)
+    findings = examine(machine, traces, progress)
     for each in findings:
         if each.forbids or (each.is_doubtful and each.name in strict):
             names = ", ".join(str(path) for path in traces)

@@ -26,7 +26,7 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from .answer import Answer
 from .examination import require_sound
-from .recordings import read_recording
+from .recordings import Progress, read_recording, silent
 from .report.documents import FingerprintDocument
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
@@ -42,6 +42,7 @@ def fingerprint(
     baseline_file: Path | None = None,
     pictures_dir: Path | None = None,
     axis_number: int | None = None,
+    progress: Progress = silent,
 ) -> Answer:
     """Write `fingerprint.json` and `report.html` into `out_dir`; returns a summary.
 
@@ -61,7 +62,8 @@ def fingerprint(
             f"{baseline_file}: of axis {baseline.machine}, expected axis {machine.axis.name}"
         )
     recordings = _recordings(machine, traces)
-    require_sound(machine, traces)
+    require_sound(machine, traces, progress=progress)
+    progress("friction, stiffness, backlash, modes")
     found = fingerprint_axis(machine, recordings, baseline)
     changes = () if baseline is None else compare_fingerprints(found, baseline)
     document = to_document(found)
@@ -69,6 +71,7 @@ def fingerprint(
         document["changes"] = [_change_document(change) for change in changes]
         document["appeared"] = list(appeared_figures(found, baseline))
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    progress("pictures")
     figures = draw_sections(found, baseline)
     page = render(found, baseline, changes, figures)
     with replaced_file(out_dir / "fingerprint.json") as file:

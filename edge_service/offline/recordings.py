@@ -1,11 +1,30 @@
 """Recordings of an axis, read as its machine file says: foreign columns, controller's axis."""
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..trace.reader import TraceReader, open_trace, read_trace
 from ..trace.sinumerik.controller_axis import ControllerAxis
+
+Progress = Callable[[str], None]
+"""Takes a line on what is being done."""
+
+
+def silent(_line: str) -> None:
+    """Tell nobody."""
+
+
+def reported(reader: TraceReader, words: str, progress: Progress) -> Iterator[SampleFrame]:
+    """Frames of a recording; each tenth that is read is reported."""
+    told = -1
+    for frame in reader:
+        tenth = int(10.0 * reader.fraction_read)
+        if tenth > told:
+            told = tenth
+            progress(f"{words}: {10 * tenth} %")
+        yield frame
 
 
 def open_recording(

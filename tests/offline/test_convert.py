@@ -111,11 +111,11 @@ def test_gaps_and_unreadable_rows_are_counted(tmp_path: Path) -> None:
     times = [0.0, 0.1, 0.2, 0.3, 1.0, 1.1, 5.0]
     rows = "".join(f"{time},{index}\n" for index, time in enumerate(times))
     source.write_text("time_s,motor_angle_rad\n" + rows + "6\n5.1,\n")
-    seen: list[float] = []
+    seen: list[str] = []
     summary = convert(source, tmp_path / "out.csv", _machine(), progress=seen.append)
     assert (summary.rows, summary.gaps, summary.set_aside) == (8, 2, 1)
     assert summary.missing == {"motor_angle_rad": 1}
-    assert seen == [1.0]
+    assert seen == ["converting in.csv: 100 %"]
 
 
 def test_all_columns_are_kept_under_their_own_names(tmp_path: Path) -> None:

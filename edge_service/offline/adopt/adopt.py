@@ -21,6 +21,7 @@ from ...trace.reader import read_trace
 from ...trace.sinumerik.controller_axis import ControllerAxis
 from ..answer import Answer
 from ..examination import examine
+from ..recordings import Progress, silent
 from .adopted import answer_of
 from .channels_picture import write_channels_picture
 from .machine_text import SHEET_QUESTIONS, DataSheet, machine_text
@@ -50,7 +51,7 @@ class Request:
     picture: Path | None = None
 
 
-def adopt(request: Request, ask: Ask | None = None) -> Answer:
+def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
     """Write the machine file; returns what was understood.
 
     Args:
@@ -61,12 +62,13 @@ def adopt(request: Request, ask: Ask | None = None) -> Answer:
     """
     if any(request.out.resolve() == given.resolve() for given in request.files):
         raise ConfigError(f"--out {request.out}: would overwrite a recording")
+    progress(f"reading {request.files[0].name}")
     raw = read_columns(request.files[0], request.columns)
     axis, number = _axis(request, raw)
     understood = _understand(raw, axis, request.known, ask)
     for remark in raw.remarks:
         understood.say("file", remark)
-    frames = [_read(path, understood, number) for path in request.files]
+    frames = [_read(path, understood, number, progress) for path in request.files]
     mechanics = _mechanics(frames, understood)
     sheet = _asked(replace(request.sheet, number=number), ask)
     if request.sheet.name == DataSheet().name and axis and not axis.isdigit():
@@ -75,7 +77,9 @@ def adopt(request: Request, ask: Ask | None = None) -> Answer:
     text = machine_text(names, understood, mechanics, sheet, _travel(frames))
     with replaced_file(request.out) as file:
         file.write(text)
-    findings = None if mechanics is None else examine(load_machine(request.out), request.files)
+    findings = (
+        None if mechanics is None else examine(load_machine(request.out), request.files, progress)
+    )
     able = _abilities(frames, understood, mechanics, sheet)
     if request.picture is not None:
         _draw(frames[0], names[0], request.picture)
@@ -151,7 +155,9 @@ def _with_answer(known: Known, question: Question, value: float | None) -> Known
     return replace(known, torque_constant=value)
 
 
-def _read(path: Path, understood: Understanding, number: int | None) -> SampleFrame:
+def _read(
+    path: Path, understood: Understanding, number: int | None, progress: Progress
+) -> SampleFrame:
     """The recording as the proposed columns give it: what any later command will read."""
     columns = {
         channel: ColumnMap(each.column, each.scale, 0.0, each.minus, each.direction)
@@ -161,6 +167,7 @@ def _read(path: Path, understood: Understanding, number: int | None) -> SampleFr
     positions = [name for name in understood.columns if name in CHANNELS]
     if not positions:
         raise TraceError(f"{path}: {_nothing(understood)}")
+    progress(f"reading {path.name}")
     return read_trace(path, columns, axis=ControllerAxis(number, understood.lead_m))
 
 

@@ -10,8 +10,7 @@ from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
-from ...trace.reader import TraceReader
-from ..recordings import open_recording
+from ..recordings import open_recording, reported
 
 NOTHING_TO_COMPARE = (
     "nothing to compare: expected a second or more of motion with a torque or both encoders"
@@ -51,20 +50,8 @@ def opened_recordings(
     """Each recording in turn; it is closed when the next is asked for."""
     for number, path in enumerate(traces, start=1):
         with open_recording(machine, path) as reader:
-            yield _reporting(reader, f"{path.name}, {number} of {len(traces)}", progress)
-
-
-def _reporting(
-    reader: TraceReader, name: str, progress: Callable[[str], None]
-) -> Iterator[SampleFrame]:
-    """The frames of a recording; each tenth that is read is reported."""
-    reported = -1
-    for frame in reader:
-        tenth = int(10.0 * reader.fraction_read)
-        if tenth > reported:
-            reported = tenth
-            progress(f"reading {name}: {10 * tenth} %")
-        yield frame
+            name = f"{path.name}, {number} of {len(traces)}"
+            yield reported(reader, f"reading {name}", progress)
 
 
 def session_of(machine: Machine, runs: Sequence[Run]) -> Session:

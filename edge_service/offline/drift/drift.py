@@ -21,7 +21,7 @@ from ...models.screw.ball_screw import transmission_ratio
 from ...trace.columns import TraceError
 from ..answer import Answer
 from ..examination import ExaminationError
-from ..recordings import open_recording
+from ..recordings import Progress, open_recording, reported, silent
 from ..report.page import rendered
 from ..report.pictures import as_svg, write_png
 from .document import DriftDocument
@@ -123,6 +123,7 @@ def drift(
     out: Path | None = None,
     axis_number: int | None = None,
     by: Sequence[str] = (),
+    progress: Progress = silent,
 ) -> DriftReport:
     """Compare recordings, oldest first; with `out` write `drift.json`, `drift.png`, `report.html`.
 
@@ -137,11 +138,12 @@ def drift(
     if len(traces) < 2:
         raise DriftError("drift: expected two recordings or more, oldest first")
     machine = load_machine(machine_file, axis_number)
-    read = [_frames(machine, path) for path in traces]
+    read = [_frames(machine, path, progress) for path in traces]
     names = _columns(traces, read, by)
     moves = [
         _moves(machine, path, frames, names) for path, frames in zip(traces, read, strict=True)
     ]
+    progress("comparing moves")
     sections = compare_moves(moves)
     if not sections:
         raise DriftError(_nothing_common(traces, moves))
@@ -152,10 +154,10 @@ def drift(
     return report
 
 
-def _frames(machine: Machine, path: Path) -> list[SampleFrame]:
+def _frames(machine: Machine, path: Path, progress: Progress) -> list[SampleFrame]:
     frames = []
     with open_recording(machine, path, keep_all=True) as reader:
-        for frame in reader:
+        for frame in reported(reader, f"reading {path.name}", progress):
             frames.append(frame)
             if reader.rows_read > _MOST_ROWS:
                 raise TraceError(f"{path}: more than {_MOST_ROWS} rows; cut the recording")
