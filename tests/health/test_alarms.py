@@ -273,10 +273,11 @@ def test_wearing_too_fast_is_an_alarm_only_beyond_doubt():
         )
 
     axis = _settled(rate_percent_per_1000_h=10.0)  # 0.7 points in 1000 h
-    axis.watch.take_trend(trend(-1.2e-3, -0.4e-3), axis.now_ns)
-    axis.tick(0.1)
-    assert axis.shown() == {}
-    axis.watch.take_trend(trend(-1.2e-3, -0.8e-3), axis.now_ns)
+    for high in (-0.4e-3, -0.8e-3):  # one look of many may lie beyond a 90 % interval
+        axis.watch.take_trend(trend(-1.2e-3, high), axis.now_ns)
+        axis.tick(0.1)
+        assert axis.shown() == {}
+    axis.watch.take_trend(trend(-1.1e-3, -0.9e-3), axis.now_ns)
     axis.tick(0.1)
     assert axis.shown() == {"rate": True}
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from edge_service.health.alarms.axis_alarms import slowest_loss
 from edge_service.health.trend.preload_history import MOST_POINTS, PreloadHistory, PreloadSteps
 from edge_service.health.trend.remaining_life import preload_trend, project_wear
 from edge_service.health.trend.wear_laws import draw_trends
@@ -13,6 +15,37 @@ from ..bench.estimator.trend_coverage import coverage, simulate_life
 DAY_S = 86400.0
 NS = 1_000_000_000
 LIMITS = {"warning": 4.2, "fault": 2.1}
+
+
+SHIFT_S, HALF_WIDTH = 600, 0.6
+
+
+def _wandering(rng: np.random.Generator, memory_s: float) -> np.ndarray:
+    """Errors of an estimator in a shift, one a second, as large as its interval says, (n,)."""
+    keep = np.exp(-1.0 / memory_s)
+    pushes = rng.standard_normal(SHIFT_S) * np.sqrt(1.0 - keep**2)
+    pushes[0] = rng.standard_normal()
+    return HALF_WIDTH / 1.96 * lfilter([1.0], [1.0, -keep], pushes)
+
+
+def _rate_of_shift(percent: np.ndarray):
+    time_s = np.arange(float(percent.size))
+    width = np.full(percent.size, HALF_WIDTH)
+    return preload_trend(time_s, percent, width, 0.2 * time_s, LIMITS).rate_percent_per_h
+
+
+@pytest.mark.parametrize("memory_s", [60.0, 300.0, 1200.0])
+def test_an_estimator_that_errs_within_its_interval_raises_no_alarm_of_the_rate(memory_s):
+    rng = np.random.default_rng([5, int(memory_s)])
+    shifts = [6.5 + _wandering(rng, memory_s)[:look] for _ in range(25) for look in (200, SHIFT_S)]
+    assert min(slowest_loss(_rate_of_shift(each)) for each in shifts) > 0.0
+
+
+def test_a_loss_of_half_the_preload_in_a_shift_is_an_alarm_of_the_rate():
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        percent = np.linspace(6.8, 3.4, SHIFT_S) + 0.3 * _wandering(rng, 300.0)
+        assert slowest_loss(_rate_of_shift(percent)) < 0.0
 
 
 def _trend(days: np.ndarray, percent: np.ndarray, distance_m: np.ndarray | None = None):

@@ -28,6 +28,8 @@ from .state import (
 )
 
 _INERTIA_S = 30.0
+_MOST_INERTIA_ERROR = 0.4
+"""Of one phase's inertia torque: a cut must not speak for the rest."""
 _USUAL = 6.0
 """Innovation squared that two quantities exceed in 5 % of all phases."""
 
@@ -65,7 +67,7 @@ def step(
         _correct_unforced(bank, k, model, assessed, two, innovation)
     _reweigh(bank, process, assessed)
     leader = leader_of(bank)
-    _watch_inertia(bank, model, reading, error_nm[leader])
+    _watch_inertia(bank, model, reading, error_nm[leader], 1.0 - assessed.persists[leader])
     calm = bool(assessed.forced[leader] <= FORCED)
     bank.moments[SURPRISE] = assessed.nis[leader]
     adapt_hypotheses(bank, process, reading, elapsed_s, calm)
@@ -122,14 +124,25 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments) -> None:
 
 
 @inlined
-def _watch_inertia(bank: Bank, model: AxisModel, r: Reading, error_nm: float) -> None:
-    """Accumulate the correlation of the torque's error with the inertia torque, forces or not."""
+def _watch_inertia(
+    bank: Bank, model: AxisModel, r: Reading, error_nm: float, counts: float
+) -> None:
+    """Accumulate the correlation of the torque's error with the inertia torque.
+
+    A wrong torque constant errs alike in every phase, and passes for a force that begins anew in
+    each. A process force errs by as much as the inertia torque in some, and lasts into the next.
+
+    Args:
+        counts: probability that no force lasts from the phase before.
+    """
     keep = math.exp(-r.steady_s / _INERTIA_S)
     inertia_nm = model.inertia_kg_m2 * r.acceleration_rad_s2
+    square, most = inertia_nm * inertia_nm, _MOST_INERTIA_ERROR * inertia_nm * inertia_nm
     bank.moments[INERTIA_ERROR] *= keep
     bank.moments[INERTIA_TORQUE] *= keep
-    bank.moments[INERTIA_ERROR] += error_nm * inertia_nm * r.steady_s
-    bank.moments[INERTIA_TORQUE] += inertia_nm * inertia_nm * r.steady_s
+    error = min(max(error_nm * inertia_nm, -most), most)
+    bank.moments[INERTIA_ERROR] += counts * error * r.steady_s
+    bank.moments[INERTIA_TORQUE] += counts * square * r.steady_s
 
 
 @inlined

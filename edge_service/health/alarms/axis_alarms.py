@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ...messages.advice import PreloadFall
 from ...messages.alarm import Alarm, AlarmKind, Command
-from ...messages.estimate import EstimateStatus, PreloadEstimate
+from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ...messages.event import Event, Severity
 from ...messages.health import AxisCondition, AxisHealth, ComponentHealth, ConsistencyState
 from ...messages.trend import Trend
@@ -21,6 +21,8 @@ _START_S = 30
 """So long after a start nobody misses data that were never heard."""
 _BEGINNING_S = 20.0
 """So much motion an estimator needs to learn in which state it finds an axis."""
+_BEYOND_DOUBT = 2.5
+"""Times the 90 % interval of a rate, 4.1 sigma: it is looked at all day."""
 _DATA_CODES = ("no_input", "stale_input", "no_data")
 
 
@@ -242,8 +244,9 @@ class AxisAlarms:
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
             return None, rate_words(None, 0.0, 0.0)
         share = -100.0 * H_PER_RATE / self._fresh
-        loss = trend.rate_percent_per_h.value * share
-        sure = trend.rate_percent_per_h.high * share
+        rate = trend.rate_percent_per_h
+        loss = rate.value * share
+        sure = slowest_loss(rate) * share
         limit = self._settings.rate_percent_per_1000_h
         words = rate_words(trend, loss, limit)
         if sure > limit:
@@ -272,6 +275,11 @@ class AxisAlarms:
         if self._nis > limit:
             return True, words
         return (False if self._nis < 0.8 * limit else None), words
+
+
+def slowest_loss(rate: Interval) -> float:
+    """Upper end of a rate beyond doubt, in its unit: negative where a loss is certain."""
+    return rate.value + _BEYOND_DOUBT * (rate.high - rate.value)
 
 
 def _data_lost(health: AxisHealth) -> tuple[bool | None, str]:

@@ -138,7 +138,8 @@ def draw_trends(
     level = level + np.hypot(sigma_level, fits.scatter[which]) * rng.standard_normal(_DRAWS)
     law = which % laws.power.size
     slope = fall * laws.slope[law] * np.exp(_RATE_WANDER * rng.standard_normal(_DRAWS))
-    slope = slope + sigma_level * _slope_of_wander(memory / span) * rng.standard_normal(_DRAWS)
+    erring = sigma_level * _slope_of_wander(memory / span) * np.maximum(laws.slope[law], 1.0)
+    slope = slope + erring * rng.standard_normal(_DRAWS)  # of a law's shape, an error is as steep
     drift = _RATE_DRIFT * rng.standard_normal(_DRAWS)
     return TrendDraws(level, slope / span, laws.power[law], drift, span, evidence)
 

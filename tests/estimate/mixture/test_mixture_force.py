@@ -5,13 +5,24 @@ import math
 import numpy as np
 import pytest
 
+from edge_service.estimate.mixture.estimator import INERTIA_OFF, INERTIA_SEEN_NM2_S
 from edge_service.estimate.mixture.filter.force import FORCED
 from edge_service.estimate.mixture.hypotheses import leader_of
 from edge_service.estimate.mixture.initial import initial_bank
-from edge_service.estimate.mixture.state import LOSS, PRELOAD, STEADY, TOTAL_LOSS, Bank, Reading
+from edge_service.estimate.mixture.state import (
+    INERTIA_ERROR,
+    INERTIA_TORQUE,
+    LOSS,
+    PAYLOAD,
+    PRELOAD,
+    STEADY,
+    TOTAL_LOSS,
+    Bank,
+    Reading,
+)
 from edge_service.estimate.mixture.step import step
 
-from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, Truth, parts, production
+from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, TABLE_KG, Truth, parts, production
 
 FORCE_N = 400.0
 
@@ -50,6 +61,47 @@ def test_a_cut_of_seconds_is_no_loss(force_n: float, yields: float) -> None:
         share = 1.0 + 0.3 * (k // 40 % 3)
         step(bank, model, process, pushed(r, share * force_n, yields) if cuts else r, 0.1)
         assert percent(bank) > 0.85 * FRESH, k
+
+
+def bursts(rng: np.random.Generator, seconds: float) -> np.ndarray:
+    """Cuts for a third of the time, N, (n,): one for each phase of .1 s."""
+    force_n = np.zeros(round(10.0 * seconds))
+    at = 0
+    while at < len(force_n):
+        lasts = int(rng.uniform(5.0, 30.0))
+        force_n[at : at + lasts] = rng.uniform(100.0, 600.0) * rng.choice([-1.0, 1.0])
+        at += 3 * lasts
+    return force_n
+
+
+def acceleration_error(bank: Bank) -> float:
+    """Torque that acceleration takes, over the commissioned one, less 1."""
+    return float(bank.moments[INERTIA_ERROR] / bank.moments[INERTIA_TORQUE])
+
+
+@pytest.mark.parametrize("one_encoder", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_cuts_are_no_other_torque_constant(one_encoder: bool, seed: int) -> None:
+    model, start, process = parts(one_encoder)
+    bank = initial_bank(start, SETTINGS)
+    force_n = bursts(np.random.default_rng([seed, 7]), 90.0)
+    for k, r in enumerate(production(20 + seed, 90.0, Truth(), one_encoder)):
+        step(bank, model, process, pushed(r, float(force_n[k])), 0.1)
+        if k > 50 and bank.moments[INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
+            assert abs(acceleration_error(bank)) < INERTIA_OFF, k
+
+
+@pytest.mark.parametrize("one_encoder", [False, True])
+@pytest.mark.parametrize("gain", [0.5, 2.0])
+def test_another_torque_constant_is_noticed_beside_cuts(one_encoder: bool, gain: float) -> None:
+    model, start, process = parts(one_encoder)
+    bank = initial_bank(start, SETTINGS)
+    force_n = bursts(np.random.default_rng(8), 40.0)
+    for k, r in enumerate(production(30, 40.0, Truth(), one_encoder)):
+        cut = pushed(r, float(force_n[k]))
+        step(bank, model, process, cut._replace(torque_nm=gain * cut.torque_nm), 0.1)
+    no_table = bank.mean[leader_of(bank), PAYLOAD] < -0.8 * TABLE_KG  # implausible as well
+    assert no_table or math.copysign(1.0, gain - 1.0) * acceleration_error(bank) > INERTIA_OFF
 
 
 def test_what_all_take_for_a_force_says_nothing_of_them() -> None:
