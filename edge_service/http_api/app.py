@@ -23,6 +23,7 @@ from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
 from .routes.audit import audit_router
 from .routes.axis import SendCommand, work_router
 from .routes.diagnose import diagnose_router
+from .routes.docs import docs_router
 from .routes.download import download_router
 from .routes.jobs import job_router, on_refused
 from .routes.motions import MotionDesk, motion_router
@@ -113,6 +114,7 @@ def create_app(
         metrics_router,
         session_router,
         page_router,
+        docs_router,
     ):
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")

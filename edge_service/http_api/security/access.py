@@ -25,6 +25,7 @@ ROUTES: dict[str, dict[str, Role]] = {
     "/readyz": {"GET": _VIEWER},
     "/metrics": {"GET": _VIEWER},
     "/openapi.json": {"GET": _VIEWER},
+    "/docs": {"GET": _VIEWER},
     "/api/v1/schemas": {"GET": _VIEWER},
     "/api/v1/health": {"GET": _VIEWER},
     "/api/v1/audit": {"GET": _OPERATOR},
