@@ -1,6 +1,6 @@
 """Unpacks the table of a MATLAB file: a line of JSON, then its columns as doubles.
 
-python -m edge_service.trace.forms.matlab_process FILE
+python -m edge_service.trace.matlab_process FILE
 """
 
 import json
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.io.matlab import MatlabFunction, MatlabOpaque, MatReadError
 
-from ...messages.samples import Floats
+from ..messages.samples import Floats
 
 _BROKEN = (
     *(ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, OSError, MemoryError),

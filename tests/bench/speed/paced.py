@@ -1,0 +1,140 @@
+"""Processor time per sample of the service and of a peer, both at work in the same seconds."""
+
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..pipeline.process_meter import ServiceProcess
+from ..table import PipelineBenchError
+from .tree import TreeUsage, usage_of
+
+RATE_HZ = 1000.0
+MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+_PATIENCE_S = 120.0
+_SERVICE = """\
+[bus]
+endpoint = "tcp/127.0.0.1:0"
+[http]
+port = 0
+"""
+_AXIS = """
+[[axes]]
+name = "A{number}"
+driver = "replay"
+[axes.settings]
+path = "{recording}"
+loop = true
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Paced:
+    """Costs of a window.
+
+    Attributes:
+        us_per_sample: processor time of all processes of the service, us.
+        peer_us_per_sample: that of publisher, broker and estimating process; None without a broker.
+        usage: of the service at the end of the window.
+    """
+
+    us_per_sample: float
+    peer_us_per_sample: float | None
+    usage: TreeUsage
+
+
+def service(folder: Path, kernels: Path, recording: Path, axes: int) -> ServiceProcess:
+    """The service with all its nodes, that follows recordings in real time."""
+    tables = [_AXIS.format(number=k, recording=recording) for k in range(1, axes + 1)]
+    (folder / "edge.toml").write_text(_SERVICE + "".join(tables), "utf-8")
+    return ServiceProcess(["run", "edge.toml"], folder, kernels)
+
+
+def measure_paced(
+    folder: Path, kernels: Path, recording: Path, axes: int, warm_up_s: float, window_s: float
+) -> Paced:
+    """Let service and peer work side by side, and look at both over one window."""
+    with ExitStack() as stack:
+        ours = stack.enter_context(service(folder, kernels, recording, axes))
+        ours.wait_for_address(_PATIENCE_S)
+        peer = stack.enter_context(_peer(folder, axes)) if MOSQUITTO else None
+        time.sleep(warm_up_s)
+        before, begun_s = usage_of(ours.pid), time.monotonic()
+        peer_before = peer.look() if peer else (0.0, 0)
+        time.sleep(window_s)
+        after, span_s = usage_of(ours.pid), time.monotonic() - begun_s
+        peer_after = peer.look() if peer else (0.0, 0)
+    us = 1e6 * (after.cpu_s - before.cpu_s) / (span_s * RATE_HZ * axes)
+    count = peer_after[1] - peer_before[1]
+    peers_us = 1e6 * (peer_after[0] - peer_before[0]) / count if count else None
+    return Paced(us, peers_us, after)
+
+
+class _Peer:
+    def __init__(self, processes: "list[subprocess.Popen[str]]") -> None:
+        self._processes = processes
+
+    def look(self) -> tuple[float, int]:
+        """Processor time of all three, s, and the samples that were estimated from."""
+        estimating = self._processes[-1]
+        assert estimating.stdin is not None
+        assert estimating.stdout is not None
+        estimating.stdin.write("\n")
+        estimating.stdin.flush()
+        count = int(estimating.stdout.readline())
+        return sum(usage_of(each.pid).cpu_s for each in self._processes), count
+
+
+@contextmanager
+def _peer(folder: Path, axes: int) -> Iterator[_Peer]:
+    port = _free_port()
+    config = folder / "mosquitto.conf"
+    config.write_text(f"user root\nlistener {port} 127.0.0.1\nallow_anonymous true\n")
+    with ExitStack() as stack:
+        broker = stack.enter_context(_running([str(MOSQUITTO), "-c", str(config)]))
+        _wait_for(port)
+        module = [sys.executable, "-m", "tests.bench.speed.peer"]
+        publish, estimate = (
+            stack.enter_context(_running([*module, role, str(port), str(axes)]))
+            for role in ("publish", "estimate")
+        )
+        yield _Peer([broker, publish, estimate])
+
+
+@contextmanager
+def _running(line: list[str]) -> "Iterator[subprocess.Popen[str]]":
+    with subprocess.Popen(
+        line,
+        cwd=Path(__file__).parents[3],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def _wait_for(port: int) -> None:
+    until_s = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < until_s:
+        try:
+            socket.create_connection(("127.0.0.1", port), 1.0).close()
+        except OSError:
+            time.sleep(0.02)
+        else:
+            return
+    raise PipelineBenchError("the peer's broker does not begin")
