@@ -11,6 +11,7 @@ from edge_service.cli.options import FLAG, PATH, InputError
 from edge_service.cli.terminal import progress
 
 from .estimator.parts import FIRST_SEED, PARTS, PROCESSES
+from .speed.parts_of import SPEED_PARTS
 from .table import PipelineBench
 
 if TYPE_CHECKING:
@@ -255,6 +256,23 @@ def _real_machines(seed: int, out: Path | None) -> str:
         return run_seeded_errors(DATA, seed, out, say=progress)
     except BenchError as error:
         raise InputError(f"--real-machines: {error}") from None
+
+
+@bench.command("speed", epilog="Example: edge-service bench speed --quick")
+@QUICK
+@click.option(
+    "--only",
+    type=click.Choice(SPEED_PARTS),
+    multiple=True,
+    help="Measure this part alone; repeat it for several.",
+)
+@JSON
+def bench_speed(quick: bool, only: tuple[str, ...], as_json: bool) -> None:
+    """Measure speed beside a peer and beside the bare parts, in the same run."""
+    from .speed.bench import SpeedSettings, run_speed_bench
+
+    table = run_speed_bench(SpeedSettings(only or SPEED_PARTS, quick), progress)
+    click.echo(json.dumps(table.as_dict(), indent=2) if as_json else table.as_text())
 
 
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")

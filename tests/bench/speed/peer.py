@@ -100,7 +100,8 @@ def main(role: str, port: str, axes: str, rate_hz: str = "1000") -> None:
         count = lambda: publishing.count  # noqa: E731
     client.loop_start()
     for _ in sys.stdin:
-        print(count(), flush=True)
+        sys.stdout.write(f"{count()}\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

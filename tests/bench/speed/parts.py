@@ -1,0 +1,98 @@
+"""Parts of the service by themselves, each beside what does the same without it."""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
+from edge_service.messages.channels import CHANNELS
+from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.nodes.wiring.stages import make_estimator
+from edge_service.trace.reader import read_trace
+from edge_service.trace.writer import TraceWriter
+
+from ..estimator.axis import downsampled
+from .peer import bank
+
+IVP_S = 2.0
+FRAME_ROWS = 20
+
+
+def processor_us(work: Callable[[], object], count: int, repeats: int) -> float:
+    """Median processor time of one of `count` things that `work` does, after a first run, us."""
+    work()
+    spent = []
+    for _ in range(repeats):
+        begun_s = time.process_time()
+        work()
+        spent.append(time.process_time() - begun_s)
+    return 1e6 * statistics.median(spent) / count
+
+
+def estimator_us(recording: Path, repeats: int) -> tuple[float, float]:
+    """An interval through the fused estimator, and through filterpy's five modes, us."""
+    machine = load_machine(DEFAULT_MACHINE)
+    blocks = downsampled([read_trace(recording)], machine)
+    peer = bank()
+
+    def ours() -> None:
+        estimator = make_estimator(EstimatorConfig(), machine)
+        for block in blocks:
+            estimator.update(block)
+            estimator.estimate()
+
+    def theirs() -> None:
+        for block in blocks:
+            peer.predict()
+            peer.update(np.array([block.torque_mean_nm, block.speed_end_rad_s]))
+
+    count = len(blocks)
+    return processor_us(ours, count, repeats), processor_us(theirs, count, repeats)
+
+
+def ivp_s_per_axis_s(repeats: int) -> float:
+    """Processor time of one second of two masses, friction and a controller by `solve_ivp`, s."""
+    inertia, table, spring, damping = 1.5e-3, 1e-4, 200.0, 0.05
+
+    def change(t: float, state: Floats) -> list[float]:
+        angle, speed, far, far_speed = state
+        wish = 5.0 * (20.0 * np.sin(3.0 * t) - angle)
+        twist = spring * (angle - far) + damping * (speed - far_speed)
+        friction = 0.146 * np.tanh(speed / 0.1) + 5e-3 * speed
+        return [
+            speed,
+            (0.5 * (wish - speed) - friction - twist) / inertia,
+            far_speed,
+            twist / table,
+        ]
+
+    def work() -> None:
+        solve_ivp(change, (0.0, IVP_S), np.zeros(4), method="LSODA", max_step=1e-3)
+
+    return processor_us(work, 1, repeats) / 1e6 / IVP_S
+
+
+def recorder_us(rows: int, repeats: int) -> tuple[float, float]:
+    """A sample written in frames of 20 ms, and in one go by numpy, us."""
+    values = np.random.default_rng(1).standard_normal(rows)
+    time_s = np.arange(rows) / 1000.0
+    frames = [
+        SampleFrame(time_s[k : k + FRAME_ROWS], dict.fromkeys(CHANNELS, values[k : k + FRAME_ROWS]))
+        for k in range(0, rows, FRAME_ROWS)
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+
+        def ours() -> None:
+            with TraceWriter(Path(folder) / "ours.parquet", tuple(CHANNELS)) as writer:
+                for frame in frames:
+                    writer.write(frame)
+
+        def theirs() -> None:
+            np.save(Path(folder) / "theirs.npy", np.array([time_s, *[values] * len(CHANNELS)]))
+
+        return processor_us(ours, rows, repeats), processor_us(theirs, rows, repeats)

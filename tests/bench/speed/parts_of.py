@@ -1,0 +1,13 @@
+"""Names of the parts of the speed table, apart from what measures them: help must be quick."""
+
+SPEED_PARTS = (
+    "paced",
+    "growth",
+    "saturated",
+    "estimator",
+    "plant",
+    "recorder",
+    "requests",
+    "start",
+    "diagnosis",
+)

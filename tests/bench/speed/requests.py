@@ -1,0 +1,79 @@
+"""Processor time of one request for `/preload`, beside that of an application that does nothing."""
+
+import http.client
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from ..pipeline.process_meter import ServiceProcess, read_usage
+
+IDLE_S = 3.0
+PATH = "/api/v1/axes/A1/preload"
+BARE = """
+import asyncio, socket, sys, uvicorn
+BODY = sys.argv[1].encode()
+HEADERS = [(b"content-type", b"application/json"), (b"content-length", b"%d" % len(BODY))]
+async def app(scope, receive, send):
+    await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
+    await send({"type": "http.response.body", "body": BODY})
+listener = socket.create_server(("127.0.0.1", 0))
+print(listener.getsockname()[1], flush=True)
+config = uvicorn.Config(app, log_level="critical", lifespan="off")
+asyncio.run(uvicorn.Server(config).serve([listener]))
+"""
+"""uvicorn with an answer of the same length, ready in memory."""
+
+
+def request_costs_us(
+    service: ServiceProcess, host: str, port: int, count: int
+) -> tuple[float, float]:
+    """Processor time of a request to the service and to the bare application, us.
+
+    What the service does meanwhile for its axes is measured in an equal time before, and taken off.
+    """
+    body, ours_us = _cost_us(service.pid, host, port, count)
+    with subprocess.Popen(
+        [sys.executable, "-c", BARE, body.decode()],
+        cwd=Path(__file__).parents[3],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as bare:
+        try:
+            assert bare.stdout is not None
+            _, bare_us = _cost_us(bare.pid, "127.0.0.1", int(bare.stdout.readline()), count)
+        finally:
+            bare.kill()
+    return ours_us, bare_us
+
+
+def _cost_us(pid: int, host: str, port: int, count: int) -> tuple[bytes, float]:
+    """Body of the answer, and processor time of a request over a connection that is kept, us."""
+    connection = http.client.HTTPConnection(host, port, timeout=10.0)
+    try:
+        for _ in range(20):
+            body = _asked(connection)
+        idle = _cores(pid, lambda: time.sleep(IDLE_S))
+        begun_s, before_s = time.monotonic(), read_usage(pid).cpu_s
+        for _ in range(count):
+            body = _asked(connection)
+        span_s, spent_s = time.monotonic() - begun_s, read_usage(pid).cpu_s - before_s
+        return body, 1e6 * max(0.0, spent_s - idle * span_s) / count
+    finally:
+        connection.close()
+
+
+def _cores(pid: int, work: Callable[[], None]) -> float:
+    begun_s, before_s = time.monotonic(), read_usage(pid).cpu_s
+    work()
+    return (read_usage(pid).cpu_s - before_s) / (time.monotonic() - begun_s)
+
+
+def _asked(connection: http.client.HTTPConnection) -> bytes:
+    connection.request("GET", PATH)
+    answer = connection.getresponse()
+    body = answer.read()
+    if answer.status != 200:
+        raise ConnectionError(f"{PATH} answers {answer.status}")
+    return body
