@@ -65,6 +65,8 @@ class MqttConfig(BrokerAccess):
     Attributes:
         payload: `json` as on the bus, or `sparkplug`: Sparkplug B 3.0.
         prefix: of JSON; first part of topics, `{prefix}/{site}/{machine}/{axis}/{preload|...}`.
+        home_assistant: whether each axis is described to Home Assistant, with JSON.
+        discovery_prefix: where Home Assistant looks for descriptions.
         period_s: at most one preload estimate per axis in this time; health and events all go.
         buffer: file in which messages wait while the broker is away.
         buffer_messages, buffer_mb: how many of them, and how much; then the oldest go.
@@ -72,6 +74,8 @@ class MqttConfig(BrokerAccess):
 
     payload: Literal["json", "sparkplug"] = "json"
     prefix: str = "feeddrive"
+    home_assistant: bool = False
+    discovery_prefix: str = "homeassistant"
     period_s: float = Field(1.0, ge=0.0, le=3600.0)
     buffer: Path = Path("mqtt-buffer.sqlite")
     buffer_messages: int = Field(1_000_000, ge=1)
@@ -79,8 +83,12 @@ class MqttConfig(BrokerAccess):
 
     @model_validator(mode="after")
     def _check(self) -> "MqttConfig":
-        if any(sign in self.prefix for sign in "+#$") or not self.prefix.strip("/"):
-            raise ValueError(f"prefix {self.prefix!r}: expected a topic without +, # and $")
+        for name in ("prefix", "discovery_prefix"):
+            prefix = getattr(self, name)
+            if any(sign in prefix for sign in "+#$\0") or not prefix.strip("/"):
+                raise ValueError(f"{name} {prefix!r}: expected a topic without +, # and $")
+        if self.home_assistant and self.payload != "json":
+            raise ValueError('home_assistant: needs payload = "json"')
         return self
 
 

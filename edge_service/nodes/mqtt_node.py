@@ -7,11 +7,12 @@ from functools import partial
 from typing import Any
 
 from ..bus.mqtt.delivery import MqttDelivery, MqttError, MqttSettings
+from ..bus.mqtt.home_assistant import HomeAssistant
 from ..bus.mqtt.packet import GONE, PayloadForm
 from ..bus.mqtt.plain_json import PlainJson
 from ..bus.mqtt.sparkplug import Sparkplug
 from ..bus.spool.spool import Spool
-from ..config import ConfigError, ServiceConfig
+from ..config import ConfigError, EdgeConfig
 from ..config_tables import MqttConfig
 from ..messages.header import Header
 from ..messages.topics import EVENT, HEALTH, PRELOAD, Topic
@@ -19,6 +20,7 @@ from .outputs.missed import MissedEvents
 from .outputs.report import OutputReport
 from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext
+from .wiring.stages import load_machines
 
 _ABSENCE_PERIOD_S = 0.5
 log = logging.getLogger(__name__)
@@ -37,7 +39,7 @@ async def run(context: NodeContext) -> None:
     try:
         delivery = MqttDelivery(
             _settings(context, config.mqtt),
-            _FORMS[config.mqtt.payload](config.service, config.mqtt),
+            _form(config, config.mqtt),
             spool,
             report.tell,
         )
@@ -84,12 +86,18 @@ def _settings(context: NodeContext, mqtt: MqttConfig) -> MqttSettings:
     )
 
 
-_FORMS: dict[str, Callable[[ServiceConfig, MqttConfig], PayloadForm]] = {
-    "json": lambda service, mqtt: PlainJson(
-        f"{mqtt.prefix.strip('/')}/{service.site}/{service.machine}"
-    ),
-    "sparkplug": lambda service, _mqtt: Sparkplug(service.site, service.machine),
-}
+def _form(config: EdgeConfig, mqtt: MqttConfig) -> PayloadForm:
+    """Form of the payloads as configured."""
+    service = config.service
+    machine = f"{service.site}/{service.machine}"
+    root = f"{mqtt.prefix.strip('/')}/{machine}"
+    if mqtt.payload == "sparkplug":
+        return Sparkplug(service.site, service.machine)
+    if not mqtt.home_assistant:
+        return PlainJson(root)
+    fresh = {axis: each.fresh_preload_percent for axis, each in load_machines(config).items()}
+    prefix = mqtt.discovery_prefix.strip("/")
+    return HomeAssistant(root, machine, fresh, prefix, mqtt.period_s)
 
 
 class Attendance:

@@ -163,8 +163,9 @@ class MqttDelivery:
             self.connections += 1
             await self._life.patiently(self._spool.count_session())
             try:
-                if self._form.commands is not None:
-                    await client.subscribe(self._form.commands, qos=1)
+                for topic in (self._form.commands, self._form.described):
+                    if topic is not None:
+                        await client.subscribe(topic, qos=1)
                 await self._greet(client)
                 self._on_change("")
                 heed_cancellation()
@@ -205,12 +206,20 @@ class MqttDelivery:
             await _publish(client, packet)
 
     async def _obey(self, client: aiomqtt.Client) -> None:
-        """Greet again when somebody asks for it; ends, with the connection's error, with it."""
-        async for command in client.messages:
+        """Take back what is outdated, and greet again when somebody asks for it.
+
+        Ends, with the connection's error, with the connection.
+        """
+        async for heard in client.messages:
             heed_cancellation()
-            if isinstance(command.payload, bytes) and self._form.asks_for_greeting(command.payload):
-                async with self._turn:
-                    await self._greet(client)
+            commands, described = self._form.commands, self._form.described
+            if commands is not None and heard.topic.matches(commands):
+                if self._form.asks_for_greeting(heard.payload):
+                    async with self._turn:
+                        await self._greet(client)
+            elif described is not None and heard.topic.matches(described):
+                for packet in self._form.outdated(str(heard.topic), heard.payload):
+                    await _publish(client, packet)
 
     async def _deliver_all(self, client: aiomqtt.Client) -> None:
         while True:

@@ -1,6 +1,6 @@
 """Packets to a broker, and the forms that they may have."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -25,9 +25,11 @@ class PayloadForm(Protocol):
 
     Attributes:
         commands: topic on which the broker's clients may ask for something; None without.
+        described: topics of what is kept at the broker about us and others; None without.
     """
 
     commands: str | None
+    described: str | None
 
     def will(self, session: int) -> Packet:
         """Packet that the broker sends for us should we be lost; begins connection `session`."""
@@ -43,3 +45,6 @@ class PayloadForm(Protocol):
 
     def asks_for_greeting(self, command: bytes) -> bool:
         """Tell whether a command wants the greeting again."""
+
+    def outdated(self, topic: str, payload: bytes) -> Sequence[Packet]:
+        """Packets that take back what is kept at the broker and no longer so."""

@@ -1,6 +1,6 @@
 """Plain JSON: every payload as it is on the bus, on a topic of its own."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ..spool.message import Message
 from .packet import GONE, Packet
@@ -12,6 +12,7 @@ class PlainJson:
     def __init__(self, root: str) -> None:
         self._root = root
         self.commands: str | None = None
+        self.described: str | None = None
 
     def will(self, session: int) -> Packet:
         """`false` to whoever asks."""
@@ -34,6 +35,10 @@ class PlainJson:
     def asks_for_greeting(self, command: bytes) -> bool:
         """False: nobody can ask."""
         return False
+
+    def outdated(self, topic: str, payload: bytes) -> Sequence[Packet]:
+        """Nothing: no description is kept."""
+        return ()
 
     def _online(self, payload: bytes) -> Packet:
         return Packet(f"{self._root}/online", payload, qos=1, retain=True)

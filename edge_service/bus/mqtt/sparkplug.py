@@ -1,6 +1,6 @@
 """Sparkplug B 3.0: this service as an edge node, every axis as a device of it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from ...clock import now_ns
 from ...messages.topics import EVENT, PRELOAD
@@ -33,6 +33,7 @@ class Sparkplug:
         self._birth = self._next = 0
         self._sent: dict[str, dict[str, Value]] = {}
         self.commands: str | None = self._topic("NCMD")
+        self.described: str | None = None
 
     def will(self, session: int) -> Packet:
         """The death certificate of the connection that begins (quality 1, 6.4.21)."""
@@ -76,6 +77,10 @@ class Sparkplug:
             return decode_values(command).get(REBIRTH) is True
         except ValueError:
             return False
+
+    def outdated(self, topic: str, payload: bytes) -> Sequence[Packet]:
+        """Nothing: no description is kept."""
+        return ()
 
     def _news(self, axis: str, metrics: list[Metric]) -> list[Metric]:
         """Metrics unlike those sent last; an event is new even if it is the same again."""
