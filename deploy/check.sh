@@ -33,7 +33,7 @@ $bin/python -m pip install --quiet --disable-pip-version-check --require-hashes 
   -r deploy/requirements-schema.lock
 export EDGE_SERVICE_CHECK=1
 
-# The builder of the Debian package.
+# The builder of the Debian package, and the linter of the Containerfile.
 $bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
   -r deploy/requirements-package.lock
 

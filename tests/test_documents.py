@@ -42,7 +42,7 @@ HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests", ROOT / "tests
 UNNAMED = ("__", "conftest", "test_same_answers")
 COMMAND = re.compile(r"edge-service ([a-z][a-z-]*)(?: ([a-z][a-z-]*))?")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
-OTHERS = re.compile(r"^\S*(uv|git|pip|python|prometheus|curl|systemctl) |^# |^\s*--hash")
+OTHERS = re.compile(r"^\S*(uv|git|pip|python|prometheus|curl|systemctl|docker) |^# |^\s*--hash")
 """Commands of other programs."""
 
 

@@ -1,6 +1,7 @@
 """Messages of commands while they work, at a bounded rate, and questions to whoever is there."""
 
 import logging
+import math
 import os
 import sys
 import time
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 BURST = 20
 PER_S = 0.2
 _LINE = "edge_service.progress"
+_SIGNED = ("--torque-constant",)
+"""Options whose numbers may be negative."""
 
 
 def log_to_stderr() -> None:
@@ -102,10 +105,17 @@ def ask_number(question: "Question") -> float | None:
         )
         if not said.strip():
             return None
-        try:
-            return float(said.replace(",", "."))
-        except ValueError:
-            click.echo("expected a number")
+        number = _number(said)
+        if math.isfinite(number) and (number > 0.0 or question.option in _SIGNED):
+            return number
+        click.echo(f"expected a number{'' if question.option in _SIGNED else ' above 0'}")
+
+
+def _number(said: str) -> float:
+    try:
+        return float(said.replace(",", "."))
+    except ValueError:
+        return math.nan
 
 
 class LogRate(logging.Filter):

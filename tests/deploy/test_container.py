@@ -1,0 +1,124 @@
+"""The image's file and the compose file are right, and say what the rest of the project says."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.documents import ROOT, document
+
+DEPLOY = ROOT / "deploy"
+RECIPE = document("deploy/Containerfile")
+UNIT = document("deploy/edge-service.service")
+COMPOSE = DEPLOY / "compose.yml"
+HADOLINT = shutil.which("hadolint") or shutil.which(
+    "hadolint", path=str(Path(sys.executable).parent)
+)
+
+
+def instructions(name: str) -> list[str]:
+    """Arguments of all instructions of a name in the image that is kept, the last one."""
+    last = RECIPE.replace("\\\n", " ").split("\nFROM ")[-1]
+    return re.findall(rf"^{name} +(.*)$", last, flags=re.M)
+
+
+@pytest.mark.skipif(HADOLINT is None, reason="hadolint is not installed")
+def test_the_linter_finds_nothing() -> None:
+    line = [str(HADOLINT), "--failure-threshold", "style", str(DEPLOY / "Containerfile")]
+    said = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+    assert (said.stdout, said.returncode) == ("", 0)
+
+
+def test_what_is_copied_is_there_and_what_the_package_needs_is_copied() -> None:
+    copied = [line.split()[:-1] for line in re.findall(r"^COPY (.*)$", RECIPE, flags=re.M)]
+    names = {name for line in copied for name in line}
+    assert all((ROOT / name).exists() for name in names)
+    needed = re.findall(r"^ *cp -rL (.*) \"\$work", document("deploy/package.sh"), flags=re.M)
+    assert set(needed[0].split()) | {"deploy"} == names
+
+
+def test_it_runs_as_the_unit_does() -> None:
+    command = [*json.loads(instructions("ENTRYPOINT")[0]), *json.loads(instructions("CMD")[0])]
+    assert f"ExecStart={' '.join(command)}\n" in UNIT
+    assert f"Environment={instructions('ENV')[0]}\n" in UNIT
+    (state,) = re.findall(r"^StateDirectory=(.*)$", UNIT, flags=re.M)
+    (cache,) = re.findall(r"^CacheDirectory=(.*)$", UNIT, flags=re.M)
+    assert json.loads(instructions("VOLUME")[0]) == [f"/var/lib/{state}", f"/var/cache/{cache}"]
+
+
+def test_it_is_not_root() -> None:
+    (user,) = instructions("USER")
+    number, group = map(int, user.split(":"))
+    assert number > 0 < group
+    assert f"--uid {number} --gid {group}" in RECIPE
+
+
+def test_its_health_is_asked_where_the_configuration_serves() -> None:
+    http = tomllib.loads(document("deploy/edge.toml"))["http"]
+    port = int(re.findall(r"127\.0\.0\.1:(\d+)/healthz", RECIPE)[0])
+    assert http["port"] == port
+
+
+@pytest.fixture(scope="module")
+def compose() -> dict[str, Any]:
+    """The compose file, as a parser reads it that nobody here wrote."""
+    parser = pytest.importorskip("compose_spec")
+    read = parser.PyCompose.from_yaml(COMPOSE.read_text("utf-8"))
+    read.validate()
+    described: dict[str, Any] = read.to_dict()
+    return described
+
+
+def test_every_service_is_bound_and_starts_again(compose: dict[str, Any]) -> None:
+    assert set(compose["services"]) == {"edge-service", "prometheus", "grafana"}
+    for service in compose["services"].values():
+        assert service["cap_drop"] == ["ALL"]
+        assert service["security_opt"] == ["no-new-privileges:true"]
+        assert service["restart"] == "unless-stopped"
+    assert compose["services"]["edge-service"]["read_only"] is True
+
+
+def test_volumes_are_declared_and_files_are_there(compose: dict[str, Any]) -> None:
+    declared, named = set(compose["volumes"]), set()
+    for service in compose["services"].values():
+        for volume in service["volumes"]:
+            source = (
+                volume.split(":")[0] if isinstance(volume, str) else str(volume.get("source", ""))
+            )
+            if source.startswith("."):
+                assert (DEPLOY / source).is_file(), source
+            else:
+                named.add(source)
+    assert named == declared
+
+
+def test_all_of_it_listens_on_loopback(compose: dict[str, Any]) -> None:
+    services = compose["services"]
+    assert {service["network_mode"] for service in services.values()} == {"host"}
+    assert not any("ports" in service for service in services.values())
+    assert "--web.listen-address=127.0.0.1:9090" in services["prometheus"]["command"]
+    assert services["grafana"]["environment"]["GF_SERVER_HTTP_ADDR"] == "127.0.0.1"
+
+
+def test_grafana_asks_the_prometheus_that_is_there(compose: dict[str, Any]) -> None:
+    content = {name: json.loads(each["content"]) for name, each in compose["configs"].items()}
+    (source,) = content["grafana_source"]["datasources"]
+    assert (source["type"], source["url"]) == ("prometheus", "http://127.0.0.1:9090")
+    (provider,) = content["grafana_dashboards"]["providers"]
+    folder = provider["options"]["path"]
+    mounted = COMPOSE.read_text("utf-8")
+    assert f"./grafana.json:{folder}/" in mounted
+    dashboard = json.loads((DEPLOY / "grafana.json").read_text())
+    (variable,) = (v for v in dashboard["templating"]["list"] if v["type"] == "datasource")
+    assert variable["query"] == source["type"]
+
+
+def test_its_files_are_those_that_the_guide_names() -> None:
+    for name in ("deploy/Containerfile", "deploy/compose.yml"):
+        assert f"`{name}`" in document("deploy/README.md")
