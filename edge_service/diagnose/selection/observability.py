@@ -2,11 +2,15 @@
 
 import numpy as np
 
+from ...models.effects.effect import Effect, Kind
 from ...models.effects.registry import effects, get_effect
 from ..candidates.empirical_shapes import empirical_shapes
 from ..candidates.regressor import CandidateRegressor, regressors_of
 from ..session.run import is_below
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
+
+_BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
+"""Kinds of effects that two encoders show; the torque shows the others."""
 
 
 def is_too_slow(name: str, session: Session) -> bool:
@@ -28,15 +32,16 @@ def unobservable(session: Session) -> dict[str, str]:
                 f"sampled too slowly: at {rate_hz:.3g} Hz, expected {effect.least_rate_hz:g} Hz"
             )
         elif name not in free and not _shows(name, session):
-            found[name] = _lacking(session)
+            found[name] = _lacking(effect, session)
     return found
 
 
-def _lacking(session: Session) -> str:
+def _lacking(effect: Effect, session: Session) -> str:
     """Reason why an effect has no signature at all."""
-    if TRANSMISSION_GAP not in session.channels:
+    between = effect.kind in _BETWEEN
+    if between and TRANSMISSION_GAP not in session.channels:
         return "one encoder only: nothing between motor and table is seen"
-    if TORQUE_GAP not in session.channels:
+    if not between and TORQUE_GAP not in session.channels:
         return "no torque recorded"
     return "the motion does not show it"
 

@@ -24,7 +24,10 @@ _LEAST_MOVING = 100
 _FOLLOWED = (0.2, 5.0)
 """Travel of a setpoint over that of its axis: beyond it no lag explains it, but a unit does."""
 _STUCK_SHARE = 0.3
-_NO_RUN = "no unbroken run of a second or more: rows or channels are missing, or a channel is stuck"
+_NO_RUN = (
+    "no unbroken run of a second or more: recordings are too short, rows or values are missing, or "
+    "a channel is stuck"
+)
 _RATE = f"expected {LEAST_RATE_HZ:g} Hz or more; is time_s in seconds?"
 
 

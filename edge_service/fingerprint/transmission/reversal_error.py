@@ -1,13 +1,13 @@
 """Quadrant error: what following and both encoders show when the axis turns back slowly."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
-from ..regression.interval_estimate import undetermined
+from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.prepared_run import PreparedRun
 from ..result import Contents, mean_of
 
@@ -15,6 +15,7 @@ SLOW_M_S = 0.02
 """Faster reversals show the inertia, not the contact."""
 LEAST_TRAVEL_M = 2e-4
 """Shorter moves may not wind the contacts up fully."""
+_ONE = "one slow reversal; its scatter needs 2 or more"
 _AFTER_S = 0.1
 _MEAN_S = 0.05
 
@@ -46,17 +47,18 @@ def measure_reversal_error(runs: Iterable[PreparedRun]) -> Contents:
         )
     peaks = [each.following_peak_m for each in found if math.isfinite(each.following_peak_m)]
     steps = [each.encoder_step_m for each in found if math.isfinite(each.encoder_step_m)]
-    lacks = {
-        "following_peak_m": (peaks, f"needs {SETPOINT} and a position"),
-        "encoder_step_m": (steps, f"needs {TABLE_POSITION} beside {ANGLE}"),
-    }
     figures = {
-        name: mean_of(values, [0.0] * len(values), "m")
-        if len(values) > 1
-        else undetermined("m", note, len(values))
-        for name, (values, note) in lacks.items()
+        "following_peak_m": _mean(peaks, f"needs {SETPOINT} and a position"),
+        "encoder_step_m": _mean(steps, f"needs {TABLE_POSITION} beside {ANGLE}"),
     }
     return figures, ()
+
+
+def _mean(values: Sequence[float], lacking: str) -> IntervalEstimate:
+    """Mean of reversals; `lacking` says which channels would have shown them."""
+    if len(values) > 1:
+        return mean_of(values, [0.0] * len(values), "m")
+    return undetermined("m", _ONE if values else lacking, len(values))
 
 
 def reversals(run: PreparedRun) -> list[Reversal]:

@@ -80,7 +80,7 @@ def fit_stiffness(
     rows = [_rows(run, nodes, table_mass_kg) for run in runs]
     design, stretch_m, noise_rms = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     noise = np.sqrt(np.mean(noise_rms**2, axis=0))
-    names = _names(len(nodes))
+    names = _names(nodes)
     reversal = find_load_reversal(
         runs, [_load(run, table_mass_kg) for run in runs], design, stretch_m
     )
@@ -90,9 +90,7 @@ def fit_stiffness(
     if reversal is not None:
         design, stretch_m = design[reversal.whole], stretch_m[reversal.whole]
     fit = least_squares(names, design, stretch_m, noise)
-    points = tuple(
-        _station(fit, k, float(position), table_mass_kg) for k, position in enumerate(nodes)
-    )
+    points = tuple(_station(fit, k, nodes, table_mass_kg) for k in range(len(nodes)))
     return StiffnessFit(
         points,
         (
@@ -107,10 +105,11 @@ def fit_stiffness(
     )
 
 
-def _names(count: int) -> list[str]:
+def _names(nodes: Floats) -> list[str]:
+    """Names of the regressors, load and direction by place: the first 2 k are addressed by it."""
     return [
-        *(f"load at {k}" for k in range(count)),
-        *(f"direction at {k}" for k in range(count)),
+        *(f"load at {1e3 * place:.6g} mm" for place in nodes),
+        *(f"direction at {1e3 * place:.6g} mm" for place in nodes),
         "speed",
         "position",
         "constant",
@@ -168,13 +167,13 @@ def _hats(position_m: Floats, nodes: Floats) -> Floats:
 
 
 def _station(
-    fit: LinearFit, index: int, position_m: float, table_mass_kg: Quantity | None
+    fit: LinearFit, index: int, nodes: Floats, table_mass_kg: Quantity | None
 ) -> StiffnessPoint:
-    load = fit.interval_estimate(f"load at {index}", "m/N" if table_mass_kg else "s^2")
-    direction = fit.interval_estimate(f"direction at {index}", "m")
+    load = fit.interval_estimate(fit.names[index], "m/N" if table_mass_kg else "s^2")
+    direction = fit.interval_estimate(fit.names[len(nodes) + index], "m")
     mass = table_mass_kg.value if table_mass_kg else 1.0
     return StiffnessPoint(
-        position_m=position_m,
+        position_m=float(nodes[index]),
         stiffness=stiffness_of(load, table_mass_kg),
         locked_resonance=locked_resonance(load, mass),
         lost_motion=direction.scaled(2.0, "m"),
@@ -200,7 +199,7 @@ def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> 
     half_play = 0.0 if reversal is None else -0.5 * float(fit.coefficients[reversal])
     ratios, gradients = [], []
     for k in range(count):
-        load = fit.interval_estimate(f"load at {k}", "m/N")
+        load = fit.interval_estimate(fit.names[k], "m/N")
         if not (load.determined and load.low > 0.0):
             continue
         ratio = (float(fit.coefficients[count + k]) - half_play) / load.value
