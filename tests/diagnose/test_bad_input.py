@@ -47,7 +47,7 @@ def refused(machine_file: Path, tmp_path: Path, capsys, *traces: str) -> str:
     for command in (["diagnose", "--out", str(out)], ["gap", "--json"]):
         assert main([*command, "--machine", str(machine_file), *traces]) == 2
         answer = capsys.readouterr()
-        assert answer.out == ""
+        assert ("--json" in command) == bool(answer.out)
         assert answer.err.count("\n") == 1
         lines.append(answer.err)
     assert not out.exists()
