@@ -7,6 +7,7 @@ from pathlib import Path
 from drivers.registry import driver_names
 
 from ..config import EdgeConfig, load_config
+from ..nodes.outputs.mail.output import check_email
 from ..nodes.outputs.opcua_rights import opcua_settings
 from ..nodes.service import check_service
 from ..nodes.wiring.bus_certificates import check_bus
@@ -60,6 +61,7 @@ class CheckedConfiguration(Document):
 def check_configuration(path: Path) -> Answer:
     """Check everything that a service checks before it runs. Raises ConfigError."""
     settings = load_config(path)
+    check_email(settings.email)
     unreachable = asyncio.run(check_service(settings))
     checked = CheckedConfiguration(
         axes=_axes(settings),

@@ -135,7 +135,8 @@ class OrderedOutput(ABC):
         if (due_in_s := self.due_in_s(first)) > 0.0:
             await self._hold(heart, min(due_in_s, LONGEST_PAUSE_S))
             return False
-        sent = await heart.patiently(self.together(first))
+        _, *others = await heart.patiently(self.together(first))
+        sent = [first, *others]
         reply = await self._try(heart, sent)
         if reply.outcome is Outcome.TAKEN:
             return False

@@ -5,12 +5,20 @@ items from `Devices.xml`, everything else from lines (https://mtcup.org/Protocol
 """
 
 import asyncio
+import re
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from xml.etree import ElementTree
 
+STANDARD = {
+    "CONDITION": {"ACTUATOR", "COMMUNICATIONS", "DATA_RANGE", "HARDWARE", "SYSTEM"},
+    "EVENT": {"AVAILABILITY", "MESSAGE"},
+    "SAMPLE": {"LINEAR_FORCE", "LOAD", "TORQUE"},
+}
+"""Types of the standard that may be met here; any other needs a prefix."""
+UNITS = {"LINEAR_FORCE": "NEWTON", "LOAD": "PERCENT", "TORQUE": "NEWTON_METER"}
 LEVELS = ("UNAVAILABLE", "NORMAL", "WARNING", "FAULT")
 
 
@@ -52,7 +60,12 @@ def item_types(devices_xml: str) -> dict[str, tuple[str, str]]:
         raise ProtocolError("an id stands twice")
     known = {}
     for each in root.iter(f"{space}DataItem"):
-        known[each.attrib["name"]] = each.attrib["category"], each.attrib["type"]
+        category, kind = each.attrib["category"], each.attrib["type"]
+        if kind not in STANDARD[category] and not re.fullmatch("x:[A-Z_0-9]+", kind):
+            raise ProtocolError(f"{kind} is no type")
+        if each.attrib.get("units") != UNITS.get(kind, each.attrib.get("units")):
+            raise ProtocolError(f"{kind} has other units")
+        known[each.attrib["name"]] = category, kind
     return known
 
 

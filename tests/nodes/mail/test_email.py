@@ -17,6 +17,7 @@ from edge_service.messages.event import Event, Severity
 from edge_service.nodes.outputs.mail import smtp
 from edge_service.nodes.outputs.mail.letter import MOST_TOLD
 from edge_service.nodes.outputs.mail.output import Email
+from edge_service.nodes.outputs.ordered import LONGEST_PAUSE_S
 
 from ..conftest import heart, until
 from .mail_server import PASSWORD, USER, MailServer, mail_server, tls_of
@@ -213,6 +214,34 @@ async def test_a_server_that_is_busy_gets_the_same_letter_later(
         await sender.all_done()
         assert told(server) == [[1], [2]]
         assert sender.spool.dead == 0
+
+
+async def test_a_server_that_stays_away_costs_the_letter_only_after_all_pauses(
+    tmp_path: Path,
+) -> None:
+    give_up_h = 5 * LONGEST_PAUSE_S / 3600.0
+    async with mail_server() as server, sending(server.port, tmp_path, give_up_h=give_up_h) as sent:
+        server.on_data = ["451 later"] * 5
+        await sent.put(1, 2)
+
+        async def given_up() -> bool:
+            return sent.spool.dead == 2
+
+        await until(given_up)
+        letters = await sent.spool.letters()
+        assert [(each.tries, each.reason) for each in letters] == [(5, "answered 451")] * 2
+        await sent.put(3)
+        await sent.all_done()
+        assert told(server) == [[3]]
+
+
+async def test_an_event_of_another_version_holds_up_nothing(tmp_path: Path) -> None:
+    async with mail_server() as server, sending(server.port, tmp_path) as sender:
+        await sender.spool.put("X/alarm_raised", b'{"schema": "event/9"}')
+        await sender.put(1)
+        await sender.all_done()
+        assert told(server) == [[1]]
+        assert "another version" in server.taken[0].get_body(("plain",)).get_content()
 
 
 async def test_a_sender_that_is_refused_costs_no_letter(tmp_path: Path) -> None:

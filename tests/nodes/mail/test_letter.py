@@ -12,14 +12,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from edge_service.clock import now_ns
+from edge_service.config import HealthConfig
 from edge_service.config_tables import EmailConfig
 from edge_service.health.advice.consistent import consistent
+from edge_service.health.service_state import ServiceState
+from edge_service.health.settings import HealthSettings
 from edge_service.messages.advice import Advice, Due, Subject, Task
 from edge_service.messages.alarm import Alarm, AlarmKind
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event, Severity
+from edge_service.messages.header import Header
 from edge_service.messages.health import AxisCondition, AxisHealth
+from edge_service.nodes.outputs.latest_answers import answer_of
 from edge_service.nodes.outputs.mail.letter import Envelope, letter
 
 NOW_NS = 1_795_000_000_000_000_000
@@ -132,6 +138,20 @@ def test_a_letter_says_what_how_sure_what_to_do_and_until_when(
         assert due.strftime("%Y-%m-%d" if language == "en" else "%d.%m.%Y") in part
     assert "https://edge-box:8080/#/X" in text
     assert message["Date"].datetime == datetime.fromtimestamp(NOW_NS / 1e9, UTC)
+
+
+def test_a_letter_tells_what_the_service_knows_when_it_is_written() -> None:
+    limits = HealthSettings().limits(5.0)
+    state = ServiceState({"X": limits, "Y": limits}, now_ns())
+    estimate = PreloadEstimate(
+        time_s=1.0, status=EstimateStatus.ESTIMATED, preload_percent=3.0, low=2.5, high=4.0
+    )
+    state.on_preload("X", Header(1, 1, now_ns(), 1), estimate, now_ns())
+    held = {axis: answer_of(state, HealthConfig(), axis) for axis in ("X", "Y", "Z")}
+    assert held["Z"] is None
+    _, text, _ = written(alarm("X"), alarm("Y"), alarm("Z"), **held)
+    assert text.count("60 % of fresh, 95 % sure: 50 to 80 %") == 1
+    assert text.count("not known at present") == 2
 
 
 @pytest.mark.parametrize("status", [each for each in EstimateStatus if each != "estimated"])

@@ -9,7 +9,7 @@ from aiosmtpd.smtp import SMTP, Envelope, Session
 from click.testing import CliRunner
 
 from edge_service.cli.entry import cli
-from edge_service.config import load_config
+from edge_service.config import ConfigError, load_config
 from edge_service.messages.outputs import OF_HTTP
 from edge_service.nodes.outputs.trial import try_output
 
@@ -70,6 +70,20 @@ def test_nobody_at_home_is_told(tmp_path: Path) -> None:
     done = CliRunner().invoke(cli, ["send-test", "email", path], standalone_mode=False)
     assert done.return_value == 1
     assert "cannot be reached" in done.output
+
+
+@pytest.mark.parametrize("content", [None, "no certificate"])
+def test_an_authority_that_cannot_be_used_is_told_before_anything_runs(
+    content: str | None, tmp_path: Path
+) -> None:
+    if content is not None:
+        (tmp_path / "ca.pem").write_text(content)
+    text = EMAIL.format(25) + PEOPLE + 'ca_certificate = "ca.pem"\n'
+    path = configured(tmp_path, text)
+    for command in (["check-config", path], ["send-test", "email", path]):
+        done = CliRunner().invoke(cli, command, standalone_mode=False)
+        assert isinstance(done.exception, ConfigError)
+        assert str(done.exception).startswith(f"email.ca_certificate: {tmp_path}/ca.pem: cannot")
 
 
 async def test_a_webhook_is_tried_too(tmp_path: Path) -> None:

@@ -6,12 +6,14 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from pydantic import ValidationError
+
 from ....bus.spool.message import Message
 from ....bus.spool.spool import Spool
 from ....clock import now_ns
 from ....config import ConfigError, EdgeConfig
 from ....config_tables import EmailConfig
-from ....messages.event import Event
+from ....messages.event import Event, Severity
 from ..ordered import Answers, OrderedOutput, jittered, open_spool
 from ..reply import Outcome, Reply
 from .letter import Envelope, letter
@@ -93,8 +95,8 @@ class Email(OrderedOutput):
 
     async def send(self, messages: Sequence[Message]) -> Reply:
         """Send one letter about all of them."""
-        known = messages == self._chosen and self._letter
-        reply = await self._sender.send(known or self._told(messages))
+        known = _keys(messages) == _keys(self._chosen)
+        reply = await self._sender.send(self._letter if known else self._told(messages))
         if reply.outcome in (Outcome.TAKEN, Outcome.NEVER):
             self._sent_s.append(self._clock())
             self._chosen, self._letter = [], b""
@@ -104,9 +106,35 @@ class Email(OrderedOutput):
         return bool(self._chosen) and self._chosen[0].key == first.key
 
     def _told(self, messages: Sequence[Message]) -> bytes:
-        events = [Event.model_validate_json(each.payload) for each in messages]
+        events = [_event(each) for each in messages]
         answers = {event.axis: self._answers(event.axis) for event in events}
-        return letter(self._envelope, events, [each.key for each in messages], answers, now_ns())
+        return letter(self._envelope, events, _keys(messages), answers, now_ns())
+
+
+def _keys(messages: Sequence[Message]) -> list[str]:
+    return [each.key for each in messages]
+
+
+def _event(message: Message) -> Event:
+    """Event that was kept; what another version has kept is told as far as it is understood."""
+    try:
+        return Event.model_validate_json(message.payload)
+    except ValidationError:
+        axis, _, kind = message.topic.partition("/")
+        said = f"an event of another version of the service: {kind}"
+        return Event(
+            axis=axis, kind="other", severity=Severity.WARNING, message=said, time_ns=now_ns()
+        )
+
+
+def check_email(settings: EmailConfig) -> None:
+    """Check what only the file system knows. Raises ConfigError."""
+    try:
+        trusted(settings.ca_certificate)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"email.ca_certificate: {settings.ca_certificate}: cannot be used ({error})"
+        ) from None
 
 
 async def open_email(
@@ -116,9 +144,6 @@ async def open_email(
     settings = config.email
     if settings.host is None:
         return None
-    try:
-        trusted(settings.ca_certificate)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"email.ca_certificate: cannot be used ({error})") from None
+    check_email(settings)
     machine = f"{config.service.site}/{config.service.machine}"
     return Email(settings, machine, await open_spool(settings, "email"), answers, on_change)

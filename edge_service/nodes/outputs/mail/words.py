@@ -3,6 +3,7 @@
 from datetime import datetime
 
 from ....http_api.words import words_in
+from ....messages.advice import Level
 from ....messages.answer import AxisAnswer
 from ....messages.event import Event
 
@@ -29,9 +30,10 @@ class Words:
         return datetime.fromtimestamp(time_ns / 1e9).astimezone().strftime(self("mail.moment"))
 
     def headline(self, event: Event, answer: AxisAnswer | None) -> str:
-        """Headline of the axis as it holds now, else of the event, else what that says."""
-        now = answer.health.headline if answer is not None and answer.is_heard else None
-        code = event.data.get("headline") if now is None else now.code
+        """Headline of the axis as it is known now, else of the event, else what that says."""
+        now = None if answer is None else answer.health.headline
+        code = None if now is None or now.level is Level.UNKNOWN else now.code
+        code = code or event.data.get("headline")
         return self._known.get(f"headline.{code}", event.message)
 
     def event(self, event: Event) -> str:
