@@ -32,8 +32,8 @@ class Words:
     def headline(self, event: Event, answer: AxisAnswer | None) -> str:
         """Headline of the axis as it is known now, else of the event, else what that says."""
         now = None if answer is None else answer.health.headline
-        code = None if now is None or now.level is Level.UNKNOWN else now.code
-        code = code or event.data.get("headline")
+        is_known = now is not None and now.level is not Level.UNKNOWN
+        code = now.code if now and is_known else event.data.get("headline")
         return self._known.get(f"headline.{code}", event.message)
 
     def event(self, event: Event) -> str:
