@@ -7,18 +7,18 @@ sh deploy/setup.sh dev
 bin=.venv/bin
 
 # What the tests use besides: a browser for the page, a Prometheus that scrapes, a Modbus device and
-# an MQTT broker that nobody here wrote, what looks at the Debian package, a reverse proxy. Without
+# an MQTT broker that nobody here wrote, what looks at the Debian package, two reverse proxies. Without
 # them, and without the right to install them, their tests are skipped and say so.
 complete() {
   for tool in chromium prometheus gcc lintian; do command -v "$tool" >/dev/null 2>&1 || return 1; done
   [ -e /usr/include/modbus/modbus.h ] && [ -x /usr/sbin/mosquitto ] &&
-    [ -x /usr/sbin/nginx ]
+    [ -x /usr/sbin/nginx ] && [ -x /usr/bin/caddy ]
 }
 if ! complete && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
-  echo "check: installing chromium, prometheus, libmodbus, mosquitto, lintian and nginx for the tests" >&2
+  echo "check: installing chromium, prometheus, libmodbus, mosquitto, lintian, nginx and caddy for the tests" >&2
   { apt-get update -qq && RUNLEVEL=1 DEBIAN_FRONTEND=noninteractive apt-get install -y -qq \
     --no-install-recommends chromium fonts-dejavu-core prometheus gcc libc6-dev libmodbus-dev \
-    mosquitto lintian python3-venv nginx-light curl; } >/dev/null 2>&1 ||
+    mosquitto lintian python3-venv nginx-light caddy curl; } >/dev/null 2>&1 ||
     echo "check: they cannot all be installed; the tests of what is missing are skipped" >&2
 fi
 
