@@ -14,7 +14,7 @@ Manner = Callable[[Writer], Awaitable[None]]
 FINE = b"HTTP/1.1 204 No Content\r\nContent-Length: 0\r\n\r\n"
 
 
-def _says(answer: bytes) -> Manner:
+def says(answer: bytes) -> Manner:
     async def answers(writer: Writer) -> None:
         writer.write(answer)
         await writer.drain()
@@ -22,7 +22,7 @@ def _says(answer: bytes) -> Manner:
     return answers
 
 
-def _repeats(beginning: bytes, part: bytes, pause_s: float = 0.0) -> Manner:
+def repeats(beginning: bytes, part: bytes, pause_s: float = 0.0) -> Manner:
     async def answers(writer: Writer) -> None:
         writer.write(beginning)
         while True:
@@ -33,37 +33,37 @@ def _repeats(beginning: bytes, part: bytes, pause_s: float = 0.0) -> Manner:
     return answers
 
 
-async def _resets(writer: Writer) -> None:
+async def resets(writer: Writer) -> None:
     writer.get_extra_info("socket").setsockopt(SOL_SOCKET, SO_LINGER, struct.pack("ii", 1, 0))
 
 
-async def _says_nothing(writer: Writer) -> None:
+async def says_nothing(writer: Writer) -> None:
     await asyncio.Event().wait()
 
 
 def _status(status: int, more: str = "") -> Manner:
-    return _says(f"HTTP/1.1 {status} X\r\n{more}Content-Length: 0\r\n\r\n".encode())
+    return says(f"HTTP/1.1 {status} X\r\n{more}Content-Length: 0\r\n\r\n".encode())
 
 
 MISBEHAVING: dict[str, Manner] = {
-    "closes at once": _says(b""),
-    "resets the connection": _resets,
-    "says nothing": _says_nothing,
-    "half a status line": _says(b"HTTP/1.1 2"),
-    "garbage": _says(b"FOO BAR\r\n\r\n"),
-    "bytes of no protocol": _says(bytes(range(256)) * 8),
-    "a status that is none": _says(b"HTTP/1.1 20 OK\r\n\r\n"),
-    "a status beyond all": _says(b"HTTP/1.1 999 OK\r\n\r\n"),
-    "another protocol's greeting": _says(b"220 mail.example.org ESMTP\r\n"),
-    "HTTP/2": _says(b"\x00\x00\x12\x04\x00\x00\x00\x00\x00"),
-    "switches protocols": _says(b"HTTP/1.1 101 X\r\nUpgrade: x\r\nConnection: upgrade\r\n\r\n"),
-    "a header of 200 kB": _says(b"HTTP/1.1 200 OK\r\nX: " + b"a" * 200_000 + b"\r\n\r\n"),
-    "headers that are none": _says(b"HTTP/1.1 200 OK\r\n\x00\xff: \x00\r\nno colon\r\n\r\n"),
-    "a length that is none": _says(b"HTTP/1.1 200 OK\r\nContent-Length: -1\r\n\r\n"),
-    "two lengths": _says(b"HTTP/1.1 200 OK\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n"),
-    "endless headers": _repeats(b"HTTP/1.1 200 OK\r\n", b"X: " + b"a" * 900 + b"\r\n"),
-    "endless 1xx": _repeats(b"", b"HTTP/1.1 102 Processing\r\n\r\n", 0.001),
-    "one byte at a time": _repeats(b"HTTP/1.1 200 OK\r\nX: ", b"a", 0.01),
+    "closes at once": says(b""),
+    "resets the connection": resets,
+    "says nothing": says_nothing,
+    "half a status line": says(b"HTTP/1.1 2"),
+    "garbage": says(b"FOO BAR\r\n\r\n"),
+    "bytes of no protocol": says(bytes(range(256)) * 8),
+    "a status that is none": says(b"HTTP/1.1 20 OK\r\n\r\n"),
+    "a status beyond all": says(b"HTTP/1.1 999 OK\r\n\r\n"),
+    "another protocol's greeting": says(b"220 mail.example.org ESMTP\r\n"),
+    "HTTP/2": says(b"\x00\x00\x12\x04\x00\x00\x00\x00\x00"),
+    "switches protocols": says(b"HTTP/1.1 101 X\r\nUpgrade: x\r\nConnection: upgrade\r\n\r\n"),
+    "a header of 200 kB": says(b"HTTP/1.1 200 OK\r\nX: " + b"a" * 200_000 + b"\r\n\r\n"),
+    "headers that are none": says(b"HTTP/1.1 200 OK\r\n\x00\xff: \x00\r\nno colon\r\n\r\n"),
+    "a length that is none": says(b"HTTP/1.1 200 OK\r\nContent-Length: -1\r\n\r\n"),
+    "two lengths": says(b"HTTP/1.1 200 OK\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n"),
+    "endless headers": repeats(b"HTTP/1.1 200 OK\r\n", b"X: " + b"a" * 900 + b"\r\n"),
+    "endless 1xx": repeats(b"", b"HTTP/1.1 102 Processing\r\n\r\n", 0.001),
+    "one byte at a time": repeats(b"HTTP/1.1 200 OK\r\nX: ", b"a", 0.01),
     "a redirect to itself": _status(302, "Location: /\r\n"),
     "a redirect for good": _status(308, "Location: http://127.0.0.1:9/login\r\n"),
     "a redirect to nowhere": _status(302, "Location: http://[\r\n"),
@@ -77,13 +77,13 @@ MISBEHAVING: dict[str, Manner] = {
 HANGING = {"says nothing", "endless 1xx", "one byte at a time"}
 """Those that only the sender's patience ends."""
 ODD_BUT_FINE: dict[str, Manner] = {
-    "no length": _says(b"HTTP/1.1 200 OK\r\n\r\n"),
-    "an endless body": _repeats(b"HTTP/1.1 200 OK\r\n\r\n", b"a" * 1000),
-    "a body cut short": _says(b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\nx"),
-    "a body packed in a lie": _says(b"HTTP/1.1 200 OK\r\nContent-Encoding: gzip\r\n\r\nnone"),
+    "no length": says(b"HTTP/1.1 200 OK\r\n\r\n"),
+    "an endless body": repeats(b"HTTP/1.1 200 OK\r\n\r\n", b"a" * 1000),
+    "a body cut short": says(b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\nx"),
+    "a body packed in a lie": says(b"HTTP/1.1 200 OK\r\nContent-Encoding: gzip\r\n\r\nnone"),
     "many cookies": _status(201, "Set-Cookie: =;;\r\n" * 50),
-    "HTTP/1.0": _says(b"HTTP/1.0 200 OK\r\n\r\n"),
-    "a progress report before": _says(b"HTTP/1.1 102 Processing\r\n\r\n" + FINE),
+    "HTTP/1.0": says(b"HTTP/1.0 200 OK\r\n\r\n"),
+    "a progress report before": says(b"HTTP/1.1 102 Processing\r\n\r\n" + FINE),
 }
 
 
@@ -124,7 +124,7 @@ class Receiver:
 
     async def _answer(self, reader: asyncio.StreamReader, writer: Writer) -> None:
         if self.greeting:
-            await _says(self.greeting)(writer)
+            await says(self.greeting)(writer)
             return
         event = await self._read(reader)
         self.requests += 1
@@ -134,7 +134,7 @@ class Receiver:
             await self.manner(writer)
             return
         self.taken.append(event["message"])
-        await _says(FINE)(writer)
+        await says(FINE)(writer)
 
     async def _read(self, reader: asyncio.StreamReader) -> dict[str, Any]:
         head = await reader.readuntil(b"\r\n\r\n")

@@ -98,7 +98,7 @@ def tls_of(folder: Path) -> ssl.SSLContext:
 
 @asynccontextmanager
 async def mail_server(
-    tls: ssl.SSLContext | None = None, *, from_the_beginning: bool = False
+    tls: ssl.SSLContext | None = None, *, from_the_beginning: bool = False, port: int = 0
 ) -> AsyncIterator[MailServer]:
     """A server for as long as the context lasts: with TLS it wants a login."""
     kept = MailServer()
@@ -116,7 +116,9 @@ async def mail_server(
             warnings.simplefilter("ignore")  # it does not see that TLS came before it
             return SMTP(kept, **wants)
 
-    server = await loop.create_server(meet, "127.0.0.1", 0, ssl=tls if from_the_beginning else None)
+    server = await loop.create_server(
+        meet, "127.0.0.1", port, ssl=tls if from_the_beginning else None
+    )
     kept.port = server.sockets[0].getsockname()[1]
     try:
         yield kept
