@@ -180,6 +180,16 @@ def test_a_sudden_drop_is_an_alarm_at_once_and_until_it_is_acknowledged():
     assert "sudden_drop" not in axis.shown()
 
 
+def test_finding_out_that_a_screw_is_worn_is_no_sudden_drop():
+    axis = Axis()
+    axis.used_s = 0.0
+    for k in range(195):
+        axis.hear(7.0 if k < 100 else 3.0)
+    axis.tick(0.0)
+    assert "sudden_drop" not in axis.shown()
+    assert "preload_low" in axis.shown()
+
+
 def test_a_drop_that_takes_a_second_is_one_alarm_with_the_whole_loss():
     axis = _settled()
     for percent in (5.5, 4.0, 2.5, 1.4, 1.4, 1.4):

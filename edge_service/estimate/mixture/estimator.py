@@ -42,6 +42,8 @@ WILDEST = (1e4, 1e6, 1e4, 5e-3)
 next that none shows."""
 SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
+SHORTEST_S = 0.012
+"""A shorter phase is left out: of what begins it the axis still rings (assumption)."""
 INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
 """From how much acceleration, and from which share off, torque and motion contradict each other."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
@@ -115,8 +117,14 @@ class FusedPreloadEstimator:
         self._validity.update(block, bool(calm), max(calm, default=None), used_s)
 
     def _take_all(self, interval: SteadyInterval) -> list[float]:
-        """Take the phases of an interval; the surprise of each that corrected the bank."""
-        taken = [self._take(interval, phase) for phase in interval.phases if phase.steady_s > 0.0]
+        """Take the phases of an interval; the surprise of each that corrected the bank.
+
+        In the shortest an axis rings: where a cut ends, one of 10 ms moved the encoders' offset by
+        a micrometre, and what followed passed for a lost preload.
+        """
+        taken = [
+            self._take(interval, phase) for phase in interval.phases if phase.steady_s >= SHORTEST_S
+        ]
         return [surprise for surprise in taken if not math.isnan(surprise)]
 
     def _forget_level(self) -> None:

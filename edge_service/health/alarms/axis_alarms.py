@@ -122,6 +122,8 @@ class AxisAlarms:
         if self._fresh is None or low is None or value is None or high is None:
             return ()
         self._percent = value
+        if self._used_s < _BEGINNING_S:
+            return ()  # what is found out about an axis is no fall
         before = self._drop.update(time_ns, low, value, high)
         if before is None:
             return ()

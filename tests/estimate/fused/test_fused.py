@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import SHORTEST_S, FusedPreloadEstimator
 from edge_service.messages.arrays import decoded, encoded
-from edge_service.messages.features import Phase
+from edge_service.messages.features import FeatureBlock, Phase
 
 from .production import AXIS, machine, production, run
 
@@ -158,3 +158,25 @@ def test_garbage_never_yields_a_number_that_is_none(
 def test_an_uncommissioned_machine_is_refused() -> None:
     with pytest.raises(ValueError, match="commissioned"):
         FusedPreloadEstimator(AXIS.nominal())
+
+
+def _ringing(block: FeatureBlock, rng: np.random.Generator) -> FeatureBlock:
+    """The block with its shortest phases spoiled by a spring that still swings."""
+    spoiled = {
+        name: replace(
+            phase,
+            torque_nm=phase.torque_nm + 0.3 * rng.standard_normal(),
+            table_m=phase.table_m + 1e-6 * rng.standard_normal(),
+        )
+        for name in ("accelerating", "cruising", "braking")
+        if 0.0 < (phase := getattr(block, name)).steady_s < SHORTEST_S
+    }
+    return replace(block, **spoiled)
+
+
+def test_an_axis_that_rings_for_some_milliseconds_is_read_as_one_that_does_not() -> None:
+    rng, blocks = np.random.default_rng(4), production("healthy")
+    ringing = [_ringing(block, rng) for block in blocks]
+    changed = sum(a != b for a, b in zip(ringing, blocks, strict=True))
+    assert changed > 10
+    assert run(ringing) == run(blocks)
