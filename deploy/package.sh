@@ -31,6 +31,7 @@ build_program() { # relocatable: only the scripts in bin know where they stand
     fail "the program that was built does not work"
   "$1/bin/python" -m pip --quiet uninstall --yes pip
   find "$1/bin" -type f ! -name edge-service -delete
+  sh deploy/unused.sh "$1" | xargs rm -r
   find "$1" -name __pycache__ -prune -exec rm -r {} +
 }
 

@@ -58,6 +58,7 @@ if ! is_there; then
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
     --require-hashes $locks
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+  [ $purpose = dev ] || sh deploy/unused.sh .venv | xargs rm -r
   step 3/3 "compiling the numeric kernels, once; half a minute ($(size_mb) MB so far)"
   .venv/bin/python -c 'from pathlib import Path
 from edge_service.config import load_machine

@@ -1,0 +1,55 @@
+"""What an installation leaves out of its packages is loaded by no part of the program."""
+
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from tests.documents import ROOT
+
+RUN = """
+import pkgutil, sys
+from importlib import import_module
+from pathlib import Path
+import drivers, edge_service
+
+for package in (edge_service, drivers):
+    for each in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if not each.name.endswith("__main__"):
+            import_module(each.name)
+
+from edge_service.cli.entry import main
+
+motion = ["simulate", "--motion", "production", "--duration", "5"]
+assert main([*motion, "--out", "trace.parquet"]) == 0
+assert main(["convert", "trace.parquet", "--out", "trace.csv"]) == 0
+assert main(["convert", "trace.csv", "--out", "again.parquet"]) == 0
+assert main(["motion", "--list", "--out", "motions.png"]) == 0
+assert main(["estimate", "trace.csv", "--out", "estimates.csv"]) == 0
+for module in list(sys.modules.values()):
+    print(getattr(module, "__file__", None) or "")
+print(Path("/proc/self/maps").read_text())
+"""
+
+
+@pytest.mark.slow
+def test_nothing_that_is_loaded_is_left_out(tmp_path: Path) -> None:
+    environment = Path(sysconfig.get_path("purelib")).parents[2]
+    line = ["sh", str(ROOT / "deploy" / "unused.sh"), str(environment)]
+    said = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60).stdout
+    unused = said.splitlines()
+    assert all(Path(path).exists() for path in unused)
+    assert sum(path.endswith("/tests") for path in unused) > 5
+    run = subprocess.run(
+        [sys.executable, "-c", RUN],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "libarrow.so" in run.stdout
+    assert [path for path in unused if path in run.stdout] == []
