@@ -18,7 +18,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 PRODUCT = "edge-service"
 LOCKS = ("deploy/requirements.lock", "deploy/requirements-dev.lock")
-EXTRAS = ("mcap", "opcua", "mqtt")
+EXTRAS = ("mcap", "opcua", "mqtt", "cluster")
 _PACKAGE = re.compile(r"(?m)^([a-z0-9._-]+)==(\S+) \\\n((?: +--hash=.+\n)+)((?: +#.*\n?)*)")
 _UPLOT = ROOT / "edge_service" / "http_api" / "static" / "uplot.js"
 

@@ -16,6 +16,7 @@ from .options import (
     Greedy,
     InputError,
     answering,
+    batch_options,
     out_option,
 )
 from .terminal import progress
@@ -35,6 +36,7 @@ from .terminal import progress
 )
 @OUT_FOLDER
 @answering
+@batch_options
 def fingerprint(
     traces: tuple[Path, ...],
     machine: Path,
@@ -103,6 +105,7 @@ def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None) -> Ans
     help="Recordings of the healthy machine: what they already show is not taken for a fault.",
 )
 @answering
+@batch_options
 def diagnose(
     traces: tuple[Path, ...],
     machine: Path,

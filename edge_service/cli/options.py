@@ -1,4 +1,4 @@
-"""Options that several commands share, among them `--json`, and the error for bad input."""
+"""Options that several commands share: of answers, of many recordings; the error of bad input."""
 
 import json
 import sys
@@ -12,11 +12,13 @@ import click
 from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
 from ..exit_status import DONE
 from ..offline.answer import Answer
-from .terminal import pause_progress
+from .terminal import pause_progress, progress
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 FLAG = "--json"
 PATH = click.Path(path_type=Path)
+_ALONE = {"baseline", "pictures", "state"}
+"""Options that mean one recording."""
 ABOVE_0 = click.FloatRange(0.0, 1e9, min_open=True)
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 CONFIG = click.argument("config", type=PATH, required=False)
@@ -127,3 +129,58 @@ def configured(config: Path | None, port: int | None, endpoint: str | None) -> E
             update={"bus": settings.bus.model_copy(update={"endpoint": endpoint})}
         )
     return settings
+
+
+def batch_options(command: Callable[..., Answer]) -> Callable[..., Answer]:
+    """Add `--each`, `--cluster` and `--workers`: every argument is a case of its own then."""
+
+    @click.option(
+        "--each",
+        is_flag=True,
+        help="Treat every argument as a case of its own, a folder as one session; "
+        "--out is a folder with one folder a case and table.parquet.",
+    )
+    @click.option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Spread --each over a Dask cluster: local, tcp://HOST:PORT or tls://HOST:PORT.",
+    )
+    @click.option(
+        "--workers",
+        type=click.IntRange(1),
+        show_default="one per core",
+        help="Number of processes of --cluster local.",
+    )
+    @wraps(command)
+    def told(each: bool, cluster: str | None, workers: int | None, **named: Any) -> Answer:
+        if workers is not None and cluster != "local":
+            raise InputError("--workers: goes with --cluster local")
+        if not each and cluster is None:
+            return command(**named)
+        return _batch(command.__name__, named, cluster, workers)
+
+    return told
+
+
+def _batch(name: str, named: dict[str, Any], cluster: str | None, workers: int | None) -> Answer:
+    from ..offline.batch.batch import run_batch
+    from ..offline.batch.work import Task
+
+    for option in _ALONE & named.keys():
+        if named.pop(option) is not None:
+            raise InputError(f"--{option}: goes with one recording, not with --each or --cluster")
+    traces: tuple[Path, ...] = named.pop("traces")
+    out: Path = named.pop("out")
+    task = Task(name, **_absolute(named))
+    return run_batch(task, traces, out, cluster, workers, progress)
+
+
+def _absolute(named: dict[str, Any]) -> dict[str, Any]:
+    """Options whose files are found from anywhere: a worker has a working folder of its own."""
+    return {name: _resolved(value) for name, value in named.items()}
+
+
+def _resolved(value: Any) -> Any:
+    if isinstance(value, Path):
+        return value.resolve()
+    return tuple(map(_resolved, value)) if isinstance(value, tuple) else value

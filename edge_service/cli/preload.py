@@ -10,9 +10,10 @@ from .options import (
     AXIS_NUMBER,
     MACHINE,
     PATH,
-    TRACE,
     TRACES,
+    InputError,
     answering,
+    batch_options,
     out_option,
     service_config_option,
 )
@@ -53,10 +54,10 @@ def commission(
 @click.command(
     epilog="Example: edge-service estimate --machine m.toml trace.csv --out estimates.csv"
 )
-@TRACE
+@TRACES
 @MACHINE
 @AXIS_NUMBER
-@out_option("CSV file to write, one row per block.")
+@out_option("CSV file to write, one row per block; a folder with --each.")
 @service_config_option("Service configuration with the estimator's settings.")
 @click.option(
     "--state",
@@ -64,8 +65,9 @@ def commission(
     help="Continue from the state in this file if it exists; write the new state to it.",
 )
 @answering
+@batch_options
 def estimate(
-    trace: Path,
+    traces: tuple[Path, ...],
     machine: Path,
     axis_number: int | None,
     out: Path,
@@ -76,4 +78,6 @@ def estimate(
     from ..offline.estimate import estimate_to_csv
 
     service = load_config(config or DEFAULT_CONFIG)
-    return estimate_to_csv(trace, machine, out, service, state, axis_number, progress)
+    if len(traces) > 1:
+        raise InputError("estimate takes one recording; several are cases of their own with --each")
+    return estimate_to_csv(traces[0], machine, out, service, state, axis_number, progress)

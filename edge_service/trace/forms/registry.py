@@ -50,5 +50,10 @@ def name_of(head: bytes, path: Path) -> str:
     return named(head) if form is None else f"a recording, {form.name}"
 
 
+def is_recording(path: Path) -> bool:
+    """Tell whether a file has the form of a recording. Raises OSError."""
+    return path.is_file() and _form(head_of(path), path) is not None
+
+
 def _form(head: bytes, path: Path) -> Form | None:
     return next((form for form in all_forms() if form.recognises(head, path)), None)

@@ -1,0 +1,197 @@
+"""Many recordings: the same answers wherever they are worked on, and none lost with a worker."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+
+import dask
+import duckdb
+import pyarrow.parquet
+import pytest
+
+from edge_service.config import DEFAULT_MACHINE, ConfigError, load_machine
+from edge_service.models.motions.registry import MotionError
+from edge_service.offline.batch import work
+from edge_service.offline.batch.batch import run_batch
+from edge_service.offline.batch.cases import cases_of
+from edge_service.offline.batch.cluster import on_cluster
+from edge_service.offline.batch.table import write_table
+from edge_service.offline.batch.work import Outcome, Task
+from edge_service.offline.simulate import SimulationSettings, simulate
+
+ESTIMATE = Task("estimate", DEFAULT_MACHINE)
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Five recordings of an axis, and a file that is none."""
+    folder = tmp_path_factory.mktemp("recordings")
+    paths = [folder / f"day_{day}.csv" for day in range(5)]
+    for day, path in enumerate(paths):
+        simulate(load_machine(DEFAULT_MACHINE), SimulationSettings(duration_s=3.0, seed=day), path)
+    nothing = folder / "notes.txt"
+    nothing.write_text("bearing changed")
+    return [*paths, nothing]
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    """Everything below a folder, but the table, whose bytes hold no more than its rows."""
+    files = {path for path in folder.rglob("*") if path.is_file() and path.suffix != ".parquet"}
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def rows(folder: Path) -> list[dict[str, object]]:
+    return [
+        {name: value for name, value in row.items() if name != "took_s"}
+        for row in pyarrow.parquet.read_table(folder / "table.parquet").to_pylist()
+    ]
+
+
+def test_what_is_wrong_with_one_case_stops_no_other(recordings: list[Path], tmp_path: Path) -> None:
+    said: list[str] = []
+    answer = run_batch(ESTIMATE, recordings, tmp_path, progress=said.append)
+    assert answer.status == 2
+    assert json.loads(answer.as_json())["answered"] == 5
+    assert "notes" in answer.words
+    assert said[0] == "0 of 6"
+    assert said[-1].startswith("6 of 6")
+    found = {str(row["case"]): row for row in rows(tmp_path)}
+    assert set(found) == {*(f"day_{day}" for day in range(5)), "notes"}
+    assert found["notes"]["status"] == 2.0
+    assert "notes.txt" in str(found["notes"]["error"])
+    assert found["day_0"]["error"] is None
+
+
+def test_the_table_is_one_that_another_program_asks(recordings: list[Path], tmp_path: Path) -> None:
+    run_batch(ESTIMATE, recordings, tmp_path)
+    asked = f"select count(*) from '{tmp_path}/table.parquet' where answer_last_status is not null"
+    assert duckdb.sql(asked).fetchall() == [(5,)]
+    by_json = f"select document->>'$.blocks' from '{tmp_path}/table.parquet' where status = 0"
+    assert {int(count) for (count,) in duckdb.sql(by_json).fetchall()} == {29}
+
+
+@pytest.mark.slow
+def test_a_cluster_answers_as_this_process_does_although_a_worker_dies(
+    recordings: list[Path], tmp_path: Path
+) -> None:
+    run_batch(ESTIMATE, recordings, tmp_path / "here")
+    outcomes: Iterator[Outcome] = on_cluster(ESTIMATE, cases_of(recordings), "local", workers=2)
+    first = next(outcomes)
+    os.kill(int(first.worker.rpartition(":")[2]), signal.SIGKILL)
+    there = {first.case.name: first} | {each.case.name: each for each in outcomes}
+    assert len(there) == len(recordings)
+    for name, outcome in there.items():
+        folder = tmp_path / "here" / name
+        assert outcome.files == (written(folder) if folder.exists() else {})
+    run_batch(ESTIMATE, recordings, tmp_path / "cluster", "local", 1)
+    assert written(tmp_path / "cluster") == written(tmp_path / "here")
+    documents = [
+        [str(row["document"]).replace(str(tmp_path / place), "") for row in rows(tmp_path / place)]
+        for place in ("here", "cluster")
+    ]
+    assert documents[0] == documents[1]
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("elsewhere", "expected local, tcp://HOST:PORT"),
+        ("http://127.0.0.1:8786", "expected local, tcp://HOST:PORT"),
+        ("tcp://", "no scheduler"),
+    ],
+)
+def test_a_cluster_that_is_none_is_one_clear_line(address: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        list(on_cluster(ESTIMATE, [], address))
+
+
+def test_names_of_cases_never_meet(tmp_path: Path) -> None:
+    for place in ("a", "b"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "x.csv").write_text("time_s,torque_command_nm\n0,1\n")
+    given = [tmp_path / "a" / "x.csv", tmp_path / "b" / "x.csv", tmp_path / "a", tmp_path / "b"]
+    assert [case.name for case in cases_of(given)] == ["x", "x_2", "a", "b"]
+    (tmp_path / "x_2.csv").write_text("time_s,torque_command_nm\n0,1\n")
+    names = [case.name for case in cases_of([tmp_path / "x_2.csv", *given])]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("given", ["missing", "empty"])
+def test_a_path_without_a_recording_is_one_clear_line(given: str, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConfigError, match=given):
+        cases_of([tmp_path / given])
+
+
+def test_a_mistake_of_ours_is_told_with_the_case(
+    monkeypatch: pytest.MonkeyPatch, recordings: list[Path], tmp_path: Path
+) -> None:
+    def broken(*_: object) -> None:
+        raise MotionError("cannot be")
+
+    monkeypatch.setitem(work._COMMANDS, "estimate", broken)
+    answer = run_batch(ESTIMATE, recordings[:2], tmp_path)
+    assert answer.status == 1
+    assert {row["status"] for row in rows(tmp_path)} == {1.0}
+
+
+def test_a_column_of_several_kinds_is_one_of_texts(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    base = {"command": "estimate", "traces": "[]", "status": 0.0, "error": None, "document": None}
+    number, text = {"case": "b", "answer_x": 1.0}, {"case": "a", "answer_x": "y"}
+    write_table(path, [base | number, base | text])
+    table = pyarrow.parquet.read_table(path).to_pylist()
+    assert [(row["case"], row["answer_x"]) for row in table] == [("a", "y"), ("b", "1.0")]
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_somebody_else_runs_is_asked_by_tls(
+    recordings: list[Path], tmp_path: Path
+) -> None:
+    """Scheduler and worker are Dask's own commands, with a certificate that openssl made."""
+    ends = {"cert": str(tmp_path / "dask.pem"), "key": str(tmp_path / "dask.key")}
+    line = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=dask"]
+    line += ["-keyout", ends["key"], "-out", ends["cert"]]
+    subprocess.run(line, check=True, capture_output=True)
+    tls = {"ca-file": ends["cert"], "scheduler": ends, "worker": ends, "client": ends}
+    configured = {"distributed": {"comm": {"tls": tls}}}
+    (tmp_path / "dask.yaml").write_text(json.dumps(configured))
+    place = tmp_path / "scheduler.json"
+    with (
+        dask.config.set({"distributed.comm.tls": tls}),
+        dask_command("scheduler", "--protocol", "tls", "--port", "0", place=place),
+        dask_command("worker", place=place),
+    ):
+        address = json.loads(place.read_text())["address"]
+        assert address.startswith("tls://")
+        run_batch(ESTIMATE, recordings, tmp_path / "there", address)
+    run_batch(ESTIMATE, recordings, tmp_path / "here")
+    assert written(tmp_path / "there") == written(tmp_path / "here")
+
+
+@contextmanager
+def dask_command(role: str, *options: str, place: Path) -> Iterator[None]:
+    """A scheduler that writes where it is, or a worker that reads it."""
+    line = [sys.executable, "-m", f"distributed.cli.dask_{role}", "--no-dashboard"]
+    line += ["--scheduler-file", str(place), "--host", "127.0.0.1", *options]
+    with subprocess.Popen(
+        line,
+        env=os.environ | {"DASK_CONFIG": str(place.parent / "dask.yaml")},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    ) as process:
+        try:
+            assert process.stderr is not None
+            wanted = "Scheduler at" if role == "scheduler" else "Registered to"
+            assert any(wanted in said for said in process.stderr)
+            Thread(target=process.stderr.read, daemon=True).start()
+            yield
+        finally:
+            process.terminate()
