@@ -17,7 +17,13 @@ from edge_service.bus.access import PUTS, READER, client_name, may_put
 from edge_service.bus.session import Bus
 from edge_service.certificates import make_certificates
 from edge_service.config import DEFAULT_MACHINE, BusConfig, load_machine
-from edge_service.config_tables import MqttConfig, OpcuaConfig, VibrationConfig, WebhookConfig
+from edge_service.config_tables import (
+    MqttConfig,
+    MtconnectConfig,
+    OpcuaConfig,
+    VibrationConfig,
+    WebhookConfig,
+)
 from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
@@ -137,6 +143,7 @@ async def test_nodes_on_sessions_of_their_own_work_alike(
         bus=bus_config,
         mqtt=MqttConfig.model_validate(away),
         opcua=OpcuaConfig(port=0),
+        mtconnect=MtconnectConfig(port=0),
         vibration=VibrationConfig(),
         webhook=WebhookConfig(
             url="http://127.0.0.1:1/", secret="s" * 16, buffer=tmp_path / "events"
