@@ -1,0 +1,39 @@
+"""The service's configuration and machine files: read, checked, every mistake told by its key."""
+
+from ..config_tables import AlarmsConfig, HistoryConfig, OpcuaConfig, Table
+from .loading import DEFAULT_CONFIG, check_settings, load_config, load_fleet, load_machine
+from .mistakes import ConfigError, explain
+from .service import (
+    DEFAULT_MACHINE,
+    AxisConfig,
+    BusConfig,
+    DownsampleConfig,
+    EdgeConfig,
+    EstimatorConfig,
+    HealthConfig,
+    HttpConfig,
+    ServiceConfig,
+)
+
+__all__ = [
+    "DEFAULT_CONFIG",
+    "DEFAULT_MACHINE",
+    "AlarmsConfig",
+    "AxisConfig",
+    "BusConfig",
+    "ConfigError",
+    "DownsampleConfig",
+    "EdgeConfig",
+    "EstimatorConfig",
+    "HealthConfig",
+    "HistoryConfig",
+    "HttpConfig",
+    "OpcuaConfig",
+    "ServiceConfig",
+    "Table",
+    "check_settings",
+    "explain",
+    "load_config",
+    "load_fleet",
+    "load_machine",
+]

@@ -1,0 +1,156 @@
+"""Configuration, machine and fleet files: read, checked, and their paths placed."""
+
+import logging
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from ..config_secrets import open_secrets, with_secrets, with_table_secrets
+from ..config_tables import EmailConfig, EventOutputConfig, FleetConfig, OpcuaConfig, Table
+from ..messages.outputs import OF_HTTP
+from ..models.machine import Machine
+from ..secret_files import SecretError, secret_path
+from .mistakes import ConfigError, explain
+from .service import EdgeConfig, HttpConfig
+
+log = logging.getLogger(__name__)
+DEFAULT_CONFIG = Path(__file__).parents[1] / "defaults" / "edge.toml"
+BROKER_FILES = ("ca_certificate", "client_certificate", "client_key")
+MQTT_FILES = ("buffer", *BROKER_FILES)
+_OF_SECURITY = ("certificate", "private_key", "server_certificate")
+FILE_KEYS = ("path", "folder", *_OF_SECURITY, "ledger", *BROKER_FILES)
+"""Keys of drivers that name files or folders."""
+_Model = TypeVar("_Model", bound=BaseModel)
+_DEEP = re.compile(rb"(?:[\[{]\s*){100}")
+
+
+def load_config(path: Path) -> EdgeConfig:
+    """Read and check a configuration file; paths in it are relative to its folder.
+
+    Raises:
+        ConfigError: one line with the file, the key, what was wrong and what was expected.
+    """
+    content = _read_toml(path)
+    for key in open_secrets(EdgeConfig, content, path):
+        log.warning("%s: others may read it, and it holds %s; use %s_file", path, key, key)
+    try:
+        content = with_table_secrets(EdgeConfig, content, path.parent)
+    except SecretError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    config = _checked(EdgeConfig, content, path)
+    axes = tuple(
+        axis.model_copy(
+            update={
+                "machine": path.parent / axis.machine,
+                "settings": _anchored(axis.settings, path.parent),
+            }
+        )
+        for axis in config.axes
+    )
+    folder = path.parent
+    placed = {
+        "axes": axes,
+        "history": _placed(config.history, folder, "folder"),
+        **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
+        "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
+        "bus": _placed(config.bus, folder, "certificates"),
+        "http": _with_key(config.http, folder, "certificate", "tokens_file"),
+        "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),
+        "vibration": _placed(config.vibration, folder, "keep_folder"),
+    }
+    return config.model_copy(update=placed)
+
+
+def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Table | None:
+    """Paths of the files that let people in; the key may be among systemd's credentials."""
+    key = table.private_key and secret_path(folder, table.private_key)
+    return _placed(table.model_copy(update={"private_key": key}), folder, *keys)
+
+
+def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputConfig:
+    """Events wait in the folder of the history, unless something else is said."""
+    table: EventOutputConfig = getattr(config, output)
+    usual = (config.history.folder or folder) / f"{output}-buffer.sqlite"
+    placed = table.model_copy(update={"buffer": folder / (table.buffer or usual)})
+    if isinstance(placed, EmailConfig) and placed.ca_certificate is not None:
+        return placed.model_copy(update={"ca_certificate": folder / placed.ca_certificate})
+    return placed
+
+
+def load_machine(path: Path, axis_number: int | None = None) -> Machine:
+    """Read and check a machine file. Raises ConfigError like `load_config`.
+
+    Args:
+        axis_number: the controller's number of the axis, in place of the file's.
+    """
+    machine = _checked(Machine, _read_toml(path), path)
+    if axis_number is not None:
+        axis = machine.axis.model_copy(update={"number": axis_number})
+        machine = machine.model_copy(update={"axis": axis})
+    if machine.effects:
+        from ..models.effects.registry import machine_effects
+
+        try:
+            machine_effects(machine)
+        except ValueError as error:
+            raise ConfigError(f"{path}: effects: {error}") from None
+    return machine
+
+
+def load_fleet(path: Path) -> FleetConfig:
+    """Read and check a fleet file. Raises ConfigError like `load_config`."""
+    fleet = _checked(FleetConfig, _read_toml(path), path)
+    files = ("token_file", "ca_certificate")
+    services = tuple(_placed(each, path.parent, *files) for each in fleet.services)
+    return fleet.model_copy(update={"services": services})
+
+
+def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:
+    """Check a driver's settings; ConfigError names the key below `where`."""
+    try:
+        return model.model_validate(with_secrets(model, settings, Path()))
+    except SecretError as error:
+        raise ConfigError(f"{where}.{error}") from None
+    except ValidationError as error:
+        raise ConfigError(f"{where}.{explain(error, model)}") from None
+
+
+def _placed(table: Table | None, folder: Path, *keys: str) -> Table | None:
+    """The paths in a table are relative to the configuration file."""
+    if table is None:
+        return None
+    paths = {key: getattr(table, key) for key in keys}
+    return table.model_copy(update={key: folder / path for key, path in paths.items() if path})
+
+
+def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Files that a driver is told of are relative to the configuration file, too."""
+    named = [key for key in settings if key in FILE_KEYS or key.endswith("_file")]
+    files = {key: settings[key] for key in named if isinstance(settings[key], str)}
+    return settings | {key: str(secret_path(folder, Path(name))) for key, name in files.items()}
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        content = path.read_bytes()
+        if _DEEP.search(content):
+            raise ConfigError(f"{path}: is not valid TOML: nested too deeply")
+        return tomllib.loads(content.decode())
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+    except RecursionError:
+        raise ConfigError(f"{path}: is not valid TOML: nested too deeply") from None
+
+
+def _checked(model: type[_Model], content: dict[str, Any], path: Path) -> _Model:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {explain(error, model)}") from None

@@ -1,0 +1,221 @@
+"""The whole configuration: tables of the service, and what must hold between them."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from ..config_tables import (
+    AlarmsConfig,
+    EmailConfig,
+    HistoryConfig,
+    JobsConfig,
+    MqttConfig,
+    MtconnectConfig,
+    OpcuaConfig,
+    Table,
+    VibrationConfig,
+    WebhookConfig,
+)
+from ..estimate.registry import AUTO, ESTIMATORS
+from ..messages.addresses import Security, is_loopback, split_endpoint
+from ..messages.keys import MachineKeys
+from ..messages.names import check_part
+
+DEFAULT_MACHINE = Path(__file__).parents[1] / "defaults" / "machine.toml"
+
+
+class ServiceConfig(Table):
+    """`[service]`: who we are on the bus."""
+
+    site: str = "bench"
+    machine: str = "lfd"
+
+    @field_validator("site", "machine")
+    @classmethod
+    def _key_part(cls, value: str) -> str:
+        return check_part(value)
+
+
+class BusConfig(Table):
+    """`[bus]`: where the bus listens, and who may do what there.
+
+    Attributes:
+        endpoint: `tcp/<loopback address>:<port>`, where any process of this machine may read.
+        security: `readers`: only with a certificate of a node may one publish; `tls`: only with a
+            certificate may one read; `open`: whoever connects to `endpoint` may publish anything.
+        certificates: folder that `edge-service certs` has made; without it nodes in processes of
+            their own make theirs, for their user alone.
+        tls_endpoint: where those with certificates take part; the port after that of `endpoint`
+            unless stated.
+    """
+
+    endpoint: str = "tcp/127.0.0.1:7447"
+    security: Security = "readers"
+    certificates: Path | None = None
+    tls_endpoint: str | None = None
+
+    @field_validator("endpoint")
+    @classmethod
+    def _loopback(cls, value: str) -> str:
+        return _endpoint(value, "tcp")
+
+    @field_validator("tls_endpoint")
+    @classmethod
+    def _encrypted(cls, value: str | None) -> str | None:
+        return None if value is None else _endpoint(value, "tls")
+
+    @model_validator(mode="after")
+    def _certified(self) -> "BusConfig":
+        if self.security == "tls" and self.certificates is None:
+            raise ValueError('certificates: missing, security = "tls" needs them')
+        if self.security == "open" and self.certificates is not None:
+            raise ValueError('certificates: without meaning with security = "open"')
+        return self
+
+    @property
+    def secure_endpoint(self) -> str:
+        """The endpoint for those with certificates."""
+        if self.tls_endpoint is not None:
+            return self.tls_endpoint
+        host, port = split_endpoint(self.endpoint)
+        return f"tls/{host}:{port + 1 if port else 0}"
+
+
+def _endpoint(value: str, protocol: str) -> str:
+    split_endpoint(value)
+    if not value.startswith(f"{protocol}/"):
+        raise ValueError(f"{value!r}: expected an endpoint of the form {protocol}/127.0.0.1:7447")
+    return value
+
+
+class HttpConfig(Table):
+    """`[http]`: where the API and the page are served. Port 0 takes a free one.
+
+    Attributes:
+        certificate, private_key: of the server, in PEM: TLS with them.
+        tokens_file: who may do what, made by `edge-service token`; without it whoever reaches the
+            service may do anything.
+        allowed_hosts: host names, without port, by which it is addressed besides loopback.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = Field(8080, ge=0, le=65535)
+    connections: int = Field(256, ge=4, le=10_000)
+    certificate: Path | None = None
+    private_key: Path | None = None
+    tokens_file: Path | None = None
+    allowed_hosts: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _guarded(self) -> "HttpConfig":
+        if (self.certificate is None) != (self.private_key is None):
+            lone = "private_key" if self.private_key is None else "certificate"
+            raise ValueError(f"{lone}: missing, the two go together")
+        needed = ("certificate", "private_key", "tokens_file")
+        missing = [name for name in needed if getattr(self, name) is None]
+        if missing and not is_loopback(self.host):
+            raise ValueError(
+                f"{self.host!r} is no loopback address: it needs {', '.join(missing)}"
+                " (`edge-service certs`, `edge-service token add`)"
+            )
+        return self
+
+
+class DownsampleConfig(Table):
+    """`[downsample]`: length of an interval."""
+
+    interval_s: float = Field(0.1, ge=0.001, le=10.0)
+
+
+class EstimatorConfig(Table):
+    """`[estimator]`: `auto` is `fused` where the machine file is commissioned, else `kf-imm`."""
+
+    method: str = AUTO
+    engine: Literal["compiled", "filterpy"] = "compiled"
+    activation_exponent: float = Field(1.33, ge=1.0, le=8.0)
+    window_s: float = Field(1.0, ge=0.0, le=3600.0)
+
+    @field_validator("method", mode="before")
+    @classmethod
+    def _known_method(cls, value: object) -> object:
+        *names, last = (repr(name) for name in (AUTO, *ESTIMATORS))
+        if value != AUTO and value not in ESTIMATORS:
+            expected = f"Input should be {', '.join(names)} or {last}"
+            raise PydanticCustomError("literal_error", "{expected}", {"expected": expected})
+        return value
+
+    @model_validator(mode="after")
+    def _engine_fits(self) -> "EstimatorConfig":
+        if self.engine == "filterpy" and self.method != "kf-imm":
+            raise ValueError("engine 'filterpy' has Kalman filters only; set method = 'kf-imm'")
+        return self
+
+
+class HealthConfig(Table):
+    """`[health]`: limits of the axis condition, in percent of the fresh screw's preload."""
+
+    warning_percent_of_fresh: float = Field(60.0, gt=0.0, le=100.0)
+    fault_percent_of_fresh: float = Field(30.0, gt=0.0, le=100.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "HealthConfig":
+        if self.fault_percent_of_fresh >= self.warning_percent_of_fresh:
+            raise ValueError("fault_percent_of_fresh must lie below warning_percent_of_fresh")
+        return self
+
+
+class AxisConfig(Table):
+    """`[[axes]]`: one axis, its machine file and its driver."""
+
+    name: str
+    machine: Path = DEFAULT_MACHINE
+    driver: str = "simulated"
+    settings: dict[str, Any] = {}
+
+    @field_validator("name")
+    @classmethod
+    def _key_part(cls, value: str) -> str:
+        return check_part(value)
+
+
+class EdgeConfig(Table):
+    """The whole configuration file."""
+
+    service: ServiceConfig = ServiceConfig()
+    bus: BusConfig = BusConfig()
+    http: HttpConfig = HttpConfig()
+    downsample: DownsampleConfig = DownsampleConfig()
+    estimator: EstimatorConfig = EstimatorConfig()
+    health: HealthConfig = HealthConfig()
+    mqtt: MqttConfig | None = None
+    opcua: OpcuaConfig | None = None
+    mtconnect: MtconnectConfig | None = None
+    vibration: VibrationConfig | None = None
+    alarms: AlarmsConfig = AlarmsConfig()
+    webhook: WebhookConfig = WebhookConfig()
+    email: EmailConfig = EmailConfig()
+    history: HistoryConfig = HistoryConfig()
+    jobs: JobsConfig = JobsConfig()
+    axes: tuple[AxisConfig, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _unique_axes(self) -> "EdgeConfig":
+        names = [axis.name for axis in self.axes]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"axes: two axes are named {name!r}")
+        return self
+
+    @model_validator(mode="after")
+    def _guarded(self) -> "EdgeConfig":
+        opcua = self.opcua
+        if opcua and not is_loopback(opcua.host) and self.http.tokens_file is None:
+            raise ValueError("opcua.host: beyond loopback it needs the [http] tokens_file")
+        return self
+
+    @property
+    def keys(self) -> MachineKeys:
+        """Keys of this machine on the bus."""
+        return MachineKeys(self.service.site, self.service.machine)
