@@ -67,14 +67,6 @@ class Answer(BaseModel):
     )
 
 
-class OfFreshAnswer(Answer):
-    """Preload in percent of the fresh screw's, with its interval."""
-
-    value: float
-    low: float | None
-    high: float | None
-
-
 class PreloadAnswer(Answer):
     """Preload of one axis; numbers are null unless the status is `estimated`."""
 
@@ -88,7 +80,7 @@ class PreloadAnswer(Answer):
     low: float | None = Field(description="Lower bound of the interval, percent.")
     high: float | None = Field(description="Upper bound of the interval, percent.")
     level: float = Field(description="Probability that the interval aims to hold the truth.")
-    of_fresh: OfFreshAnswer | None = Field(
+    of_fresh: Interval | None = Field(
         default=None, description="The same in percent of the fresh screw's preload."
     )
     preload_n: float | None = Field(description="Preload, N.")

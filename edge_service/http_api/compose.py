@@ -7,6 +7,7 @@ from typing import Any
 from ..health.model_watch.live_features import LivePoint
 from ..health.service_state import ServiceState
 from ..health.stroke import StrokeBand
+from ..messages.answer import of_fresh
 from ..messages.estimate import PreloadEstimate
 from ..messages.samples import Floats
 from ..messages.trend import FrictionCurve
@@ -17,7 +18,6 @@ from .answers import (
     HealthAnswer,
     HistoryAnswer,
     LimitsAnswer,
-    OfFreshAnswer,
     PreloadAnswer,
     ServiceAnswer,
 )
@@ -47,20 +47,9 @@ def preload_answer(state: ServiceState, axis: str, now_ns: int) -> PreloadAnswer
     members: dict[str, Any] = {name: getattr(estimate, name) for name in _OF_ESTIMATE}
     members |= {"condition": health.condition, "measured_at": reading.measured_ns}
     members |= {"reasons": _together(health.reasons, estimate.reasons), "age_s": reading.age_s}
-    return PreloadAnswer(axis=axis, of_fresh=_of_fresh(state, axis, estimate), **members)
-
-
-def _of_fresh(state: ServiceState, axis: str, estimate: PreloadEstimate) -> OfFreshAnswer | None:
-    limits, percent = state.limits(axis), estimate.preload_percent
-    if limits is None or percent is None:
-        return None
-    share = 100.0 / limits.fresh_percent
-    low, high = estimate.low, estimate.high
-    return OfFreshAnswer(
-        value=share * percent,
-        low=None if low is None else share * low,
-        high=None if high is None else share * high,
-    )
+    limits = state.limits(axis)
+    fresh = of_fresh(estimate, None if limits is None else limits.fresh_percent)
+    return PreloadAnswer(axis=axis, of_fresh=fresh, **members)
 
 
 def _together(earlier: Sequence[str], present: Sequence[str]) -> list[str]:

@@ -32,15 +32,7 @@ class AxisAnswer:
     @property
     def of_fresh(self) -> Interval | None:
         """Preload in percent of the fresh screw's; None where there is no number."""
-        said = self.estimate
-        if said.status is not EstimateStatus.ESTIMATED or not self.fresh_percent:
-            return None
-        if said.preload_percent is None or said.low is None or said.high is None:
-            return None
-        share = 100.0 / self.fresh_percent
-        return Interval(
-            value=said.preload_percent * share, low=said.low * share, high=said.high * share
-        )
+        return of_fresh(self.estimate, self.fresh_percent)
 
     @property
     def advice(self) -> Advice | None:
@@ -56,3 +48,14 @@ class AxisAnswer:
         if first.now:
             return self.health.since_time_ns
         return None if first.due is None else first.due.likely_ns or first.due.earliest_ns
+
+
+def of_fresh(estimate: PreloadEstimate, fresh_percent: float | None) -> Interval | None:
+    """Preload of an estimate in percent of the fresh screw's; None where there is no number."""
+    percent, low, high = estimate.preload_percent, estimate.low, estimate.high
+    if estimate.status is not EstimateStatus.ESTIMATED or not fresh_percent:
+        return None
+    if percent is None or low is None or high is None:
+        return None
+    share = 100.0 / fresh_percent
+    return Interval(value=percent * share, low=low * share, high=high * share)

@@ -8,6 +8,7 @@ from ..bus.session import Bus
 from ..bus.subscriber import Subscriber
 from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
+from ..messages.printed import printed
 from ..messages.topics import PRELOAD
 from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
 from ..nodes.wiring.bus_rights import router_settings
@@ -82,7 +83,9 @@ def _summary(axis: str, count: int, last: PreloadEstimate | None) -> list[str]:
         return [f"axis {axis}: the recording gave no interval"]
     lines = [f"axis {axis}: {count} estimates, status {last.status.value} at {last.time_s:.1f} s"]
     if last.preload_percent is not None:
-        lines.append(f"preload {last.preload_percent:.2f} % ({last.low:.2f} to {last.high:.2f})")
+        assert last.low is not None and last.high is not None
+        value, low, high = printed(last.preload_percent, last.low, last.high, 2)
+        lines.append(f"preload {value} % ({low} to {high})")
     if last.drag_torque_nm is not None:
         drag = last.drag_torque_nm
         lines.append(f"drag torque {drag.value:.3e} N m ({drag.low:.3e} to {drag.high:.3e})")

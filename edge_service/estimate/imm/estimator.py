@@ -237,7 +237,7 @@ class ImmPreloadEstimator:
         return np.asarray(durations @ np.array([p for _, p in self._now.recent]) / durations.sum())
 
     def _percent_interval(self, percent: float) -> tuple[float, float]:
-        """95 % interval that holds both the bank's reading and the drag filter's.
+        """95 % interval around both the bank's reading and the drag filter's.
 
         The bank reads between its levels by weighing them, which its own spread does not measure;
         the drag filter's error is known, with what is unknown of drag per percent and of the drag
@@ -251,7 +251,7 @@ class ImmPreloadEstimator:
         scale_sigma = direct * float(np.hypot(drag.tolerance, preload.tolerance))
         drag_sigma = float(np.hypot(self._drag.sigma_nm, other.sigma)) / self._per_percent
         reach = TWO_SIDED_95 * float(np.hypot(scale_sigma, drag_sigma))
-        low, high = min(percent, direct - reach), max(percent, direct + reach)
+        low, high = min(percent, direct) - reach, max(percent, direct) + reach
         return max(0.0, low), max(0.0, high)
 
     def _drag_interval(self) -> Interval:

@@ -2,7 +2,7 @@
 
 import { headlineWords, reasonsOf, whatChanged, whatToDo } from "./advice.js";
 import { byId, element, list, refill, svg, symbol, write } from "./dom.js";
-import { between, clock, lasting, number } from "./format.js";
+import { clock, lasting, number, printed } from "./format.js";
 import { headlineOf, levelOf, levelWords } from "./level.js";
 import { t } from "./strings.js";
 
@@ -73,12 +73,13 @@ function renderReading(limits, reading) {
   const percent = reading?.preload_percent ?? null;
   const { value, low, high } = reading?.of_fresh ?? { value: percent, low: reading?.low, high: reading?.high };
   const digits = limits ? 0 : 2;
-  write(parts.value, percent === null ? t("no_value") : number(value, digits));
+  const isSure = percent !== null && low !== null && high !== null;
+  const shown = isSure ? printed({ value, low, high }, digits) : null;
+  write(parts.value, percent === null ? t("no_value") : (shown?.value ?? number(value, digits)));
   parts.value.classList.toggle("none", percent === null);
   parts.unit.hidden = percent === null;
   write(parts.unit, t(limits ? "unit.fresh" : "unit.rating"));
-  const isSure = percent !== null && low !== null && high !== null;
-  write(parts.sure, percent === null ? "" : isSure ? t("answer.sure", { level: number(100 * reading.level), bounds: between(low, high, digits) }) : t("answer.unsure"));
+  write(parts.sure, percent === null ? "" : isSure ? t("answer.sure", { level: number(100 * reading.level), bounds: shown.bounds }) : t("answer.unsure"));
   write(parts.share, !limits ? t("answer.no_limits") : percent === null ? t("answer.fresh", { fresh: number(limits.fresh_percent, 2) }) : t("answer.rating", { n: number(percent, 2), fresh: number(limits.fresh_percent, 2) }));
 }
 

@@ -24,5 +24,14 @@ export function lasting(seconds) {
 // Percent of the fresh screw, from percent of the load rating.
 export const ofFresh = (percent, limits) => (100 * percent) / limits.fresh_percent;
 
-// "45 to 53 %" where the bounds are known.
-export const between = (low, high, digits = 0) => t("between", { low: number(low, digits), high: number(high, digits) });
+// A value and its bounds, "45 to 53 %": bounds are rounded outwards, with as many digits as keep the value off them.
+export function printed({ value, low, high }, digits = 0) {
+  const rounded = (more) => {
+    const [least, most] = [Math.floor(Number((low * 10 ** more).toFixed(6))), Math.ceil(Number((high * 10 ** more).toFixed(6)))];
+    return [Math.min(Math.max(Math.round(value * 10 ** more), least), most), least, most];
+  };
+  const isOff = ([middle, least, most]) => least < middle && middle < most;
+  const used = [0, 1, 2, 3].map((more) => digits + more).find((more) => isOff(rounded(more))) ?? digits;
+  const [middle, least, most] = rounded(used).map((each) => number(each / 10 ** used, used));
+  return { value: middle, bounds: t("between", { low: least, high: most }) };
+}

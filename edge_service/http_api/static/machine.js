@@ -3,7 +3,7 @@
 import { crossing } from "./advice.js";
 import { renderAlarmList } from "./alarms.js";
 import { byId, element, fetchJson, refill, svg, symbol } from "./dom.js";
-import { between, lasting, number, ofFresh } from "./format.js";
+import { lasting, ofFresh, printed } from "./format.js";
 import { alarmsOfAll, headlineOf, levelOf, levelWords, openAlarms, worstFirst } from "./level.js";
 import { addressOf } from "./route.js";
 import { locale, named, t } from "./strings.js";
@@ -51,15 +51,13 @@ function renderHeadline(sorted, isServiceDown) {
 function rowText(state, shared) {
   const { preload, connected, axis } = state;
   const share = connected ? preload?.of_fresh : null;
-  const round = (value) => (value == null ? null : Math.round(value));
   const alarms = openAlarms(state).filter((alarm) => alarm.alarm !== "service" || !shared.has(alarm.message));
   return {
     axis,
     level: levelOf(state),
     words: levelWords(state),
-    value: round(share?.value),
-    low: round(share?.low),
-    high: round(share?.high),
+    share: share ? { value: Math.round(share.value), low: Math.round(share.low), high: Math.round(share.high) } : null,
+    shown: share ? printed(share) : null,
     limit: limitText(state),
     alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)).join(", ") : t(shared.size ? "machine.alarms.own_none" : "machine.alarms.none"),
     hasAlarm: alarms.length > 0,
@@ -78,25 +76,25 @@ function limitText({ health, condition }) {
 }
 
 function rowNode(state, row) {
-  const sure = row.low === null || row.high === null ? "" : between(row.low, row.high);
   return element("a", { href: addressOf(row.axis), class: "axis-row", "data-level": row.level },
     element("span", { class: "axis-name" }, symbol(row.level), element("b", {}, row.axis), element("span", { class: "badge" }, row.words)),
-    element("span", { class: "axis-value" }, row.value === null ? t("no_value") : t("of_fresh", { n: number(row.value) }), element("small", { class: "quiet" }, sure)),
+    element("span", { class: "axis-value" }, row.shown ? t("of_fresh", { n: row.shown.value }) : t("no_value"), element("small", { class: "quiet" }, row.shown?.bounds ?? "")),
     barNode(row, state.limits),
     weekNode(row),
     element("span", { class: "axis-limit" }, row.limit),
     element("span", { class: "axis-alarms", "data-any": String(row.hasAlarm) }, row.alarms));
 }
 
-function barNode({ value, low, high }, limits) {
+function barNode({ share }, limits) {
   const node = svg("svg", { class: "axis-bar", viewBox: "0 0 100 14", preserveAspectRatio: "none", "aria-hidden": "true" });
   if (!limits) return node;
   const x = (percent) => (100 * Math.min(Math.max(percent, 0), TOP_PERCENT)) / TOP_PERCENT;
   const zone = (name, from, to) => svg("rect", { x: x(from), width: x(to) - x(from), y: 4, height: 6, class: `zone ${name}` });
   const [fault, warning] = [ofFresh(limits.fault_percent, limits), ofFresh(limits.warning_percent, limits)];
   node.append(zone("fault", 0, fault), zone("warning", fault, warning), zone("normal", warning, TOP_PERCENT));
-  if (value === null) return node;
-  node.append(svg("rect", { x: x(low ?? value), width: Math.max(x(high ?? value) - x(low ?? value), 1), y: 2, height: 10, class: "spread" }), svg("rect", { x: x(value) - 0.5, width: 1, y: 0, height: 14, class: "needle" }));
+  if (!share) return node;
+  const { value, low, high } = share;
+  node.append(svg("rect", { x: x(low), width: Math.max(x(high) - x(low), 1), y: 2, height: 10, class: "spread" }), svg("rect", { x: x(value) - 0.5, width: 1, y: 0, height: 14, class: "needle" }));
   return node;
 }
 

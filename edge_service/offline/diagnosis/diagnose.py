@@ -19,6 +19,8 @@ from ...diagnose.selection.observability import unobservable
 from ...diagnose.session.data_check import check_data
 from ...diagnose.session.session import TORQUE_GAP, Session
 from ...diagnose.session.twin import rigid_baseline
+from ...diagnose.validation.shrink import Shrink
+from ...messages.printed import printed
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
@@ -176,6 +178,11 @@ def _write(out: Path, document: dict[str, Any], augmented: str, page: str) -> No
             file.write(content)
 
 
+def _shrink(each: Shrink) -> str:
+    value, low, high = printed(100.0 * each.estimate, 100.0 * each.low, 100.0 * each.high)
+    return f"{value} % ({low} to {high})"
+
+
 def _summary(found: Diagnosis, out: Path) -> str:
     lines = [f"verdict: {found.verdict.value}"]
     lines += [
@@ -185,8 +192,7 @@ def _summary(found: Diagnosis, out: Path) -> str:
     ]
     lines += [
         f"{each.name}: probability {each.probability:.3f}, shrinks {each.channel} by "
-        f"{100.0 * each.shrink.estimate:.0f} % "
-        f"({100.0 * each.shrink.low:.0f} to {100.0 * each.shrink.high:.0f})"
+        f"{_shrink(each.shrink)}"
         for each in found.effects
     ]
     lines += [f"but {each}" for each in found.caveats]

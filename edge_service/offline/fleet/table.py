@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ...messages.health import AxisCondition
+from ...messages.printed import printed
 from ..answer import Document
 from .rows import WORST_FIRST, FleetRow, days_until, worst
 
@@ -106,7 +107,8 @@ def _preload(row: FleetRow) -> str:
         return "-"
     if row.low is None or row.high is None:
         return f"{row.preload_percent:.2f}"
-    return f"{row.preload_percent:.2f} ({row.low:.2f} to {row.high:.2f})"
+    value, low, high = printed(row.preload_percent, row.low, row.high, 2)
+    return f"{value} ({low} to {high})"
 
 
 def _limit(row: FleetRow, now: datetime | None) -> str:

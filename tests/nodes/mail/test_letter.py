@@ -111,13 +111,13 @@ def answer(status: EstimateStatus = EstimateStatus.ESTIMATED) -> AxisAnswer:
         (
             "en",
             "hall/mill, axis X: The preload is lost, or nearly so.",
-            "27 % of fresh, 95 % sure: 24 to 31 %",
+            "27 % of fresh, 95 % sure: 23 to 31 %",
             "What to do: Replace or readjust the nut",
         ),
         (
             "de",
             "hall/mill, Achse X: Die Vorspannung ist ganz oder fast verloren.",
-            "27 % von neu, zu 95 % sicher: 24 bis 31 %",
+            "27 % von neu, zu 95 % sicher: 23 bis 31 %",
             "Was zu tun ist: ",
         ),
     ],

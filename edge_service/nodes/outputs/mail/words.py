@@ -6,6 +6,7 @@ from ....http_api.words import words_in
 from ....messages.advice import Level
 from ....messages.answer import AxisAnswer
 from ....messages.event import Event
+from ....messages.printed import printed
 
 
 class Words:
@@ -47,11 +48,12 @@ class Words:
         interval = None if answer is None else answer.of_fresh
         if answer is None or interval is None:
             return self("headline.unavailable")
-        bounds = self("between", low=f"{interval.low:.0f}", high=f"{interval.high:.0f}")
+        value, low, high = printed(interval.value, interval.low, interval.high)
+        bounds = self("between", low=low, high=high)
         sure = self("answer.unsure")
         if answer.estimate.level is not None:
             sure = self("answer.sure", level=f"{100.0 * answer.estimate.level:.0f}", bounds=bounds)
-        return f"{self('of_fresh', n=f'{interval.value:.0f}')}, {sure}"
+        return f"{self('of_fresh', n=value)}, {sure}"
 
     def tasks(self, answer: AxisAnswer | None) -> list[str]:
         """Tasks in words, the most urgent first, each with its date and what goes with it."""
