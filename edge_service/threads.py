@@ -30,7 +30,7 @@ class Threads:
         self._alive = self._busy = 0
 
     async def run(self, work: Callable[Given, T], *args: Given.args, **kwargs: Given.kwargs) -> T:
-        """What the work returns or raises. Being cancelled leaves a thread at work."""
+        """Result of the work, or its error. Being cancelled leaves a thread at work."""
         done: Future[T] = Future()
         with self._changed:
             self._waiting.append((partial(work, *args, **kwargs), done))

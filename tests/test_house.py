@@ -378,3 +378,33 @@ def test_a_circle_of_folders_is_found() -> None:
         TopologicalSorter(folder_graph(graph)).prepare()
     graph["room.a.c.three"] = {"room.a.five"}
     TopologicalSorter(folder_graph(graph)).prepare()
+
+
+ASKING = re.compile(r"(what|whether|how|which|when|why|who|whose|where)\b", re.IGNORECASE)
+
+
+def questions(tree: ast.AST) -> list[str]:
+    """First lines of docstrings, also of constants and attributes, that begin as a question."""
+    texts = [
+        node.value.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    ]
+    return [text.splitlines()[0] for text in texts if ASKING.match(text)]
+
+
+def test_no_docstring_begins_as_a_question() -> None:
+    found = {
+        path.relative_to(ROOT).as_posix(): asked
+        for path in modules().values()
+        if not path.is_relative_to(ROOT / "tests")
+        if (asked := questions(ast.parse(path.read_text("utf-8"))))
+    }
+    assert found == {}
+
+
+@pytest.mark.parametrize("text", ['"""What it is."""', 'X = 1\n"""How many."""'])
+def test_a_docstring_that_asks_is_found(text: str) -> None:
+    assert questions(ast.parse(text))

@@ -42,7 +42,7 @@ class _Axes:
         self._store = None if folder is None else EstimateStore(folder, identities)
         self._unwritten: dict[str, Kept] = {}
         self.problem = ""
-        """Why states cannot be kept now; empty if they are."""
+        """Reason for which states cannot be kept now; empty if they are."""
 
     def _guarded(self, name: str) -> GuardedAxis:
         part = self.parts[name]

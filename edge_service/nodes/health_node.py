@@ -76,7 +76,7 @@ class _Monitors:
         self.announcer = Announcer(self._keep, self._publish)
 
     def problems(self) -> list[str]:
-        """Why what is said is not kept; empty if it is."""
+        """Reason for which nothing is kept of what is said; empty if it is."""
         return [each for each in (self.store.problem, self._diary.problem) if each]
 
     def keep(self) -> None:

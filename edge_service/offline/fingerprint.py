@@ -160,7 +160,7 @@ def _summary(
 
 
 def _against_baseline(changes: Sequence[FigureChange]) -> str:
-    """What changed, or what was compared where nothing did; of the rest nothing is known."""
+    """Names of what changed, or of what was compared where nothing did; the rest is not known."""
     named = ", ".join(plain(change.name) for change in changes if change.changed)
     if named:
         return f"changed against the baseline: {named}"

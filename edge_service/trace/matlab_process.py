@@ -21,7 +21,7 @@ _BROKEN = (
     *(ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, OSError, MemoryError),
     *(NotImplementedError, ArithmeticError, RecursionError, zlib.error, MatReadError),
 )
-"""What loadmat raises on a damaged file."""
+"""Errors that loadmat raises on a damaged file."""
 _AS_CSV = "write it with writetimetable(T, 'x.csv') or writetable(T, 'x.csv')"
 _MOST_COLUMNS = 4096
 

@@ -31,7 +31,7 @@ COMPONENTS: dict[str, dict[str, Any]] = {
     "next_limit": _TEXT | {"name": "Next limit, earliest", "device_class": "timestamp"},
     "problem": {"platform": "binary_sensor", "name": "Problem", "device_class": "problem"},
 }
-"""What Home Assistant is told of an axis, by member of its state."""
+"""Values of an axis for Home Assistant, by member of its state."""
 _OF_PRELOAD = {"preload": "preload_percent", "preload_low": "low", "preload_high": "high"}
 _OF_HEALTH = tuple(name for name in COMPONENTS if name not in _OF_PRELOAD)
 

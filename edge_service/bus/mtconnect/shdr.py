@@ -44,7 +44,7 @@ def values_of(answer: AxisAnswer) -> Values:
 
 
 def changes(before: Values, after: Values) -> Values:
-    """What an agent that knows the values before has to be told."""
+    """Lines that tell the changes to an agent that knows the values before."""
     told = {key: fields for key, fields in after.items() if before.get(key) != fields}
     for name, code in before.keys() - after.keys():
         if code and (name, "") not in after:  # another is active still, and this one is over

@@ -81,7 +81,7 @@ class Spool:
 
     @property
     def problem(self) -> str:
-        """Why the disk takes nothing; "" while it does."""
+        """Reason for which the disk takes nothing; "" while it does."""
         return self._letters.ledger.problem
 
     async def put(self, topic: str, payload: bytes, *, mark: int = 0) -> None:

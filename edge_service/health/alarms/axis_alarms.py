@@ -171,7 +171,7 @@ class AxisAlarms:
         }
 
     def refusal(self, command: Command) -> str:
-        """Why a command would change nothing; empty if it would."""
+        """Reason for which a command would change nothing; empty if it would."""
         if command.action not in ("acknowledge", "shelve", "unshelve"):
             return ""
         if command.alarm is None:

@@ -79,7 +79,7 @@ class AlarmLatch:
             self._alarm = self._alarm.model_copy(update={"message": message})
 
     def refusal(self, action: str) -> str:
-        """Why an action of a person would change nothing; empty if it would."""
+        """Reason for which an action of a person would change nothing; empty if it would."""
         name, alarm = self._kind.value, self._alarm
         if action == "unshelve":
             return "" if self._shelved_until_ns is not None else f"alarm {name} is not shelved"

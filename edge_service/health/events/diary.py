@@ -52,7 +52,7 @@ class Diary:
         head = None if path is None else path.with_name(f"{path.stem}.head.json")
         self._head, self._mended = AuditHead(head, self.note_damage), -1
         self.problem = ""
-        """Why events cannot be kept now; empty if they are."""
+        """Reason for which events cannot be kept now; empty if they are."""
         self.audit_problem = ""
         """Entries that are gone from the audit log, or changed; empty as far as was looked at."""
         self.last_id = max((each.id for each in self._read(tables.NEWEST)), default=0)

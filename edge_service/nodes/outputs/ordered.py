@@ -30,7 +30,7 @@ MOST_WITNESSES = 16
 
 
 Answers = Callable[[str], AxisAnswer | None]
-"""What holds now of an axis; None of one that is not known."""
+"""Answer that holds now of an axis; None of one that is not known."""
 
 
 def jittered(seconds: float) -> asyncio.Timeout:
@@ -61,7 +61,7 @@ class OrderedOutput(ABC):
     LIMIT_S: ClassVar[float]
     """Longest time of one sending."""
     BELIEVED: ClassVar[bool] = False
-    """Whether a refusal for good is believed without trying others."""
+    """True if a refusal for good is believed without trying others."""
 
     def __init__(
         self,

@@ -48,7 +48,7 @@ class WatchStore:
         self.damages: list[tuple[str, str]] = []
         """Axis, and what became of its damaged file."""
         self.problem = ""
-        """Why states cannot be kept now; empty if they are."""
+        """Reason for which states cannot be kept now; empty if they are."""
 
     def load(self, axis: str, make: Callable[[], AxisMonitor]) -> AxisMonitor:
         """The monitor of an axis as it was, or a new one: then a damaged file is set aside."""

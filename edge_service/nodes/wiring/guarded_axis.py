@@ -50,7 +50,7 @@ class GuardedAxis:
         self._sound: Kept | None = None
         self._since_sound = self._blamed = self.resets = 0
         self.problem = ""
-        """Why there is no number; empty while the estimator works."""
+        """Reason for which there is no number; empty while the estimator works."""
 
     def take(self, header: Header, block: FeatureBlock) -> PreloadEstimate:
         """Take the next interval; what is known after it, no number while the estimator fails."""

@@ -172,7 +172,7 @@ def _read(
 
 
 def _nothing(understood: Understanding) -> str:
-    """Why no column serves, in one line."""
+    """Reason for which no column serves, in one line."""
     asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
     return (
         "no column is understood as a position: expected samples of an axis in motion"

@@ -12,7 +12,7 @@ _LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-4, 10.0
 
 @dataclass(frozen=True, slots=True)
 class DataSheet:
-    """What no recording holds; None where the owner has not said it."""
+    """Figures that no recording holds; None where the owner has not said it."""
 
     name: str = "X"
     number: int | None = None

@@ -168,7 +168,7 @@ def _add(archive: ZipFile, path: Path, name: str) -> KeptFile:
 
 
 def _copy_database(path: Path, copy: BinaryIO) -> None:
-    """What a database holds now, also while others write to it."""
+    """Content of a database now, also while others write to it."""
     with tempfile.TemporaryDirectory() as folder:
         whole = Path(folder) / "copy"
         source = f"{path.resolve().as_uri()}?mode=rw"

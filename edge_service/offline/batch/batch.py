@@ -26,7 +26,7 @@ class FailedCase(Document):
 
 
 class BatchDocument(Document):
-    """What came of a batch."""
+    """Outcome of a batch."""
 
     command: str
     cases: int

@@ -20,7 +20,7 @@ from .cases import Case
 
 log = logging.getLogger(__name__)
 _REFUSALS = (ConfigError, TraceError, DiagnosisError, FingerprintError)
-"""What is wrong with a case, in one line."""
+"""Mistake in a case, in one line."""
 
 
 @dataclass(frozen=True, slots=True)

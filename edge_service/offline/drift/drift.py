@@ -40,7 +40,7 @@ class DriftError(ConfigError):
 
 @dataclass(frozen=True, slots=True)
 class DriftReport:
-    """What was compared, and what changed.
+    """Moves that were compared, and what changed.
 
     Attributes:
         axis: its name.

@@ -30,7 +30,7 @@ def place(each: SectionDrift, by: Sequence[str]) -> str:
 
 
 def verdict(sections: Sequence[SectionDrift], by: Sequence[str]) -> str:
-    """What changed, in one sentence, or that nothing did and what was compared."""
+    """Changes in one sentence, or that there were none and what was compared."""
     changed = [
         f"{_short(drift.name)} {_by(drift)} ({place(each, by)})"
         for each in sections

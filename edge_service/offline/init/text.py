@@ -25,7 +25,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class FirstSheet:
-    """What the data sheets of screw and motor say, in SI units; None where it is not known."""
+    """Figures of the data sheets of screw and motor, in SI units; None where not known."""
 
     lead_m: float | None = None
     dynamic_load_rating_n: float | None = None

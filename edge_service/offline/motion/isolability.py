@@ -44,7 +44,7 @@ class IsolableEffect(Document):
 
 
 class Isolability(Document):
-    """What a motion can tell apart; the effects of one class are taken for one another."""
+    """Effects that a motion can tell apart; the effects of one class are taken for one another."""
 
     subject: str
     channels: list[str]

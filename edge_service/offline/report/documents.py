@@ -158,7 +158,7 @@ class WaterfallStep(Document):
 
 
 class Replay(Document):
-    """Whether the recordings could be simulated."""
+    """Possibility of simulating the recordings."""
 
     possible: bool
     reason: str | None

@@ -16,7 +16,7 @@ class Date(Document):
 
 
 class Stage(Document):
-    """What was said after one reading, by limit in percent of fresh."""
+    """Dates stated after one reading, by limit in percent of fresh."""
 
     time_h: float
     percent: float
@@ -25,7 +25,7 @@ class Stage(Document):
 
 
 class Crossing(Document):
-    """When a limit was crossed; null if never."""
+    """Times at which a limit was crossed; null if never."""
 
     first_h: float | None
     last_h: float | None

@@ -29,7 +29,7 @@ class Crossing:
 
 
 def crossing(test: WearTest, limit: float) -> Crossing:
-    """When the drag fell below a limit, percent of fresh; as readings scatter, perhaps twice."""
+    """Times at which the drag fell below a limit, percent of fresh; perhaps two, by scatter."""
     below = test.percent < limit
     first = int(np.argmax(below)) if below.any() else below.size
     last = below.size if not below[-1] else below.size - int(np.argmin(below[::-1]))
@@ -49,7 +49,7 @@ def _between(test: WearTest, after: int, limit: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What was said after one reading.
+    """Dates stated after one reading.
 
     Attributes:
         time_h: when, h from new.

@@ -29,7 +29,7 @@ Dates = dict[float, Date]
 
 
 def trend_dates(seen: WearTest, limits: Sequence[float]) -> Dates:
-    """What the service would say of a screw of which it has seen so much.
+    """Dates that the service would state of a screw of which it has seen so much.
 
     The readings come without an interval; their scatter tells it.
     """
@@ -54,7 +54,7 @@ def _hours(time_ns: int | None) -> float:
 
 
 def line_dates(seen: WearTest, limits: Sequence[float]) -> Dates:
-    """What a straight line over the hours through all readings says: least squares, Student's t.
+    """Dates of a straight line over the hours through all readings: least squares, Student's t.
 
     Like the trend it has no date for a limit that it has passed, or that it may never reach.
     """

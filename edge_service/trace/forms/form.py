@@ -1,4 +1,4 @@
-"""What a module of this folder says of itself: the form that it reads."""
+"""Description by a module of this folder of the form that it reads."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What stands beside the samples of an Industrial Edge recording.
+"""Context beside the samples of an Industrial Edge recording.
 
 As CSV such a recording is three files: `..._hfdata.csv` with columns `NAME|axis`, beside it
 `..._header.csv` (`SignalName,Type,Axis,Address`) and `..._hfblockevent.csv`.
@@ -17,7 +17,7 @@ _LONGEST_HEADER = 1 << 20
 
 @dataclass(slots=True)
 class EdgeContext:
-    """What stands beside the samples.
+    """Context beside the samples.
 
     Attributes:
         period_s: of the count; None where nothing says it.
@@ -41,7 +41,7 @@ class EdgeContext:
 
 
 def context_beside(path: Path) -> EdgeContext:
-    """What the files beside a `hfdata.csv` say; what cannot be read is a remark."""
+    """Content of the files beside a `hfdata.csv`; what cannot be read is a remark."""
     context = EdgeContext()
     for kind, read in ((_HEADER, _read_header), (_EVENTS, _read_events)):
         beside = _beside(path, kind)

@@ -66,7 +66,7 @@ class EdgeRows:
         return samples, whole
 
     def take_text(self) -> dict[str, Text]:
-        """What stood in place of numbers since the last call, by signal."""
+        """Texts that stood in place of numbers since the last call, by signal."""
         text, self._text = self._text, {}
         return text
 
