@@ -1,15 +1,15 @@
 """Means over the phases of steady motion of an interval."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..messages.features import PHASES, Phase
 from ..messages.samples import Floats
+from . import interval_kernels as kernels
 from .interval_rows import IntervalRows
-from .rows import THETA, T, U, X
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +28,16 @@ class PhaseSettings:
     cruise_rad_s2: float = 30.0
     even_share: float = 0.2
 
+    @property
+    def limits(self) -> Floats:
+        """The criteria as the arithmetic takes them, (4,)."""
+        return np.array([self.gate_s, self.min_speed_rad_s, self.cruise_rad_s2, self.even_share])
+
 
 def steady_phases(
     interval: IntervalRows, since_s: Floats, has_table: bool, settings: PhaseSettings
 ) -> dict[str, Any]:
     """Direction and phases of an interval, as fields of FeatureBlock.
-
-    Acceleration is the divided second difference over `reach` rows on either side, which is the
-    mean of the true acceleration under a triangular window; torque goes through the same window.
 
     Args:
         interval: its rows.
@@ -43,54 +45,12 @@ def steady_phases(
         has_table: the linear encoder may be read.
         settings: criteria of steady motion.
     """
-    segment, first, reach = interval.segment, interval.first, interval.reach
-    rows = np.arange(max(first, reach), min(interval.end, len(segment) - reach))
-    if not len(rows):
-        return {}
-    before, here, behind = segment[rows - reach], segment[rows], segment[rows + reach]
-    span = behind[:, T] - before[:, T]
-    half = 0.5 * span
-    speed = (behind[:, THETA] - before[:, THETA]) / span
-    came = (here[:, THETA] - before[:, THETA]) / (here[:, T] - before[:, T])
-    goes = (behind[:, THETA] - here[:, THETA]) / (behind[:, T] - here[:, T])
-    acceleration = (goes - came) / half
-    moving_s = before[:, T] - since_s[rows - first]
-    steady = (moving_s >= settings.gate_s) & (np.abs(speed) >= settings.min_speed_rad_s)
-    steady &= np.abs(here[:, T] - before[:, T] - half) <= settings.even_share * half
-    steady &= (np.sign(came) == np.sign(speed)) & (np.sign(goes) == np.sign(speed))
-    if not steady.any():
-        return {}
-    direction = 1.0 if np.count_nonzero(speed[steady] > 0.0) * 2 >= steady.sum() else -1.0
-    steady &= speed * direction > 0.0
-    torque = _windowed(segment, rows, reach)
-    along = acceleration * direction
-    parts = (
-        along > settings.cruise_rad_s2,
-        np.abs(along) <= settings.cruise_rad_s2,
-        along < -settings.cruise_rad_s2,
+    direction, found = kernels.phases(
+        interval.segment, interval.first, interval.end, interval.reach, since_s, settings.limits
     )
-    period_s = float(np.median(span)) / (2.0 * reach)
-    table = here[:, X] if has_table else np.full(len(rows), np.nan)
-    columns = np.column_stack([torque, acceleration, speed, here[:, THETA], table])
-    phases = {
-        name: Phase(float(np.count_nonzero(chosen)) * period_s, *columns[chosen].mean(axis=0))
-        for name, part in zip(PHASES, parts, strict=True)
-        if (chosen := steady & part).any()
-    }
-    return {"steady_direction": direction, **phases}
-
-
-def _windowed(segment: Floats, rows: npt.NDArray[np.int64], reach: int) -> Floats:
-    """Torque, held from row to row, under the triangular window of the second difference, (n,).
-
-    The window rises from the row `reach` before to the row itself and falls to the row `reach`
-    behind, whether or not they are evenly spaced.
-    """
-    around = rows[:, None] + np.arange(-reach, reach + 1)
-    time_s = segment[around, T]
-    begin, middle, end = time_s[:, :1], time_s[:, reach : reach + 1], time_s[:, -1:]
-    rising = (time_s - begin) ** 2 / ((end - begin) * (middle - begin))
-    falling = 1.0 - (end - time_s) ** 2 / ((end - begin) * (end - middle))
-    below = np.where(time_s <= middle, rising, falling)
-    weights = np.diff(below, axis=1)
-    return np.asarray(np.sum(weights * segment[around[:, :-1], U], axis=1))
+    if direction == 0.0:
+        return {}
+    if not has_table:
+        found[:, -1] = math.nan
+    rows = zip(PHASES, found.tolist(), strict=True)
+    return {"steady_direction": direction} | {name: Phase(*row) for name, row in rows if row[0]}

@@ -1,5 +1,6 @@
 """Sufficient statistics of one interval of contiguous rows."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,14 +12,13 @@ from ..messages.row_faults import (
     MOVED_ANGLE_RAD,
     MOVED_SETPOINT_M,
     STUCK_S,
-    run_starts,
 )
 from ..messages.samples import Floats
+from . import interval_kernels as kernels
 from .channels.channel_check import ChannelCheck
-from .channels.repeats import LEAST_ROWS
 from .interval_rows import IntervalRows
 from .phases import PhaseSettings, steady_phases
-from .rows import FORCE, OMEGA, SET, TEMP, THETA, T, U, X
+from .rows import OMEGA, SET, THETA, T, U
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,14 @@ class PlausibilitySettings:
 
 WILDEST_ANGLE_RAD = 1e8
 WILDEST_TORQUE_NM = 1e5
+_UNKNOWN = (math.nan, math.nan, math.nan)
+_OF_TORQUE = (
+    *("torque_mean_nm", "torque_lever_nm", "torque_min_nm", "torque_max_nm", "torque_std_nm"),
+)
+_OF_MOTION = (
+    *("angle_mean_rad", "speed_min_rad_s", "speed_max_rad_s"),
+    *("direction_mean", "direction_lever", "moving_fraction"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,22 +59,6 @@ class MotionHistory:
 
     direction: float = 0.0  # last known direction of motion, -1, 0 or 1
     moving_since_s: float = np.inf  # start of the unbroken motion; inf at standstill
-
-
-def lever(values: Floats, edges_s: Floats) -> tuple[float, float]:
-    """Mean and lever of a held quantity.
-
-    Args:
-        values: (n,), each held from its edge to the next.
-        edges_s: (n + 1,), s.
-
-    Returns:
-        (1/T) int q dt and (1/T^2) int (T - s) q ds over the interval of length T.
-    """
-    rest = edges_s[-1] - edges_s
-    duration = rest[0]
-    mean = float(values @ -np.diff(rest)) / float(duration)
-    return mean, float(values @ -np.diff(rest**2)) / (2.0 * float(duration) ** 2)
 
 
 def summarise(
@@ -88,34 +80,45 @@ def summarise(
         The block, and the motion history at its end.
     """
     inside = interval.inside
-    edges = inside[:, T]
-    direction = _directions(interval, settings.standstill_speed_rad_s)
-    reversals, after = _follow_motion(direction, edges, history)
+    edges = np.ascontiguousarray(inside[:, T])
+    direction = kernels.directions(
+        interval.segment,
+        interval.first,
+        interval.end,
+        interval.reach,
+        settings.standstill_speed_rad_s,
+    )
+    reversal_count, known = kernels.reversals(direction, history.direction)
+    since_s = kernels.moving_since(direction, edges, history.direction, history.moving_since_s)
     verdict = channels.check(inside, interval.ahead)
     table_fault, table = _table_statistics(inside, verdict.has_table)
     fault |= _faults(interval, settings, channels) | table_fault | verdict.fault
     since = edges[0] - history.moving_since_s if direction[0] == history.direction else 0.0
-    return FeatureBlock(
+    temperature_c, external_force_n = kernels.surroundings(inside)
+    block = FeatureBlock(
         time_s=float(edges[-1]),
         duration_s=float(edges[-1] - edges[0]),
         sample_count=interval.end - interval.first,
         fault=fault,
         **_torque_statistics(inside),
         **_motion_statistics(interval, direction),
-        reversal_count=reversals,
+        reversal_count=reversal_count,
         since_reversal_s=max(0.0, float(since)),
         table_start_m=table[0],
         table_end_m=table[1],
         table_mean_m=table[2],
-        temperature_c=_mean(inside[:-1, TEMP]),
-        external_force_n=_mean(inside[:-1, FORCE]),
+        temperature_c=temperature_c,
+        external_force_n=external_force_n,
         **steady_phases(
             interval,
-            since_s=_moving_since(direction, edges, history),
+            since_s=since_s,
             has_table=not table_fault and verdict.has_stretch,
             settings=settings.phases,
         ),
-    ), after
+    )
+    if direction[-1] == 0.0:
+        return block, MotionHistory(known)
+    return block, MotionHistory(known, float(since_s[-1]))
 
 
 def _faults(
@@ -131,36 +134,18 @@ def _faults(
 
 def _torque_statistics(inside: Floats) -> dict[str, Any]:
     """Statistics of the torque, held from row to row, as fields of FeatureBlock."""
-    torque = inside[:-1, U]
-    mean, moment = lever(torque, inside[:, T])
-    return {
-        "torque_mean_nm": mean,
-        "torque_lever_nm": moment,
-        "torque_min_nm": float(torque.min()),
-        "torque_max_nm": float(torque.max()),
-        "torque_std_nm": float(torque.std()),
-    }
+    return dict(zip(_OF_TORQUE, kernels.torque(inside).tolist(), strict=True))
 
 
 def _motion_statistics(interval: IntervalRows, direction: Floats) -> dict[str, Any]:
     """Statistics of angle, speed and direction, (end - first,), as fields of FeatureBlock."""
     inside = interval.inside
-    edges, theta = inside[:, T], inside[:, THETA]
-    steps, duration = np.diff(edges), float(edges[-1] - edges[0])
-    step_speed = np.diff(theta) / steps
-    direction_mean, direction_lever = lever(direction, edges)
     return {
-        "angle_start_rad": float(theta[0]),
-        "angle_end_rad": float(theta[-1]),
-        "angle_mean_rad": float((theta[1:] + theta[:-1]) @ steps) / (2.0 * duration),
+        "angle_start_rad": float(inside[0, THETA]),
+        "angle_end_rad": float(inside[-1, THETA]),
         "speed_start_rad_s": _speed_at(interval.segment, interval.first),
         "speed_end_rad_s": _speed_at(interval.segment, interval.end),
-        "speed_min_rad_s": float(step_speed.min()),
-        "speed_max_rad_s": float(step_speed.max()),
-        "direction_mean": direction_mean,
-        "direction_lever": direction_lever,
-        "moving_fraction": float((direction != 0.0) @ steps) / duration,
-    }
+    } | dict(zip(_OF_MOTION, kernels.motion(inside, direction).tolist(), strict=True))
 
 
 def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock:
@@ -171,17 +156,6 @@ def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock
     return FeatureBlock(**(unknown | counts | known))
 
 
-def _directions(interval: IntervalRows, standstill: float) -> Floats:
-    """Direction of motion of each row's interval, -1, 0 or 1, from a centred difference."""
-    segment, reach = interval.segment, interval.reach
-    time_s, theta = segment[:, T], segment[:, THETA]
-    rows = np.arange(interval.first, interval.end)
-    before = np.maximum(rows - reach + 1, 0)
-    behind = np.minimum(rows + reach, len(segment) - 1)
-    speed = (theta[behind] - theta[before]) / (time_s[behind] - time_s[before])
-    return np.sign(speed) * (np.abs(speed) > standstill)
-
-
 def _speed_at(segment: Floats, row: int) -> float:
     before, behind = max(row - 1, 0), min(row + 1, len(segment) - 1)
     return float(
@@ -190,73 +164,38 @@ def _speed_at(segment: Floats, row: int) -> float:
     )
 
 
-def _follow_motion(
-    direction: Floats, edges: Floats, history: MotionHistory
-) -> tuple[int, MotionHistory]:
-    """Number of reversals, and the history at the interval's end."""
-    moved = direction[direction != 0.0]
-    known = moved if history.direction == 0.0 else np.concatenate([[history.direction], moved])
-    reversals = int(np.count_nonzero(np.diff(known))) if known.size else 0
-    if direction[-1] == 0.0:
-        return reversals, MotionHistory(float(known[-1]) if known.size else 0.0)
-    broken = np.flatnonzero(direction != direction[-1])
-    if broken.size:
-        since = float(edges[broken[-1] + 1])
-    elif direction[0] == history.direction and np.isfinite(history.moving_since_s):
-        since = history.moving_since_s
-    else:
-        since = float(edges[0])
-    return reversals, MotionHistory(float(direction[-1]), since)
-
-
-def _moving_since(direction: Floats, edges: Floats, history: MotionHistory) -> Floats:
-    """For each row the time at which its unbroken motion began, s; inf at standstill, (n,)."""
-    before = np.concatenate([[history.direction], direction[:-1]])
-    known = direction[0] == history.direction and np.isfinite(history.moving_since_s)
-    starts = np.where(direction != before, edges[:-1], -np.inf)
-    starts[0] = history.moving_since_s if known else edges[0]
-    since = np.maximum.accumulate(starts)
-    return np.where(direction == 0.0, np.inf, since)
-
-
 def _table_statistics(inside: Floats, believed: bool) -> tuple[Fault, tuple[float, float, float]]:
     """Linear encoder at start and end and its mean, m; NaN if missing, holed or not believed."""
-    table = inside[:, X]
-    if not believed or np.isnan(table).any():
-        return Fault.NO_TABLE, (np.nan, np.nan, np.nan)
-    steps = np.diff(inside[:, T])
-    mean = float((table[1:] + table[:-1]) @ steps) / (2.0 * float(steps.sum()))
-    return Fault.NONE, (float(table[0]), float(table[-1]), mean)
+    start, end, mean = kernels.table(inside).tolist() if believed else _UNKNOWN
+    if math.isnan(mean):
+        return Fault.NO_TABLE, _UNKNOWN
+    return Fault.NONE, (start, end, mean)
 
 
 def _wild_steps(rows: Floats, max_speed_rad_s: float) -> Fault:
     """Fault if the angle steps faster than any axis, in or beside the interval."""
-    speed = np.diff(rows[:, THETA]) / np.diff(rows[:, T])
-    return Fault.IMPLAUSIBLE if np.abs(speed).max() > max_speed_rad_s else Fault.NONE
+    return Fault.IMPLAUSIBLE if kernels.fastest_step(rows) > max_speed_rad_s else Fault.NONE
 
 
 def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
     fault = Fault.NONE
     time_s, torque, theta = inside[:, T], inside[:, U], inside[:, THETA]
-    wild = (
-        np.abs(theta).max() > WILDEST_ANGLE_RAD
-        or np.nanmax(np.abs(torque), initial=0.0) > WILDEST_TORQUE_NM
-    )
-    if wild:
+    angle_rad, torque_nm, way_rad, is_missing = kernels.extremes(inside)
+    if angle_rad > WILDEST_ANGLE_RAD or torque_nm > WILDEST_TORQUE_NM:
         fault |= Fault.IMPLAUSIBLE
-    if np.isnan(torque).any():
+    if is_missing:
         fault |= Fault.NO_TORQUE
-    limit = settings.max_torque_nm
-    saturated = limit is not None and np.nanmax(np.abs(torque), initial=0.0) >= LIMIT_SHARE * limit
+    limit_nm = math.inf if settings.max_torque_nm is None else settings.max_torque_nm
+    saturated = torque_nm >= LIMIT_SHARE * limit_nm
     if saturated:
         fault |= Fault.SATURATED
-    if limit is not None and np.nanmax(np.abs(torque), initial=0.0) > 1.5 * limit:
+    if torque_nm > 1.5 * limit_nm:
         fault |= Fault.IMPLAUSIBLE
-    stood_s, stood = _longest_run(theta, time_s)
-    if stood_s >= settings.stuck_s and _others_moved(inside[stood], settings):
+    stood_s, start, stop = kernels.longest_run(theta, time_s)
+    if stood_s >= settings.stuck_s and _others_moved(inside[start:stop], settings):
         fault |= Fault.STUCK | Fault.ANGLE_STUCK
-    torque_stuck = _longest_run(torque, time_s)[0] >= settings.stuck_s and not saturated
-    if torque_stuck and np.ptp(theta) > MOVED_ANGLE_RAD:
+    torque_stuck = kernels.longest_run(torque, time_s)[0] >= settings.stuck_s and not saturated
+    if torque_stuck and way_rad > MOVED_ANGLE_RAD:
         fault |= Fault.STUCK | Fault.TORQUE_STUCK
     return fault
 
@@ -267,17 +206,3 @@ def _others_moved(inside: Floats, settings: PlausibilitySettings) -> bool:
         setpoint = np.ptp(inside[:, SET]) > MOVED_SETPOINT_M
         speed = np.abs(np.mean(inside[:, OMEGA])) > 10.0 * settings.standstill_speed_rad_s
     return bool(setpoint or speed)
-
-
-def _longest_run(values: Floats, time_s: Floats) -> tuple[float, slice]:
-    """Longest time for which one value is repeated, s, and its rows."""
-    edges = np.append(run_starts(values), len(values) - 1)
-    lasting = time_s[np.minimum(edges[1:], len(values) - 1)] - time_s[edges[:-1]]
-    lasting = np.where(np.diff(edges) >= LEAST_ROWS, lasting, 0.0)
-    run = int(np.argmax(lasting))
-    return float(lasting[run]), slice(int(edges[run]), max(int(edges[run + 1]), edges[run] + 1))
-
-
-def _mean(values: Floats) -> float:
-    known = values[~np.isnan(values)]
-    return float(known.mean()) if known.size else np.nan

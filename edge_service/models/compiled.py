@@ -12,7 +12,7 @@ import numba
 from .kernel_cache import KernelCache
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
-_KERNEL_ROOMS = ("models", "estimate")
+_KERNEL_ROOMS = ("models", "downsample", "estimate")
 
 
 def compiled(function: _Function) -> _Function:

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.downsample.statistics import PlausibilitySettings, lever
+from edge_service.downsample.interval_kernels import lever
+from edge_service.downsample.statistics import PlausibilitySettings
 from edge_service.messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.features import Fault, FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame

@@ -6,9 +6,7 @@ import numpy as np
 
 from ...messages.row_faults import run_starts
 from ...messages.samples import Floats
-
-LEAST_ROWS = 4
-"""Rows from which a value counts as repeated; a slow channel holds each for long."""
+from ..interval_kernels import LEAST_ROWS
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,289 @@
+"""Arithmetic over the rows of one interval as machine code: each loop is one call."""
+
+from typing import Any
+
+import numpy as np
+
+from ..messages.samples import Floats
+from ..models.compiled import compiled
+from .rows import FORCE, TEMP, THETA, T, U, X
+
+LEAST_ROWS = 4
+"""Rows from which a value counts as repeated; a slow channel holds each for long."""
+
+
+@compiled
+def lever(values: Floats, edges_s: Floats) -> tuple[float, float]:
+    """Mean and lever of a held quantity.
+
+    Args:
+        values: (n,), each held from its edge to the next.
+        edges_s: (n + 1,), s.
+
+    Returns:
+        (1/T) int q dt and (1/T^2) int (T - s) q ds over the interval of length T.
+    """
+    last, mean, moment = len(edges_s) - 1, 0.0, 0.0
+    for row in range(len(values)):
+        before, after = edges_s[last] - edges_s[row], edges_s[last] - edges_s[row + 1]
+        mean += values[row] * (before - after)
+        moment += values[row] * (before * before - after * after)
+    duration = edges_s[last] - edges_s[0]
+    return mean / duration, moment / (2.0 * duration * duration)
+
+
+@compiled
+def directions(segment: Floats, first: int, end: int, reach: int, standstill: float) -> Floats:
+    """Direction of motion of each row's interval, -1, 0 or 1, from a centred difference.
+
+    Args:
+        segment: (n, 8) rows; those of the interval are [first, end).
+        reach: half width of the difference, rows.
+        standstill: slower than this is 0, rad/s.
+    """
+    found = np.zeros(end - first)
+    for row in range(first, end):
+        before, behind = max(row - reach + 1, 0), min(row + reach, len(segment) - 1)
+        way = segment[behind, THETA] - segment[before, THETA]
+        speed = way / (segment[behind, T] - segment[before, T])
+        if abs(speed) > standstill:
+            found[row - first] = 1.0 if speed > 0.0 else -1.0
+    return found
+
+
+@compiled
+def moving_since(direction: Floats, edges_s: Floats, known: float, since_s: float) -> Floats:
+    """Time at which the unbroken motion of each row began, s; inf at standstill, (n,).
+
+    Args:
+        direction: (n,).
+        edges_s: (n + 1,), beginning of each row and end of the last, s.
+        known: direction before the interval.
+        since_s: beginning of that motion; inf if it is not known.
+    """
+    found = np.empty(len(direction))
+    goes_on = direction[0] == known and np.isfinite(since_s)
+    began_s = since_s if goes_on else edges_s[0]
+    for row in range(len(direction)):
+        if row and direction[row] != direction[row - 1]:
+            began_s = edges_s[row]
+        found[row] = np.inf if direction[row] == 0.0 else began_s
+    return found
+
+
+@compiled
+def reversals(direction: Floats, known: float) -> tuple[int, float]:
+    """Number of reversals, and the last direction of motion; 0 if none is known."""
+    count = 0
+    for each in direction:
+        if each != 0.0:
+            count += known not in (0.0, each)
+            known = each
+    return count, known
+
+
+@compiled
+def motion(inside: Floats, direction: Floats) -> Floats:
+    """Mean angle, least and greatest speed, mean and lever of the direction, share in motion.
+
+    Args:
+        inside: (n + 1, 8).
+        direction: (n,).
+    """
+    rows = len(direction)
+    angle, moving = 0.0, 0.0
+    slowest, fastest = np.inf, -np.inf
+    for row in range(rows):
+        step_s = inside[row + 1, T] - inside[row, T]
+        angle += (inside[row + 1, THETA] + inside[row, THETA]) * step_s
+        speed = (inside[row + 1, THETA] - inside[row, THETA]) / step_s
+        slowest, fastest = min(slowest, speed), max(fastest, speed)
+        if direction[row] != 0.0:
+            moving += step_s
+    duration = inside[rows, T] - inside[0, T]
+    mean, moment = lever(direction, inside[:, T])
+    return np.array([angle / (2.0 * duration), slowest, fastest, mean, moment, moving / duration])
+
+
+@compiled
+def torque(inside: Floats) -> Floats:
+    """Mean, lever, least, greatest and scatter of the torque, held from row to row."""
+    rows = len(inside) - 1
+    values = inside[:rows, U]
+    mean, moment = lever(values, inside[:, T])
+    middle, spread = values.sum() / rows, 0.0
+    for value in values:
+        spread += (value - middle) * (value - middle)
+    return np.array([mean, moment, values.min(), values.max(), np.sqrt(spread / rows)])
+
+
+@compiled
+def table(inside: Floats) -> Floats:
+    """Linear encoder at start and end, and its mean, m; NaN if a row lacks it."""
+    rows, mean = len(inside) - 1, 0.0
+    for row in range(rows):
+        mean += (inside[row + 1, X] + inside[row, X]) * (inside[row + 1, T] - inside[row, T])
+    mean /= 2.0 * (inside[rows, T] - inside[0, T])
+    if np.isnan(mean):
+        return np.full(3, np.nan)
+    return np.array([inside[0, X], inside[rows, X], mean])
+
+
+@compiled
+def surroundings(inside: Floats) -> tuple[float, float]:
+    """Mean temperature and external force of the rows that have them; NaN if none does."""
+    return _mean_known(inside, TEMP), _mean_known(inside, FORCE)
+
+
+@compiled
+def _mean_known(inside: Floats, column: int) -> float:
+    known, total = 0, 0.0
+    for row in range(len(inside) - 1):
+        if not np.isnan(inside[row, column]):
+            known, total = known + 1, total + inside[row, column]
+    return total / known if known else np.nan
+
+
+@compiled
+def fastest_step(rows: Floats) -> float:
+    """Greatest speed between two rows (n, 8), rad/s."""
+    found = 0.0
+    for row in range(1, len(rows)):
+        way = abs(rows[row, THETA] - rows[row - 1, THETA])
+        found = max(found, way / (rows[row, T] - rows[row - 1, T]))
+    return found
+
+
+@compiled
+def extremes(inside: Floats) -> tuple[float, float, float, bool]:
+    """Greatest angle and torque in size, way of the angle, and whether a torque is missing."""
+    angle, torque_nm, missing = 0.0, 0.0, False
+    low, high = np.inf, -np.inf
+    for row in range(len(inside)):
+        theta = inside[row, THETA]
+        angle, low, high = max(angle, abs(theta)), min(low, theta), max(high, theta)
+        if np.isnan(inside[row, U]):
+            missing = True
+        else:
+            torque_nm = max(torque_nm, abs(inside[row, U]))
+    return angle, torque_nm, high - low, missing
+
+
+@compiled
+def longest_run(values: Floats, time_s: Floats) -> tuple[float, int, int]:
+    """Longest time for which one value is repeated, s; its first row and the one behind it.
+
+    Args:
+        values: (n,).
+        time_s: (n,).
+    """
+    longest_s, start, stop, begun, last = 0.0, 0, 1, 0, len(values) - 1
+    for row in range(1, len(values)):
+        ends = values[row] - values[row - 1] != 0.0
+        if not ends and row < last:
+            continue
+        if row - begun >= LEAST_ROWS and time_s[row] - time_s[begun] > longest_s:
+            longest_s, start, stop = time_s[row] - time_s[begun], begun, row
+        begun = row
+    return longest_s, start, max(stop, start + 1)
+
+
+@compiled
+def phases(
+    segment: Floats, first: int, end: int, reach: int, since_s: Floats, limits: Floats
+) -> Any:
+    """Direction of the steady rows, and time and means of each phase.
+
+    Acceleration is the divided second difference over `reach` rows on either side, which is the
+    mean of the true acceleration under a triangular window; torque goes through the same window.
+
+    Args:
+        segment: (n, 8) rows; those of the interval are [first, end).
+        since_s: (end - first,), when the motion of each row began, s; inf at standstill.
+        limits: of steady motion: gate s, least speed rad/s, cruise rad/s^2, evenness.
+
+    Returns:
+        Direction, 0 if no row is steady, and (3, 6): accelerating, cruising, braking, each with
+        its time s and the means of torque, acceleration, speed, angle and table.
+    """
+    begin, stop = max(first, reach), min(end, len(segment) - reach)
+    sums = np.zeros((3, 6))
+    count = max(stop - begin, 0)
+    spans, steady = np.empty(count), np.zeros(count)
+    forward, backward = 0, 0
+    for row in range(begin, stop):
+        before, behind = segment[row - reach], segment[row + reach]
+        span = behind[T] - before[T]
+        spans[row - begin] = span
+        is_steady = _is_steady(before, segment[row], behind, since_s[row - first], limits)
+        steady[row - begin] = is_steady
+        forward, backward = forward + (is_steady > 0.0), backward + (is_steady < 0.0)
+    if forward + backward == 0:
+        return 0.0, sums
+    direction = 1.0 if forward >= backward else -1.0
+    for row in range(begin, stop):
+        if steady[row - begin] == direction:
+            _add_steady(sums, segment, row, reach, direction, limits[2])
+    for part in range(3):
+        if sums[part, 0] > 0.0:
+            rows = sums[part, 0]
+            sums[part, 1:] /= rows
+            sums[part, 0] = rows * np.median(spans) / (2.0 * reach)
+    return direction, sums
+
+
+@compiled
+def _is_steady(
+    before: Floats, here: Floats, behind: Floats, since_s: float, limits: Floats
+) -> float:
+    """Direction of a row that moves steadily, -1 or 1; else 0."""
+    span = behind[T] - before[T]
+    speed = (behind[THETA] - before[THETA]) / span
+    came = (here[THETA] - before[THETA]) / (here[T] - before[T])
+    goes = (behind[THETA] - here[THETA]) / (behind[T] - here[T])
+    uneven = abs(here[T] - before[T] - 0.5 * span) > limits[3] * 0.5 * span
+    slow = not abs(speed) >= limits[1]
+    if uneven or slow or not before[T] - since_s >= limits[0]:
+        return 0.0
+    sign = 1.0 if speed > 0.0 else -1.0
+    return sign if came * sign > 0.0 and goes * sign > 0.0 else 0.0
+
+
+@compiled
+def _add_steady(
+    sums: Floats, segment: Floats, row: int, reach: int, direction: float, cruise: float
+) -> None:
+    """Add a row to the sums of its phase; the first column counts."""
+    before, here, behind = segment[row - reach], segment[row], segment[row + reach]
+    span = behind[T] - before[T]
+    came = (here[THETA] - before[THETA]) / (here[T] - before[T])
+    goes = (behind[THETA] - here[THETA]) / (behind[T] - here[T])
+    acceleration = (goes - came) / (0.5 * span)
+    along = acceleration * direction
+    part = 0 if along > cruise else (2 if along < -cruise else 1)
+    sums[part, 0] += 1.0
+    sums[part, 1] += _windowed(segment, row, reach)
+    sums[part, 2] += acceleration
+    sums[part, 3] += (behind[THETA] - before[THETA]) / span
+    sums[part, 4] += here[THETA]
+    sums[part, 5] += here[X]
+
+
+@compiled
+def _windowed(segment: Floats, row: int, reach: int) -> float:
+    """Torque, held from row to row, under the triangular window of the second difference.
+
+    The window rises from the row `reach` before to the row itself and falls to the row `reach`
+    behind, whether or not they are evenly spaced.
+    """
+    begin, middle, end = segment[row - reach, T], segment[row, T], segment[row + reach, T]
+    total, below = 0.0, 0.0
+    for each in range(row - reach, row + reach):
+        time_s = segment[each + 1, T]
+        if time_s <= middle:
+            after = (time_s - begin) ** 2 / ((end - begin) * (middle - begin))
+        else:
+            after = 1.0 - (end - time_s) ** 2 / ((end - begin) * (end - middle))
+        total += (after - below) * segment[each, U]
+        below = after
+    return total
