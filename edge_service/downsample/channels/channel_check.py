@@ -13,7 +13,8 @@ from ...messages.features import Fault
 from ...messages.samples import Floats
 from ...messages.stored import Packed, Stored
 from ..rows import THETA, T, U, X
-from .agreement import Agreement, AgreementState, Chunk, Roughness, chunks_of, rests
+from .agreement import Agreement, AgreementState, Roughness
+from .agreement_kernels import RESTING_RAD_S, SPEED, pieces_of
 from .channel_limits import ChannelLimits
 from .encoder_resolution import EncoderResolution
 from .repeats import OpenRun, followed, standing
@@ -181,8 +182,8 @@ class ChannelCheck:
             self._agreement.interrupt()
             return self._verdict(Fault.NONE, has_stretch=False)
         limits, resolution, table = self._limits, self._resolution, inside[:, X]
-        pieces = chunks_of(inside, limits)
-        speed_m_s = max(abs(piece.speed_m_s) for piece in pieces)
+        pieces = pieces_of(inside, limits.ratio_m_per_rad, limits.skew_s)
+        speed_m_s = float(np.abs(pieces[:, SPEED]).max())
         resolution_m, stretch_m = resolution.run_m(speed_m_s), limits.stretch_m(span_nm)
         coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
         angle_m = standing(way, table, 1.0, self._runs.angle).caught_up_m
@@ -199,7 +200,7 @@ class ChannelCheck:
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
         rough = Roughness(resolution.noise_m, resolution.lag_s(period_s), span_nm)
         pushed = self._agreement.closed
-        parted_m = self._parted(pieces, rough)
+        parted_m = self._agreement.parted_m(pieces, rough)
         hidden_m = stretch_m + (0.0 if pushed and self._agreement.closed else limits.play_m)
         if stands.caught_up_m > max(hidden_m, limits.periodic_m) + coarse_m:
             return self._fail(Fault.TABLE_STUCK)
@@ -211,17 +212,11 @@ class ChannelCheck:
             self._agreed(inside, way, pieces, rough)
         return self._verdict(Fault.NONE, has_stretch=not suspect)
 
-    def _parted(self, pieces: list[Chunk], rough: Roughness) -> float:
-        for piece in pieces:
-            if (parted_m := self._agreement.parted_m(piece, rough)) > 0.0:
-                return parted_m
-        return 0.0
-
-    def _agreed(self, inside: Floats, way: Floats, pieces: list[Chunk], rough: Roughness) -> None:
+    def _agreed(self, inside: Floats, way: Floats, pieces: Floats, rough: Roughness) -> None:
         """Learn from an interval in which nothing is wrong."""
-        speeds = np.array([piece.speed_m_s for piece in pieces])
+        speeds = pieces[:, SPEED]
         turn_m = 2.0 * np.pi * self._limits.ratio_m_per_rad
-        moving = np.array([not rests(piece, self._limits) for piece in pieces])
+        moving = np.abs(speeds) > RESTING_RAD_S * self._limits.ratio_m_per_rad
         one_way = bool(moving.all()) and bool((speeds[0] * speeds > 0.0).all())
         duration_s = float(inside[-1, T] - inside[0, T])
         self._resolution.learn(inside[:, X], way, duration_s if one_way else 0.0)

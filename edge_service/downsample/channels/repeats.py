@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.row_faults import run_starts
 from ...messages.samples import Floats
+from ...models.compiled import compiled
 from ..interval_kernels import LEAST_ROWS
 
 
@@ -45,17 +45,39 @@ def standing(values: Floats, other_m: Floats, unit_m: float, before: OpenRun) ->
         unit_m: way of the axis per unit of `values`.
         before: run in which the earlier rows end.
     """
-    starts = run_starts(values)
-    rows = np.diff(np.concatenate([starts, [len(values)]]))
-    low, high = np.minimum.reduceat(other_m, starts), np.maximum.reduceat(other_m, starts)
-    if values[0] == before.value:
-        rows[0] += before.rows
-        low[0], high[0] = min(low[0], before.low_m), max(high[0], before.high_m)
-    way = np.where(rows >= LEAST_ROWS, high - low, 0.0)
-    leap = np.append(np.abs(np.diff(values[starts])) * unit_m, np.inf)
-    caught_up = way[leap > 0.5 * way]
-    open_m = float(high[-1] - low[-1]) if rows[-1] > 1 else 0.0
-    return Standing(float(caught_up.max(initial=0.0)), open_m)
+    caught_up_m, open_m = _caught_up(
+        values, other_m, unit_m, before.value, before.rows, before.low_m, before.high_m
+    )
+    return Standing(caught_up_m, open_m)
+
+
+@compiled
+def _caught_up(
+    values: Floats,
+    other_m: Floats,
+    unit_m: float,
+    value: float,
+    earlier: int,
+    low_m: float,
+    high_m: float,
+) -> tuple[float, float]:
+    """See `standing`; `earlier` rows of `value` came before, the other within its reach."""
+    caught_up_m, count = 0.0, len(values)
+    rows, low, high = 0, np.inf, -np.inf
+    if values[0] == value:
+        rows, low, high = earlier, low_m, high_m
+    for row in range(count):
+        rows += 1
+        low, high = min(low, other_m[row]), max(high, other_m[row])
+        if row + 1 < count and values[row + 1] - values[row] == 0.0:
+            continue
+        way_m = high - low if rows >= LEAST_ROWS else 0.0
+        ends = row + 1 < count
+        if not ends or abs(values[row + 1] - values[row]) * unit_m > 0.5 * way_m:
+            caught_up_m = max(caught_up_m, way_m)
+        if ends:
+            rows, low, high = 0, np.inf, -np.inf
+    return caught_up_m, (high - low if rows > 1 else 0.0)
 
 
 def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:

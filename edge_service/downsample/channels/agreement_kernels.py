@@ -1,0 +1,157 @@
+"""Comparison of the encoders piece by piece as machine code; see `agreement`."""
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.compiled import compiled
+from ..rows import THETA, T, U, X
+
+CHUNKS = 10
+"""Pieces of an interval: the mean of each is free of chatter, and still tells a short fault."""
+SLOPE = 2e-3
+"""The worst lead and the longest screw's growth are half of this, a scale to be found 1 %."""
+LAG_S = 3.5e-3
+"""Between a skew that the estimator follows (2 ms) and a lag that is a fault (5 ms)."""
+BRAKING_RAD_S2 = 30.0
+"""Braking harder than this may lift the table off the flank of the nut that pushes it."""
+RESTING_RAD_S = 0.05
+
+TIME, PARTED, WAY, SPEED, TORQUE = range(5)
+"""Columns of pieces: means of time s, way of the screw less that of the table m, less the skew
+that is known, way of the screw m, speed m/s, torque N m."""
+HELD, REST, BEGUN, NEWEST = range(4)
+"""Rows of anchors: earlier pieces, NaN where there is none."""
+DIRECTION, PUSHED_SPEED, PUSHED_TIME, PUSHED_FROM, CLOSED = range(5)
+"""Places of the contact's state."""
+RATIO, PLAY, PERIODIC, COMPLIANCE, LENGTH, SKEW, STRETCH, GROWTH_S, MOST_GROWTH = range(9)
+"""Places of the limits: as `ChannelLimits`; stretch per force and torque, growth per length."""
+NOISE, LAG, SPAN = range(3)
+"""Places of the channels' roughness."""
+
+
+@compiled
+def pieces_of(rows: Floats, ratio_m_per_rad: float, skew_s: float) -> Floats:
+    """Means over the pieces of rows (n + 1, 8), (k, 5); the last row only ends the last piece."""
+    count = len(rows) - 1
+    pieces = min(CHUNKS, count)
+    found, step, start = np.zeros((pieces, 5)), count / pieces, 0
+    for piece in range(pieces):
+        stop = count if piece == pieces - 1 else int((piece + 1) * step)
+        for row in range(start, stop):
+            way_m = rows[row, THETA] * ratio_m_per_rad
+            found[piece, TIME] += rows[row, T]
+            found[piece, PARTED] += way_m - rows[row, X]
+            found[piece, WAY] += way_m
+            found[piece, TORQUE] += rows[row, U]
+        found[piece] /= stop - start
+        gone_m = (rows[stop, THETA] - rows[start, THETA]) * ratio_m_per_rad
+        found[piece, SPEED] = gone_m / (rows[stop, T] - rows[start, T])
+        found[piece, PARTED] -= skew_s * found[piece, SPEED]
+        start = stop
+    return found
+
+
+@compiled
+def rests(piece: Floats, limits: Floats) -> bool:
+    """Tell whether the screw stands still."""
+    return bool(abs(piece[SPEED]) <= RESTING_RAD_S * limits[RATIO])
+
+
+@compiled
+def parted_m(
+    pieces: Floats, contact: Floats, anchors: Floats, limits: Floats, rough: Floats
+) -> float:
+    """Take pieces up to the first at which the encoders part beyond a sound axis' limits, m, or 0.
+
+    Args:
+        pieces: (k, 5).
+        contact: (5,), changed in place.
+        anchors: (4, 5), changed in place.
+        limits: (9,).
+        rough: (3,).
+    """
+    for piece in pieces:
+        contact[CLOSED] = _pushes(piece, contact, limits, rough)
+        if contact[CLOSED] == 0.0:
+            anchors[BEGUN], anchors[NEWEST] = np.nan, np.nan
+        resting = rests(piece, limits)
+        for name in range(4):
+            if np.isnan(anchors[name, TIME]) or (name == REST and not resting):
+                continue
+            apart_m = abs(piece[PARTED] - anchors[name, PARTED])
+            play_m = limits[PLAY] if name in (HELD, REST) else 0.0
+            if apart_m > play_m + allowed_m(anchors[name], piece, limits, rough):
+                return float(apart_m)
+        _remember(piece, contact, anchors, resting)
+    return 0.0
+
+
+@compiled
+def is_elsewhere(piece: Floats, anchors: Floats, limits: Floats, rough: Floats) -> bool:
+    """Tell whether a piece lies at another level than the last that agreed."""
+    for name in (HELD, REST):
+        if not np.isnan(anchors[name, TIME]):
+            apart_m = abs(piece[PARTED] - anchors[name, PARTED])
+            if apart_m > limits[PLAY] + allowed_m(anchors[name], piece, limits, rough):
+                return True
+    return False
+
+
+@compiled
+def allowed_m(anchor: Floats, piece: Floats, limits: Floats, rough: Floats) -> float:
+    """Most by which a sound axis parts its encoders between two pieces, without play, m."""
+    turned_nm = abs(piece[TORQUE] - anchor[TORQUE])
+    span_nm = turned_nm if turned_nm > rough[SPAN] else rough[SPAN]
+    growth = min(limits[GROWTH_S] * (piece[TIME] - anchor[TIME]), limits[MOST_GROWTH])
+    return float(
+        limits[PERIODIC]
+        + 3.0 * rough[NOISE]
+        + _stretch_m(span_nm, limits)
+        + limits[LENGTH] * growth
+        + SLOPE * abs(piece[WAY] - anchor[WAY])
+        + (LAG_S + rough[LAG]) * abs(piece[SPEED] - anchor[SPEED])
+    )
+
+
+@compiled
+def _stretch_m(torque_span_nm: float, limits: Floats) -> float:
+    """Greatest stretch with a change of torque, m; where none is known, as much as play."""
+    return float(limits[PLAY] if np.isnan(torque_span_nm) else limits[STRETCH] * torque_span_nm)
+
+
+@compiled
+def _pushes(piece: Floats, contact: Floats, limits: Floats, rough: Floats) -> float:
+    """Take the next piece of the motion; 1 once the nut pushed beyond play and stretch, else 0."""
+    along = 0.0 if rests(piece, limits) else (1.0 if piece[SPEED] > 0.0 else -1.0)
+    gained_m_s = (piece[SPEED] - contact[PUSHED_SPEED]) * along
+    most_m_s = BRAKING_RAD_S2 * limits[RATIO] * (piece[TIME] - contact[PUSHED_TIME])
+    pushing = along != 0.0 and along == contact[DIRECTION] and piece[TORQUE] * along > 0.0
+    pushing = pushing and gained_m_s >= -most_m_s
+    contact[DIRECTION], contact[PUSHED_SPEED], contact[PUSHED_TIME] = (
+        along,
+        piece[SPEED],
+        piece[TIME],
+    )
+    if not pushing:
+        contact[PUSHED_FROM] = np.nan
+        return 0.0
+    if np.isnan(contact[PUSHED_FROM]):
+        contact[PUSHED_FROM] = piece[WAY]
+        return 0.0
+    torque_nm = abs(piece[TORQUE])
+    span_nm = torque_nm if torque_nm > rough[SPAN] else rough[SPAN]
+    hidden_m = limits[PLAY] + _stretch_m(span_nm, limits)
+    return 1.0 if abs(piece[WAY] - contact[PUSHED_FROM]) >= hidden_m else 0.0
+
+
+@compiled
+def _remember(piece: Floats, contact: Floats, anchors: Floats, resting: bool) -> None:
+    if np.isnan(anchors[HELD, TIME]):
+        anchors[HELD] = piece
+    if resting:
+        anchors[REST] = piece
+    if contact[CLOSED] != 0.0:
+        if np.isnan(anchors[BEGUN, TIME]):
+            anchors[BEGUN] = piece
+        anchors[NEWEST] = piece
+        anchors[HELD] = piece
