@@ -1,6 +1,7 @@
 """Every mistake of a user is one clear line and exit status 2; nothing is half-written."""
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -67,6 +68,10 @@ CASES: dict[str, tuple[Case, str]] = {
     "unknown key with a hint": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + "[http]\nprot = 1")],
         "http.prot: unknown key; did you mean 'port'?",
+    ),
+    "missing driver key": (
+        lambda p: ["check-config", write(p, "a.toml", AXIS + 'driver = "modbus"')],
+        "a.toml: axes.X.settings.port: missing",
     ),
     "unknown driver key": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + 'settings = { scenari = "sudden" }')],
@@ -274,13 +279,15 @@ def test_a_mistake_is_one_line_and_status_2(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make, expected = CASES[name]
-    status = main(make(tmp_path))
+    arguments = make(tmp_path)
+    status = main(arguments)
     captured = capsys.readouterr()
     complaint = captured.err.strip().splitlines()[-1]
     assert status == 2
     assert complaint.startswith("edge-service: ")
     assert expected in complaint
     assert "Traceback" not in captured.err
+    assert arguments[0] != "check-config" or re.search(r"\.toml: ", complaint)
     assert not (tmp_path / "out.csv").exists()
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 

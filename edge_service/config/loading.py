@@ -47,7 +47,7 @@ def load_config(path: Path) -> EdgeConfig:
                 "machine": path.parent / axis.machine,
                 "settings": _anchored(axis.settings, path.parent),
             }
-        )
+        ).of_file(path)
         for axis in config.axes
     )
     folder = path.parent

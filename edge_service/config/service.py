@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..config_tables import (
@@ -173,11 +173,23 @@ class AxisConfig(Table):
     machine: Path = DEFAULT_MACHINE
     driver: str = "simulated"
     settings: dict[str, Any] = {}
+    _file: Path | None = PrivateAttr(None)
 
     @field_validator("name")
     @classmethod
     def _key_part(cls, value: str) -> str:
         return check_part(value)
+
+    def of_file(self, path: Path) -> "AxisConfig":
+        """The same axis, which knows where it was read."""
+        self._file = path
+        return self
+
+    @property
+    def place(self) -> str:
+        """Table of the axis, after the file that it was read from: for mistakes in it."""
+        table = f"axes.{self.name}"
+        return table if self._file is None else f"{self._file}: {table}"
 
 
 class EdgeConfig(Table):

@@ -37,12 +37,12 @@ def make_driver(axis: AxisConfig) -> Driver:
     try:
         driver = load_driver(axis.driver)
     except UnknownDriverError as error:
-        raise ConfigError(f"axes.{axis.name}.driver: {error}") from None
-    settings = check_settings(driver.config_model, axis.settings, f"axes.{axis.name}.settings")
+        raise ConfigError(f"{axis.place}.driver: {error}") from None
+    settings = check_settings(driver.config_model, axis.settings, f"{axis.place}.settings")
     try:
         return driver(settings, DriverContext(axis.name, load_machine(axis.machine)))
     except DriverMisconfiguredError as error:
-        raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
+        raise ConfigError(f"{axis.place}.settings.{error}") from None
 
 
 async def run(context: NodeContext, axis: AxisConfig) -> None:
@@ -65,7 +65,7 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
             ):
                 await _retry_later(reporter, counts, lost, heart)
         except DriverMisconfiguredError as error:
-            raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
+            raise ConfigError(f"{axis.place}.settings.{error}") from None
         finally:
             await _let_go(axis.name, driver)
 

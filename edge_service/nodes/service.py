@@ -216,7 +216,7 @@ async def check_service(config: EdgeConfig) -> tuple[str, ...]:
         except DriverUnavailableError as error:
             unreachable.append(f"axis {axis.name}: {error}")
         except DriverMisconfiguredError as error:
-            raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
+            raise ConfigError(f"{axis.place}.settings.{error}") from None
         finally:
             await driver.close()
     return tuple(unreachable)

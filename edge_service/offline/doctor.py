@@ -128,7 +128,7 @@ async def _examine(axis: AxisConfig, seconds: float) -> Examination:
         lost = CheckResult("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
         return Examination(axis.name, axis.driver, (lost,))
     except DriverMisconfiguredError as error:
-        raise ConfigError(f"axes.{axis.name}.settings.{error}") from None
+        raise ConfigError(f"{axis.place}.settings.{error}") from None
     finally:
         await driver.close()
     return Examination(axis.name, probe.description, _findings(machine, driver, frames))
