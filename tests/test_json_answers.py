@@ -15,11 +15,11 @@ from pydantic import TypeAdapter
 
 import edge_service.nodes.record_node as recording
 from edge_service.cli.entry import cli, main
+from edge_service.command_answer import Answer
 from edge_service.config import DEFAULT_MACHINE
 from edge_service.exit_status import BAD_INPUT, DONE
 from edge_service.http_api.security.tokens import add_token
 from edge_service.nodes.outputs import trial
-from edge_service.offline.answer import Answer
 
 from .offline.test_response import FREQUENCY, _response
 from .trace.tuning_files import tuning

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from ..offline.answer import Answer
+from ..command_answer import Answer
 from .options import (
     AXIS_NUMBER,
     LEAD,

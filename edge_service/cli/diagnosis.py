@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from ..offline.answer import Answer
+from ..command_answer import Answer
 from .options import (
     ABOVE_0,
     AXIS_NUMBER,

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import click
 from pydantic import ValidationError
 
+from ..command_answer import Answer
 from ..config import explain, load_fleet
 from ..config_tables import FleetConfig, FleetServiceConfig
-from ..offline.answer import Answer
 from .options import PATH, InputError, answering
 from .terminal import progress, wants_json
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..offline.answer import Answer
+from ..command_answer import Answer
 from .options import LEAD, LOAD_RATING, PATH, POSITIVE, PRELOAD, PRELOAD_DRAG, InputError, answering
 from .terminal import ask_number, at_terminal, progress
 

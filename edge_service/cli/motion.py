@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..command_answer import Answer
 from ..config import load_machine
-from ..offline.answer import Answer
 from .options import MACHINE, PATH, InputError, answering, out_option
 from .terminal import progress
 

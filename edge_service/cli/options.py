@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from ..command_answer import Answer
 from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
 from ..exit_status import DONE
-from ..offline.answer import Answer
 from .terminal import pause_progress, progress
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
+from ..command_answer import Answer
 from ..config import DEFAULT_CONFIG, load_config
-from ..offline.answer import Answer
 from .options import (
     AXIS_NUMBER,
     MACHINE,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import click
 
+from ..command_answer import Answer, Document
 from ..config import load_machine
-from ..offline.answer import Answer, Document
 from .options import (
     AXIS_NUMBER,
     BUS,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..command_answer import Answer, Document
 from ..exit_status import INTERNAL_FAILURE
-from ..offline.answer import Answer, Document
 from .audited import HISTORY, noted
 from .options import PATH, InputError, answering
 from .terminal import progress

@@ -8,11 +8,11 @@ import click
 
 from ..atomic import replaced_file
 from ..clock import now_ns
+from ..command_answer import Answer, Document
 from ..config import DEFAULT_CONFIG, load_config
 from ..exit_status import DONE, INTERNAL_FAILURE
 from ..messages.health import NODES
 from ..messages.outputs import OF_HTTP
-from ..offline.answer import Answer, Document
 from .options import (
     AXIS_NUMBER,
     BUS,

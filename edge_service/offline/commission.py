@@ -6,6 +6,7 @@ from pathlib import Path
 import tomlkit
 
 from ..atomic import replaced_file
+from ..command_answer import Answer, Document
 from ..config import ConfigError, EdgeConfig, load_machine
 from ..estimate.commissioning.fresh_screw import doubt_of_fresh_screw
 from ..estimate.commissioning.identification import CommissioningError, commissioned
@@ -14,7 +15,6 @@ from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.wiring.stages import make_downsampler
-from .answer import Answer, Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
 from .report.quantities import tolerated

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..atomic import replaced_file
+from ..command_answer import Answer, Document
 from ..config import ConfigError, EdgeConfig, load_machine
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
@@ -18,7 +19,6 @@ from ..nodes.stores.estimate_store import (
     write_kept,
 )
 from ..nodes.wiring.stages import make_downsampler, make_estimator
-from .answer import Answer, Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from ..atomic import replaced_file
+from ..command_answer import Answer
 from ..config import load_machine
 from ..fingerprint.compare import (
     FigureChange,
@@ -24,7 +25,6 @@ from ..fingerprint.result import Status
 from ..messages.arrays import finite_or_none
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from .answer import Answer
 from .examination import require_sound
 from .recordings import Progress, read_recording, silent
 from .report.documents import FingerprintDocument

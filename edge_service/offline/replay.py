@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..bus.session import Bus
 from ..bus.subscriber import Subscriber
+from ..command_answer import Answer, Document
 from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.printed import printed
@@ -13,7 +14,6 @@ from ..messages.topics import PRELOAD
 from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
 from ..nodes.wiring.bus_rights import router_settings
 from ..nodes.wiring.context import NodeContext
-from .answer import Answer, Document
 
 FLAT_OUT_FRAME_S = 0.5
 

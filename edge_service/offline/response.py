@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..atomic import replaced_file
+from ..command_answer import Answer
 from ..fingerprint.compare import compare_fingerprints
 from ..fingerprint.document import FingerprintError, read_fingerprint, to_document
 from ..fingerprint.fingerprint import AxisFingerprint
@@ -24,7 +25,6 @@ from ..fingerprint.result import Section, Status, examined
 from ..trace.columns import TraceError
 from ..trace.forms.registry import head_of, name_of
 from ..trace.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
-from .answer import Answer
 from .fingerprint import render
 from .report.documents import ResponseDocument
 from .report.fingerprint_figures import draw_sections

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..command_answer import Answer, Document
 from ..messages.channels import CHANNELS
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
@@ -17,7 +18,6 @@ from ..models.motions.registry import MotionLimits, motion_limits
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..trace.columns import TraceError
 from ..trace.writer import TraceFormat, TraceWriter
-from .answer import Answer, Document
 from .commanded_motion import CommandedMotion, MotionWish
 
 _BLOCK_S = 10.0

@@ -20,11 +20,11 @@ from rich.console import Console
 
 from edge_service.certificates import make_certificates
 from edge_service.cli.entry import main
+from edge_service.command_answer import Answer
 from edge_service.config import HttpConfig, ServiceConfig
 from edge_service.config_tables import FleetConfig, FleetServiceConfig
 from edge_service.http_api.security.tokens import add_token
 from edge_service.messages.health import AxisCondition
-from edge_service.offline.answer import Answer
 from edge_service.offline.fleet.ask import ask_fleet
 from edge_service.offline.fleet.rows import FleetRow, rows_of
 from edge_service.offline.fleet.table import Fleet, table_of, terminal_table

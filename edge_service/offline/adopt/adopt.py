@@ -12,6 +12,7 @@ from ...adopt.mechanics import Mechanics, identify_mechanics, steady_friction
 from ...adopt.names import Quantity
 from ...adopt.understand import understand
 from ...atomic import replaced_file
+from ...command_answer import Answer
 from ...config import ConfigError, load_machine
 from ...messages.channels import CHANNELS, TABLE_POSITION, TORQUE
 from ...messages.samples import SampleFrame
@@ -19,7 +20,6 @@ from ...models.screw.ball_screw import transmission_ratio
 from ...trace.columns import ColumnMap, TraceError
 from ...trace.reader import read_trace
 from ...trace.sinumerik.controller_axis import ControllerAxis
-from ..answer import Answer
 from ..examination import examine
 from ..recordings import Progress, silent
 from .adopted import answer_of

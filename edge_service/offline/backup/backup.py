@@ -17,8 +17,8 @@ from zipfile import ZipFile
 
 from ... import __version__
 from ...atomic import PART, PRIVATE, replaced_bytes
+from ...command_answer import Answer, Document
 from ...config import load_config
-from ..answer import Answer, Document
 from .contents import (
     CONFIG,
     HISTORY,

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from ... import exit_status
+from ...command_answer import Answer
 from ...config import DEFAULT_CONFIG, ConfigError, load_config
 from ...fingerprint.document import FingerprintError
 from ...trace.columns import TraceError
-from ..answer import Answer
 from ..diagnosis.sessions import BadDataError, DiagnosisError
 from .cases import Case
 

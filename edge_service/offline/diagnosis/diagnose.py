@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...atomic import replaced_file
+from ...command_answer import Answer
 from ...config import ConfigError, load_machine
 from ...diagnose.experiment.proposal import propose
 from ...diagnose.pipeline import Diagnosis, Verdict, diagnose_session
@@ -24,7 +25,6 @@ from ...messages.printed import printed
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
-from ..answer import Answer
 from ..examination import examine
 from ..report.diagnosis_document import (
     augmented_toml,

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import RootModel
 
+from ...command_answer import Answer
 from ...config import load_machine
 from ...diagnose.session.recordings import unbroken_runs
 from ...diagnose.session.session import (
@@ -20,7 +21,6 @@ from ...diagnose.session.session import (
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import Floats
 from ...models.effects.learned import model_effects
-from ..answer import Answer
 from ..examination import require_sound
 from .sessions import NOTHING_TO_COMPARE, DiagnosisError, one_line, opened_recordings
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...atomic import replaced_file
+from ...command_answer import Answer
 from ...config import ConfigError, load_machine
 from ...fingerprint.checks.torque_sign import judge_sign
 from ...fingerprint.drift.changes import SectionDrift, compare_moves
@@ -19,7 +20,6 @@ from ...messages.samples import SampleFrame
 from ...models.machine import Machine
 from ...models.screw.ball_screw import transmission_ratio
 from ...trace.columns import TraceError
-from ..answer import Answer
 from ..examination import ExaminationError
 from ..recordings import Progress, open_recording, reported, silent
 from ..report.page import rendered

@@ -7,9 +7,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from ...command_answer import Document
 from ...messages.health import AxisCondition
 from ...messages.printed import printed
-from ..answer import Document
 from .rows import WORST_FIRST, FleetRow, days_until, worst
 
 _HEAD = (

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...atomic import made_folder, replaced_file
+from ...command_answer import Answer, Document
 from ...config import ConfigError, load_config, load_machine
 from ...exit_status import DONE, INTERNAL_FAILURE
-from ..answer import Answer, Document
 from .source import Source
 from .text import FirstSheet, Place, configuration_text, machine_text
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from ...command_answer import Answer, Document
 from ...diagnose.experiment.isolability import (
     DECISIVE,
     Separation,
@@ -16,7 +17,6 @@ from ...models.effects.effect import Role
 from ...models.effects.registry import effect_names, get_effect
 from ...models.machine import Machine
 from ...models.motions.registry import MOTIONS
-from ..answer import Answer, Document
 from ..diagnosis.sessions import DiagnosisError, read_runs
 
 _NEVER = 1e3

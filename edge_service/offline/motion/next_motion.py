@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ...command_answer import Answer, Document
 from ...diagnose.experiment.proposal import Proposal, propose
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
-from ..answer import Answer, Document
 from ..diagnosis.sessions import DiagnosisError
 from .motion_file import MotionFile, MotionFileSettings, write_motion
 

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ..answer import Document
+from ...command_answer import Document
 
 
 class Figure(Document):

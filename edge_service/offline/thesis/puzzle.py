@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...atomic import replaced_file
+from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, load_machine
 from ...diagnose.pipeline import Diagnosis, diagnose_session
 from ...diagnose.session.recordings import Run, runs_of
@@ -24,7 +25,6 @@ from ...models.effects.signature import transmission_signature
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import EffectConfig, Machine, Quantity
 from ...models.motions.registry import MOTIONS, Setpoints, motion_limits
-from ..answer import Answer
 from ..report.pictures import write_png
 from .puzzle_picture import CHANNELS, Step, draw_puzzle
 

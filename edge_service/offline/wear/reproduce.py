@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...atomic import replaced_file
-from ..answer import Answer
+from ...command_answer import Answer
 from ..report.pictures import write_png
 from .document import WearDocument
 from .outcome import (

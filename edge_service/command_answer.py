@@ -5,8 +5,8 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from ..exit_status import DONE
-from ..messages.estimate import Frozen
+from .exit_status import DONE
+from .messages.estimate import Frozen
 
 
 class Document(Frozen):
