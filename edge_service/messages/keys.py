@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .health import COMPONENTS
-from .topics import Topic
+
+if TYPE_CHECKING:  # its codecs load numpy, which whoever only needs a key can do without
+    from .topics import Topic
 
 ROOT = "feeddrive/v1"
 ALIVE = "@alive"
@@ -47,24 +49,24 @@ class MachineKeys:
         """Key of the liveliness token."""
         return f"{self.root}/{ALIVE}"
 
-    def key(self, axis: str, topic: Topic[Any]) -> str:
+    def key(self, axis: str, topic: "Topic[Any]") -> str:
         """Key of one topic of one axis."""
         return f"{self.root}/{axis}/{topic.name}"
 
-    def all_axes(self, topic: Topic[Any]) -> str:
+    def all_axes(self, topic: "Topic[Any]") -> str:
         """Key expression of one topic of every axis."""
         return f"{self.root}/*/{topic.name}"
 
-    def component(self, component: str, axis: str | None, topic: Topic[Any]) -> str:
+    def component(self, component: str, axis: str | None, topic: "Topic[Any]") -> str:
         """Key of a component's report; `@` keeps it out of the wildcards for axes."""
         parts = [self.root, COMPONENT, component, *([axis] if axis else []), topic.name]
         return "/".join(parts)
 
-    def of_axes(self, axes: Iterable[str], topic: Topic[Any]) -> frozenset[str]:
+    def of_axes(self, axes: Iterable[str], topic: "Topic[Any]") -> frozenset[str]:
         """Keys of one topic of some axes."""
         return frozenset(self.key(axis, topic) for axis in axes)
 
-    def of_components(self, axes: Iterable[str], topic: Topic[Any]) -> frozenset[str]:
+    def of_components(self, axes: Iterable[str], topic: "Topic[Any]") -> frozenset[str]:
         """Keys of the reports that components make, on themselves or on some axes."""
         return frozenset(
             self.component(component, axis, topic)
@@ -72,6 +74,6 @@ class MachineKeys:
             for axis in (None, *axes)
         )
 
-    def all_components(self, topic: Topic[Any]) -> str:
+    def all_components(self, topic: "Topic[Any]") -> str:
         """Key expression of the reports of every component."""
         return f"{self.root}/{COMPONENT}/**/{topic.name}"

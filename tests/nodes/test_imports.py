@@ -19,3 +19,10 @@ def test_the_nodes_load_no_library_before_it_is_needed() -> None:
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
+
+
+def test_the_command_line_loads_no_arithmetic_before_it_is_needed() -> None:
+    """Help, and what a shell completes, must be there at once."""
+    code = "import sys; import edge_service.cli.entry; print('numpy' in sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "False"
