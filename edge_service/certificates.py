@@ -67,7 +67,7 @@ def expiry(path: Path) -> datetime:
     except OSError as error:
         raise CertificateError(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError:
-        raise CertificateError(f"{path}: holds no certificate") from None
+        raise CertificateError(f"{path}: contains no certificate") from None
 
 
 def _alternative(name: str) -> x509.GeneralName:

@@ -70,7 +70,7 @@ class Bus:
                 if attempt + 1 < tries:
                     continue
                 if settings.role == "client":
-                    doubt = ", or it refuses our certificate" if placed.tls else ""
+                    doubt = ", or it refuses the certificate of this process" if placed.tls else ""
                     raise BusUnavailableError(f"no bus answers at {placed.there}{doubt}") from error
                 raise BusConfigurationError(f"cannot open the bus at {placed.there}") from error
             return cls(session, placed)
@@ -170,7 +170,9 @@ def _real(endpoint: str, protocol: str, router: bool) -> str:
     except ValueError as error:
         raise BusConfigurationError(str(error)) from None
     if not endpoint.startswith(f"{protocol}/"):
-        raise BusConfigurationError(f"{endpoint!r} is no endpoint of the form {protocol}/host:port")
+        raise BusConfigurationError(
+            f"{endpoint!r} is not an endpoint of the form {protocol}/host:port"
+        )
     real = f"{protocol}/{host}:{port or _free_port(host)}"
     if router:
         _check_free(real)

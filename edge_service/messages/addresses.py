@@ -25,7 +25,7 @@ def split_endpoint(endpoint: str) -> tuple[str, int]:
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
     if protocol not in ("tcp", "tls") or not host or not port.isdigit() or int(port) > 65535:
-        raise ValueError(f"{endpoint!r} is no endpoint of the form tcp/127.0.0.1:7447")
+        raise ValueError(f"{endpoint!r} is not an endpoint of the form tcp/127.0.0.1:7447")
     if protocol == "tcp" and not is_loopback(host):
         raise ValueError(
             f"{endpoint!r}: tcp is for loopback addresses; others need tls and certificates"

@@ -89,7 +89,7 @@ async def _read(
     try:
         await heart.patiently(driver.open(), limit_s=OPEN_S)
         if reporter.status is not ComponentStatus.OK:
-            log.info("axis %s: %s is there", axis.name, axis.driver)
+            log.info("axis %s: connected to %s", axis.name, axis.driver)
         reporter.to(ComponentStatus.OK)
         frames = driver.frames()
         async with aclosing(frames):
@@ -142,14 +142,14 @@ async def _let_go(axis: str, driver: Driver) -> None:
         async with asyncio.timeout(LET_GO_S):
             await driver.close()
     except TimeoutError:
-        log.warning("axis %s: the driver does not close; it is left", axis)
+        log.warning("axis %s: the driver does not close; going on without it", axis)
 
 
 async def _retry_later(
     reporter: Reporter, counts: dict[str, int], lost: DriverUnavailableError, heart: Heartbeat
 ) -> None:
     if reporter.status is not ComponentStatus.RECOVERABLE_ERROR:
-        log.warning("lost: %s; trying again", lost)
+        log.warning("connection lost: %s; trying again", lost)
         counts["tries"] = 0
     reporter.to(ComponentStatus.RECOVERABLE_ERROR, str(lost))
     counts["reconnects"] += 1

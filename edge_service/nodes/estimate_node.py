@@ -82,7 +82,7 @@ class _Axes:
                 self._store.save({axis: each})
                 self._unwritten.pop(axis, None)
             except (OSError, ValueError) as error:
-                problem = f"the state of the estimates cannot be kept (axis {axis}: {error})"
+                problem = f"the state of the estimator cannot be saved (axis {axis}: {error})"
         if problem and not self.problem:
             log.warning("%s", problem)
         self.problem = problem

@@ -38,7 +38,7 @@ async def record_axis(
                 _, _, frame = await anext(frames)
         except (TimeoutError, StopAsyncIteration):
             raise ConfigError(
-                f"{config.keys.key(axis, RAW)}: nothing is published there; is the axis right?"
+                f"{config.keys.key(axis, RAW)}: nothing is published; check the name of the axis"
             ) from None
         rows, first_s = 0, float(frame.time_s[0])
         with TraceWriter(out, tuple(frame.channels)) as writer:

@@ -278,7 +278,7 @@ async def test_foreign_or_missing_certificates_do_not_get_in(
         TlsSettings(there, own / "ca.pem", own / "server.pem", own / "server.key"),
     ]
     for secure in mixed:
-        with pytest.raises(BusUnavailableError, match="refuses our certificate"):
+        with pytest.raises(BusUnavailableError, match="refuses the certificate of this process"):
             await Bus.open(BusSettings(router.endpoint, "client", tls=secure))
 
 

@@ -50,18 +50,18 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda f: ((f / "http.pem").unlink(), (f / "http.pem").mkdir()),
         "http.pem: cannot be read (Is a directory)",
     ),
-    "no certificate": (lambda f: (f / "http.pem").write_text("x"), "http.pem: holds no cert"),
-    "no key": (lambda f: (f / "http.key").write_text("x"), "http.key: holds no key"),
+    "no certificate": (lambda f: (f / "http.pem").write_text("x"), "http.pem: contains no cert"),
+    "no key": (lambda f: (f / "http.key").write_text("x"), "http.key: contains no key"),
     "a key for everybody": (lambda f: (f / "http.key").chmod(0o644), "http.key: others may read"),
     "a key of another": (lambda f: _swap(f, "health.key", "http.key"), "http.key does not belong"),
-    "of another authority": (lambda f: _foreign(f, "http"), "http.pem: ca.pem did not sign it"),
+    "of another authority": (lambda f: _foreign(f, "http"), "http.pem: was not signed by ca.pem"),
     "another authority": (
         lambda f: (made(f / "other"), _swap(f / "other", "ca.pem", "../ca.pem")),
-        "server.pem: ca.pem did not sign it",
+        "server.pem: was not signed by ca.pem",
     ),
     "of another role": (
         lambda f: [_swap(f, f"health.{kind}", f"http.{kind}") for kind in ("pem", "key")],
-        "http.pem: is not of http.node.edge-service",
+        "http.pem: does not have the common name http.node.edge-service",
     ),
 }
 
@@ -81,11 +81,11 @@ def test_a_mistake_is_named_with_its_file(mistake: str, tmp_path: Path) -> None:
 def test_every_pair_that_is_there_is_looked_at(name: str, tmp_path: Path) -> None:
     bus = made(tmp_path)
     (tmp_path / f"{name}.pem").write_text("x")
-    with pytest.raises(ConfigError, match=rf"/{name}\.pem: holds no certificate"):
+    with pytest.raises(ConfigError, match=rf"/{name}\.pem: contains no certificate"):
         check_bus(bus)
 
 
-@pytest.mark.parametrize(("ago", "words"), [(60, "has ended on"), (-60, "on only")])
+@pytest.mark.parametrize(("ago", "words"), [(60, "expired on"), (-60, "is not valid before")])
 def test_a_pair_that_does_not_hold_now_is_named(
     ago: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -50,7 +50,9 @@ def test_a_public_address_with_tls_and_tokens_is_right(folder: Path) -> None:
 
 
 def test_loopback_needs_nothing() -> None:
-    assert check_access(HttpConfig()) == "no TLS, whoever reaches it may do anything"
+    assert (
+        check_access(HttpConfig()) == "no TLS, no tokens: anyone who can reach it may do anything"
+    )
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ async def test_a_job_that_ran_when_the_service_died_has_failed(jobs, tmp_path):
     again = JobScene(tmp_path)  # nobody closed the first: it was killed
     (job,) = (await again.client.get("jobs")).json()["jobs"]
     assert job["state"] == "failed"
-    assert job["lines"][-1] == "the service ended before it was done"
+    assert job["lines"][-1] == "the service stopped before the job was done"
     assert job["files"] == []
     await again.close()
 
@@ -57,7 +57,7 @@ async def test_a_damaged_record_is_left_out(jobs, tmp_path, caplog):
     (path.parent / "1.json").write_text("{")
     (path.parent / "2.json").write_text("[]")
     assert [answer.id for _, answer in known_jobs(path.parent)] == [1]
-    assert caplog.text.count("no record of a job") == 2
+    assert caplog.text.count("not a valid record of a job") == 2
 
 
 async def test_files_that_were_removed_by_hand_are_not_offered(jobs, tmp_path):

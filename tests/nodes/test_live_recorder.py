@@ -36,7 +36,7 @@ async def test_what_comes_is_kept_to_the_length_asked_for_or_to_the_stop(
 ) -> None:
     recorder = LiveRecorder(tmp_path)
     recorder.start("X", "a.parquet", seconds)
-    with pytest.raises(RefusedError, match="axis X is being recorded"):
+    with pytest.raises(RefusedError, match="axis X is already being recorded"):
         recorder.start("Y", "b.parquet", 1.0)
     for number in range(stop_after or 5):
         recorder.follow("X", frame(number))

@@ -348,7 +348,7 @@ async def test_a_failure_of_the_library_that_nobody_knows_ends_nothing(
         await sender.put(range(1))
         await sender.all_done()
         assert await dead(sender) == ["0"]
-        assert sender.problems[-1].endswith("did not answer in HTTP (ZeroDivisionError)")
+        assert sender.problems[-1].endswith("sent an answer that is not HTTP (ZeroDivisionError)")
 
 
 async def test_without_a_url_there_is_no_webhook() -> None:

@@ -254,5 +254,5 @@ def test_a_restore_that_was_cut_off_starts_no_service(
     monkeypatch.undo()
     config = load_config(place / "etc/edge.toml")
     kept = config.history.model_copy(update={"folder": place / "new/var"})
-    with pytest.raises(ConfigError, match="was cut off"):
+    with pytest.raises(ConfigError, match="was interrupted"):
         open_history(config.model_copy(update={"history": kept}), {})

@@ -88,7 +88,7 @@ def decode_values(payload: bytes) -> dict[str, Value]:
     try:
         metrics = _PAYLOAD.FromString(payload).metrics
     except DecodeError as error:
-        raise ValueError(f"no Sparkplug payload: {error}") from None
+        raise ValueError(f"not a Sparkplug payload: {error}") from None
     return {metric.name: _value_of(metric) for metric in metrics}
 
 

@@ -46,7 +46,7 @@ def application_uri(certificate: Path | None) -> str:
     except OSError as error:
         raise OpcuaError(f"{certificate}: cannot be read ({error.strerror})") from None
     except ValueError:
-        raise OpcuaError(f"{certificate}: holds no certificate") from None
+        raise OpcuaError(f"{certificate}: contains no certificate") from None
     except x509.ExtensionNotFound:
         uris = []
     if not uris or not isinstance(held.public_key(), RSAPublicKey):

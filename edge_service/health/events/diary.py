@@ -218,7 +218,7 @@ class Diary:
             self.problem = str(error)
             return False
         if self.problem:
-            log.info("the diary is kept again")
+            log.info("the diary is written to disk again")
         self.problem = ""
         self._tell_damages()
         return True

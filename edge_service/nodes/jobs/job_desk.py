@@ -173,7 +173,7 @@ class ProcessJobDesk:
         try:
             job.process = await _spawned(line, self._limits)
         except OSError as error:
-            self._end(job, JobState.FAILED, f"it cannot be started ({error.strerror})")
+            self._end(job, JobState.FAILED, f"cannot be started ({error.strerror})")
             raise RefusedError(503, f"job {number} {job.lines[-1]}") from None
         self._begun.put_nowait((job, job.process))
         return job.answer()
@@ -190,7 +190,7 @@ class ProcessJobDesk:
         job = self._job(number)
         if not job.running or job.process is None:
             state = job.record.state.value
-            raise RefusedError(409, f"job {number} is {state}, it cannot be cancelled")
+            raise RefusedError(409, f"job {number} is {state} and cannot be cancelled")
         job.enter(JobState.CANCELLED)
         _kill(job.process)
         await job.process.wait()
@@ -200,7 +200,7 @@ class ProcessJobDesk:
         """A file that a job made."""
         job = self._job(number)
         if name not in job.answer().files:
-            raise RefusedError(404, f"job {number} made no file {name!r}")
+            raise RefusedError(404, f"job {number} has no file {name!r}")
         return job.out / name
 
     async def close(self) -> None:
@@ -252,7 +252,7 @@ class ProcessJobDesk:
     def _fingerprint(self, number: int) -> Path:
         job = self._job(number)
         if "fingerprint.json" not in job.answer().files:
-            raise RefusedError(422, f"baseline: job {number} made no fingerprint")
+            raise RefusedError(422, f"baseline: job {number} has no fingerprint")
         return job.out
 
 

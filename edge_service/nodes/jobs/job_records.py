@@ -12,7 +12,7 @@ from ...http_api.jobs import JobAnswer, JobState
 
 log = logging.getLogger(__name__)
 _SUFFIX = ".json"
-INTERRUPTED = "the service ended before it was done"
+INTERRUPTED = "the service stopped before the job was done"
 
 
 def save_job(out: Path, answer: JobAnswer) -> None:
@@ -20,7 +20,7 @@ def save_job(out: Path, answer: JobAnswer) -> None:
     try:
         write_checked(_record(out), answer.model_dump_json())
     except OSError as error:
-        log.warning("%s: the job cannot be remembered (%s)", out, error.strerror)
+        log.warning("%s: the record of the job cannot be saved (%s)", out, error.strerror)
 
 
 def forget_job(out: Path) -> None:
@@ -36,7 +36,7 @@ def known_jobs(folder: Path) -> Sequence[tuple[Path, JobAnswer]]:
         try:
             answer = JobAnswer.model_validate_json(read_checked(path) or "")
         except (OSError, DamagedError, ValidationError) as error:
-            log.warning("%s: no record of a job (%s)", path, type(error).__name__)
+            log.warning("%s: not a valid record of a job (%s)", path, type(error).__name__)
             with suppress(OSError):
                 set_aside(path)
             continue

@@ -69,7 +69,10 @@ class LiveRecorder:
     def start(self, axis: str, name: str, seconds: float) -> LiveRecordingAnswer:
         """Begin to record. Raises RefusedError."""
         if self._now is not None:
-            raise RefusedError(409, f"axis {self._now.axis} is being recorded: wait, or stop it")
+            raise RefusedError(
+                409,
+                f"axis {self._now.axis} is already being recorded: wait, or stop that recording",
+            )
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             free = shutil.disk_usage(self._folder).free

@@ -81,7 +81,7 @@ class Recordings:
                 self._coming_bytes += len(batch)
                 await self._threads.run(self._append, file, batch)
             if size == 0:
-                raise RefusedError(422, f"{path.name}: empty")
+                raise RefusedError(422, f"{path.name}: the file is empty")
         except BaseException:
             await self._threads.run(closing.__exit__, *sys.exc_info())
             raise
@@ -102,7 +102,9 @@ class Recordings:
     def _place(self) -> Iterator[None]:
         """One of the uploads at once."""
         if self._uploads >= MOST_AT_ONCE:
-            raise RefusedError(503, f"{MOST_AT_ONCE} recordings are coming already; try again")
+            raise RefusedError(
+                503, f"{MOST_AT_ONCE} recordings are already being uploaded; try again later"
+            )
         self._uploads += 1
         try:
             yield

@@ -92,7 +92,7 @@ class OutputDesk:
     def _known(self, name: str) -> Spool:
         spool = self._spool(name)
         if spool is None:
-            raise RefusedError(404, f"there is no output {name!r} with dead letters here")
+            raise RefusedError(404, f"this service has no output {name!r} that keeps dead letters")
         return spool
 
 

@@ -65,8 +65,8 @@ def _failed(error: BaseException) -> Reply:
     if isinstance(error, TimeoutError | httpx.TimeoutException):
         return Reply(Outcome.REFUSED, f"did not answer within {WHOLE_S:g} s")
     if isinstance(error, httpx.NetworkError):
-        return Reply(Outcome.REFUSED, "broke the connection off")
-    return Reply(Outcome.REFUSED, f"did not answer in HTTP ({type(error).__name__})")
+        return Reply(Outcome.REFUSED, "closed the connection")
+    return Reply(Outcome.REFUSED, f"sent an answer that is not HTTP ({type(error).__name__})")
 
 
 def _cause(error: BaseException) -> str:

@@ -37,10 +37,10 @@ class OutputReport:
         status = self._reporter.status
         if problem:
             if status is not ComponentStatus.RECOVERABLE_ERROR:
-                log.warning("%s: %s; what is to be sent is kept", self._name, problem)
+                log.warning("%s: %s; messages are kept until they can be sent", self._name, problem)
             self._reporter.to(ComponentStatus.RECOVERABLE_ERROR, problem)
         elif status is not ComponentStatus.OK:
-            log.info("%s: all is well", self._name)
+            log.info("%s: works again", self._name)
             self._reporter.to(ComponentStatus.OK)
 
     @asynccontextmanager

@@ -30,7 +30,7 @@ async def try_output(config: EdgeConfig, name: str) -> Trial:
         used = config.model_copy(update=tables)
         output = await OPENERS[name](used, lambda _problem: None, lambda _axis: None)
         if output is None:
-            raise ConfigError(f"{name}: nothing is sent there, its address is missing")
+            raise ConfigError(f"{name}: nothing can be sent, because its address is missing")
         try:
             reply = await _sent(output)
         finally:

@@ -69,14 +69,14 @@ class _Known:
     def news(self, diary: Diary, future: int, now_ns: int) -> Iterator[Event]:
         """Events of what has changed."""
         if diary.problem and not self.problem:
-            words = f"the diary is in memory until the disk takes it: {diary.problem}"
+            words = f"the diary cannot be written to disk and is kept in memory: {diary.problem}"
             yield _event("diary_failing", Severity.ERROR, words, now_ns)
         elif self.problem and not diary.problem:
-            yield _event("diary_kept", Severity.INFO, "the diary is kept again", now_ns)
+            yield _event("diary_kept", Severity.INFO, "the diary is written to disk again", now_ns)
         for words in diary.damages[self.damages :]:
             yield _event("diary_damaged", Severity.WARNING, words, now_ns)
         if future > self.future:
-            words = f"{future} events are dated after now: the clock was wrong when they were told"
+            words = f"{future} events are dated in the future: the clock was wrong at the time"
             yield _event("diary_from_future", Severity.WARNING, words, now_ns)
         self.future = future
         self.problem, self.damages = diary.problem, len(diary.damages)

@@ -107,7 +107,7 @@ class DisagreementRecorder:
             for old in sorted(kept, key=_rank)[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)
         except (TraceError, OSError) as error:
-            log.warning("%s: the disagreement cannot be kept: %s", path, error)
+            log.warning("%s: the recording of the disagreement cannot be saved: %s", path, error)
             return False
         return True
 

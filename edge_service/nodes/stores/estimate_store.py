@@ -85,7 +85,7 @@ def read_kept(path: Path, axis: str, identity: str) -> Kept | None:
         return None
     kept, kept_for = _parsed(text, axis)
     if kept_for != identity:
-        raise StateError("it was kept for another machine file or estimator")
+        raise StateError("it was saved with another machine file or estimator")
     return kept
 
 

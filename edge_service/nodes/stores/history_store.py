@@ -130,7 +130,9 @@ class HistoryStore:
         sweep(folder)
         removed = make_room(folder, self._budget_bytes)
         if removed:
-            log.info("history: %d files of oldest estimates made room", removed)
+            log.info(
+                "history: %d files with the oldest estimates were removed to make room", removed
+            )
 
     def _check_some(self) -> None:
         """Check kept files for a moment; all of them after the start, and once a day."""
@@ -179,7 +181,7 @@ def lock_folder(folder: Path) -> int:
     made_folder(folder)
     if (folder / UNFINISHED).exists():
         raise ConfigError(
-            f"history.folder: {folder}: a restore was cut off; empty it, and restore again"
+            f"history.folder: {folder}: a restore was interrupted; empty it and restore again"
         )
     lock = os.open(folder / "@lock", os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
@@ -216,5 +218,5 @@ def open_history(config: EdgeConfig, ratios_m_per_rad: dict[str, float]) -> Hist
     """Open what is kept. Raises ConfigError where the folder is none, or in use."""
     folder = config.history.folder
     if folder is not None and folder.exists() and not folder.is_dir():
-        raise ConfigError(f"history.folder: {folder} is no folder")
+        raise ConfigError(f"history.folder: {folder} is not a folder")
     return HistoryStore(config, ratios_m_per_rad)

@@ -42,7 +42,7 @@ class LoopLag:
     def fault(self) -> str:
         """Problem of the loop; empty while it runs as it should."""
         worst_s = self.worst_s
-        return f"the event loop stood still for {worst_s:.1f} s" if worst_s > LIMIT_S else ""
+        return f"the event loop was blocked for {worst_s:.1f} s" if worst_s > LIMIT_S else ""
 
     def is_to_be_told(self, now_s: float) -> bool:
         """Tell whether there is a fault that nobody was told of in the last minute."""

@@ -116,7 +116,11 @@ class SupervisedTask:
             self.state, self._at_s = TaskState.ENDING, now_s
             return self._failed(f"stalled: no sign of life for {self.rules.deadline_s:g} s")
         if self.heart.is_thread_late(now_s):
-            return None if self.fault else self._failed("hangs: do disk and peer answer?")
+            return (
+                None
+                if self.fault
+                else self._failed("hangs: check that the disk and the other side answer")
+            )
         if self.fault and now_s - self._begun_s >= PROVEN_S:
             self.fault = ""
             return self._change("task_recovered", "works again")

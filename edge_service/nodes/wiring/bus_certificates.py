@@ -43,14 +43,14 @@ def _checked(folder: Path, name: str, authorities: list[x509.Certificate]) -> da
         raise _error(path, f"{name}.key does not belong to it")
     issuer = next((each for each in authorities if _is_signed_by(chain[-1], each)), None)
     if issuer is None or not all(_is_signed_by(*pair) for pair in pairwise(chain)):
-        raise _error(path, f"{AUTHORITY}.pem did not sign it")
+        raise _error(path, f"was not signed by {AUTHORITY}.pem")
     for each in (*chain, issuer):
         if now < each.not_valid_before_utc:
-            raise _error(path, f"holds from {each.not_valid_before_utc:%Y-%m-%d} on only")
+            raise _error(path, f"is not valid before {each.not_valid_before_utc:%Y-%m-%d}")
         if now >= each.not_valid_after_utc:
-            raise _error(path, f"has ended on {each.not_valid_after_utc:%Y-%m-%d}")
+            raise _error(path, f"expired on {each.not_valid_after_utc:%Y-%m-%d}")
     if name in PUTS and client_name(name) not in _common_names(chain[0]):
-        raise _error(path, f"is not of {client_name(name)}, as its common name must say")
+        raise _error(path, f"does not have the common name {client_name(name)}")
     return min(each.not_valid_after_utc for each in (*chain, issuer))
 
 
@@ -60,7 +60,7 @@ def _certificates(path: Path) -> list[x509.Certificate]:
     except OSError as error:
         raise _error(path, f"cannot be read ({error.strerror})") from None
     except ValueError:
-        raise _error(path, "holds no certificate") from None
+        raise _error(path, "contains no certificate") from None
 
 
 def _public_key(path: Path) -> object:
@@ -69,7 +69,7 @@ def _public_key(path: Path) -> object:
     except SecretError as error:
         raise ConfigError(f"bus.certificates: {error}") from None
     except (ValueError, TypeError):
-        raise _error(path, "holds no key, or one with a password") from None
+        raise _error(path, "contains no key, or a key with a password") from None
 
 
 def _is_signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:

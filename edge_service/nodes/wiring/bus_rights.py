@@ -13,14 +13,14 @@ from .own_certificates import own_certificates
 
 log = logging.getLogger(__name__)
 _SOON_DAYS = 30.0
-_SOON = "%s: the certificate ends in %.0f days; run `edge-service certs` again and restart"
+_SOON = "%s: the certificate expires in %.0f days; run `edge-service certs` again and restart"
 
 
 def router_settings(config: EdgeConfig) -> BusSettings:
     """Settings of the process that is the bus' router. Raises ConfigError."""
     bus = config.bus
     if bus.security == "open":
-        log.warning("the bus is open: any process of this machine can forge a preload")
+        log.warning("the bus is open: any process on this machine can forge a preload")
     tls = None if bus.certificates is None else _tls(bus, "server")
     return BusSettings(bus.endpoint, "router", bus.security, tls)
 
@@ -49,7 +49,9 @@ def _with_certificates(config: EdgeConfig) -> EdgeConfig:
     try:
         folder = own_certificates(config)
     except (CertificateError, OSError) as error:
-        raise ConfigError(f"bus.certificates: none, and none can be made ({error})") from None
+        raise ConfigError(
+            f"bus.certificates: there are none, and they cannot be created ({error})"
+        ) from None
     bus = config.bus.model_copy(update={"certificates": folder})
     return config.model_copy(update={"bus": bus})
 

@@ -44,7 +44,7 @@ class EstimatedAxis:
     def _bridge(self, time_s: float, heard_ns: int, header: Header, block: FeatureBlock) -> None:
         silent_s = (header.source_time_ns - heard_ns) / 1e9
         if self._restored and not _goes_on(time_s, silent_s, block):
-            log.info("axis %s: its estimate goes on after a stop of %.0f s", self._axis, silent_s)
+            log.info("axis %s: its estimate continues after a stop of %.0f s", self._axis, silent_s)
             self._estimator.resume(silent_s)
         elif silent_s > SILENCE_S:
             self._estimator.interrupt()
@@ -72,7 +72,7 @@ class EstimatedAxis:
             if kept is None:
                 return
             if kept.source_time_ns < replaced_ns <= begun_ns:
-                raise StateError("it is of a part that was replaced since")
+                raise StateError("it belongs to a part that has since been replaced")
             self._restore(kept)
         except (StateError, OSError) as error:
             aside = ""
@@ -101,7 +101,9 @@ class EstimatedAxis:
             json.dumps(self._estimator.snapshot(), allow_nan=False)
         except DAMAGED as error:
             self._estimator.reset()
-            raise StateError(f"it is no state of this estimator ({error})", damaged=True) from None
+            raise StateError(
+                f"it is not a state of this estimator ({error})", damaged=True
+            ) from None
         self._heard, self._restored = (kept.time_s, kept.source_time_ns), True
 
     def to_keep(self) -> Kept | None:

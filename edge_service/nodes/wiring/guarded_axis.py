@@ -126,7 +126,7 @@ class GuardedAxis:
         if self._blamed >= MOST_BLAMED:
             self._sound, self._blamed = None, 0
             self.resets += 1
-            self._tell_reset(f"starts over: nothing continues from its state ({said(error)})")
+            self._tell_reset(f"starts over: its state cannot be continued ({said(error)})")
 
     def _nothing(self, block: FeatureBlock) -> PreloadEstimate:
         return PreloadEstimate(

@@ -52,7 +52,7 @@ def server_files(
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.load_cert_chain(certificate, key, password="")
     except (ssl.SSLError, ValueError) as error:
-        reason = getattr(error, "reason", None) or "no PEM, or a key with a password"
+        reason = getattr(error, "reason", None) or "not in PEM format, or the key has a password"
         pair = f"{certificate} with {private_key}"
         raise ConfigError(f"{table}.certificate: {pair}: {reason}") from None
     return certificate, key
@@ -69,7 +69,7 @@ def check_access(http: HttpConfig) -> str:
     """Check tokens and certificates; returns a line on who is let in. Raises ConfigError."""
     doorkeeper_of(http)
     tls_files(http)
-    tokens = "whoever reaches it may do anything"
+    tokens = "no tokens: anyone who can reach it may do anything"
     if http.tokens_file is not None:
         tokens = f"tokens in {http.tokens_file}"
     return f"{_validity(http.certificate)}, {tokens}"

@@ -39,7 +39,7 @@ class CompilingProcess:
             except OSError:
                 filled = False
             if not filled:
-                log.warning("kernels are compiled in this process: another one could not do it")
+                log.warning("compiling numeric code in this process: the separate process failed")
                 self._end()
             self._used_s = monotonic()
             return filled
@@ -55,7 +55,7 @@ class CompilingProcess:
 
     def _ask(self, order: bytes) -> bool:
         if self._process is None or self._process.poll() is not None:
-            log.info("numeric kernels are being compiled: once for each version of the service")
+            log.info("compiling numeric code; this happens once for each version of the service")
             self._process = _started()
         orders, answers = self._process.stdin, self._process.stdout
         assert orders is not None and answers is not None

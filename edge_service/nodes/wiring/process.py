@@ -53,7 +53,7 @@ class Process:
             now_s,
             ready=self._ready,
             well=self._supervisor.is_well,
-            status="; ".join(faults) or "all tasks work",
+            status="; ".join(faults) or "all tasks are running",
         )
 
     def _served(self, url: str) -> None:

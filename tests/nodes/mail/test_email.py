@@ -277,7 +277,7 @@ async def test_a_letter_that_comes_twice_has_one_name_and_one_content(tmp_path: 
         assert first["Message-ID"] == again["Message-ID"] == last["Message-ID"]
         assert first.as_bytes() == again.as_bytes() == last.as_bytes()
         assert last["Message-ID"] != server.taken[1]["Message-ID"]
-        assert "broke the connection off" in sender.problems[0]
+        assert "closed the connection" in sender.problems[0]
 
 
 async def test_a_server_that_says_nothing_more_is_given_up_in_time(

@@ -98,4 +98,4 @@ def test_an_output_without_an_address_is_named(output: str, tmp_path: Path) -> N
     done = CliRunner().invoke(
         cli, ["send-test", output, configured(tmp_path, "")], standalone_mode=False
     )
-    assert f"{output}: nothing is sent there" in str(done.exception)
+    assert f"{output}: nothing can be sent" in str(done.exception)

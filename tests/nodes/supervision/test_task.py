@@ -177,7 +177,7 @@ async def test_a_thread_that_hangs_is_seen_holds_up_nobody_and_is_not_doubled(
     assert scene.told == []
     await scene.pass_time(2.0)
     assert scene.kinds() == ["task_failed"]
-    assert scene.told[0].reason == "hangs: do disk and peer answer?"
+    assert scene.told[0].reason == "hangs: check that the disk and the other side answer"
     await scene.pass_time(60.0)
     assert len(begun) == 1
     assert (other.restarts.total, scene.supervisor.is_well) == (0, True)

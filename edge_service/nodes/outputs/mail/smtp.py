@@ -129,7 +129,7 @@ def _of_codes(codes: Sequence[int]) -> Reply:
 
 def _answered(codes: Sequence[int]) -> str:
     if min(codes) < 200:
-        return "did not answer in SMTP"
+        return "sent an answer that is not SMTP"
     return f"answered {', '.join(str(code) for code in sorted(set(codes)))}"
 
 
@@ -153,9 +153,9 @@ def _cause(error: Exception) -> str:
         case TimeoutError():
             cause = f"did not answer within {STEP_S:g} s"
         case smtplib.SMTPServerDisconnected() | ConnectionResetError() | BrokenPipeError():
-            cause = "broke the connection off"
+            cause = "closed the connection"
         case OSError(strerror=str(reason)):
             cause = f"cannot be reached ({reason})"
         case _:
-            cause = f"did not answer in SMTP ({type(error).__name__})"
+            cause = f"sent an answer that is not SMTP ({type(error).__name__})"
     return cause
