@@ -144,7 +144,7 @@ CASES: dict[str, tuple[Case, str]] = {
             "run",
             private(p, "a.toml", AXIS + '[http]\ncertificate = "a.toml"\nprivate_key = "a.toml"'),
         ],
-        "no PEM, or a key with a password",
+        "not in PEM format, or the key has a password",
     ),
     "a key that others may read": (
         lambda p: [
@@ -159,7 +159,7 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "tokens that are none": (
         lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ntokens_file = "a.toml"')],
-        "a.toml: is no file of `edge-service token`",
+        "a.toml: is not a file written by `edge-service token`",
     ),
     "a token for nobody": (
         lambda p: ["token", "add", "", "--role", "viewer", "--file", str(p / "t")],
@@ -205,7 +205,7 @@ CASES: dict[str, tuple[Case, str]] = {
             "estimate",
             write(p, "a.toml", AXIS + f'[history]\nfolder = "{write(p, "file", "")}"'),
         ],
-        "bus.certificates: none, and none can be made",
+        "bus.certificates: there are none, and they cannot be created",
     ),
     "a certificate for a name that is none": (
         lambda p: ["certs", "--out", str(p / "new"), "--name", "http://box"],

@@ -79,7 +79,9 @@ class PreloadAnswer(Answer):
     )
     low: float | None = Field(description="Lower bound of the interval, percent.")
     high: float | None = Field(description="Upper bound of the interval, percent.")
-    level: float = Field(description="Probability that the interval aims to hold the truth.")
+    level: float = Field(
+        description="Probability with which the interval should contain the true value."
+    )
     of_fresh: Interval | None = Field(
         default=None, description="The same in percent of the fresh screw's preload."
     )
@@ -88,7 +90,7 @@ class PreloadAnswer(Answer):
         description="Coulomb drag torque of the axis at the motor shaft, N m."
     )
     stiffness_n_per_m: Interval | None = Field(
-        description="Of all in series between motor and table, N/m; null if it is not estimated."
+        description="Stiffness between motor and table, N/m; null if it is not estimated."
     )
     condition: AxisCondition
     reasons: list[str] = Field(description="Why, as `code: sentence`; empty if all is well.")
@@ -124,14 +126,14 @@ class AlarmAnswer(Answer):
 
     alarm: AlarmKind = Field(validation_alias="kind")
     severity: Severity
-    active: bool = Field(description="Whether its cause holds now.")
+    active: bool = Field(description="Whether its cause is present now.")
     message: str
     raised_at: Timestamp = Field(validation_alias="raised_time_ns")
     cleared_at: Timestamp | None = Field(validation_alias="cleared_time_ns")
-    acknowledged_by: str | None = Field(description="null: nobody has taken note yet.")
+    acknowledged_by: str | None = Field(description="null if nobody has acknowledged it yet.")
     note: str
     shelved_until: Timestamp | None = Field(
-        validation_alias="shelved_until_ns", description="Until then it calls nobody."
+        validation_alias="shelved_until_ns", description="Until then it alerts nobody."
     )
 
 
@@ -143,7 +145,7 @@ class CrossingAnswer(Answer):
     earliest: Timestamp | None = Field(validation_alias="earliest_ns")
     likely: Timestamp | None = Field(validation_alias="likely_ns")
     latest: Timestamp | None = Field(
-        validation_alias="latest_ns", description="null: beyond what the history can tell."
+        validation_alias="latest_ns", description="null if the history is too short to tell."
     )
 
 
@@ -176,10 +178,10 @@ class TrendAnswer(Answer):
     status: TrendStatus
     reason: str
     since: Timestamp | None = Field(
-        validation_alias="since_time_ns", description="null before any history exists."
+        validation_alias="since_time_ns", description="null if there is no history yet."
     )
     basis: str = Field(description="What wear is counted against: `time` or `distance`.")
-    level: float = Field(description="Probability that each interval holds the truth.")
+    level: float = Field(description="Probability that each interval contains the true value.")
     rate_percent_per_h: Interval | None
     rate_percent_per_km: Interval | None
     rate_fresh_percent_per_h: Interval | None = Field(
@@ -226,7 +228,9 @@ class AdviceAnswer(Answer):
     subject: Subject
     text: str
     now: bool = Field(description="Whether it is due now.")
-    due: DueAnswer | None = Field(description="When else; null where no date can be named.")
+    due: DueAnswer | None = Field(
+        description="Date by which to do it if it is not due now; null if no date can be given."
+    )
     together_with: list[Task] = Field(description="What else to do in the same stop.")
 
 
@@ -251,14 +255,18 @@ class HealthAnswer(Answer):
     data_faults: dict[str, int] = Field(
         description="Faulty intervals per kind since the start.", examples=[{"gap": 2}]
     )
-    alarms: list[AlarmAnswer] = Field(description="Those a person should see, gravest first.")
+    alarms: list[AlarmAnswer] = Field(
+        description="Alarms that a person should see, most serious first."
+    )
     trend: TrendAnswer | None
     consistency: ConsistencyAnswer | None
     headline: Headline | None = Field(
         description="The one statement, from the worst of condition and alarms."
     )
     advice: list[AdviceAnswer] = Field(description="Tasks, the most urgent first.")
-    fall: PreloadFallAnswer | None = Field(description="null: none since the part came into use.")
+    fall: PreloadFallAnswer | None = Field(
+        description="null if there has been none since the part came into use."
+    )
 
 
 class ServiceAnswer(Answer):

@@ -38,9 +38,13 @@ class UseAnswer(Answer):
     reversals: int
     stroke_from_m: float
     stroke_to_m: float
-    way_m: list[float] = Field(description="Way worked in each equal part of the stroke, m.")
+    way_m: list[float] = Field(
+        description="Distance travelled in each equal part of the stroke, m."
+    )
     force_edges_n: list[float]
-    force_way_m: list[float] = Field(description="Way worked under a force in each class, m.")
+    force_way_m: list[float] = Field(
+        description="Distance travelled under a force in each class, m."
+    )
 
 
 class ProfileAnswer(Answer):
@@ -81,10 +85,12 @@ class StrokeAnswer(Answer):
 
     axis: str
     position_m: list[float]
-    level: float = Field(description="Probability that each interval aims to hold the truth.")
+    level: float = Field(
+        description="Probability with which each interval should contain the true value."
+    )
     preload_percent: ProfileAnswer
     stiffness_n_per_m: ProfileAnswer | None = Field(
-        description="Of all in series between motor and table; null without a linear encoder."
+        description="Stiffness between motor and table; null without a linear encoder."
     )
 
 

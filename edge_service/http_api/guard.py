@@ -55,10 +55,10 @@ class Guard:
             await send(message)
 
         if name_of(host) not in self._hosts:
-            words = f"the service does not answer to the host name {host!r}"
+            words = f"this service is not configured for the host name {host!r}"
             await problem_response(scope["path"], 400, words)(scope, receive, send_guarded)
         elif scope["method"] not in _SAFE_METHODS and not _same_origin(headers, host):
-            words = f"a page of {headers.get('origin')!r} may not ask this"
+            words = f"a page of {headers.get('origin')!r} may not send this request"
             await problem_response(scope["path"], 403, words)(scope, receive, send_guarded)
         else:
             await self._app(scope, receive, send_guarded)

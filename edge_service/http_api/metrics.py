@@ -40,7 +40,7 @@ _NUMBERS: tuple[tuple[str, str, _Number], ...] = (
     ("stiffness_newtons_per_metre", "Stiffness in series, N/m", _bound(_STIFFNESS, "value")),
     ("stiffness_low_newtons_per_metre", "Its lower bound, N/m", _bound(_STIFFNESS, "low")),
     ("stiffness_high_newtons_per_metre", "Its upper bound, N/m", _bound(_STIFFNESS, "high")),
-    ("normalised_innovation_squared", "Mean 1 if the model holds", attrgetter("nis")),
+    ("normalised_innovation_squared", "Averages 1 if the model fits", attrgetter("nis")),
 )
 
 
@@ -92,9 +92,19 @@ class ServiceCollector(StateCollector):
         family = gauges(
             "component_status", "1 for the present status", "component", "axis", "status"
         )
-        counts = counters("component_counts", "What it counted", "component", "axis", "counter")
+        counts = counters(
+            "component_counts",
+            "Counts of the component since its start",
+            "component",
+            "axis",
+            "counter",
+        )
         readings = gauges(
-            "component_reading", "Value it wants seen", "component", "axis", "reading"
+            "component_reading",
+            "Present value reported by the component",
+            "component",
+            "axis",
+            "reading",
         )
         for report in self._reports():
             labels = (report.component, report.axis or "")
@@ -112,7 +122,7 @@ class ServiceCollector(StateCollector):
             yield from self._state.health(axis, self._now_ns).components
 
     def _counters(self) -> Iterable[Metric]:
-        lost = counters("lost_payloads", "Holes in the sequence", "axis", "topic")
+        lost = counters("lost_payloads", "Payloads missing from the sequence", "axis", "topic")
         for axis in self._state.axes:
             for topic, count in self._state.lost_payloads(axis).items():
                 _add(lost, (axis, topic), count)
@@ -133,7 +143,7 @@ class ServiceCollector(StateCollector):
         for key_and_reason, count in self._state.refused().items():
             _add(refused, key_and_reason, count)
         place = self._state.place
-        info = gauges("info", "1, with what the axes belong to", "site", "machine")
+        info = gauges("info", "Always 1; its labels name site and machine", "site", "machine")
         _add(info, (place.site, place.machine), 1.0)
         return info, lost, ready, readers, ignored, *((refused,) if refused.samples else ())
 

@@ -14,9 +14,9 @@ class TrendCollector(StateCollector):
 
     def collect(self) -> Iterable[Metric]:
         """All families."""
-        active = gauges("alarm_active", "1 while its cause holds", "axis", "alarm")
+        active = gauges("alarm_active", "1 while its cause is present", "axis", "alarm")
         waiting = gauges(
-            "alarm_unacknowledged", "1 until somebody acknowledged it", "axis", "alarm"
+            "alarm_unacknowledged", "1 until somebody acknowledges it", "axis", "alarm"
         )
         rate = gauges("preload_rate_percent_per_hour", "Change of the preload", "axis", "bound")
         reached = gauges(
@@ -27,9 +27,11 @@ class TrendCollector(StateCollector):
             "bound",
         )
         use = [
-            counters("distance_metres", "Way of the table since the part is in use"),
-            counters("moving_seconds", "Time in motion since the part is in use"),
-            counters("reversals", "Changes of direction since the part is in use"),
+            counters(
+                "distance_metres", "Distance travelled by the table since the part came into use"
+            ),
+            counters("moving_seconds", "Time in motion since the part came into use"),
+            counters("reversals", "Changes of direction since the part came into use"),
         ]
         for axis in self._state.axes:
             health = self._state.health(axis, self._now_ns)

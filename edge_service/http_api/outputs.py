@@ -30,7 +30,7 @@ class DeadLetterAnswer(Answer):
     message: str
     time: Timestamp = Field(description="Of the event.")
     tries: int
-    reason: str = Field(description="What the last try came to.")
+    reason: str = Field(description="Result of the last attempt.")
     dead_since: Timestamp
 
 
@@ -42,8 +42,8 @@ class OutputAnswer(Answer):
     reason: str
     waiting: int = Field(description="Messages that are still to be delivered.")
     delivered: int = Field(description="Since the service started, like the next two.")
-    dropped: int = Field(description="Went because disk and memory were full.")
-    damaged: int = Field(description="Were changed by the disk, and left out.")
+    dropped: int = Field(description="Discarded because disk and memory were full.")
+    damaged: int = Field(description="Damaged on the disk and therefore discarded.")
     dead_letters: list[DeadLetterAnswer]
 
 

@@ -18,7 +18,7 @@ class ParameterProblem(BaseModel):
     """Problem with one parameter of a request."""
 
     parameter: str = Field(examples=["from"])
-    detail: str = Field(examples=["'noon' is no time"])
+    detail: str = Field(examples=["'noon' is not a time"])
 
 
 class Problem(BaseModel):
@@ -30,7 +30,7 @@ class Problem(BaseModel):
     detail: str = Field(description="What was wrong.", examples=["no axis 'Q'; there are X, Y"])
     instance: str = Field(description="Path of the request.", examples=["/api/v1/axes/Q/health"])
     reasons: list[str] | None = Field(None, description="Why the service is not ready.")
-    errors: list[ParameterProblem] | None = Field(None, description="Parameters to mend.")
+    errors: list[ParameterProblem] | None = Field(None, description="Parameters to correct.")
 
 
 class ProblemResponse(JSONResponse):
@@ -116,10 +116,10 @@ async def _on_gone(request: Request, _error: Exception) -> ProblemResponse:
 
 
 async def _on_failure(request: Request, _error: Exception) -> ProblemResponse:
-    return problem_response(request.url.path, 500, "the service failed; its log says why")
+    return problem_response(request.url.path, 500, "the service failed; see its log for the reason")
 
 
 _PLAIN_DETAIL = {
     404: "there is nothing at this path; /openapi.json lists what there is",
-    405: "this path does not take that method",
+    405: "this path does not support this method",
 }

@@ -158,7 +158,7 @@ def bind(host: str, port: int, *, encrypted: bool = False) -> socket.socket:
     if not (encrypted or address.is_loopback):
         raise AddressError(f"host {host}: only loopback addresses are served without TLS")
     if not 0 <= port <= 65535:
-        raise AddressError(f"port {port} is no TCP port: expected 0 to 65535")
+        raise AddressError(f"port {port} is not a TCP port: expected 0 to 65535")
     family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
     # named TCP, or asyncio leaves Nagle on and every kept-alive answer waits 40 ms
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -177,7 +177,7 @@ def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
     try:
         return ipaddress.ip_address("127.0.0.1" if host == "localhost" else host.strip("[]"))
     except ValueError:
-        raise AddressError(f"host {host!r} is no IP address: expected e.g. 127.0.0.1") from None
+        raise AddressError(f"host {host!r} is not an IP address: expected e.g. 127.0.0.1") from None
 
 
 def _bind_error(host: str, port: int, error: OSError) -> AddressError:

@@ -59,16 +59,22 @@ async def reader(
 ) -> AsyncIterator[Subscription]:
     """A place among the live readers, until the response has ended."""
     if len(state.readers) >= MOST_READERS:
-        raise HTTPException(503, f"{MOST_READERS} live readers are connected, no more are taken")
+        raise HTTPException(503, f"{MOST_READERS} live readers are connected; no more are accepted")
     with state.readers.subscribe(axis) as subscription:
         yield subscription
 
 
 async def resume_after(
-    last_event_id: Annotated[int | None, Query(ge=0, description="As the header.")] = None,
+    last_event_id: Annotated[
+        int | None, Query(ge=0, description="Same as the header Last-Event-ID.")
+    ] = None,
     header: Annotated[
         int | None,
-        Header(alias="Last-Event-ID", ge=0, description="Send the events after this one first."),
+        Header(
+            alias="Last-Event-ID",
+            ge=0,
+            description="Id of the last event received; the events after it are sent first.",
+        ),
     ] = None,
 ) -> int | None:
     """Id of the last event that the reader has seen; the header of a reconnection wins."""

@@ -35,7 +35,7 @@ def _parse_rfc3339(text: str) -> float:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise ValueError(f"{text!r} is no time: {expected}") from None
+        raise ValueError(f"{text!r} is not a time: {expected}") from None
     if moment.tzinfo is None:
         raise ValueError(f"{text!r} has no offset from UTC: {expected}")
     return moment.timestamp()

@@ -53,7 +53,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     assert serious_faults(page) == []
     page.fill("#token", "edge-wrong")
     page.press("#token", "Enter")
-    page.wait_for_selector("text=You are not signed in: this is no token, or it has ended")
+    page.wait_for_selector("text=You are not signed in: this token is unknown or has expired")
     page.fill("#token", kim)
     page.press("#token", "Enter")
     page.wait_for_selector("#answer[data-level=ok]")

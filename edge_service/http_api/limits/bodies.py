@@ -110,13 +110,13 @@ class _Body:
             async with asyncio.timeout(min(limits.body_idle_s, granted_s)):
                 message = await self._receive()
         except TimeoutError:
-            words = "the body did not come in time"
+            words = "the request body did not arrive in time"
             raise HTTPException(HTTPStatus.REQUEST_TIMEOUT, words) from None
         self._waited_s += clock() - began_s
         return message
 
     def _too_long(self) -> HTTPException:
-        words = f"the body is longer than {self._most / MB:g} MB"
+        words = f"the request body is longer than {self._most / MB:g} MB"
         return HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, words)
 
 

@@ -81,7 +81,7 @@ class BoundedProtocol(H11Protocol):
 
     def send_400_response(self, msg: str) -> None:
         """Answer what is no HTTP with a problem, as every other error."""
-        self._refuse(HTTPStatus.BAD_REQUEST, f"this is no HTTP request: {msg}")
+        self._refuse(HTTPStatus.BAD_REQUEST, f"this is not an HTTP request: {msg}")
 
     def pause_writing(self) -> None:
         """Give a client that does not read some time."""
@@ -104,7 +104,7 @@ class BoundedProtocol(H11Protocol):
     def _head_is_late(self) -> None:
         self._due = None
         if self.conn.trailing_data[0]:
-            self._refuse(HTTPStatus.REQUEST_TIMEOUT, "the request did not come in time")
+            self._refuse(HTTPStatus.REQUEST_TIMEOUT, "the request did not arrive in time")
         else:
             self.transport.close()
 

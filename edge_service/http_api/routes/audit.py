@@ -40,7 +40,7 @@ class AuditEntryAnswer(Answer):
     outcome: str | None
     data: dict[str, str | float | int | None]
     chain: str = Field(description="SHA-256 of the chain before it, its number and itself.")
-    problem: str = Field(description="Why it cannot be trusted; empty if it can.")
+    problem: str = Field(description="Why the log cannot be trusted; empty if it can.")
 
 
 class AuditAnswer(Answer):
@@ -55,7 +55,9 @@ class AuditAnswer(Answer):
 def audit(
     state: StateDep,
     before: Annotated[int | None, Query(ge=1, description="Only entries before this one.")] = None,
-    limit: Annotated[int, Query(ge=1, le=10_000, description="The newest so many.")] = 100,
+    limit: Annotated[
+        int, Query(ge=1, le=10_000, description="At most this many, the newest.")
+    ] = 100,
 ) -> AuditAnswer:
     """Audit log: commands, uploads, removals, jobs, sign-ins, starts; it is never shortened."""
     newest = state.events.entries

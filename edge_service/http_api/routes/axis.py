@@ -43,8 +43,9 @@ IdempotencyKey = Annotated[
     str,
     Header(
         pattern=_KEY,
-        description="Of your choice, new for each command (a UUID): asked again with the same one, "
-        "a command is answered as before and not done again. The newest 100 of an axis are known.",
+        description="Chosen by the client, new for each command (such as a UUID). A command "
+        "that is sent again with the same key is answered as before and not carried out twice. "
+        "The newest 100 keys of an axis are remembered.",
     ),
     AfterValidator(_unquoted),
 ]
@@ -66,7 +67,7 @@ async def traces(
     axis: AxisDep,
     state: StateDep,
     now_ns: NowDep,
-    seconds: Annotated[float, Query(gt=0.0, le=300.0, description="How far back.")] = 60.0,
+    seconds: Annotated[float, Query(gt=0.0, le=300.0, description="How far back, s.")] = 60.0,
 ) -> TracesAnswer:
     """Torque, speed, position and transmission difference of the last minutes."""
     return traces_answer(state, axis, now_ns - round(seconds * 1e9))
@@ -97,7 +98,9 @@ async def log(
     now_ns: NowDep,
     start_s: Annotated[Moment | None, moment_query("from", "30 days before `to`")] = None,
     end_s: Annotated[Moment | None, moment_query("to", "now")] = None,
-    limit: Annotated[int, Query(ge=1, le=20_000, description="The newest so many.")] = 1000,
+    limit: Annotated[
+        int, Query(ge=1, le=20_000, description="At most this many, the newest.")
+    ] = 1000,
 ) -> LogAnswer:
     """Events and notes of the axis and of the service."""
     end_s = now_ns / 1e9 + 1.0 / PRELOAD.rate_hz if end_s is None else end_s
@@ -140,12 +143,15 @@ async def command(
 
 def _answered(outcome: Outcome | None) -> CommandAnswer:
     if outcome is None:
-        raise HTTPException(503, "the health node does not answer: the command may not be done")
+        raise HTTPException(
+            503,
+            "the health node does not answer: it is not known whether the command was carried out",
+        )
     if outcome.reused:
         raise HTTPException(422, f"Idempotency-Key: {outcome.message}")
     if not outcome.accepted:
         raise HTTPException(409, outcome.message)
     if not outcome.kept:
-        words = "it is done, but a restart will forget it unless the disk takes it soon"
+        words = "carried out, but a restart will undo it unless it can soon be written to disk"
         raise HTTPException(507, f"{words}: {outcome.message}")
     return CommandAnswer(outcome=outcome.message)

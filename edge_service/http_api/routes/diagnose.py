@@ -74,7 +74,7 @@ async def diagnosis(axis: AxisDep, desk: DeskDep) -> FileResponse:
     """The newest diagnosis of the axis as JSON, schema `diagnosis/1`."""
     job = desk.newest(JobKind.DIAGNOSE, axis)
     if job is None:
-        raise HTTPException(404, f"axis {axis} was not diagnosed since the service started")
+        raise HTTPException(404, f"axis {axis} has not been diagnosed since the service started")
     if job.state is not JobState.DONE:
         said = f": {job.lines[-1]}" if job.lines else ""
         raise HTTPException(409, f"job {job.id} is {job.state.value}{said}")
@@ -86,4 +86,4 @@ async def _names(request: Request) -> list[str]:
         return DiagnoseBody.model_validate(json.loads(await request.body())).recordings
     except (ValidationError, ValueError, RecursionError):
         expected = json.dumps(_EXAMPLE)
-        raise HTTPException(422, f"the body is no request: expected {expected}") from None
+        raise HTTPException(422, f"the request body is not valid: expected {expected}") from None

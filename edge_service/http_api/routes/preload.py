@@ -47,7 +47,7 @@ async def ready(request: Request, state: StateDep, now_ns: NowDep) -> ReadyAnswe
     reasons = state.unready(now_ns)
     if not reasons:
         return ReadyAnswer()
-    detail = "an input is stale or was never heard"
+    detail = "an input is stale or was never received"
     return problem_response(request.url.path, 503, detail, reasons=list(reasons))
 
 

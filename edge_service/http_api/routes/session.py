@@ -30,7 +30,7 @@ class SessionAnswer(Answer):
 
     required: bool = Field(description="Whether this service asks for tokens at all.")
     name: str | None = Field(description="Name of the token; null if none was sent.")
-    role: str = Field(examples=["operator"], description="What whoever asks may do.")
+    role: str = Field(examples=["operator"], description="What the caller may do.")
     rights: dict[str, dict[str, str]] = Field(
         examples=[{"/api/v1/audit": {"GET": "operator"}}],
         description="Path -> method -> the least role; empty for whoever is not signed in.",
@@ -66,7 +66,7 @@ async def sign_in(
         wait = {"retry-after": str(round(error.wait_s) + 1)}
         raise HTTPException(429, str(error), headers=wait) from None
     except PermissionError:
-        raise HTTPException(401, "this is no token, or it has ended") from None
+        raise HTTPException(401, "this token is unknown or has expired") from None
     signed_in(request, identity.name)
     _set_cookie(request, response, secret, LIFETIME_S)
     return _answer(doorkeeper, identity)

@@ -100,7 +100,7 @@ class Doorkeeper:
         except TokenError as error:
             if str(error) != self._complaint:
                 self._complaint = str(error)
-                log.error("%s; nobody is let in", error)
+                log.error("%s; all sign-ins are refused", error)
             return None
 
     def _now(self) -> datetime:

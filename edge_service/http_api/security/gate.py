@@ -44,7 +44,7 @@ def _refusal(path: str, method: str, identity: Identity) -> ProblemResponse | No
         words = f"this needs the role {needed.name.lower()}, yours is {identity.role.name.lower()}"
         return problem_response(path, 403, words)
     if methods:
-        words = "this path does not take that method"
+        words = "this path does not support this method"
         return problem_response(path, 405, words, headers={"allow": _allowed(methods)})
     words = "there is nothing at this path; /openapi.json lists what there is"
     return problem_response(path, 404, words)

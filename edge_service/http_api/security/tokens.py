@@ -65,7 +65,7 @@ def read_tokens(path: Path) -> tuple[Token, ...]:
         hint = "; `edge-service token add` makes it" if isinstance(error, FileNotFoundError) else ""
         raise TokenError(f"{path}: cannot be read ({error.strerror}){hint}") from None
     except ValidationError:
-        raise TokenError(f"{path}: is no file of `edge-service token`") from None
+        raise TokenError(f"{path}: is not a file written by `edge-service token`") from None
 
 
 def add_token(path: Path, name: str, role: RoleName, days: int, now: datetime) -> str:
@@ -75,7 +75,7 @@ def add_token(path: Path, name: str, role: RoleName, days: int, now: datetime) -
     """
     tokens = read_tokens(path) if path.exists() else ()
     if any(token.name == name for token in tokens):
-        raise TokenError(f"{path}: there is a token of the name {name!r}; revoke it first")
+        raise TokenError(f"{path}: there is already a token named {name!r}; revoke it first")
     secret = PREFIX + secrets.token_urlsafe(_BYTES)
     members = {"name": name, "role": role, "sha256": digest(secret)}
     times = {"created": now, "expires": now + timedelta(days=days)}
@@ -93,7 +93,7 @@ def revoke_token(path: Path, name: str) -> None:
     left = [token for token in tokens if token.name != name]
     if len(left) == len(tokens):
         there = ", ".join(token.name for token in tokens) or "none"
-        raise TokenError(f"{path}: no token of the name {name!r}; there are: {there}")
+        raise TokenError(f"{path}: no token named {name!r}; there are: {there}")
     _write(path, left)
 
 

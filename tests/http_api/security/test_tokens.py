@@ -65,13 +65,13 @@ def test_a_name_that_makes_no_sense_is_refused(name: str, path: Path) -> None:
 
 def test_a_name_is_given_once(path: Path) -> None:
     add_token(path, "kim", "viewer", 1, NOW)
-    with pytest.raises(TokenError, match="there is a token of the name 'kim'"):
+    with pytest.raises(TokenError, match="there is already a token named 'kim'"):
         add_token(path, "kim", "admin", 1, NOW)
 
 
 def test_an_unknown_name_is_told_with_those_there_are(path: Path) -> None:
     add_token(path, "kim", "viewer", 1, NOW)
-    with pytest.raises(TokenError, match="no token of the name 'kin'; there are: kim"):
+    with pytest.raises(TokenError, match="no token named 'kin'; there are: kim"):
         revoke_token(path, "kin")
 
 
@@ -85,7 +85,9 @@ def test_a_damaged_file_is_named_and_lets_nobody_in(content: bytes, path: Path) 
     assert tokens.find(sha256, NOW)
     path.write_bytes(content)
     for read in (lambda: read_tokens(path), lambda: tokens.find(sha256, NOW)):
-        with pytest.raises(TokenError, match=r"tokens\.json: is no file of `edge-service token`"):
+        with pytest.raises(
+            TokenError, match=r"tokens\.json: is not a file written by `edge-service token`"
+        ):
             read()
 
 
