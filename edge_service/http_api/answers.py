@@ -15,6 +15,7 @@ from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
 from ..messages.event import Severity
 from ..messages.health import AxisCondition, ComponentHealth, ConsistencyState
+from ..messages.sentence import Sentence, is_none
 from ..messages.trend import TrendStatus
 from .times import rfc3339, rfc3339_s
 
@@ -106,6 +107,13 @@ class PreloadAnswer(Answer):
     age_s: float | None = Field(description="Time since then, s.")
 
 
+Told = Annotated[
+    Sentence | None,
+    Field(
+        exclude_if=is_none,
+        description="The message as a code with its values, for other languages; absent without.",
+    ),
+]
 _ALARM_EXAMPLE: dict[str, Any] = {
     "alarm": "sudden_drop",
     "severity": "error",
@@ -135,6 +143,7 @@ class AlarmAnswer(Answer):
     shelved_until: Timestamp | None = Field(
         validation_alias="shelved_until_ns", description="Until then it alerts nobody."
     )
+    sentence: Told = None
 
 
 class CrossingAnswer(Answer):
@@ -343,6 +352,7 @@ class EventAnswer(Answer):
     message: str
     time: Timestamp = Field(validation_alias="time_ns")
     data: dict[str, str | float | int | None]
+    sentence: Told = None
 
 
 class ReadyAnswer(Answer):

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from .estimate import Frozen
 from .event import Severity
 from .names import check_recording
+from .sentence import Sentence, is_none
 
 MOST_KEY_LETTERS = 100
 
@@ -29,6 +30,7 @@ class Alarm(Frozen):
 
     Attributes:
         active: whether its cause holds now.
+        message, sentence: its cause in English, and for readers of other languages.
         raised_time_ns, cleared_time_ns: UNIX times, ns, of the last change either way.
         acknowledged_by, note: who took note of it, and their words; None if nobody.
         shelved_until_ns: until then it calls nobody; None if not shelved.
@@ -43,6 +45,7 @@ class Alarm(Frozen):
     acknowledged_by: str | None = None
     note: str = ""
     shelved_until_ns: int | None = None
+    sentence: Sentence | None = Field(None, exclude_if=is_none)
 
 
 class Command(Frozen):

@@ -3,10 +3,11 @@
 from enum import StrEnum
 from typing import Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from .estimate import Frozen
 from .names import Kind, check_recording
+from .sentence import Sentence, is_none
 
 
 class Severity(StrEnum):
@@ -22,6 +23,7 @@ class Event(Frozen):
 
     Attributes:
         kind: e.g. `condition_changed`, `status_changed`, `component_changed`, `data_fault`.
+        message, sentence: in English, and for readers of other languages.
         time_ns: UNIX time in ns.
         data: the values that changed; `recording` names a trace that the service keeps.
     """
@@ -32,6 +34,7 @@ class Event(Frozen):
     message: str
     time_ns: int
     data: dict[str, str | float | int | None] = {}
+    sentence: Sentence | None = Field(None, exclude_if=is_none)
 
     @model_validator(mode="after")
     def _own_recording(self) -> Self:

@@ -3,13 +3,14 @@
 from enum import StrEnum
 from typing import Annotated
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 from .advice import Advice, Headline, PreloadFall
 from .alarm import Alarm
 from .estimate import Frozen
 from .outputs import NODES as OUTPUT_NODES
 from .outputs import OF_HTTP
+from .sentence import Sentence, is_none
 from .trend import FrictionCurve, Trend, Use
 
 
@@ -104,6 +105,7 @@ class AxisHealth(Frozen):
         trend, use, friction, consistency: None where nobody keeps them.
         headline: the one statement from the worst of condition and alarms.
         advice: tasks for a person, the most urgent first; empty if there is nothing to do.
+        below: how far below a limit, for readers of any language; None unless it is.
         fall: the last sudden fall of the preload since a part was replaced.
     """
 
@@ -121,3 +123,4 @@ class AxisHealth(Frozen):
     headline: Headline | None = None
     advice: tuple[Advice, ...] = ()
     fall: PreloadFall | None = None
+    below: Sentence | None = Field(None, exclude_if=is_none)

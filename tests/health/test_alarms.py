@@ -14,6 +14,7 @@ from edge_service.messages.alarm import AlarmKind, Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Severity
 from edge_service.messages.header import Header
+from edge_service.messages.sentence import Told
 from edge_service.messages.trend import Trend, TrendStatus
 
 NS = 1_000_000_000
@@ -32,25 +33,25 @@ def _kinds(events: tuple) -> list[str]:
 
 def test_an_alarm_waits_its_delays_both_ways():
     latch = _latch()
-    assert latch.update(True, "because", 0) == ()
-    assert latch.update(True, "because", NS) == ()
-    (raised,) = latch.update(True, "because", 2 * NS)
+    assert latch.update(True, Told("because"), 0) == ()
+    assert latch.update(True, Told("because"), NS) == ()
+    (raised,) = latch.update(True, Told("because"), 2 * NS)
     assert (raised.kind, raised.severity, raised.message) == (
         "alarm_raised",
         Severity.WARNING,
         "because",
     )
-    assert latch.update(False, "", 3 * NS) == ()
-    assert latch.update(True, "", 6 * NS) == ()  # back in between: the delay begins anew
-    assert latch.update(False, "", 7 * NS) == ()
-    assert latch.update(False, "", 11 * NS) == ()
-    assert _kinds(latch.update(False, "", 12 * NS)) == ["alarm_cleared"]
+    assert latch.update(False, Told(""), 3 * NS) == ()
+    assert latch.update(True, Told(""), 6 * NS) == ()  # back in between: the delay begins anew
+    assert latch.update(False, Told(""), 7 * NS) == ()
+    assert latch.update(False, Told(""), 11 * NS) == ()
+    assert _kinds(latch.update(False, Told(""), 12 * NS)) == ["alarm_cleared"]
 
 
 def test_an_alarm_nobody_saw_stays_until_somebody_has():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
-    latch.update(True, "because", 0)
-    latch.update(False, "", NS)
+    latch.update(True, Told("because"), 0)
+    latch.update(False, Told(""), NS)
     assert not latch.shown().active
     assert _kinds(latch.acknowledge("Kim", "loose plug", 2 * NS)) == ["alarm_acknowledged"]
     assert latch.shown() is None
@@ -59,30 +60,30 @@ def test_an_alarm_nobody_saw_stays_until_somebody_has():
 
 def test_an_acknowledged_alarm_goes_when_its_cause_goes_and_asks_again_when_it_is_back():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
-    latch.update(True, "because", 0)
+    latch.update(True, Told("because"), 0)
     latch.acknowledge("Kim", "", NS)
     shown = latch.shown()
     assert (shown.active, shown.acknowledged_by) == (True, "Kim")
-    latch.update(False, "", 2 * NS)
+    latch.update(False, Told(""), 2 * NS)
     assert latch.shown() is None
-    latch.update(True, "again", 3 * NS)
+    latch.update(True, Told("again"), 3 * NS)
     assert latch.shown().acknowledged_by is None
 
 
 def test_shelved_it_calls_nobody_and_comes_back_by_itself():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
     latch.shelve("Kim", "known", 100.0, 0)
-    (raised,) = latch.update(True, "because", NS)
+    (raised,) = latch.update(True, Told("because"), NS)
     assert raised.severity is Severity.INFO
     assert latch.shown().shelved_until_ns == 100 * NS
-    assert _kinds(latch.update(True, "", 100 * NS)) == ["alarm_unshelved"]
+    assert _kinds(latch.update(True, Told(""), 100 * NS)) == ["alarm_unshelved"]
     assert latch.shown().shelved_until_ns is None
 
 
 def test_nobody_can_tell_changes_nothing():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
-    latch.update(True, "because", 0)
-    assert latch.update(None, "", 60 * NS) == ()
+    latch.update(True, Told("because"), 0)
+    assert latch.update(None, Told(""), 60 * NS) == ()
     assert latch.active
 
 

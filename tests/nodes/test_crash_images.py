@@ -16,6 +16,7 @@ from edge_service.health.events.diary import Diary
 from edge_service.messages.alarm import AlarmKind, Command, Outcome
 from edge_service.messages.event import Event
 from edge_service.messages.health import AxisHealth
+from edge_service.messages.sentence import Told
 from edge_service.messages.topics import Topic
 from edge_service.nodes.health_node import _Monitors
 from edge_service.nodes.stores.diary_store import DIARY, DiaryStore
@@ -86,7 +87,9 @@ class Scene:
     def raise_alarm(self, kind: AlarmKind) -> None:
         """The cause of an alarm holds, for as long as it must."""
         latch = self.monitors.axes["X"]._alarms._latches[kind]
-        events = latch.update(True, f"{kind} is raised", NS) or latch.update(True, "", 100 * NS)
+        events = latch.update(True, Told(f"{kind} is raised"), NS) or latch.update(
+            True, Told(""), 100 * NS
+        )
         assert [event.kind for event in events] == ["alarm_raised"]
         self.monitors._say("X", events)
 

@@ -80,7 +80,7 @@ CODES: dict[str, Iterable[str]] = {
     "headline": [*AlarmKind, *(each.lower() for each in AxisCondition)],
     "task": Task,
     "model.learned": ConsistencyState,
-    "model.channel": CHANNELS,
+    "watched": CHANNELS,
     "severity": Severity,
     "part": ComponentStatus,
     "component": {each.removesuffix("_process") for each in COMPONENTS},

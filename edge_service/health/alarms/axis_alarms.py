@@ -9,12 +9,13 @@ from ...messages.alarm import Alarm, AlarmKind, Command
 from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ...messages.event import Event, Severity
 from ...messages.health import AxisCondition, AxisHealth, ComponentHealth, ConsistencyState
+from ...messages.sentence import Code, Told, told
 from ...messages.trend import Trend
 from ..condition.input_watch import NS_PER_S, moved
 from ..model_watch.consistency import CHANNEL_WORDS
 from .latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .parts import Parts
-from .words import H_PER_RATE, drop_words, limit_words, rate_words
+from .words import H_PER_RATE, SILENT, drop_words, limit_words, rate_words
 
 _NIS_MEMORY = 0.98
 _START_S = 30
@@ -136,7 +137,7 @@ class AxisAlarms:
         latch.reword(words)  # the same fall, further down: the estimates need a second for it
         return ()
 
-    def _note_fall(self, before: float, value: float, now_ns: int, again: bool) -> str:
+    def _note_fall(self, before: float, value: float, now_ns: int, again: bool) -> Told:
         """Remember a fall, or how far the last one went on, and put it into words."""
         share = 100.0 / (self._fresh or 100.0)
         last = None if again else self.fall
@@ -160,11 +161,11 @@ class AxisAlarms:
 
     def _causes(
         self, health: AxisHealth, trend: Trend | None, now_ns: int
-    ) -> dict[AlarmKind, tuple[bool | None, str]]:
+    ) -> dict[AlarmKind, tuple[bool | None, Told]]:
         return {
             **self._limits(health),
             AlarmKind.RATE: self._rate(trend),
-            AlarmKind.SUDDEN_DROP: (None, ""),
+            AlarmKind.SUDDEN_DROP: (None, SILENT),
             AlarmKind.MODEL: self._model(health),
             AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
             AlarmKind.SERVICE: self._parts.cause(),
@@ -232,7 +233,7 @@ class AxisAlarms:
                 latch.restore(snapshot[kind.value])
                 latch.move(step_ns)
 
-    def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, str]]:
+    def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, Told]]:
         known = health.condition is not AxisCondition.UNAVAILABLE
         words = limit_words(health, self._percent, self._fresh)
         fault = health.condition is AxisCondition.FAULT
@@ -242,7 +243,7 @@ class AxisAlarms:
             AlarmKind.PRELOAD_LOST: (fault if known else None, words),
         }
 
-    def _rate(self, trend: Trend | None) -> tuple[bool | None, str]:
+    def _rate(self, trend: Trend | None) -> tuple[bool | None, Told]:
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
             return None, rate_words(None, 0.0, 0.0)
         share = -100.0 * H_PER_RATE / self._fresh
@@ -255,28 +256,28 @@ class AxisAlarms:
             return True, words
         return (False if loss < 0.9 * limit else None), words
 
-    def _data_lost(self, health: AxisHealth, now_ns: int) -> tuple[bool | None, str]:
+    def _data_lost(self, health: AxisHealth, now_ns: int) -> tuple[bool | None, Told]:
         if self._status is None and now_ns < self._patient_until_ns:
-            return None, ""
+            return None, SILENT
         return _data_lost(health)
 
-    def _model(self, health: AxisHealth) -> tuple[bool | None, str]:
+    def _model(self, health: AxisHealth) -> tuple[bool | None, Told]:
         if _data_lost(health)[0]:
-            return None, ""
+            return None, SILENT
         limit = self._settings.model_nis
         consistency = health.consistency
         if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
             channel = consistency.channel or ""
-            words = f"not as when the axis was learned: {CHANNEL_WORDS.get(channel, channel)}"
-            return True, words
+            words = {"watched": CHANNEL_WORDS.get(channel, channel)}
+            return True, told(Code.AXIS_CHANGED, words, watched=channel)
         if self._status is EstimateStatus.INVALID and self._used_s < _BEGINNING_S:
-            return None, ""
+            return None, SILENT
         if self._status is EstimateStatus.INVALID:
-            return True, "model and measurement disagree, or the data are faulty"
-        words = f"model does not fit: its squared errors {self._nis:.1f} times as expected"
+            return True, told(Code.MODEL_DISAGREES)
+        fit = told(Code.MODEL_MISFIT, times=self._nis)
         if self._nis > limit:
-            return True, words
-        return (False if self._nis < 0.8 * limit else None), words
+            return True, fit
+        return (False if self._nis < 0.8 * limit else None), fit
 
 
 def slowest_loss(rate: Interval) -> float:
@@ -284,11 +285,11 @@ def slowest_loss(rate: Interval) -> float:
     return rate.value + _BEYOND_DOUBT * (rate.high - rate.value)
 
 
-def _data_lost(health: AxisHealth) -> tuple[bool | None, str]:
+def _data_lost(health: AxisHealth) -> tuple[bool | None, Told]:
     if health.condition is not AxisCondition.UNAVAILABLE:
-        return False, ""
+        return False, SILENT
     for reason in health.reasons:
         code, _, sentence = reason.partition(": ")
         if code in _DATA_CODES:
-            return True, f"data lost: {sentence}"
-    return False, ""
+            return True, told(Code.DATA_LOST, {"reason": sentence}, reason=code)
+    return False, SILENT

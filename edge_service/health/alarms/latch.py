@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from ...messages.alarm import Alarm, AlarmKind
 from ...messages.event import Event, Severity
+from ...messages.sentence import Told
 from ..condition.input_watch import NS_PER_S, moved
 
 
@@ -53,10 +54,10 @@ class AlarmLatch:
         """True while its cause holds, after the delays."""
         return self._alarm is not None and self._alarm.active
 
-    def update(self, cause: bool | None, message: str, now_ns: int) -> tuple[Event, ...]:
+    def update(self, cause: bool | None, words: Told, now_ns: int) -> tuple[Event, ...]:
         """Say whether the cause holds (None: nobody can tell, the state stays)."""
         over = self._end_of_shelf(now_ns)
-        self.follow(message)
+        self.follow(words)
         if cause is None or cause is self.active:
             self._change_since_ns = None
             return over
@@ -66,17 +67,18 @@ class AlarmLatch:
         if now_ns - self._change_since_ns < delay_s * NS_PER_S:
             return over
         self._change_since_ns = None
-        return (*over, *(self._raise(message, now_ns) if cause else self._clear(now_ns)))
+        return (*over, *(self._raise(words, now_ns) if cause else self._clear(now_ns)))
 
-    def follow(self, message: str) -> None:
+    def follow(self, words: Told) -> None:
         """Let the words follow the value, while it is active."""
-        if self.active and message and not self.rule.latched:
-            self.reword(message)
+        if self.active and words.text and not self.rule.latched:
+            self.reword(words)
 
-    def reword(self, message: str) -> None:
+    def reword(self, words: Told) -> None:
         """Say better what it is about, while it is shown."""
         if self._alarm is not None:
-            self._alarm = self._alarm.model_copy(update={"message": message})
+            said = {"message": words.text, "sentence": words.sentence}
+            self._alarm = self._alarm.model_copy(update=said)
 
     def refusal(self, action: str) -> str:
         """Reason for which an action of a person would change nothing; empty if it would."""
@@ -144,16 +146,18 @@ class AlarmLatch:
         """Go on from a snapshot."""
         self._alarm, self._shelved_until_ns = snapshot.alarm, snapshot.shelved_until_ns
 
-    def _raise(self, message: str, now_ns: int) -> tuple[Event, ...]:
+    def _raise(self, words: Told, now_ns: int) -> tuple[Event, ...]:
         self._alarm = Alarm(
             kind=self._kind,
             severity=self.rule.severity,
             active=True,
-            message=message,
+            message=words.text,
             raised_time_ns=now_ns,
+            sentence=words.sentence,
         )
         severity = Severity.INFO if self._shelved_until_ns else self.rule.severity
-        return (self._event("raised", severity, message, now_ns),)
+        event = self._event("raised", severity, words.text, now_ns)
+        return (event.model_copy(update={"sentence": words.sentence}),)
 
     def _clear(self, now_ns: int) -> tuple[Event, ...]:
         if self._alarm is None or self.rule.latched:

@@ -111,6 +111,8 @@ class ConditionMonitor:
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis as of now."""
         condition, reasons = self._verdict(now_ns)
+        is_known = condition is not AxisCondition.UNAVAILABLE
+        below = self._limits.below if is_known and self._limits is not None else None
         return AxisHealth(
             axis=self.axis,
             condition=condition,
@@ -118,6 +120,7 @@ class ConditionMonitor:
             since_time_ns=self._since_ns if condition is self._condition else now_ns,
             components=self._components.reports(now_ns),
             data_faults=dict(self._data_faults.counts),
+            below=None if below is None else below.sentence,
         )
 
     def _verdict(self, now_ns: int) -> _Verdict:

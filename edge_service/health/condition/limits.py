@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from ...messages.health import AxisCondition
+from ...messages.sentence import Code, Told, told
 from ..settings import AxisLimits, HealthSettings
 from .input_watch import NS_PER_S, moved
 
@@ -120,18 +121,23 @@ class LimitTracker:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons why the condition is not NORMAL."""
-        if self.condition is AxisCondition.FAULT:
-            return (self._reason("below_fault", self._fault),)
-        if self.condition is AxisCondition.WARNING:
-            return (self._reason("below_warning", self._warning),)
-        return ()
+        if self.below is None:
+            return ()
+        code = "below_fault" if self.condition is AxisCondition.FAULT else "below_warning"
+        return (f"{code}: {self.below.text}",)
 
-    def _reason(self, code: str, latch: LimitLatch) -> str:
-        fresh = self._limits.fresh_percent
-        return (
-            f"{code}: preload at {100.0 * self._value_percent / fresh:.0f} % of the fresh "
-            f"screw's; limit {100.0 * latch.limit_percent / fresh:.0f} %, cleared above "
-            f"{100.0 * latch.release_percent / fresh:.0f} %"
+    @property
+    def below(self) -> Told | None:
+        """Preload against the limit below which it is; None if it is not."""
+        if self.condition not in (AxisCondition.FAULT, AxisCondition.WARNING):
+            return None
+        latch = self._fault if self.condition is AxisCondition.FAULT else self._warning
+        share = 100.0 / self._limits.fresh_percent
+        return told(
+            Code.PRELOAD_BELOW,
+            percent=share * self._value_percent,
+            limit=share * latch.limit_percent,
+            release=share * latch.release_percent,
         )
 
 

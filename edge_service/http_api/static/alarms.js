@@ -4,6 +4,7 @@ import { COMMAND, ask } from "./ask.js";
 import { button, element, refill } from "./dom.js";
 import { clock } from "./format.js";
 import { openAlarms } from "./level.js";
+import { alarmWords } from "./sentence.js";
 import { ifMay, may } from "./session.js";
 import { locale, named, t } from "./strings.js";
 
@@ -34,7 +35,8 @@ function together(alarms) {
 
 function alarmNode(alarm, place) {
   const name = named("alarm", alarm.alarm);
-  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), " – ", element("span", { lang: "en" }, alarm.message));
+  const { text, lang } = alarmWords(alarm);
+  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), " – ", element("span", lang ? { lang } : {}, text));
   return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, place ? `${place} ${name}` : name) : "");
 }
 

@@ -3,6 +3,7 @@
 import { COMMAND, ask } from "./ask.js";
 import { button, byId, element, refill, withoutCode } from "./dom.js";
 import { clock } from "./format.js";
+import { sentenceWords } from "./sentence.js";
 import { ifMay } from "./session.js";
 import { t } from "./strings.js";
 
@@ -29,12 +30,14 @@ function noteButtons() {
 }
 
 function eventNode(event) {
+  const message = CODED.includes(event.kind) ? withoutCode(event.message) : event.message;
+  const { text, lang } = sentenceWords(event.sentence, message);
   return element(
     "li",
     { class: `event ${event.severity}` },
     element("time", { datetime: event.time, title: event.time }, clock(event.time)),
     element("span", { class: "event-axis" }, event.axis || t("service")),
     element("span", { class: "event-severity" }, t(`severity.${event.severity}`)),
-    element("span", { class: "event-text", lang: "en" }, CODED.includes(event.kind) ? withoutCode(event.message) : event.message),
+    element("span", { class: "event-text", ...(lang ? { lang } : {}) }, text),
   );
 }

@@ -166,7 +166,7 @@ function renderModel(state) {
   const learned = consistency?.state ?? "none";
   const { channel, ratio, since } = consistency ?? {};
   const error = parts.error?.axis === state.axis ? parts.error.mean : null;
-  const details = learned === "disagrees" ? { channel: named("model.channel", channel), n: significant(ratio[channel], 2), since: clock(since) } : {};
+  const details = learned === "disagrees" ? { channel: named("watched", channel), n: significant(ratio[channel], 2), since: clock(since) } : {};
   write(parts.modelText, t(`model.${fit(state, learned, error)}`));
   const texts = [error === null ? t("model.error.none") : t("model.error", { n: significant(error, 2) }), t(`model.learned.${learned}`, details)];
   if (isActive(state, "model")) texts.push(t("model.alarm"));

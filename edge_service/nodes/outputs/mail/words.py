@@ -7,12 +7,14 @@ from ....messages.advice import Level
 from ....messages.answer import AxisAnswer
 from ....messages.event import Event
 from ....messages.printed import printed
+from ....messages.sentence import Sentence, Value
 
 
 class Words:
     """Words of one language."""
 
     def __init__(self, language: str) -> None:
+        self._is_english = language == "en"
         self._known = words_in(language)
 
     def __call__(self, key: str, **values: object) -> str:
@@ -38,10 +40,24 @@ class Words:
         return self._known.get(f"headline.{code}", event.message)
 
     def event(self, event: Event) -> str:
-        """Sentence about an event; what the service says stays in English."""
+        """Sentence about an event."""
         word = self._known.get(f"alarm.{event.data.get('alarm')}")
-        said = " ".join(event.message.split())
+        said = " ".join(self.said(event.sentence, event.message).split())
         return said if word is None else f"{word} ({said})"
+
+    def said(self, sentence: Sentence | None, message: str) -> str:
+        """Sentence of the service; its English message where there are no other words for it."""
+        text = None if sentence is None else self._known.get(f"said.{sentence.code}")
+        if self._is_english or sentence is None or text is None:
+            return message
+        shown = {name: self._value(name, value) for name, value in sentence.values.items()}
+        return self(f"said.{sentence.code}", **shown)
+
+    def _value(self, name: str, value: Value) -> str:
+        """A number, the word for a code, or a name."""
+        if isinstance(value, str):
+            return self._known.get(f"{name}.{value}", value)
+        return f"{value:.6g}".replace(".", self("mail.decimal"))
 
     def state(self, answer: AxisAnswer | None) -> str:
         """Preload now and how sure it is, or that it is not known."""

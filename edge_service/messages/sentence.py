@@ -1,0 +1,94 @@
+"""Sentences of the service: a code with its values, for readers of any language."""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from string import Formatter
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from .estimate import Frozen
+
+Value = float | str
+
+
+class Code(StrEnum):
+    """Sentence; the codes never change."""
+
+    PRELOAD_BELOW = "preload_below"
+    PRELOAD_BACK = "preload_back"
+    PRELOAD_LAST_KNOWN = "preload_last_known"
+    PRELOAD_FALLING = "preload_falling"
+    PRELOAD_FELL_LATELY = "preload_fell_lately"
+    PRELOAD_FELL_SUDDENLY = "preload_fell_suddenly"
+    AXIS_CHANGED = "axis_changed"
+    MODEL_DISAGREES = "model_disagrees"
+    MODEL_MISFIT = "model_misfit"
+    DATA_LOST = "data_lost"
+    PART_DOWN = "part_down"
+
+
+ENGLISH = {
+    Code.PRELOAD_BELOW: (
+        "preload at {percent:.0f} % of the fresh screw's; limit {limit:.0f} %, cleared above "
+        "{release:.0f} %"
+    ),
+    Code.PRELOAD_BACK: "preload back at {percent:.0f} % of the fresh screw's",
+    Code.PRELOAD_LAST_KNOWN: "preload when last known: {percent:.0f} % of the fresh screw's",
+    Code.PRELOAD_FALLING: (
+        "preload falling by {loss:.3g} % of the fresh screw's {per}; limit {limit:g} % per 1000 h"
+    ),
+    Code.PRELOAD_FELL_LATELY: "fast loss of preload until lately; no clear trend at present",
+    Code.PRELOAD_FELL_SUDDENLY: (
+        "preload fell suddenly by {points:.0f} points, from {before:.0f} to {after:.0f} % of the "
+        "fresh screw's"
+    ),
+    Code.AXIS_CHANGED: "not as when the axis was learned: {watched}",
+    Code.MODEL_DISAGREES: "model and measurement disagree, or the data are faulty",
+    Code.MODEL_MISFIT: "model does not fit: its squared errors {times:.1f} times as expected",
+    Code.DATA_LOST: "data lost: {reason}",
+    Code.PART_DOWN: "{component} does not work: {reason}",
+}
+"""Text of each code; a number has the digits with which it is sent."""
+
+
+class Sentence(Frozen):
+    """Sentence as it is sent.
+
+    Attributes:
+        code: one of `Code`, or of a later version.
+        values: by name: numbers with the digits that are shown, and codes or names.
+    """
+
+    code: str
+    values: dict[str, Value] = {}
+
+
+class Told(NamedTuple):
+    """Sentence in English, and as it is sent; without a sentence there is nothing to translate."""
+
+    text: str
+    sentence: Sentence | None = None
+
+
+def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: Value) -> Told:
+    """Sentence of a code.
+
+    Args:
+        words: What stands in the English text instead of a value, or is told there alone.
+
+    >>> told(Code.PRELOAD_BACK, percent=27.4)[0]
+    "preload back at 27 % of the fresh screw's"
+    """
+    text = ENGLISH[code].format(**{**values, **words})
+    specs = {name: spec for _, name, spec, _ in Formatter().parse(ENGLISH[code]) if name}
+    sent = {name: _shown(value, specs[name] or "") for name, value in values.items()}
+    return Told(text, Sentence(code=code.value, values=sent))
+
+
+def _shown(value: Value, spec: str) -> Value:
+    return value if isinstance(value, str) else float(format(value, spec))
+
+
+def is_none(value: Any) -> bool:
+    """Tell whether a member is absent, so that it is not sent either."""
+    return value is None
