@@ -12,15 +12,29 @@ import pytest
 from hypothesis import given, settings
 
 import edge_service.health
+from edge_service.health.alarms.latch import AlarmLatch, AlarmRule
+from edge_service.health.axis_events import (
+    clock_changed,
+    consistency_changed,
+    disagreement_recorded,
+    preload_rose,
+    recording_name,
+)
+from edge_service.health.condition.data_faults import DataFaults
+from edge_service.health.model_watch.channel_model import CHANNELS
+from edge_service.health.model_watch.consistency import Disagreement
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.words import words_in
 from edge_service.messages.alarm import Alarm, AlarmKind
-from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus
+from edge_service.messages.event import Event, Severity
+from edge_service.messages.features import Fault
+from edge_service.messages.header import Header
+from edge_service.messages.health import AxisCondition, AxisHealth, ComponentHealth, ComponentStatus
 from edge_service.messages.sentence import ENGLISH, Code, Sentence, told
 from edge_service.messages.trend import TrendStatus
 from edge_service.nodes.outputs.mail.words import Words
 
-from .health.test_one_truth import STEPS, Axis, _do, _estimate, _trend
+from .health.test_one_truth import NS, START_NS, STEPS, Axis, _do, _estimate, _trend
 
 HEALTH = Path(edge_service.health.__file__).parent
 GERMAN = Words("de")
@@ -28,6 +42,8 @@ NODE = shutil.which("node")
 NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
 ENGLISH_ALONE = {Code.PART_DOWN: {"reason"}}
 """Own words of a part, which no other language has."""
+NAMES = {"user", "recording"}
+"""Values that no language has a word for."""
 SAID_LESS = {AlarmKind.DATA_LOST, AlarmKind.SERVICE}
 """Alarms whose reason is a code in other languages, without its numbers."""
 
@@ -105,7 +121,7 @@ def german(sentence: Sentence | None, message: str) -> str:
     """The sentence in German, once it is known to be whole and without English."""
     assert sentence is not None, message
     for name, value in sentence.values.items():
-        if isinstance(value, str):
+        if isinstance(value, str) and name not in NAMES:
             assert f"{name}.{value}" in words_in("de"), (name, value)
     text = GERMAN.said(sentence, message)
     assert text != message and "{" not in text
@@ -170,6 +186,80 @@ def test_each_kind_of_alarm_is_told_in_german(kind: AlarmKind) -> None:
     health = raised(kind).answer()
     assert kind in {alarm.kind for alarm in health.alarms if alarm.active}
     check_alarms(health)
+
+
+IN_ENGLISH = {
+    *("status_changed", "component_changed", "payloads_refused", "state_damaged"),
+    *("note", "part_replaced"),  # the words of a person
+}
+"""Events that parts and people tell in words of their own."""
+
+
+def test_every_other_event_of_the_health_room_has_a_sentence() -> None:
+    without = set()
+    for path in HEALTH.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Event":
+                members = {each.arg: each.value for each in node.keywords}
+                if "sentence" not in members:
+                    kinds = ast.walk(members["kind"])
+                    without |= {each.value for each in kinds if isinstance(each, ast.Constant)}
+    assert without == IN_ENGLISH
+
+
+def events() -> list[Event]:
+    """Events that an axis has in many ways."""
+    differs = [Disagreement(state, name, 9.0, 5.0) for state in (True, False) for name in CHANNELS]
+    faults, found = DataFaults("X", 1.0), list[Event]()
+    for fault in Fault:
+        found += faults.count(fault, 0)
+    found += faults.tick(10 * NS)
+    found += [preload_rose("X", 2.0, 7.0, fresh, 0) for fresh in (None, 7.0)]
+    found += [consistency_changed("X", each, START_NS, START_NS) for each in differs]
+    found += [clock_changed(step * NS, 0) for step in (-90_000, -3, 5, 7200)]
+    found.append(disagreement_recorded("X", recording_name("X", START_NS), 0))
+    return found + answered() + conditions()
+
+
+def answered() -> list[Event]:
+    """Events of an alarm that people answer."""
+    latch = AlarmLatch("X", AlarmKind.MODEL, AlarmRule(Severity.WARNING, 0.0, 0.0))
+    cause = told(Code.MODEL_MISFIT, times=7.0)
+    return [
+        *latch.update(True, cause, 0),
+        *latch.acknowledge("Kim", "seen", 0),
+        *latch.shelve("Kim", "", 60.0, 0),
+        *latch.update(None, cause, 61 * NS),
+        *latch.shelve("Kim", "known", 7200.0, 0),
+        *latch.unshelve("Kim", "", 0),
+        *latch.update(False, cause, NS),
+    ]
+
+
+def conditions() -> list[Event]:
+    """Events of an axis that goes through its conditions."""
+    axis, found = Axis(), list[Event]()
+    for share in (1.0, 0.5, 0.1, 1.0):
+        for _ in range(150):
+            axis.now_ns, axis.sequence = axis.now_ns + NS // 5, axis.sequence + 1
+            header = Header(axis.sequence, START_NS, axis.now_ns, axis.now_ns)
+            estimate = _estimate(share, 0.05, 1.0, 0.0)
+            found += axis.monitor.on_preload(header, estimate, axis.now_ns)
+    for _ in range(60):
+        axis.now_ns += NS
+        found += axis.monitor.tick(axis.now_ns)
+    return [each for each in found if each.kind == "condition_changed"]
+
+
+def test_each_event_is_told_in_german_and_outlives_being_stored() -> None:
+    found = events()
+    assert {each.data["to"] for each in conditions()} == set(AxisCondition)
+    for event in found:
+        text = german(event.sentence, event.message)
+        note = event.data.get("note")
+        assert note is None or f": {note}" in GERMAN.event(event)
+        assert text in GERMAN.event(event)
+        assert Event.model_validate_json(event.model_dump_json()) == event
 
 
 def test_what_was_stored_without_a_sentence_is_shown_as_it_is() -> None:

@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 
 from ..messages.alarm import Command
 from ..messages.event import Event, Severity
+from ..messages.sentence import Code, told
 from .condition.input_watch import NS_PER_S
 from .model_watch.consistency import CHANNEL_WORDS, Disagreement
 
@@ -13,15 +14,17 @@ def preload_rose(
 ) -> Event:
     """Event of a rise that wear cannot make; preloads in percent of the load rating."""
     share = 100.0 / (fresh or 100.0)
-    unit = "% of the load rating" if fresh is None else "% of the fresh screw's"
+    words = told(
+        Code.PRELOAD_ROSE_OF_RATING if fresh is None else Code.PRELOAD_ROSE,
+        before=share * before,
+        after=share * percent,
+    )
     return Event(
         axis=axis,
         kind="preload_rose",
         severity=Severity.INFO,
-        message=(
-            f"preload rose from {share * before:.3g} to {share * percent:.3g} {unit}, which wear "
-            "cannot do; the trend starts again; if a part was replaced, note it"
-        ),
+        message=words.text,
+        sentence=words.sentence,
         time_ns=now_ns,
         data={"from_percent": before, "to_percent": percent},
     )
@@ -40,17 +43,19 @@ def recording_name(axis: str, since_ns: int) -> str:
 def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: int) -> Event:
     """Event of a change of the verdict on the model."""
     name = recording_name(axis, since_ns)
+    channel = {"watched": CHANNEL_WORDS[change.channel]}
+    times = change.ratio**0.5
     words = (
-        f"the axis is not as when it was learned: {CHANNEL_WORDS[change.channel]} is off by "
-        f"{change.ratio**0.5:.1f} times as much as then; {name} is being recorded"
+        told(Code.AXIS_DIFFERS, channel, watched=change.channel, times=times, recording=name)
         if change.disagrees
-        else f"the axis is as it was learned again: {CHANNEL_WORDS[change.channel]}"
+        else told(Code.AXIS_AS_LEARNED, channel, watched=change.channel)
     )
     return Event(
         axis=axis,
         kind="model_disagrees" if change.disagrees else "model_agrees",
         severity=Severity.WARNING if change.disagrees else Severity.INFO,
-        message=words,
+        message=words.text,
+        sentence=words.sentence,
         time_ns=now_ns,
         data={
             "channel": change.channel,
@@ -63,11 +68,13 @@ def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: 
 
 def disagreement_recorded(axis: str, name: str, now_ns: int) -> Event:
     """Event of a recording that is ready to diagnose."""
+    words = told(Code.DISAGREEMENT_RECORDED, recording=name)
     return Event(
         axis=axis,
         kind="disagreement_recorded",
         severity=Severity.INFO,
-        message=f"{name} holds the disagreement, ready to diagnose",
+        message=words.text,
+        sentence=words.sentence,
         time_ns=now_ns,
         data={"recording": name},
     )
@@ -87,13 +94,18 @@ def state_damaged(axis: str, words: str, now_ns: int) -> Event:
 def clock_changed(step_ns: int, now_ns: int) -> Event:
     """Event of a step of the clock, which all kept times have made as well."""
     seconds = step_ns / NS_PER_S
-    hours = f"{abs(seconds) / 3600.0:.2f} h" if abs(seconds) >= 3600.0 else f"{abs(seconds):.0f} s"
     way = "forward" if step_ns > 0 else "back"
+    words = (
+        told(Code.CLOCK_SET_H, way=way, hours=abs(seconds) / 3600.0)
+        if abs(seconds) >= 3600.0
+        else told(Code.CLOCK_SET_S, way=way, seconds=abs(seconds))
+    )
     return Event(
         axis="",
         kind="clock_changed",
         severity=Severity.WARNING,
-        message=f"the clock of this computer was set {way} by {hours}",
+        message=words.text,
+        sentence=words.sentence,
         time_ns=now_ns,
         data={"step_s": seconds},
     )

@@ -25,6 +25,23 @@ class Code(StrEnum):
     MODEL_MISFIT = "model_misfit"
     DATA_LOST = "data_lost"
     PART_DOWN = "part_down"
+    ALARM_CLEARED = "alarm_cleared"
+    ALARM_ACKNOWLEDGED = "alarm_acknowledged"
+    ALARM_SHELVED_H = "alarm_shelved_h"
+    ALARM_SHELVED_MIN = "alarm_shelved_min"
+    ALARM_UNSHELVED = "alarm_unshelved"
+    ALARM_SHELF_OVER = "alarm_shelf_over"
+    CONDITION_CHANGED = "condition_changed"
+    CONDITION_CHANGED_FOR = "condition_changed_for"
+    PRELOAD_ROSE = "preload_rose"
+    PRELOAD_ROSE_OF_RATING = "preload_rose_of_rating"
+    AXIS_DIFFERS = "axis_differs"
+    AXIS_AS_LEARNED = "axis_as_learned"
+    DISAGREEMENT_RECORDED = "disagreement_recorded"
+    CLOCK_SET_H = "clock_set_h"
+    CLOCK_SET_S = "clock_set_s"
+    DATA_FAULT = "data_fault"
+    DATA_FAULT_OVER = "data_fault_over"
 
 
 ENGLISH = {
@@ -47,6 +64,32 @@ ENGLISH = {
     Code.MODEL_MISFIT: "model does not fit: its squared errors {times:.1f} times as expected",
     Code.DATA_LOST: "data lost: {reason}",
     Code.PART_DOWN: "{component} does not work: {reason}",
+    Code.ALARM_CLEARED: "alarm {alarm} has cleared",
+    Code.ALARM_ACKNOWLEDGED: "alarm {alarm} acknowledged by {user}",
+    Code.ALARM_SHELVED_H: "alarm {alarm} shelved for {hours:.3g} h by {user}",
+    Code.ALARM_SHELVED_MIN: "alarm {alarm} shelved for {minutes:.2g} min by {user}",
+    Code.ALARM_UNSHELVED: "alarm {alarm} unshelved by {user}",
+    Code.ALARM_SHELF_OVER: "alarm {alarm} is no longer shelved: its time is over",
+    Code.CONDITION_CHANGED: "condition is {condition}",
+    Code.CONDITION_CHANGED_FOR: "condition is {condition}: {reason}",
+    Code.PRELOAD_ROSE: (
+        "preload rose from {before:.3g} to {after:.3g} % of the fresh screw's, which wear "
+        "cannot do; the trend starts again; if a part was replaced, note it"
+    ),
+    Code.PRELOAD_ROSE_OF_RATING: (
+        "preload rose from {before:.3g} to {after:.3g} % of the load rating, which wear cannot "
+        "do; the trend starts again; if a part was replaced, note it"
+    ),
+    Code.AXIS_DIFFERS: (
+        "the axis is not as when it was learned: {watched} is off by {times:.1f} times as much "
+        "as then; {recording} is being recorded"
+    ),
+    Code.AXIS_AS_LEARNED: "the axis is as it was learned again: {watched}",
+    Code.DISAGREEMENT_RECORDED: "{recording} holds the disagreement, ready to diagnose",
+    Code.CLOCK_SET_H: "the clock of this computer was set {way} by {hours:.2f} h",
+    Code.CLOCK_SET_S: "the clock of this computer was set {way} by {seconds:.0f} s",
+    Code.DATA_FAULT: "data fault present: {fault}",
+    Code.DATA_FAULT_OVER: "data fault over: {fault}",
 }
 """Text of each code; a number has the digits with which it is sent."""
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from ...messages.alarm import Alarm, AlarmKind
 from ...messages.event import Event, Severity
-from ...messages.sentence import Told
+from ...messages.sentence import Code, Told, told
 from ..condition.input_watch import NS_PER_S, moved
 
 
@@ -102,24 +102,30 @@ class AlarmLatch:
             self._alarm = self._alarm.model_copy(update=self._over(now_ns))
         if not self._alarm.active:
             self._alarm = None
-        return (
-            self._event("acknowledged", Severity.INFO, f"acknowledged by {user}", now_ns, note),
-        )
+        words = told(Code.ALARM_ACKNOWLEDGED, self._words, alarm=self._kind.value, user=user)
+        return (self._event("acknowledged", Severity.INFO, words, now_ns, note),)
 
     def shelve(self, user: str, note: str, duration_s: float, now_ns: int) -> tuple[Event, ...]:
         """Let it call nobody for a while."""
         self._shelved_until_ns = now_ns + round(duration_s * NS_PER_S)
         hours = duration_s / 3600.0
-        span = f"{hours:.3g} h" if hours >= 1.0 else f"{duration_s / 60.0:.2g} min"
-        text = f"shelved for {span} by {user}"
-        return (self._event("shelved", Severity.INFO, text, now_ns, note),)
+        name = self._kind.value
+        words = (
+            told(Code.ALARM_SHELVED_H, self._words, alarm=name, hours=hours, user=user)
+            if hours >= 1.0
+            else told(
+                Code.ALARM_SHELVED_MIN, self._words, alarm=name, minutes=60.0 * hours, user=user
+            )
+        )
+        return (self._event("shelved", Severity.INFO, words, now_ns, note),)
 
     def unshelve(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
         """End the shelving; no event if it was not shelved."""
         if self._shelved_until_ns is None:
             return ()
         self._shelved_until_ns = None
-        return (self._event("unshelved", Severity.INFO, f"unshelved by {user}", now_ns, note),)
+        words = told(Code.ALARM_UNSHELVED, self._words, alarm=self._kind.value, user=user)
+        return (self._event("unshelved", Severity.INFO, words, now_ns, note),)
 
     def shown(self) -> Alarm | None:
         """Alarm that a person should see; None if there is none."""
@@ -156,15 +162,15 @@ class AlarmLatch:
             sentence=words.sentence,
         )
         severity = Severity.INFO if self._shelved_until_ns else self.rule.severity
-        event = self._event("raised", severity, words.text, now_ns)
-        return (event.model_copy(update={"sentence": words.sentence}),)
+        return (self._event("raised", severity, words, now_ns),)
 
     def _clear(self, now_ns: int) -> tuple[Event, ...]:
         if self._alarm is None or self.rule.latched:
             return ()
         cleared = self._alarm.model_copy(update=self._over(now_ns))
         self._alarm = None if cleared.acknowledged_by is not None else cleared
-        return (self._event("cleared", Severity.INFO, "has cleared", now_ns),)
+        words = told(Code.ALARM_CLEARED, self._words, alarm=self._kind.value)
+        return (self._event("cleared", Severity.INFO, words, now_ns),)
 
     def _over(self, now_ns: int) -> dict[str, object]:
         words = "" if self._alarm is None else self._alarm.message
@@ -175,22 +181,23 @@ class AlarmLatch:
         if self._shelved_until_ns is None or now_ns < self._shelved_until_ns:
             return ()
         self._shelved_until_ns = None
-        return (
-            self._event(
-                "unshelved", Severity.INFO, "is no longer shelved: its time is over", now_ns
-            ),
-        )
+        words = told(Code.ALARM_SHELF_OVER, self._words, alarm=self._kind.value)
+        return (self._event("unshelved", Severity.INFO, words, now_ns),)
+
+    @property
+    def _words(self) -> dict[str, str]:
+        return {"alarm": self._kind.value.replace("_", " ")}
 
     def _event(
-        self, change: str, severity: Severity, text: str, now_ns: int, note: str = ""
+        self, change: str, severity: Severity, words: Told, now_ns: int, note: str = ""
     ) -> Event:
-        name = self._kind.value.replace("_", " ")
-        words = text if change == "raised" else f"alarm {name} {text}"
         return Event(
             axis=self._axis,
             kind=f"alarm_{change}",
             severity=severity,
-            message=words + (f": {note}" if note else ""),
+            message=words.text + (f": {note}" if note else ""),
             time_ns=now_ns,
-            data={"alarm": self._kind.value, "shelved": int(self._shelved_until_ns is not None)},
+            data={"alarm": self._kind.value, "shelved": int(self._shelved_until_ns is not None)}
+            | ({"note": note} if note else {}),
+            sentence=words.sentence,
         )

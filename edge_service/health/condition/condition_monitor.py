@@ -5,6 +5,7 @@ from ...messages.event import Event, Severity
 from ...messages.features import FeatureBlock
 from ...messages.header import Header
 from ...messages.health import AxisCondition, AxisHealth, ComponentHealth
+from ...messages.sentence import Code, Told, told
 from ..settings import HealthSettings
 from .component import ComponentWatch
 from .data_faults import DataFaults
@@ -194,14 +195,26 @@ class ConditionMonitor:
     ) -> Event:
         supported = condition is not AxisCondition.UNAVAILABLE
         percent = _readable_percent(self.estimate) if supported else None
+        words = _condition_words(condition, reasons)
         return Event(
             axis=self.axis,
             kind="condition_changed",
             severity=_SEVERITY[condition],
-            message=f"condition is {condition}" + (f": {reasons[0]}" if reasons else ""),
+            message=words.text,
+            sentence=words.sentence,
             time_ns=now_ns,
             data={"from": before, "to": condition, "preload_percent": percent},
         )
+
+
+def _condition_words(condition: AxisCondition, reasons: tuple[str, ...]) -> Told:
+    """A new condition, with the first reason; as it is sent, that is a code."""
+    if not reasons:
+        return told(Code.CONDITION_CHANGED, condition=condition.value)
+    first, name = reasons[0], reasons[0].partition(":")[0]
+    return told(
+        Code.CONDITION_CHANGED_FOR, {"reason": first}, condition=condition.value, reason=name
+    )
 
 
 def _readable_percent(estimate: PreloadEstimate | None) -> float | None:

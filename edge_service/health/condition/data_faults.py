@@ -2,6 +2,7 @@
 
 from ...messages.event import Event, Severity
 from ...messages.features import UNUSABLE, Fault
+from ...messages.sentence import Code, told
 from .input_watch import NS_PER_S
 
 _SENTENCES = {
@@ -67,11 +68,18 @@ class DataFaults:
     def _event(self, kind: Fault, state: str, now_ns: int) -> Event:
         serious = state == "present" and bool(kind & UNUSABLE)
         name = fault_name(kind)
+        sentences = {"fault": _SENTENCES[kind]}
+        words = (
+            told(Code.DATA_FAULT, sentences, fault=name)
+            if state == "present"
+            else told(Code.DATA_FAULT_OVER, sentences, fault=name)
+        )
         return Event(
             axis=self._axis,
             kind="data_fault",
             severity=Severity.WARNING if serious else Severity.INFO,
-            message=f"data fault {state}: {_SENTENCES[kind]}",
+            message=words.text,
+            sentence=words.sentence,
             time_ns=now_ns,
             data={"fault": name, "state": state, "count": self.counts[name]},
         )

@@ -3,7 +3,7 @@
 import { COMMAND, ask } from "./ask.js";
 import { button, byId, element, refill, withoutCode } from "./dom.js";
 import { clock } from "./format.js";
-import { sentenceWords } from "./sentence.js";
+import { eventWords } from "./sentence.js";
 import { ifMay } from "./session.js";
 import { t } from "./strings.js";
 
@@ -31,7 +31,7 @@ function noteButtons() {
 
 function eventNode(event) {
   const message = CODED.includes(event.kind) ? withoutCode(event.message) : event.message;
-  const { text, lang } = sentenceWords(event.sentence, message);
+  const { text, lang } = eventWords(event, message);
   return element(
     "li",
     { class: `event ${event.severity}` },

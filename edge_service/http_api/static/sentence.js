@@ -22,3 +22,9 @@ export function alarmWords({ sentence, message, active }) {
   const { text, lang } = sentenceWords(sentence, message);
   return lang || active ? { text, lang } : { text: t("said.over", { said: text }) };
 }
+
+// The English message ends with the note of a person; other words are followed by it.
+export function eventWords({ sentence, data }, message) {
+  const { text, lang } = sentenceWords(sentence, message);
+  return lang || !data.note ? { text, lang } : { text: `${text}: ${data.note}` };
+}

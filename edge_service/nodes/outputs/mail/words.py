@@ -42,7 +42,10 @@ class Words:
     def event(self, event: Event) -> str:
         """Sentence about an event."""
         word = self._known.get(f"alarm.{event.data.get('alarm')}")
-        said = " ".join(self.said(event.sentence, event.message).split())
+        told, note = self.said(event.sentence, event.message), event.data.get("note")
+        if note and told != event.message:
+            told = f"{told}: {note}"
+        said = " ".join(told.split())
         return said if word is None else f"{word} ({said})"
 
     def said(self, sentence: Sentence | None, message: str) -> str:
