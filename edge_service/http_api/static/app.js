@@ -27,6 +27,8 @@ const RENDER_MS = 250;
 const SLOW_MS = 10000;
 const RECONNECT_MS = 3000;
 const KEPT_EVENTS = 1000;
+// Panels that wait for answers: emptied when another axis is shown, so that none says what is not its own.
+const OF_AXIS = ["belief", "friction", "model", "quality", "past", "use", "drift"];
 
 const states = new Map();
 let shown = null; // the axis; null while the machine is shown
@@ -37,6 +39,7 @@ let lastEventId = 0;
 let clockOffsetMs = 0; // server time minus performance.now()
 let connected = null;
 let slowMs = -Infinity;
+let triedMs = 0; // when a stream was last asked for
 
 const serverMs = () => performance.now() + clockOffsetMs;
 
@@ -59,6 +62,7 @@ function on(name, handle) {
 
 function connect() {
   source?.close();
+  triedMs = performance.now();
   source = new EventSource(`/api/v1/events?last_event_id=${lastEventId}`);
   on("service", takeService);
   on("preload", (answer) => Object.assign(states.get(answer.axis) ?? {}, { preload: answer, receivedMs: performance.now() }));
@@ -105,7 +109,10 @@ function show() {
   slowMs = -Infinity;
   byId("machine").hidden = shown !== null;
   if (shown === null) hideTabs();
-  else if (shown !== before) startTraces(shown);
+  else if (shown !== before) {
+    for (const id of OF_AXIS) byId(id).replaceChildren();
+    startTraces(shown);
+  }
 }
 
 function setServerTime(time) {
@@ -139,7 +146,7 @@ function takeEvent(event, id) {
 
 function watchConnection(nowMs) {
   const alive = lastMessageMs !== null && nowMs - lastMessageMs < SILENT_AFTER_MS;
-  if (!alive && source?.readyState === EventSource.CLOSED && nowMs - (lastMessageMs ?? 0) > RECONNECT_MS) reconnect();
+  if (!alive && source?.readyState === EventSource.CLOSED && nowMs - triedMs > RECONNECT_MS) reconnect();
   if (alive === connected || (connected === null && !alive && nowMs < SILENT_AFTER_MS)) return;
   const back = alive && connected === false;
   connected = alive;
@@ -180,17 +187,16 @@ function render() {
   renderTabs(shown.axis, tab);
   TAB_PARTS[tab].render(nowMs);
   if (!connected) return;
-  TAB_PARTS[tab].live?.(nowMs);
   if (nowMs - slowMs < SLOW_MS) return;
   slowMs = nowMs;
   TAB_PARTS[tab].load?.().catch(() => {});
 }
 
-// What each tab draws at once, while there is a connection, and every few seconds from new answers.
+// What each tab draws at once, and, while there is a connection, every few seconds from new answers.
 const TAB_PARTS = {
   overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarmList(byId("alarms"), [shown], false), renderTraces(shown)] },
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
-  history: { render: () => renderDiary(shown), live: (nowMs) => renderHistory(shown, nowMs), load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
+  history: { render: (nowMs) => [renderDiary(shown), renderHistory(shown, nowMs)], load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
   tests: { render: () => {}, load: () => loadTests(shown) },
   service: { render: () => [renderService(shown, service), buildAudit()], load: () => loadOutputs(service) },
 };

@@ -14,7 +14,7 @@ export function ask(axes, command, title, text) {
   byId("ask-user").value = signedName() ?? localStorage.getItem("user") ?? "";
   byId("ask-user").readOnly = signedName() !== null;
   byId("ask-note").value = "";
-  const key = crypto.randomUUID(); // pressed again after a lost answer, it is done once
+  const key = newKey(); // pressed again after a lost answer, it is done once
   byId("ask-form").onsubmit = (event) => {
     event.preventDefault();
     send(axes, key, { ...command, user: byId("ask-user").value.trim(), note: byId("ask-note").value.trim() });
@@ -22,6 +22,9 @@ export function ask(axes, command, title, text) {
   byId("ask-cancel").onclick = () => byId("ask").close();
   byId("ask").showModal();
 }
+
+// Of getRandomValues: randomUUID is missing where the page comes over plain http from another host.
+const newKey = () => crypto.getRandomValues(new Uint32Array(4)).join("-");
 
 async function send(axes, key, command) {
   try {

@@ -24,6 +24,7 @@ export class Chart {
     holder.tabIndex = 0;
     holder.addEventListener("keydown", (event) => this.step(event));
     holder.addEventListener("blur", () => this.point(null));
+    forgetRemoved();
     charts.add(this);
     new ResizeObserver(() => this.rebuild()).observe(holder);
   }
@@ -77,6 +78,15 @@ export class Chart {
     const ends = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
     plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
     this.zoom(ends);
+  }
+}
+
+// Charts whose panel was emptied; uPlot listens to the window until it is destroyed.
+function forgetRemoved() {
+  for (const chart of charts) {
+    if (chart.holder.isConnected) continue;
+    chart.plot?.destroy();
+    charts.delete(chart);
   }
 }
 

@@ -9,7 +9,8 @@ const UNIT_IN_NAME = /_(n_per_m|hz|m|kg_m2|nm_s_per_rad|nm|n|rad)$/;
 
 export async function comparison(numbers) {
   const [left, right] = await Promise.all(numbers.map((number) => fetchJson(`/api/v1/jobs/${number}/files/fingerprint.json`)));
-  const rows = Object.keys(left.sections).flatMap((section) => rowsOf(section, left.sections[section].figures, right.sections[section]?.figures ?? {}));
+  const sections = new Set([...Object.keys(left.sections), ...Object.keys(right.sections)]);
+  const rows = [...sections].flatMap((section) => rowsOf(section, left.sections[section]?.figures ?? {}, right.sections[section]?.figures ?? {}));
   const head = ["test", "figure", "left", "right", "changed"].map((name) => element("th", { scope: "col" }, t(`compare.${name}`)));
   return element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...rows));
 }

@@ -27,7 +27,7 @@ function build() {
 }
 
 export async function loadDrift(state) {
-  if (!parts.answer) build();
+  if (!byId("drift").firstChild) build();
   axis = state.axis;
   const turn = ++asked;
   const [{ recordings }, { jobs }] = await Promise.all([fetchJson("/api/v1/recordings"), fetchJson("/api/v1/jobs")]);
@@ -46,7 +46,7 @@ function poll(state) {
   polling = true;
   setTimeout(() => {
     polling = false;
-    if (state.axis === axis) loadDrift(state).catch(() => poll(state));
+    if (state.axis === axis && !byId("history").hidden) loadDrift(state).catch(() => poll(state));
   }, POLL_MS);
 }
 

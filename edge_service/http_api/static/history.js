@@ -14,7 +14,7 @@ const LEAST_SPAN_S = 10;
 const MARKED = ["condition_changed", "alarm_raised", "part_replaced", "note"];
 const FORMS = ["csv", "parquet", "arrow"];
 // `end` is null while the newest is followed.
-const view = { span: null, end: null, chart: null, state: null, loadedMs: -Infinity };
+const view = { span: null, end: null, chart: null, state: null, loadedMs: -Infinity, asked: 0 };
 
 function build(root) {
   view.spans = element("div", { class: "buttons", role: "group", "aria-label": t("history.span") });
@@ -23,8 +23,10 @@ function build(root) {
   view.note = element("p", { class: "quiet" });
   view.download = element("p", { class: "quiet" });
   root.replaceChildren(element("div", { class: "panel-head" }, element("h2", { id: "past-title" }, t("history")), view.spans), rangeForm(), element("div", {}, view.holder), legend(), view.note, view.download);
+  view.loadedMs = -Infinity;
   view.chart = new Chart(view.holder, options, describe, reader(atTime, [3, t("unit.fresh")], [2, "", t("history.low")], [1, "", t("history.high")]), ([from, to]) => choose(Math.max(to - from, LEAST_SPAN_S), to));
   view.holder.addEventListener("keydown", zoomByKey);
+  press();
 }
 
 function rangeForm() {
@@ -46,11 +48,16 @@ function legend() {
 
 function choose(span, end) {
   Object.assign(view, { span, end, loadedMs: -Infinity });
-  for (const node of view.spans.children) node.setAttribute("aria-pressed", String(end === null && Number(node.dataset.span) === span));
+  press();
+}
+
+function press() {
+  for (const node of view.spans.children) node.setAttribute("aria-pressed", String(view.end === null && Number(node.dataset.span) === view.span));
 }
 
 // + and - zoom, the arrows with shift move the window.
 function zoomByKey(event) {
+  if (view.span === null) return;
   const [first, last] = ends();
   const middle = (first + last) / 2;
   const windows = { "+": [middle, 0.25], "-": [middle, 1], ArrowLeft: [middle - view.span / 4, 0.5], ArrowRight: [middle + view.span / 4, 0.5] };
@@ -76,10 +83,10 @@ async function chooseFirst(state) {
 const pathOf = (state) => `/api/v1/axes/${encodeURIComponent(state.axis)}/history`;
 
 export async function renderHistory(state, nowMs) {
-  if (view.chart === null) build(byId("past"));
-  const period = Math.max(5000, Math.min(60000, (1000 * (view.span ?? 0)) / BUCKETS));
-  if (view.state === state && nowMs - view.loadedMs < period) return;
   view.state = state;
+  if (!byId("past").firstChild) build(byId("past"));
+  const period = Math.max(5000, Math.min(60000, (1000 * (view.span ?? 0)) / BUCKETS));
+  if (!state.connected || nowMs - view.loadedMs < period) return;
   view.loadedMs = nowMs;
   try {
     if (view.span === null) await chooseFirst(state);
@@ -94,7 +101,9 @@ async function load(state) {
   const [first, end] = ends();
   const step = view.span / BUCKETS;
   const from = Math.floor(first / step) * step;
+  const turn = ++view.asked;
   const { buckets } = await fetchJson(`${pathOf(state)}?from=${from}&to=${end}&step=${step}`);
+  if (turn !== view.asked || view.state !== state) return; // another window or axis is shown by now
   view.chart.set(columns(buckets, step));
   [view.from.value, view.to.value] = document.activeElement?.closest(".range") ? [view.from.value, view.to.value] : [first, end].map(local);
   write(view.note, buckets.length ? "" : t("history.empty"));

@@ -19,23 +19,26 @@ export function startForm(parts, start) {
   return ifMay(START, "job.start", () => element("div", {}, element("label", { for: "job-kind" }, t("job.make"), parts.kind), element("label", { for: "job-baseline" }, t("job.compare"), parts.baseline), element("div", { class: "buttons" }, parts.start)));
 }
 
-export async function renderJobs(list, jobs, cancel) {
+export async function readVerdicts(jobs) {
   await Promise.all(jobs.filter((job) => job.files.includes("diagnosis.json") && !verdicts.has(job.id)).map(readVerdict));
+}
+
+export function renderJobs(list, jobs, cancel) {
   const open = new Set([...list.querySelectorAll("details[open]")].map((node) => node.dataset.job));
   refill(list, JSON.stringify([jobs, [...verdicts.keys()]]), () => (jobs.length ? jobs.map((job) => jobNode(job, jobs, cancel, open)) : [element("li", { class: "quiet" }, t("job.none"))]));
-  for (const node of list.querySelectorAll("[data-started]")) write(node, t("job.since", { span: lasting((Date.now() - Date.parse(node.dataset.started)) / 1000) }));
+  for (const job of jobs.filter(({ state }) => state === "running")) renderProgress(list.querySelector(`[data-progress="${job.id}"]`), job, jobs);
 }
 
 async function readVerdict(job) {
-  verdicts.set(job.id, null);
-  verdicts.set(job.id, await fetchJson(fileOf(job, "diagnosis.json")).catch(() => null));
+  const found = await fetchJson(fileOf(job, "diagnosis.json")).catch(() => null);
+  if (found) verdicts.set(job.id, found);
 }
 
 const fileOf = (job, name) => `/api/v1/jobs/${job.id}/files/${encodeURIComponent(name)}`;
 
 function jobNode(job, jobs, cancel, open) {
   const head = element("p", {}, element("b", {}, `${named("job", job.kind)} ${job.id}`), ` · ${t("job.axis", { axis: job.axis })} · ${clock(job.ended ?? job.started)} · ${named("job.state", job.state)}`);
-  const node = element("li", { class: "job", "data-state": job.state }, head, ...(job.state === "running" ? [progressNode(job, jobs)] : [verdictNode(job)]), filesNode(job));
+  const node = element("li", { class: "job", "data-state": job.state }, head, job.state === "running" ? progressNode(job) : verdictNode(job), filesNode(job));
   if (job.state === "running" && may(CANCEL)) node.append(element("div", { class: "buttons" }, button(t("job.cancel"), { "aria-label": t("job.cancel.label", { n: job.id }) }, () => cancel(job))));
   if (job.lines.length) node.append(logNode(job, open.has(String(job.id))));
   return node;
@@ -48,7 +51,11 @@ function logNode(job, isOpen) {
 }
 
 // One bar: the stage, and the time left by how long the last one of its kind took.
-function progressNode(job, jobs) {
+function progressNode(job) {
+  return element("div", { class: "progress", "data-progress": job.id }, element("progress", { max: 1, "aria-label": t("job.progress") }), element("p", {}));
+}
+
+function renderProgress(node, job, jobs) {
   const stages = STAGES[job.kind] ?? ["reading"];
   const at = Math.max(0, ...stages.map((stage, i) => (job.lines.some((line) => line.startsWith(stage)) ? i : 0)));
   const before = jobs.find((each) => each.kind === job.kind && each.state === "done" && each.ended);
@@ -56,7 +63,8 @@ function progressNode(job, jobs) {
   const whole = before ? (Date.parse(before.ended) - Date.parse(before.started)) / 1000 : null;
   const left = whole === null ? t("job.left.unknown") : took < whole ? t("job.left", { span: lasting(whole - took) }) : t("job.left.over");
   const share = whole === null ? (at + 0.5) / stages.length : Math.min(took / whole, 0.95);
-  return element("div", { class: "progress" }, element("progress", { max: 1, value: share, "aria-label": t("job.progress") }), element("p", {}, t("job.stage", { n: at + 1, of: stages.length, stage: t(`stage.${stages[at]}`) }), " ", left, " ", element("span", { class: "quiet", "data-started": job.started })));
+  node.querySelector("progress").value = share;
+  write(node.querySelector("p"), [t("job.stage", { n: at + 1, of: stages.length, stage: t(`stage.${stages[at]}`) }), left, t("job.since", { span: lasting(took) })].join(" "));
 }
 
 function verdictNode(job) {

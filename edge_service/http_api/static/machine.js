@@ -21,9 +21,9 @@ export function renderMachine(states, nowMs, connected) {
     for (const state of states) loadWeek(state).catch(() => {});
   }
   const sorted = worstFirst(states);
-  renderHeadline(sorted, alarmsOfAll(states).size > 0);
-  const root = byId("axis-list");
   const shared = alarmsOfAll(states);
+  renderHeadline(sorted, shared.size > 0);
+  const root = byId("axis-list");
   const rows = sorted.map((state) => rowText(state, shared));
   const focused = root.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
   refill(root, JSON.stringify(rows), () => sorted.map((state, i) => element("li", {}, rowNode(state, rows[i]))));
@@ -66,7 +66,8 @@ function rowText(state, shared) {
 }
 
 // The limit that comes next, or the one that was passed.
-function limitText({ health, condition }) {
+function limitText({ health, condition, connected }) {
+  if (!connected) return "";
   for (const limit of ["warning", "fault"]) {
     const when = crossing(health?.trend, limit);
     if (when) return when.last ? t(`machine.limit.${limit}`, when) : t(`machine.limit.${limit}.after`, when);

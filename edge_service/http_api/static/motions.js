@@ -17,7 +17,9 @@ export function buildMotions() {
 
 export async function loadMotions(axis) {
   if (parts.shown === axis) return;
+  parts.asked = axis;
   const { motions } = await fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/motions`);
+  if (parts.asked !== axis) return; // another axis is shown by now
   Object.assign(parts, { motions, shown: axis });
   refill(parts.choice, JSON.stringify(motions), () => motions.map(({ name }) => element("option", { value: name }, named("motion", name))));
   renderMotion();

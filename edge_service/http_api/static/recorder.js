@@ -25,13 +25,16 @@ async function send(axis, method, body) {
   await fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/recording`, { method, ...options });
 }
 
-export function renderRecorder(live) {
+export function renderRecorder(axis, live) {
+  const isOther = parts.axis !== axis;
   const wasLive = !parts.bar.hidden;
   const wasHeard = parts.bar.value > 0;
+  parts.axis = axis;
   parts.start.hidden = Boolean(live);
   parts.stop.hidden = parts.bar.hidden = !live;
   if (live) {
     parts.bar.value = Math.min(live.recorded_s / live.seconds, 1);
     write(parts.status, t("record.live", { axis: live.axis, span: lasting(live.recorded_s), of: lasting(live.seconds) }));
-  } else if (wasLive) write(parts.status, t(wasHeard ? "record.done" : "record.nothing"));
+  } else if (isOther) write(parts.status, "");
+  else if (wasLive) write(parts.status, t(wasHeard ? "record.done" : "record.nothing"));
 }

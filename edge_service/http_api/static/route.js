@@ -3,8 +3,17 @@
 export const TABS = ["overview", "why", "history", "tests", "service"];
 
 export function route() {
-  const [axis, tab] = location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
+  const [axis, tab] = location.hash.replace(/^#\/?/, "").split("/").map(decoded);
   return { axis: axis || null, tab: TABS.includes(tab) ? tab : TABS[0] };
+}
+
+// Whatever somebody typed has a meaning: a broken escape stands for itself.
+function decoded(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text;
+  }
 }
 
 export function addressOf(axis, tab = TABS[0]) {

@@ -3,7 +3,7 @@
 import { comparison } from "./compare.js";
 import { button, byId, element, fetchJson, refill, write } from "./dom.js";
 import { clock, number } from "./format.js";
-import { renderJobs, startForm } from "./jobs.js";
+import { readVerdicts, renderJobs, startForm } from "./jobs.js";
 import { buildMotions, loadMotions } from "./motions.js";
 import { buildRecorder, renderRecorder } from "./recorder.js";
 import { ifMay, may } from "./session.js";
@@ -54,16 +54,17 @@ export async function loadTests(state) {
   const turn = ++asked;
   const paths = ["recordings", "jobs", `axes/${encodeURIComponent(axis)}/recording`];
   const [{ recordings }, { jobs }, live] = await Promise.all(paths.map((path) => fetchJson(`/api/v1/${path}`)));
+  await readVerdicts(jobs);
   if (turn !== asked) return; // the answer to a newer question is on its way
   loadMotions(axis).catch(() => {});
-  renderRecorder(live);
+  renderRecorder(axis, live);
   refill(parts.list, JSON.stringify(recordings), () => (recordings.length ? recordings.map(recordingNode) : [element("li", { class: "quiet" }, t("recordings.none"))]));
-  await renderJobs(parts.jobs, jobs, cancel);
+  renderJobs(parts.jobs, jobs, cancel);
   renderChoices(jobs);
   const running = jobs.some((job) => job.state === "running");
   parts.start.disabled = running;
   if (!running && parts.status.textContent === t("job.started")) write(parts.status, t("job.over"));
-  if (running || live) poll(state);
+  if (running || live) poll();
 }
 
 const again = () => loadTests({ axis });
@@ -82,12 +83,12 @@ function options(select, choices) {
   if (choices.some(([value]) => value === chosen)) select.value = chosen;
 }
 
-function poll(state) {
+function poll() {
   if (polling) return;
   polling = true;
   setTimeout(() => {
     polling = false;
-    loadTests(state).catch(() => poll(state));
+    if (!byId("tests").hidden) again().catch(poll); // of the axis that is shown by now
   }, POLL_MS);
 }
 
@@ -126,9 +127,11 @@ async function act(request, done) {
   } catch (error) {
     write(parts.status, t("failed", { why: error.message }));
   }
-  await again().catch(() => poll({ axis }));
+  await again().catch(poll);
 }
 
 async function compare() {
-  if (parts.left.value && parts.right.value) parts.table.replaceChildren(await comparison([parts.left.value, parts.right.value]));
+  const chosen = [parts.left.value, parts.right.value];
+  const table = chosen.every(Boolean) ? await comparison(chosen).catch((error) => t("failed", { why: error.message })) : "";
+  if (chosen[0] === parts.left.value && chosen[1] === parts.right.value) parts.table.replaceChildren(table);
 }

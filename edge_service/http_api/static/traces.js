@@ -42,12 +42,16 @@ function options(width, least) {
 export async function startTraces(state) {
   if (charts.size === 0) build(byId("traces"));
   columns.axis = state.axis;
-  columns.time_s = [];
+  empty();
   const answer = await fetchJson(`/api/v1/axes/${encodeURIComponent(state.axis)}/traces?seconds=${SPAN_S}`).catch(() => null);
   if (answer === null || columns.axis !== answer.axis) return;
+  empty();
+  answer.time_s.forEach((time, i) => add(time, (name) => answer[name][i]));
+}
+
+function empty() {
   columns.time_s = [];
   for (const [name] of SIGNALS) columns[name] = [];
-  answer.time_s.forEach((time, i) => add(time, (name) => answer[name][i]));
   fresh = true;
 }
 
@@ -63,20 +67,25 @@ function add(time, valueOf) {
 }
 
 export function takeLive(answer) {
-  if (answer.axis !== columns.axis || columns.torque_nm === undefined) return;
+  if (answer.axis !== columns.axis) return;
   const time = Date.parse(answer.time) / 1000;
   const last = columns.time_s.at(-1) ?? -Infinity;
   if (time <= last) return;
   add(time, (name) => answer[name]);
-  const old = columns.time_s.findIndex((each) => each > time - SPAN_S - 2);
-  if (old > 50) for (const name of ["time_s", ...SIGNALS.map(([each]) => each)]) columns[name].splice(0, old);
   fresh = true;
 }
 
+function forget(endS) {
+  const kept = columns.time_s.findIndex((each) => each > endS - SPAN_S);
+  const old = kept < 0 ? columns.time_s.length : kept;
+  if (old) for (const name of ["time_s", ...SIGNALS.map(([each]) => each)]) columns[name].splice(0, old);
+}
+
 export function renderTraces(state) {
-  if (!fresh && state.connected) return;
+  const endS = Math.max(columns.time_s.at(-1) ?? 0, state.serverMs() / 1000 - 5);
+  if (!fresh && endS - columns.endS < 1) return; // without new values the line moves out once a second
   fresh = false;
-  columns.endS = Math.max(columns.time_s.at(-1) ?? 0, state.serverMs() / 1000 - 5);
-  if (columns.torque_nm === undefined) return;
+  columns.endS = endS;
+  forget(endS);
   for (const [name, chart] of charts) chart.set([columns.time_s, columns[name]]);
 }

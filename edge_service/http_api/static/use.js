@@ -6,12 +6,13 @@ import { clock, lasting, number } from "./format.js";
 import { t } from "./strings.js";
 import { Chart, axis, colour, range, reader, spoken } from "./charts.js";
 
-const parts = {};
+let parts = {};
 const stroke = [0, 1]; // mm
 const MM = 1000; // per m
 const atMm = (place) => `${number(place)} ${t("unit.mm")}`;
 
 function build() {
+  parts = {};
   parts.facts = element("dl", { class: "facts" });
   parts.spectrum = svg("svg", { class: "bars", role: "img", preserveAspectRatio: "none" });
   const text = (name) => (parts[name] = element("p", { class: "quiet" }));
@@ -52,9 +53,11 @@ function bandOptions(width) {
 }
 
 export async function loadUse(state) {
-  if (!parts.facts) build();
+  if (!byId("use").firstChild) build();
+  const asking = parts;
   const path = `/api/v1/axes/${encodeURIComponent(state.axis)}`;
   const [use, along] = await Promise.all([fetchJson(`${path}/use`), fetchJson(`${path}/stroke`)]);
+  if (asking !== parts) return; // another axis is shown by now
   if (use !== null) renderUse(use);
   else write(parts.mapText, t("use.nothing"));
   renderStroke(along);

@@ -11,9 +11,10 @@ const R_MIN_PER_RAD_S = 30 / Math.PI;
 const HISTORY_S = 3600;
 const CHANGES = ["preload_loss", "lubrication", "payload", "looseness", "process_force"];
 const FITS_BELOW = 4; // times the squared error that the estimator expects of itself
-const parts = {};
+let parts = {};
 
 function build() {
+  parts = {};
   parts.modes = element("ul", { class: "modes" });
   parts.changes = element("div", {});
   byId("belief").replaceChildren(
@@ -82,7 +83,7 @@ function frictionOptions(width) {
 }
 
 export function renderWhy(state) {
-  if (!parts.modes) build();
+  if (!byId("belief").firstChild) build();
   const probabilities = (state.connected && state.preload?.mode_probability) || {};
   const levels = Object.keys(probabilities).sort((a, b) => b - a);
   refill(parts.modes, JSON.stringify(levels.map((level) => [level, probabilities[level].toFixed(2)])), () =>
@@ -121,7 +122,8 @@ function renderChanges(probabilities) {
 
 // Slower things, asked for every few seconds.
 export async function loadWhy(state) {
-  if (!parts.modes) build();
+  if (!byId("belief").firstChild) build();
+  const asking = parts;
   const path = `/api/v1/axes/${encodeURIComponent(state.axis)}`;
   const end = state.serverMs() / 1000;
   const [friction, traces, history] = await Promise.all([
@@ -129,6 +131,7 @@ export async function loadWhy(state) {
     fetchJson(`${path}/traces?seconds=1`),
     fetchJson(`${path}/history?from=${end - HISTORY_S}&to=${end}&step=20`),
   ]);
+  if (asking !== parts) return; // another axis is shown by now
   parts.friction.set([friction.speed_rad_s.map((speed) => speed * R_MIN_PER_RAD_S), friction.torque_nm, friction.first_torque_nm]);
   write(parts.frictionText, frictionText(friction));
   renderChannels(traces.channels);
@@ -136,7 +139,7 @@ export async function loadWhy(state) {
   const column = (name) => history.buckets.map((bucket) => bucket[name]?.mean ?? null);
   parts.nis.set([times, column("nis")]);
   parts.temperature.set([times, column("temperature_c")]);
-  parts.error = { axis: state.axis, mean: recentMean(column("nis")) };
+  parts.error = recentMean(column("nis"));
   renderModel(state);
   write(parts.warm, warmText(times, column("temperature_c")));
   write(parts.stiffness, stiffnessText(state.connected ? state.preload?.stiffness_n_per_m : null));
@@ -165,7 +168,7 @@ function renderModel(state) {
   const { consistency } = state.health ?? {};
   const learned = consistency?.state ?? "none";
   const { channel, ratio, since } = consistency ?? {};
-  const error = parts.error?.axis === state.axis ? parts.error.mean : null;
+  const error = parts.error ?? null;
   const details = learned === "disagrees" ? { channel: named("watched", channel), n: significant(ratio[channel], 2), since: clock(since) } : {};
   write(parts.modelText, t(`model.${fit(state, learned, error)}`));
   const texts = [error === null ? t("model.error.none") : t("model.error", { n: significant(error, 2) }), t(`model.learned.${learned}`, details)];

@@ -1,0 +1,215 @@
+"""Answers that come late, for another axis or not at all, on the page in a real browser."""
+
+import json
+import re
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+
+HEALTHY = {"scenario": "healthy"}
+HUGE = 7.77e9
+ASKED = [
+    ("overview", "traces?seconds=60"),
+    ("why", "friction"),
+    ("why", "history"),
+    ("history", "history"),
+    ("history", "use"),
+]
+
+
+def grown(answer: Any) -> Any:
+    """Every fraction of an answer replaced by what no axis of the tests can have."""
+    if isinstance(answer, dict):
+        return {key: each if key == "time_s" else grown(each) for key, each in answer.items()}
+    if isinstance(answer, list):
+        return [grown(each) for each in answer]
+    return HUGE if isinstance(answer, float) else answer
+
+
+def said(page: Any, tab: str) -> str:
+    """All that a tab says to eyes and to ears."""
+    labels = page.eval_on_selector_all(
+        f"#{tab} [aria-label]", "nodes => nodes.map((node) => node.getAttribute('aria-label'))"
+    )
+    return "\n".join([page.inner_text(f"#{tab}"), *labels])
+
+
+@pytest.mark.parametrize(("tab", "asked"), ASKED)
+def test_a_late_answer_never_stands_under_another_axis(
+    make_service: Any, open_page: Any, tab: str, asked: str
+) -> None:
+    page = open_page(make_service(axes=dict.fromkeys("XY", HEALTHY)).address).page
+    page.wait_for_selector("#machine-answer[data-level=ok]")
+    held: list[Any] = []
+
+    def hold(route: Any) -> None:
+        held.append((route, route.fetch()))
+
+    page.route(lambda url: f"/axes/X/{asked}" in url, hold)
+    with page.expect_request(lambda request: f"/axes/X/{asked}" in request.url):
+        page.evaluate(f"location.hash = '#/X/{tab}'")
+    with page.expect_response(lambda response: f"/axes/Y/{asked}" in response.url):
+        page.evaluate(f"location.hash = '#/Y/{tab}'")
+    for route, answer in held:
+        with page.expect_response(lambda response: f"/axes/X/{asked}" in response.url):
+            route.fulfill(response=answer, json=grown(answer.json()))
+    page.evaluate("new Promise((done) => setTimeout(done, 300))")  # one drawing more
+    assert held
+    assert not re.search(r"\d(,\d{3}){2}", said(page, tab))
+
+
+def job(number: int, state: str, begun_s: float, ended_s: float | None = None) -> dict[str, Any]:
+    """A diagnosis as the service tells of it; times are before now, s."""
+
+    def ago(span_s: float | None) -> str | None:
+        moment = datetime.now(UTC)
+        return None if span_s is None else (moment - timedelta(seconds=span_s)).isoformat()
+
+    return {
+        "id": number,
+        "kind": "diagnose",
+        "axis": "X",
+        "recordings": ["a.csv"],
+        "baseline": None,
+        "state": state,
+        "started": ago(begun_s),
+        "ended": ago(ended_s),
+        "lines": ["reading a.csv"],
+        "files": ["diagnosis.json"] if state == "done" else [],
+    }
+
+
+RUNNING = [job(2, "running", 20.0), job(1, "done", 300.0, 200.0)]
+FOUND = {"verdict": "explained", "effects": []}
+
+
+def test_a_test_belongs_to_the_axis_that_is_shown(make_service: Any, open_page: Any) -> None:
+    """While another axis still records and its job still runs."""
+    page = open_page(make_service(axes=dict.fromkeys("XY", HEALTHY)).address).page
+    live = {"axis": "X", "recorded_s": 3.0, "seconds": 60.0}
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": RUNNING}))
+    page.route("**/diagnosis.json", lambda route: route.fulfill(json=FOUND))
+    page.route("**/axes/X/recording", lambda route: route.fulfill(json=live))
+    page.evaluate("location.hash = '#/X/tests'")
+    page.wait_for_selector("#step-record :text('Axis X: 3 s of 60 s recorded.')")
+    with page.expect_response("**/axes/Y/recording"):
+        page.evaluate("location.hash = '#/Y/tests'")
+    asked = []
+    for _ in range(3):
+        with page.expect_response(re.compile(r"/axes/./recording")) as answered:
+            pass
+        asked.append(answered.value.url.split("/axes/")[1])
+    assert asked == ["Y/recording"] * 3
+    assert "X" not in page.inner_text("#step-record")
+    assert "is in the list below" not in page.inner_text("#step-record")
+    with page.expect_request(lambda request: request.method == "POST") as begun:
+        page.click("#record-start")
+    assert "/axes/Y/" in begun.value.url
+
+
+def test_progress_goes_on_while_a_job_says_nothing(make_service: Any, open_page: Any) -> None:
+    page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": RUNNING}))
+    page.route("**/diagnosis.json", lambda route: route.fulfill(json=FOUND))
+    page.evaluate("location.hash = '#/X/tests'")
+    bar = page.locator("#jobs progress")
+    bar.wait_for()
+    assert bar.count() == 1
+    assert "Stage 1 of 4" in page.inner_text("#jobs .progress")
+    first, said_first = bar.evaluate("bar => bar.value"), page.inner_text("#jobs .progress")
+    page.wait_for_function(f"document.querySelector('#jobs progress').value > {first}")
+    assert first >= 0.2
+    assert page.inner_text("#jobs .progress") != said_first
+    assert page.locator("#jobs details[open]").count() == 0
+
+
+def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -> None:
+    page = open_page(make_service(**HEALTHY).address).page
+    held: list[Any] = []
+
+    def hold(route: Any) -> None:
+        held.append(route)
+
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": RUNNING[1:]}))
+    page.route("**/diagnosis.json", hold)
+    with page.expect_request("**/diagnosis.json"):
+        page.evaluate("location.hash = '#/X/tests'")
+    page.evaluate("location.hash = '#/X/service'")
+    page.wait_for_selector("#service:visible")
+    with page.expect_response("**/axes/X/recording"):
+        page.evaluate("location.hash = '#/X/tests'")
+    page.evaluate("new Promise((done) => setTimeout(done, 300))")
+    for route in held:
+        route.fulfill(json=FOUND)
+    page.wait_for_selector("#jobs .job-verdict:has-text('is explained')", timeout=15_000)
+
+
+def test_the_last_minute_passes_though_no_sample_comes(make_service: Any, open_page: Any) -> None:
+    service = make_service(**HEALTHY)
+    page = open_page(service.address).page
+    page.wait_for_selector("#trace-torque_nm[aria-label*='last']")
+
+    def late(route: Any) -> None:
+        answer = route.fetch()
+        body = answer.json()
+        begun = max(body["time_s"], default=0.0) - 63.0
+        body["time_s"] = [begun + 1e-3 * i for i in range(len(body["time_s"]))]
+        route.fulfill(response=answer, json=body)
+
+    page.route("**/axes/X/traces*", late)
+    page.add_init_script(
+        """const add = EventSource.prototype.addEventListener;
+        EventSource.prototype.addEventListener = function (name, take) {
+            if (name !== "live") add.call(this, name, take);
+        };"""
+    )
+    page.reload()
+    page.wait_for_selector("#trace-torque_nm[aria-label*='between']")
+    page.wait_for_selector("#trace-torque_nm:not([aria-label*='between'])", timeout=20_000)
+
+
+@pytest.mark.parametrize("typed", ["#/%", "#/X/%E0%A4%A"])
+def test_an_address_that_is_no_address_still_shows_the_axis(
+    make_service: Any, open_page: Any, typed: str
+) -> None:
+    page = open_page(f"{make_service(**HEALTHY).address}{typed}").page
+    page.wait_for_selector("#answer[data-level=ok]", timeout=20_000)
+
+
+def test_a_note_is_written_over_plain_http(make_service: Any, open_page: Any) -> None:
+    """From another host a browser gives such a page no `crypto.randomUUID`."""
+    page = open_page(f"{make_service(**HEALTHY).address}#/X/history").page
+    page.add_init_script("delete Crypto.prototype.randomUUID")
+    page.reload()
+    keys = []
+    for word in ("greased", "cleaned"):
+        page.get_by_role("button", name="Write a note").click()
+        page.fill("#ask-user", "Kim")
+        page.fill("#ask-note", word)
+        with page.expect_request("**/commands") as sent:
+            page.press("#ask-user", "Enter")
+        keys.append(sent.value.headers["idempotency-key"])
+        page.wait_for_selector(f"text={word} (Kim)")
+    assert keys[0] != keys[1]
+
+
+def test_a_stream_that_is_refused_is_asked_for_every_few_seconds(
+    make_service: Any, open_page: Any
+) -> None:
+    seen = open_page(make_service(**HEALTHY).address)
+    page, asked = seen.page, []
+
+    def refuse(route: Any) -> None:
+        asked.append(route.request.url)
+        route.fulfill(status=503, body=json.dumps({"detail": "too many readers"}))
+
+    page.clock.install()
+    page.route("**/api/v1/events?*", refuse)
+    with page.expect_request("**/api/v1/events?*"):
+        page.reload()
+    before = len(asked)
+    for _ in range(48):
+        page.clock.run_for(250)
+    assert 1 <= len(asked) - before <= 5
+    seen.faults[:] = [fault for fault in seen.faults if "503" not in fault]
