@@ -16,15 +16,15 @@ _OF_TABLE = (
     ),
     (
         Fault.TABLE_DISAGREES,
-        f"table_disagrees: the linear encoder does not go the way of the motor; {_ALONE}",
+        f"table_disagrees: the linear encoder does not follow the motor; {_ALONE}",
     ),
     (
         Fault.TABLE_DOUBTED,
-        f"table_doubted: the linear encoder has not agreed for long enough again; {_ALONE}",
+        f"table_doubted: the linear encoder agrees again, but not yet for long enough; {_ALONE}",
     ),
     (Fault.NO_TABLE, f"table_missing: the linear encoder has no value; {_ALONE}"),
 )
-_SHIFTED = "table_shifted: the linear encoder may have come back at another level"
+_SHIFTED = "table_shifted: the zero of the linear encoder may have shifted"
 
 
 def channel_reasons(fault: Fault) -> tuple[str, ...]:

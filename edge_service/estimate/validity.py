@@ -148,7 +148,7 @@ class Validity:
 
     def _without_channels(self) -> _Verdict:
         if self._now.time_s is None or self._now.first_s is None:
-            return EstimateStatus.UNESTIMATED, ("no_data: no sample has come yet",)
+            return EstimateStatus.UNESTIMATED, ("no_data: no sample has arrived yet",)
         usable_since = (
             self._now.first_s if self._now.last_usable_s is None else self._now.last_usable_s
         )

@@ -76,7 +76,7 @@ def _require_following(phases: SteadyPhases) -> None:
     if lag is not None and abs(lag.value_s) - SIGMAS * lag.sigma_s > LONGEST_LAG_S:
         way = "later" if lag.value_s > 0.0 else "earlier"
         raise CommissioningError(
-            f"torque comes {1e3 * abs(lag.value_s):.2g} ms {way} than the acceleration it makes "
+            f"torque is {1e3 * abs(lag.value_s):.2g} ms {way} than the acceleration it causes "
             f"(expected less than {1e3 * LONGEST_LAG_S:.2g}): needs columns.{TORQUE} unfiltered "
             "and sampled with the position"
         )
@@ -141,7 +141,7 @@ def _require_sure(torque: TorqueBalance) -> None:
     ):
         if sigma > SURE * value:
             raise CommissioningError(
-                f"{name} is known to {100.0 * sigma / value:.2g} % only (expected "
+                f"{name} is known only to within {100.0 * sigma / value:.2g} % (expected "
                 f"{100.0 * SURE:.0f}): needs longer recordings of `edge-service motion {motion}`, "
                 "or faster samples"
             )

@@ -104,13 +104,13 @@ def require_motion(phases: SteadyPhases, limits: SteadyLimits) -> None:
     speeds = np.abs(phases.speed_rad_s)
     if np.quantile(speeds, 0.95) < 2.0 * np.quantile(speeds, 0.05):
         raise CommissioningError(
-            "one speed only: friction cannot be told from viscous friction; needs moves at "
+            "one speed only: dry and viscous friction cannot be told apart; needs moves at "
             "several speeds, such as `edge-service motion friction`"
         )
     driven = np.abs(phases.acceleration_rad_s2) > limits.cruise_rad_s2
     if phases.steady_s[driven].sum() < 0.3:
         raise CommissioningError(
-            "no accelerations: inertia and stiffness cannot be told; needs "
+            "no accelerations: inertia and stiffness cannot be determined; needs "
             "`edge-service motion acceleration` or production moves"
         )
 
@@ -124,4 +124,6 @@ def _require_both_ways(phases: SteadyPhases) -> None:
         )
     for name, sign in (("positive", 1.0), ("negative", -1.0)):
         if phases.steady_s[phases.direction == sign].sum() < 1.0:
-            raise CommissioningError(f"no motion in {name} direction: needs moves both ways")
+            raise CommissioningError(
+                f"no motion in {name} direction: needs moves in both directions"
+            )

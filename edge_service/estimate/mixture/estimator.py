@@ -235,8 +235,8 @@ class FusedPreloadEstimator:
         if self._bank.moments[FORCED_S] < FORCED_REPORTED_S:
             return None
         return (
-            "process_force: a force acts on the table in all of the motion seen lately; rapids or "
-            "moves without cutting would tell"
+            "process_force: a force has acted on the table in all recent motion; needs rapids or "
+            "moves without cutting"
         )
 
     def _implausible(self) -> str | None:
@@ -246,9 +246,9 @@ class FusedPreloadEstimator:
             off = float(moments[INERTIA_ERROR] / moments[INERTIA_TORQUE])
             if abs(off) > INERTIA_OFF:
                 return (
-                    f"model_mismatch: acceleration takes {100 * (1 + off):.0f} % of the torque "
-                    "that it took at commissioning, payload allowed for: check torque constant, "
-                    "lead and units"
+                    f"model_mismatch: accelerating takes {100 * (1 + off):.0f} % of the torque "
+                    "that it took at commissioning, even allowing for payload: check torque "
+                    "constant, lead and units"
                 )
         state = self._bank.mean[leader_of(self._bank)]
         model = self._model

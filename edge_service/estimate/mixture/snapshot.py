@@ -29,7 +29,7 @@ def restored_bank(snapshot: dict[str, Any], like: Bank) -> Bank:
     size = like.mean.shape[1]
     if snapshot.get("layout") != _LAYOUT or snapshot.get("size") != size:
         found = snapshot.get("size")
-        raise ValueError(f"a snapshot of another axis or version: {found} states, not {size}")
+        raise ValueError(f"the snapshot is of another axis or version: {found} states, not {size}")
     arrays = snapshot["arrays"]
     kept = {}
     for name, array in like._asdict().items():
@@ -45,11 +45,11 @@ def restored_bank(snapshot: dict[str, Any], like: Bank) -> Bank:
 def _check(bank: Bank) -> None:
     alive = bank.alive
     if not np.isin(alive, (0, 1)).all() or not alive.any():
-        raise ValueError("a damaged snapshot: no hypothesis lives")
+        raise ValueError("a damaged snapshot: no hypothesis is left")
     rows = alive > 0
     numbers = (bank.log_weight[rows], bank.mean[rows], bank.covariance[rows], bank.age_s[rows])
     whole = (bank.force, bank.force_n, bank.moments)
     if not all(np.isfinite(array).all() for array in (*numbers, *whole)):
-        raise ValueError("a damaged snapshot: it holds what is not finite")
+        raise ValueError("a damaged snapshot: it contains values that are not finite")
     if not np.isin(bank.directions, (0, 1, 2, 3)).all():
         raise ValueError("a damaged snapshot: a hypothesis without directions")
