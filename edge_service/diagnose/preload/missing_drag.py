@@ -12,13 +12,13 @@ from .known_loss import PreloadReading
 _EVEN = 0.5
 """Nothing here tells a lost preload from friction that is less for another reason."""
 CAVEAT = (
-    "the friction that is missing may be preload that the screw has lost, or a lubricant that rubs "
-    "less: `edge-service estimate` on an axis that was commissioned with both encoders tells"
+    "the lower friction may mean that the screw has lost preload, or that the lubricant rubs "
+    "less: `edge-service estimate` can tell which on an axis commissioned with both encoders"
 )
 
 NOT_STATED = (
-    "friction is missing, which may be preload that the screw has lost: model.preload_n and the "
-    "fresh screw's own model.preload_drag_nm in the machine file would let it be judged"
+    "friction is lower, perhaps because the screw has lost preload: model.preload_n and the "
+    "fresh screw's own model.preload_drag_nm in the machine file are needed to judge it"
 )
 
 

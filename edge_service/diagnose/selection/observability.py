@@ -40,10 +40,10 @@ def _lacking(effect: Effect, session: Session) -> str:
     """Reason why an effect has no signature at all."""
     between = effect.kind in _BETWEEN
     if between and TRANSMISSION_GAP not in session.channels:
-        return "one encoder only: nothing between motor and table is seen"
+        return "one encoder only: what happens between motor and table cannot be seen"
     if not between and TORQUE_GAP not in session.channels:
         return "no torque recorded"
-    return "the motion does not show it"
+    return "not visible in this motion"
 
 
 def _shows(name: str, session: Session) -> bool:

@@ -48,7 +48,7 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
     if not runs:
         return DataCheck((_NO_RUN,), ())
     if any(len(run.motion) < 2 for run in runs):
-        return DataCheck((f"sampled too rarely to know a rate, {_RATE}",), ())
+        return DataCheck((f"too few samples to know the sampling rate, {_RATE}",), ())
     faults = [*_cover(runs)]
     if not faults:
         fits = fits_of(runs, ratio_m_per_rad)
@@ -71,7 +71,10 @@ def _cover(runs: Sequence[Run]) -> list[str]:
         for run in runs
     )
     if travel < LEAST_TRAVEL_REV * 2.0 * np.pi:
-        return [f"the screw turns {travel / 6.2832:.2g} revolutions in all, expected more"]
+        return [
+            f"the screw turns {travel / 6.2832:.2g} revolutions in all, "
+            f"expected {LEAST_TRAVEL_REV:g} or more"
+        ]
     return []
 
 
@@ -92,7 +95,7 @@ def _is_late(lead: float) -> bool:
 
 
 def _other_lead(channel: str, lead: float) -> str:
-    what = "its sign is turned" if lead < 0.0 else "a unit or the lead is wrong"
+    what = "its sign is inverted" if lead < 0.0 else "a unit or the lead is wrong"
     return f"{channel} moves {lead:.3g} times as far as {ANGLE} says: {what}"
 
 
@@ -166,11 +169,13 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
     found = []
     moving_s = sum(float(run.moving.sum()) * run.period_s for run in runs)
     if moving_s < SHORT_MOTION_S:
-        found.append(f"{moving_s:.0f} s of motion in all: what shows seldom or weakly is not seen")
+        found.append(
+            f"{moving_s:.0f} s of motion in all: causes that show rarely or weakly are not found"
+        )
     if not any(run.has_torque for run in runs):
         found.append("no torque_command_nm: friction, inertia and torque are not judged")
     if all(run.transmission_m is None for run in runs):
-        found.append("one encoder only: nothing between motor and table is judged")
+        found.append("one encoder only: what happens between motor and table is not judged")
     gain = abs(_gain(runs, _whole_gain))
     if not _torque(runs) and (gain < _GAIN_RANGE[0] or gain > _GAIN_RANGE[1]):
         found.append(
@@ -187,7 +192,7 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
         )
     speeds = np.concatenate([np.abs(run.motion.speed_rad_s[run.moving]) for run in runs])
     if speeds.size and float(np.quantile(speeds, 0.95)) < 3.0 * float(np.quantile(speeds, 0.05)):
-        found.append("nearly one speed only: the shapes of friction cannot be told apart")
+        found.append("hardly more than one speed: kinds of friction cannot be told apart")
     return found
 
 
@@ -204,6 +209,6 @@ def _gaps(runs: Sequence[Run]) -> list[str]:
     if held_s > 0.8 * sum(spans):
         return [f"gaps in the recording: {len(runs)} unbroken runs"]
     return [
-        f"{held_s / 60.0:.0f} of {sum(spans) / 60.0:.0f} min are looked at, in {len(runs)} runs "
+        f"{held_s / 60.0:.0f} of {sum(spans) / 60.0:.0f} min are evaluated, in {len(runs)} runs "
         "spread over them"
     ]

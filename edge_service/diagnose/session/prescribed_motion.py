@@ -99,7 +99,7 @@ class PrescribedMotionAxis:
             ahead_m = table_m(motion.time_s - lag_s) - travel
         stretch_m = ahead_m - ratio * misread
         if not (np.isfinite(command_nm).all() and np.isfinite(stretch_m).all()):
-            raise ValueError("the simulated plant with these effects leaves the finite numbers")
+            raise ValueError("the simulation with these effects diverges")
         return replace(
             run,
             motion=replace(motion, torque_nm=command_nm) if run.has_torque else motion,

@@ -97,7 +97,8 @@ def inconsistency(fits: Sequence[FileFit], lead_m: float, name: Callable[[int], 
         if not why and one.dynamics is not None and other.dynamics is not None:
             why = _of_dynamics(one.dynamics, other.dynamics)
         if why:
-            return f"{name(one.recording)} and {name(other.recording)} are not of one axis: {why}"
+            pair = f"{name(one.recording)} and {name(other.recording)}"
+            return f"{pair} are not from the same axis: {why}"
     return None
 
 
@@ -124,7 +125,7 @@ def _of_dynamics(one: Dynamics, other: Dynamics) -> str:
         return f"inertia {one.inertia_kg_m2:.3g} kg m2 against {other.inertia_kg_m2:.3g} kg m2"
     ratio = max(_times(one, other), _times(other, one))
     if ratio > FRICTION_RATIO:
-        return f"friction at the same speed differs by a factor of {ratio:.2g} at least"
+        return f"friction at the same speed differs by a factor of at least {ratio:.2g}"
     return ""
 
 

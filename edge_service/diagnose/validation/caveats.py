@@ -31,14 +31,14 @@ def caveats_of(
     if TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].noise_floor, torque_nm):
         floor_nm = gap[TORQUE_GAP].noise_floor
         found.append(
-            f"of {torque_nm:.3g} N m of torque {floor_nm:.3g} N m follow neither the motion nor "
-            "a repeat of it: a fault of that size would not show"
+            f"{floor_nm:.3g} of {torque_nm:.3g} N m of torque cannot be predicted from the motion "
+            "or from a repeat of it: a fault of that size would go unnoticed"
         )
     if verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
         found += [
             f"{_SPOKEN[name]}: {beyond:.3g} {CHANNEL_UNITS[name]} beyond the floor are left, more "
-            f"than the {each.tolerance:.3g} {CHANNEL_UNITS[name]} tolerated: there may be more "
-            "than what is named"
+            f"than the {each.tolerance:.3g} {CHANNEL_UNITS[name]} tolerated: there may be causes "
+            "beyond those named"
             for name, each in gap.items()
             for beyond in (math.sqrt(max(left[name] ** 2 - each.noise_floor**2, 0.0)),)
             if beyond > max(each.tolerance, IMPRECISE * each.before)

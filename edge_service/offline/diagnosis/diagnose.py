@@ -197,7 +197,7 @@ def _summary(found: Diagnosis, out: Path) -> str:
     ]
     lines += [f"but {each}" for each in found.caveats]
     if faults := ", ".join(withheld(found)):
-        lines.append(f"not in augmented.toml, for no model is to learn a fault: {faults}")
+        lines.append(f"not in augmented.toml, for a model should not learn a fault: {faults}")
     if found.next_motion:
         document = out / "diagnosis.json"
         lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")

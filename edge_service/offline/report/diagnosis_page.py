@@ -17,14 +17,14 @@ from .quantities import amount, interval, percent, words
 VERDICTS = {
     "no_gap": "Machine and model agree. Nothing was found that matters.",
     "explained": "The difference between machine and model has a clear cause.",
-    "ambiguous": "The difference has a cause that this recording alone cannot pin down.",
-    "unknown": "There is a difference that none of the known effects explains.",
+    "ambiguous": "This recording alone cannot decide what causes the difference.",
+    "unknown": "There is a difference that no known effect explains.",
 }
-BLIND = "This recording cannot tell: its noise hides whatever there may be."
+BLIND = "This recording cannot answer the question: its noise would hide any difference."
 CHANNELS = {"torque_nm": "torque", "transmission_m": "position between motor and table"}
 FLOORS = {
-    "recording": "what neither the motion nor a repeat of it tells in advance, in this recording",
-    "reference": "what the healthy recordings leave beside one another",
+    "recording": "what neither this motion nor a repeat of it can predict, in this recording",
+    "reference": "the difference that remains between healthy recordings",
 }
 
 

@@ -26,14 +26,14 @@ class Wording:
 WORDING: Mapping[str, Wording] = {
     "friction": Wording(
         "Friction",
-        "Torque that moving at constant speed takes. Its level follows preload and lubrication, a "
-        "rise at low speed thin lubrication, the slope the grease.",
+        "The torque needed to move at constant speed. Its level follows preload and lubrication; a "
+        "rise at low speed points to thin lubrication, and the slope depends on the grease.",
         ("coulomb_nm", "viscous_nm_s_per_rad", "stribeck_excess_nm"),
     ),
     "friction_runs": Wording(
         "Friction from test to test",
-        "The friction tests of the session from the first to the last. A fall at low speed is "
-        "lubricant that warms up; the change is that of the last test against the first.",
+        "The friction tests of the session from first to last. A fall at low speed means that the "
+        "lubricant warms up; the change is from the first test to the last.",
         ("change_at_",),
         most=1,
     ),
@@ -46,7 +46,7 @@ WORDING: Mapping[str, Wording] = {
     ),
     "backlash": Wording(
         "Backlash and lost motion",
-        "What the table stays behind when the motor turns back: wind-up by friction, and play.",
+        "How far the table lags behind when the motor reverses: wind-up by friction, and play.",
         ("lost_motion_",),
     ),
     "equability": Wording(
@@ -56,8 +56,8 @@ WORDING: Mapping[str, Wording] = {
     ),
     "signature": Wording(
         "Signature",
-        "Where in each turn of the screw the torque varies: once per turn is a bent or misaligned "
-        "screw, higher orders are the balls and their return.",
+        "Where in each turn of the screw the torque varies: once per turn points to a bent or "
+        "misaligned screw, higher orders to the balls and their return.",
         ("once_per_rev_", "balls_"),
     ),
     "reversal_error": Wording(
@@ -70,11 +70,13 @@ WORDING: Mapping[str, Wording] = {
         "How the motor answers a torque at each frequency. Falling modes mean a softer drive.",
         ("antiresonance_hz", "resonance_hz", "response_inertia_kg_m2"),
     ),
-    "inertia": Wording("Inertia", "What accelerating the whole axis takes.", ("inertia_kg_m2",)),
+    "inertia": Wording(
+        "Inertia", "The inertia of the whole axis, as the motor sees it.", ("inertia_kg_m2",)
+    ),
     "preload": Wording(
         "Preload of the nut",
-        "From the drag, which guides and bearings disturb, and from the stiffness against that of "
-        "the fresh axis.",
+        "From the drag, which guides and bearings also affect, and from the stiffness compared "
+        "with that of the fresh axis.",
         ("preload_from_drag_n", "preload_from_stiffness_n"),
     ),
 }

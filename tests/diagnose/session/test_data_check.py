@@ -29,7 +29,7 @@ def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
         ("torque_command_nm", 1000.0, "unit"),
         ("torque_command_nm", 0.0, "a channel is stuck"),
         ("table_position_m", 1000.0, "unit or the lead"),
-        ("table_position_m", -1.0, "sign is turned"),
+        ("table_position_m", -1.0, "sign is inverted"),
         ("motor_angle_rad", 180.0 / np.pi, "unit or the lead"),
     ],
 )

@@ -70,7 +70,7 @@ def test_another_axis_is_named_by_what_makes_it_another(
     one, other = piece(0, ()), piece(1, (), **changes)
     for order in ((one, other), (other, one)):
         (fault,) = checked(machine, *(frame_of(each, **less) for each in order)).faults
-        assert fault.startswith("a.csv and b.csv are not of one axis: ")
+        assert fault.startswith("a.csv and b.csv are not from the same axis: ")
     (fault,) = checked(machine, *(frame_of(each, **less) for each in (one, other))).faults
     assert says in fault
 

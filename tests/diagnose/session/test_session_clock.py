@@ -69,5 +69,5 @@ def test_a_long_session_is_thinned_evenly(machine: Machine) -> None:
     gaps = np.diff([low for low, _ in spans])
     assert gaps.max() < 2.1 * gaps.min()
     held_s = sum(high - low for low, high in spans)
-    (said,) = (each for each in check_data(runs, RATIO).remarks if "looked at" in each)
+    (said,) = (each for each in check_data(runs, RATIO).remarks if "are evaluated" in each)
     assert said.startswith(f"{held_s / 60.0:.0f} of ")

@@ -37,8 +37,8 @@ def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_pa
     assert found["verdict"] == "unknown"
     assert all(each["probability"] <= 0.5 for each in found["effects"])
     (line,) = found["caveats"]
-    assert "a fault of that size would not show" in line
-    assert "This recording cannot tell" in found["page"]
+    assert "a fault of that size would go unnoticed" in line
+    assert "This recording cannot answer" in found["page"]
     assert line[1:] in found["page"]
 
 
@@ -82,4 +82,4 @@ def test_noise_in_the_torque_says_nothing_of_the_encoders(
     assert all(
         each["probability"] <= 0.5 for each in found["effects"] if each["channel"] == "torque_nm"
     )
-    assert "a fault of that size would not show" in found["caveats"][0]
+    assert "a fault of that size would go unnoticed" in found["caveats"][0]
