@@ -50,7 +50,7 @@ def read_fingerprint(path: Path) -> AxisFingerprint:
     try:
         return _from_document(document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FingerprintError(f"{path}: no whole {SCHEMA} document ({error!r})") from error
+        raise FingerprintError(f"{path}: not a complete {SCHEMA} document ({error!r})") from error
 
 
 def _section_document(section: Section) -> dict[str, Any]:

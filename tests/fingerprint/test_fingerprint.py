@@ -221,7 +221,7 @@ def test_a_document_comes_back_as_it_was(worn: AxisFingerprint, tmp_path: Path) 
         ("{", "not JSON"),
         ("[]", "schema None"),
         ('{"schema": "gap/1"}', "schema 'gap/1'"),
-        ('{"schema": "fingerprint/1", "machine": "X", "sources": []}', "no whole"),
+        ('{"schema": "fingerprint/1", "machine": "X", "sources": []}', "not a complete"),
     ],
 )
 def test_a_baseline_that_is_none_is_named_in_one_line(

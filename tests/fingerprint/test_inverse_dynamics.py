@@ -115,7 +115,7 @@ def test_cruise_in_one_direction_determines_neither_inertia_nor_offset() -> None
     for name in ("inertia", "viscous", "coulomb", "offset"):
         found = parameters[name]
         assert found.sigma > abs(RIGID[name]), name
-    assert parameters["inertia"].note == "inertia is nothing but noise in this recording"
+    assert parameters["inertia"].note == "inertia is only noise in this recording"
     assert not parameters["coulomb"].determined
 
 

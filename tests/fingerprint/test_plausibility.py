@@ -82,26 +82,26 @@ def test_faults_of_the_mechanics_are_no_mistakes_of_the_configuration(
 
 CASES: dict[str, tuple[str, Callable[[Floats], Floats], str, str]] = {
     "torque the other way": (TORQUE, lambda x: -x, "torque", "torque sign looks inverted"),
-    "torque in percent": (TORQUE, lambda x: 100.0 * x, "torque", "percent for wholes"),
-    "torque in mN m": (TORQUE, lambda x: 1e3 * x, "torque", "thousandths for wholes"),
+    "torque in percent": (TORQUE, lambda x: 100.0 * x, "torque", "percent instead of a fraction"),
+    "torque in mN m": (TORQUE, lambda x: 1e3 * x, "torque", "thousandths instead of whole units"),
     "angle the other way": (ANGLE, lambda x: -x, "lead", "motor_angle_rad looks inverted"),
     "angle in degrees": (
         ANGLE,
         np.degrees,
         "lead",
-        "motor_angle_rad looks 57.3 times too large (degrees for radians",
+        "motor_angle_rad looks 57.3 times too large (degrees instead of radians",
     ),
     "angle in turns": (
         ANGLE,
         lambda x: x / (2.0 * math.pi),
         "lead",
-        "motor_angle_rad looks 6.283 times too small (revolutions for radians",
+        "motor_angle_rad looks 6.283 times too small (revolutions instead of radians",
     ),
     "position in mm": (
         TABLE_POSITION,
         lambda x: 1e3 * x,
         "setpoint",
-        "table_position_m looks 1000 times too large (thousandths for wholes, as mm for m",
+        "table_position_m looks 1000 times too large (thousandths instead of whole units",
     ),
     "position the other way": (
         TABLE_POSITION,
@@ -113,7 +113,7 @@ CASES: dict[str, tuple[str, Callable[[Floats], Floats], str, str]] = {
         MOTOR_SPEED,
         lambda x: x * 60.0 / (2.0 * math.pi),
         "motor_speed",
-        "motor_speed_rad_s looks 9.549 times too large (rev/min for rad/s",
+        "motor_speed_rad_s looks 9.549 times too large (rev/min instead of rad/s",
     ),
     "temperature in K": (TEMPERATURE, lambda x: x + 273.0, "temperature", "from 293 to 293"),
     "position from another zero": (

@@ -9,18 +9,18 @@ from ..regression.interval_estimate import IntervalEstimate
 FACTOR_TOLERANCE = 0.02
 """No lead, encoder or speed is further off its nominal value than this without a mistake."""
 _KNOWN_FACTORS = {
-    1e3: "thousandths for wholes, as mm for m",
-    1e-3: "wholes for thousandths",
-    1e6: "millionths for wholes, as um for m",
-    180.0 / math.pi: "degrees for radians",
-    math.pi / 180.0: "radians for degrees",
-    1.0 / (2.0 * math.pi): "revolutions for radians",
-    2.0 * math.pi: "radians for revolutions",
-    60.0 / (2.0 * math.pi): "rev/min for rad/s",
-    60.0: "per minute for per second",
-    1.0 / 60.0: "per second for per minute",
-    100.0: "percent for wholes",
-    0.01: "wholes for percent",
+    1e3: "thousandths instead of whole units, such as mm instead of m",
+    1e-3: "whole units instead of thousandths",
+    1e6: "millionths instead of whole units, such as um instead of m",
+    180.0 / math.pi: "degrees instead of radians",
+    math.pi / 180.0: "radians instead of degrees",
+    1.0 / (2.0 * math.pi): "revolutions instead of radians",
+    2.0 * math.pi: "radians instead of revolutions",
+    60.0 / (2.0 * math.pi): "rev/min instead of rad/s",
+    60.0: "per minute instead of per second",
+    1.0 / 60.0: "per second instead of per minute",
+    100.0: "percent instead of a fraction",
+    0.01: "a fraction instead of percent",
 }
 """Value over truth -> the usual mistake."""
 

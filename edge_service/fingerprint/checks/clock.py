@@ -40,7 +40,7 @@ def check_clock(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckRes
         )
         return CheckResult("rate", Verdict.DOUBTFUL, sentence, remedy=remedy, forbids=True)
     if slow:
-        sentence += "; too slow to know the torque between samples: intervals will be wide"
+        sentence += "; too slow to follow the torque between samples: intervals will be wide"
         remedy = "record faster if the controller can"
         return CheckResult("rate", Verdict.DOUBTFUL, sentence, remedy=remedy)
     return CheckResult("rate", Verdict.FITS, sentence)

@@ -18,7 +18,7 @@ _SHOWN = 8
 
 def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> CheckResult:
     """Find a torque that is missing, and the column that may hold it."""
-    compared = "headers of the columns against the channels that the service knows"
+    compared = "headers of the columns against the known channels"
     named = [name for name in unread if name]
     likely = [name for name in named if _TORQUE.search(name)]
     if TORQUE in channels:

@@ -58,7 +58,7 @@ def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> C
         return CheckResult(name, Verdict.DOUBTFUL, sentence, lag, 0.0)
     if lag.high - lag.low > 10.0 * least_ms:
         return CheckResult(name, Verdict.UNKNOWN, "too little motion to tell", lag, 0.0)
-    return CheckResult(name, Verdict.FITS, "both encoders tell the same time", lag, 0.0)
+    return CheckResult(name, Verdict.FITS, "both encoders are read at the same time", lag, 0.0)
 
 
 def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> CheckResult:

@@ -273,7 +273,7 @@ def _null_notes(names: Sequence[str], null: Floats, silent: Booleans) -> dict[st
     share = np.sum(null**2, axis=0) if len(null) else np.zeros(len(names))
     for index, name in enumerate(names):
         if silent[index]:
-            notes[name] = f"{name} is nothing but noise in this recording"
+            notes[name] = f"{name} is only noise in this recording"
         elif share[index] > RANK_TOLERANCE:
             tied = np.abs(null[np.abs(null[:, index]) > RANK_TOLERANCE]).max(axis=0)
             others = [other for k, other in enumerate(names) if tied[k] > 1e-4 and k != index]

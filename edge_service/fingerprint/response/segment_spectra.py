@@ -141,7 +141,7 @@ class SegmentSpectra:
         if len(series["u"]) < size:
             return
         if self.segments and abs(run.period_s - self.period_s) > 1e-3 * self.period_s:
-            raise ValueError("recordings with different sampling rates; give them apart")
+            raise ValueError("recordings have different sampling rates; analyse them separately")
         self.period_s, self.size = run.period_s, size
         for start, repeated in _cut(series["r"], size):
             if repeated and not self.periodic:

@@ -80,7 +80,7 @@ def _reciprocal(positive: IntervalEstimate, unit: str) -> IntervalEstimate:
         low, high = 1.0 / positive.high, 1.0 / positive.low
         return IntervalEstimate(1.0 / positive.value, low, high, unit, count)
     value = 1.0 / positive.value if positive.value > 0.0 else math.nan
-    note = "too stiff for this recording: bounded from below only"
+    note = "too stiff for this recording: only a lower bound is known"
     return IntervalEstimate(value, 1.0 / positive.high, math.inf, unit, count, note)
 
 
