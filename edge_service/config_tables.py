@@ -110,9 +110,9 @@ class OpcuaConfig(Table):
     def _pair(self) -> "OpcuaConfig":
         if (self.certificate is None) != (self.private_key is None):
             lone = "private_key" if self.private_key is None else "certificate"
-            raise ValueError(f"{lone}: missing, the two go together")
+            raise ValueError(f"{lone}: missing; certificate and private_key are needed together")
         if self.certificate is None and not is_loopback(self.host):
-            raise ValueError(f"{self.host!r} is no loopback address: it needs certificate")
+            raise ValueError(f"{self.host!r} is not a loopback address: it needs certificate")
         return self
 
 
@@ -134,7 +134,7 @@ class MtconnectConfig(Table):
     def _guarded(self) -> "MtconnectConfig":
         if not (self.allow_plain or is_loopback(self.host)):
             raise ValueError(
-                f"{self.host!r} is no loopback address: anybody may read there; needs allow_plain"
+                f"{self.host!r} is not a loopback address: anyone may read there; needs allow_plain"
             )
         return self
 
@@ -348,10 +348,10 @@ class EmailConfig(EventOutputConfig):
             return self
         for name in ("sender", "recipients"):
             if not getattr(self, name):
-                raise ValueError(f"{name}: missing, there is a host")
+                raise ValueError(f"{name}: missing; it is needed with a host")
         if (self.user is None) != (self.password is None):
             lone = "user" if self.user is None else "password_file"
-            raise ValueError(f"{lone}: missing, the two go together")
+            raise ValueError(f"{lone}: missing; user and password_file are needed together")
         if self.security == "plain" and not (self.allow_plain or is_loopback(self.host)):
             raise ValueError(
                 "security: plain beyond loopback, where others may read, needs allow_plain"

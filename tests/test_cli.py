@@ -115,7 +115,7 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "public http address": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + '[http]\nhost = "0.0.0.0"')],
-        "http: '0.0.0.0' is no loopback address: it needs certificate, private_key, tokens_file",
+        "http: '0.0.0.0' is not a loopback address: it needs certificate, private_key, tokens_file",
     ),
     "a public address without tokens": (
         lambda p: [
@@ -126,11 +126,11 @@ CASES: dict[str, tuple[Case, str]] = {
                 AXIS + '[http]\nhost = "0.0.0.0"\ncertificate = "c"\nprivate_key = "k"',
             ),
         ],
-        "http: '0.0.0.0' is no loopback address: it needs tokens_file",
+        "http: '0.0.0.0' is not a loopback address: it needs tokens_file",
     ),
     "a certificate without its key": (
         lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ncertificate = "c"')],
-        "http: private_key: missing, the two go together",
+        "http: private_key: missing; certificate and private_key are needed together",
     ),
     "a certificate that is not there": (
         lambda p: [
@@ -182,7 +182,7 @@ CASES: dict[str, tuple[Case, str]] = {
             "check-config",
             write(p, "a.toml", AXIS + '[bus]\nsecurity = "open"\ncertificates = "c"'),
         ],
-        "bus: certificates: without meaning",
+        "bus: certificates: has no effect",
     ),
     "a plain endpoint for tls": (
         lambda p: [

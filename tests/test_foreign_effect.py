@@ -74,8 +74,8 @@ def test_a_motion_says_from_which_strength_it_shows(
     [
         ("nowhere:EFFECT", "cannot be loaded"),
         (f"{NAME}:MISSING", "cannot be loaded"),
-        (f"{NAME}:Effect", "is no Effect"),
-        ("edge_service.models.effects.library.delay:EFFECT", "bears the name"),
+        (f"{NAME}:Effect", "is not an Effect"),
+        ("edge_service.models.effects.library.delay:EFFECT", "uses the name"),
     ],
 )
 def test_one_that_is_none_is_refused_by_name(path: Path, target: str, said: str) -> None:

@@ -35,7 +35,7 @@ def load_config(path: Path) -> EdgeConfig:
     """
     content = _read_toml(path)
     for key in open_secrets(EdgeConfig, content, path):
-        log.warning("%s: others may read it, and it holds %s; use %s_file", path, key, key)
+        log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
     try:
         content = with_table_secrets(EdgeConfig, content, path.parent)
     except SecretError as error:

@@ -71,7 +71,7 @@ class BusConfig(Table):
         if self.security == "tls" and self.certificates is None:
             raise ValueError('certificates: missing, security = "tls" needs them')
         if self.security == "open" and self.certificates is not None:
-            raise ValueError('certificates: without meaning with security = "open"')
+            raise ValueError('certificates: has no effect with security = "open"')
         return self
 
     @property
@@ -112,12 +112,12 @@ class HttpConfig(Table):
     def _guarded(self) -> "HttpConfig":
         if (self.certificate is None) != (self.private_key is None):
             lone = "private_key" if self.private_key is None else "certificate"
-            raise ValueError(f"{lone}: missing, the two go together")
+            raise ValueError(f"{lone}: missing; certificate and private_key are needed together")
         needed = ("certificate", "private_key", "tokens_file")
         missing = [name for name in needed if getattr(self, name) is None]
         if missing and not is_loopback(self.host):
             raise ValueError(
-                f"{self.host!r} is no loopback address: it needs {', '.join(missing)}"
+                f"{self.host!r} is not a loopback address: it needs {', '.join(missing)}"
                 " (`edge-service certs`, `edge-service token add`)"
             )
         return self

@@ -27,7 +27,7 @@ def configured(folder: Path, mtconnect: str) -> Path:
 @pytest.mark.parametrize(
     ("mtconnect", "complaint"),
     [
-        ('host = "192.168.1.2"', "mtconnect: '192.168.1.2' is no loopback address"),
+        ('host = "192.168.1.2"', "mtconnect: '192.168.1.2' is not a loopback address"),
         ("clients = 0", "mtconnect.clients: "),
         ("ports = 1", "mtconnect.ports: unknown key"),
     ],

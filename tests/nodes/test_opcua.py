@@ -59,7 +59,7 @@ def configured(folder: Path, opcua: str, http: str = "") -> Path:
 @pytest.mark.parametrize(
     ("opcua", "complaint"),
     [
-        ('host = "192.168.1.2"', "opcua: '192.168.1.2' is no loopback address: it needs"),
+        ('host = "192.168.1.2"', "opcua: '192.168.1.2' is not a loopback address: it needs"),
         ('certificate = "a.pem"', "opcua: private_key: missing"),
         (
             'host = "10.0.0.1"\ncertificate = "a.pem"\nprivate_key = "a.key.pem"',

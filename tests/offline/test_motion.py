@@ -168,10 +168,10 @@ def test_an_nc_program_says_constant_speeds_in_mm_per_minute(
 REFUSED = {
     "no motion 'fricton'; did you mean 'friction'?": ("fricton", "a.csv", {}),
     "expected a name that ends in .csv or .mpf": ("friction", "a.txt", {}),
-    "chirp: vibrates, which no NC program can say": ("chirp", "a.mpf", {}),
+    "chirp: vibrates, which an NC program cannot express": ("chirp", "a.mpf", {}),
     "multisine: vibrates": ("multisine", "a.mpf", {}),
     "full: vibrates": ("full", "a.mpf", {}),
-    "production: has no end of its own": ("production", "a.csv", {}),
+    "production: does not end by itself": ("production", "a.csv", {}),
     "would cut it": ("friction", "a.csv", {"duration_s": 10.0}),
     "a duration of nan s; expected more than 0": ("friction", "a.csv", {"duration_s": math.nan}),
     "a duration of inf s": ("warmup", "a.csv", {"duration_s": math.inf}),
@@ -207,7 +207,7 @@ def test_an_axis_of_unknown_stroke_is_not_moved(tmp_path: Path, machine: Machine
 
 
 def test_an_axis_name_that_no_controller_knows_is_refused(tmp_path: Path, machine: Machine) -> None:
-    with pytest.raises(MotionError, match=r"axis\.name: 'my axis' is no axis of an NC program"):
+    with pytest.raises(MotionError, match=r"axis\.name: 'my axis' is not an axis of an NC program"):
         write_motion("friction", changed(machine, name="my axis"), tmp_path / "a.mpf")
 
 

@@ -26,7 +26,7 @@ def effects() -> Mapping[str, Effect]:
     for entry in entry_points(group=ENTRY_POINT_GROUP):
         effect = _loaded(entry)
         if effect.name in found:
-            raise ValueError(f"effect {effect.name}: {entry.value} bears the name of another one")
+            raise ValueError(f"effect {effect.name}: {entry.value} uses the name of another effect")
         found[effect.name] = effect
     return dict(sorted(found.items()))
 
@@ -45,7 +45,7 @@ def _loaded(entry: EntryPoint) -> Effect:
     except (ImportError, AttributeError) as error:
         raise ValueError(f"effect {entry.name}: {entry.value} cannot be loaded: {error}") from error
     if not isinstance(effect, Effect):
-        raise ValueError(f"effect {entry.name}: {entry.value} is no Effect")
+        raise ValueError(f"effect {entry.name}: {entry.value} is not an Effect")
     return effect
 
 
@@ -116,7 +116,7 @@ def parse_effect(text: str) -> ActiveEffect:
         except ValueError:
             raise ValueError(f"effect {name}: expected key=number, got {part!r}") from None
         if key.strip() in given:
-            raise ValueError(f"effect {name}: {key.strip()} is there twice")
+            raise ValueError(f"effect {name}: {key.strip()} is given twice")
         given[key.strip()] = value
     return active_effect(name.strip(), given)
 

@@ -24,7 +24,9 @@ def nc_blocks(
         MotionError: a segment is neither a move nor a dwell, or `axis` is no axis of a controller.
     """
     if not re.fullmatch(r"[A-Z][A-Z0-9]{0,7}", axis):
-        raise MotionError(f"axis.name: {axis!r} is no axis of an NC program; expected X, Y1, ...")
+        raise MotionError(
+            f"axis.name: {axis!r} is not an axis of an NC program; expected X, Y1, ..."
+        )
     position_m = limits.low_m
     percent = 100.0
     yield "G90 G94 G710 G60 G601 SOFT"
@@ -36,7 +38,9 @@ def nc_blocks(
                 yield f"G4 F{segment.duration_s:.4g}"
             continue
         if not isinstance(segment, Move):
-            raise MotionError(f"{name}: vibrates, which no NC program can say; write a .csv file")
+            raise MotionError(
+                f"{name}: vibrates, which an NC program cannot express; write a .csv file"
+            )
         wanted = max(100.0 * segment.acceleration_m_s2 / limits.acceleration_m_s2, 1.0)
         if wanted != percent:
             percent = wanted

@@ -123,7 +123,7 @@ class EndlessMotion:
     ) -> Plan:
         """See `Motion.plan`; the segments that are over within `duration_s`, which it needs."""
         if duration_s is None:
-            raise MotionError(f"{self.name}: has no end of its own; expected a duration")
+            raise MotionError(f"{self.name}: does not end by itself; expected a duration")
         segments: list[Segment] = []
         left_s = duration_s
         for segment in self.source(limits, random):

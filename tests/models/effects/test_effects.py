@@ -248,7 +248,7 @@ def test_bristle_follows_the_elasto_plastic_law() -> None:
         ("backlash:width_m=nan", "width_m: expected .* got nan"),
         ("backlash:width_m", r"backlash: expected key=number, got 'width_m'"),
         ("backlash:width_m=thick", "expected key=number, got 'width_m=thick'"),
-        ("backlash:width_m=0,width_m=0", "width_m is there twice"),
+        ("backlash:width_m=0,width_m=0", "width_m is given twice"),
         ("torque_ripple:order=1.5", "order: expected a whole number, got 1.5"),
     ],
 )

@@ -170,7 +170,7 @@ def test_an_endless_motion_takes_the_time_it_is_given_and_ends_at_rest(name: str
     setpoints = sampled(plan_of(name, duration_s=90.0), BENCH)
     assert setpoints[-1, 1:] == pytest.approx([0.0, 0.0])
     assert np.ptp(setpoints[:, 0]) > 0.5
-    with pytest.raises(MotionError, match=f"{name}: has no end of its own; expected a duration"):
+    with pytest.raises(MotionError, match=f"{name}: does not end by itself; expected a duration"):
         plan_of(name)
     with pytest.raises(MotionError, match=r"first move takes longer than 0\.001 s"):
         plan_of(name, duration_s=1e-3)

@@ -86,14 +86,20 @@ EFFECT = Effect(
         Parameter(
             "level_m_per_n",
             "m/N",
-            "Compliance more, at the fixed bearing.",
+            "Additional compliance at the fixed bearing.",
             -1e-6,
             1e-5,
             0.0,
             2e-8,
         ),
         Parameter(
-            "slope_per_n", "1/N", "Compliance more, per metre from there.", -1e-5, 1e-5, 0.0, 3e-8
+            "slope_per_n",
+            "1/N",
+            "Additional compliance per metre from there.",
+            -1e-5,
+            1e-5,
+            0.0,
+            3e-8,
         ),
         friction_share(),
         viscous_share(),

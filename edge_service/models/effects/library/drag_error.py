@@ -14,7 +14,9 @@ EFFECT = Effect(
     source="thesis (4.3.6), (5.3.14): torque s(v) dF_c, wind-up where the level acts on the table",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter("change_nm", "N m", "Coulomb level at the motor, more.", -5.0, 5.0, 0.0, 0.06),
+        Parameter(
+            "change_nm", "N m", "Increase of the Coulomb level at the motor.", -5.0, 5.0, 0.0, 0.06
+        ),
     ),
     contributions=_contributions,
     term=Term.COULOMB,

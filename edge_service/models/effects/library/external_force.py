@@ -23,8 +23,8 @@ EFFECT = Effect(
     kind=Kind.DISTURBANCE,
     parameters=(
         Parameter("force_n", "N", "Force, positive along the axis.", -1e5, 1e5, 0.0, 200.0),
-        Parameter("start_s", "s", "When it begins.", 0.0, 1e7, 1.0, 1.0, Role.SHAPE),
-        Parameter("duration_s", "s", "How long it lasts.", 1e-3, 1e7, 5.0, 5.0, Role.SHAPE),
+        Parameter("start_s", "s", "Time at which it begins.", 0.0, 1e7, 1.0, 1.0, Role.SHAPE),
+        Parameter("duration_s", "s", "Duration.", 1e-3, 1e7, 5.0, 5.0, Role.SHAPE),
     ),
     contributions=_contributions,
     most_shapes=10,

@@ -17,7 +17,7 @@ EFFECT = Effect(
         Parameter(
             "change_kg_m2",
             "kg m^2",
-            "Inertia at the motor that the table has more.",
+            "Additional inertia of the table, at the motor.",
             -0.05,
             0.2,
             0.0,

@@ -52,7 +52,9 @@ EFFECT = Effect(
         Parameter("amplitude_m", "m", "Wobble per turn.", -2e-4, 2e-4, 0.0, 4e-6),
         phase(amount="amplitude_m"),
         order(1.0, amount="amplitude_m", most=6),
-        Parameter("pitch_error", "m/m", "Travel too long, per travel.", -2e-3, 2e-3, 0.0, 3e-5),
+        Parameter(
+            "pitch_error", "m/m", "Excess travel per unit of travel.", -2e-3, 2e-3, 0.0, 3e-5
+        ),
         Parameter("variation_m", "m", "Variation over many turns.", -5e-4, 5e-4, 0.0, 0.0),
         phase("variation_phase_rad", "variation_m", "Where in the wavelength it begins."),
         Parameter(

@@ -15,7 +15,9 @@ EFFECT = Effect(
     source="screw catalogues: a load T needs T / eta; torque s(v) mu |T_load|, mu = 1 / eta - 1",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter("coefficient", "1", "Friction torque over load torque.", 0.0, 0.9, 0.0, 0.15),
+        Parameter(
+            "coefficient", "1", "Friction torque divided by load torque.", 0.0, 0.9, 0.0, 0.15
+        ),
         friction_share(),
         viscous_share(),
     ),

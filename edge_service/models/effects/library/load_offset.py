@@ -35,7 +35,7 @@ EFFECT = Effect(
         Parameter(
             "asymmetry_nm",
             "N m",
-            "Coulomb level more forwards and less backwards.",
+            "Coulomb level higher forwards and lower backwards.",
             -5.0,
             5.0,
             0.0,

@@ -25,8 +25,18 @@ EFFECT = Effect(
     source="torque s(v) g(x), wind-up -R s(v) g(x) / K; g a Gaussian over the stroke",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter("excess_nm", "N m", "Coulomb level more, at its worst.", -5.0, 5.0, 0.0, 0.3),
-        Parameter("centre_m", "m", "Where it is worst.", -10.0, 50.0, 0.4, 0.4, Role.SHAPE),
+        Parameter(
+            "excess_nm",
+            "N m",
+            "Increase of the Coulomb level at the worst place.",
+            -5.0,
+            5.0,
+            0.0,
+            0.3,
+        ),
+        Parameter(
+            "centre_m", "m", "Position of the worst place.", -10.0, 50.0, 0.4, 0.4, Role.SHAPE
+        ),
         Parameter(
             "width_m",
             "m",

@@ -42,7 +42,7 @@ EFFECT = Effect(
         Parameter(
             "lost_percent",
             "%",
-            "Preload lost, of the fresh screw's.",
+            "Preload lost, as a share of the fresh screw's.",
             0.0,
             100.0,
             0.0,
@@ -50,9 +50,11 @@ EFFECT = Effect(
             Role.SHAPE,
         ),
         _shape("percent_per_s", "%/s", "Rate at which it was lost, per second.", 0.0, 1e3, 0.0),
-        _shape("until_s", "s", "When it had been lost.", -1e9, 1e9, 0.0),
+        _shape("until_s", "s", "Time at which the loss is complete.", -1e9, 1e9, 0.0),
         _shape("fresh_drag_nm", "N m", "Drag of the fresh screw.", 0.0, 1e3, 0.146),
-        _shape("fresh_percent", "%", "Fresh preload, of the load rating.", 0.01, 100.0, 6.85),
+        _shape(
+            "fresh_percent", "%", "Fresh preload, as a share of the load rating.", 0.01, 100.0, 6.85
+        ),
         _shape("fresh_nut_m_per_n", "m/N", "Compliance of the fresh nut.", 0.0, 1e-5, 8.9e-9),
     ),
     contributions=_contributions,

@@ -22,7 +22,7 @@ EFFECT = Effect(
         Parameter(
             "reach_m",
             "m",
-            "Friction level over presliding stiffness, as table travel.",
+            "Friction level divided by presliding stiffness, as table travel.",
             0.0,
             1e-3,
             0.0,

@@ -38,7 +38,7 @@ EFFECT = Effect(
         Parameter(
             "coefficient_nm_s2_per_rad2",
             "N m s^2/rad^2",
-            "Torque over squared motor speed.",
+            "Torque divided by the square of the motor speed.",
             -1e-3,
             1e-2,
             0.0,

@@ -15,7 +15,14 @@ EFFECT = Effect(
     kind=Kind.DRIVE,
     parameters=(
         Parameter(
-            "limit_nm", "N m", "Greatest torque that arrives.", 1e-3, 1e4, 1e4, 2.0, Role.SHAPE
+            "limit_nm",
+            "N m",
+            "Greatest torque that the drive delivers.",
+            1e-3,
+            1e4,
+            1e4,
+            2.0,
+            Role.SHAPE,
         ),
     ),
     contributions=_contributions,

@@ -85,7 +85,7 @@ EFFECT = Effect(
     ),
     kind=Kind.TRAVEL,
     parameters=(
-        Parameter("rise_k", "K", "Temperature rise of the screw at last.", -50.0, 100.0, 0.0, 10.0),
+        Parameter("rise_k", "K", "Final temperature rise of the screw.", -50.0, 100.0, 0.0, 10.0),
         Parameter(
             "strain_per_k",
             "1/K",

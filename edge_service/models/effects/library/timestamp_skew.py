@@ -13,9 +13,7 @@ EFFECT = Effect(
     description="The linear encoder is read later than the rotary one, which looks like stretch.",
     source="x_measured(t) = x(t - T): x - R theta by -R v T",
     kind=Kind.MEASUREMENT,
-    parameters=(
-        Parameter("skew_s", "s", "How late the linear channel is.", -5e-3, 5e-3, 0.0, 5e-4),
-    ),
+    parameters=(Parameter("skew_s", "s", "Delay of the linear channel.", -5e-3, 5e-3, 0.0, 5e-4),),
     contributions=_contributions,
     imitates=frozenset({"compliance"}),
     confirmation=Confirmation("encoder_lag", (Kind.LOST_MOTION, Kind.TRAVEL)),

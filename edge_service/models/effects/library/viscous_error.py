@@ -17,7 +17,7 @@ EFFECT = Effect(
         Parameter(
             "change_nm_s_per_rad",
             "N m s/rad",
-            "Viscous coefficient at the motor, more.",
+            "Increase of the viscous coefficient at the motor.",
             -0.1,
             0.2,
             0.0,

@@ -81,11 +81,11 @@ EFFECT = Effect(
     ),
     kind=Kind.FRICTION,
     parameters=(
-        Parameter("excess_nm", "N m", "Coulomb level more when cold.", -5.0, 5.0, 0.0, 0.06),
+        Parameter("excess_nm", "N m", "Additional Coulomb level when cold.", -5.0, 5.0, 0.0, 0.06),
         Parameter(
             "viscous_excess_nm_s_per_rad",
             "N m s/rad",
-            "Viscous friction more when cold.",
+            "Additional viscous friction when cold.",
             -0.1,
             0.1,
             0.0,
