@@ -1,5 +1,5 @@
 #!/bin/sh
-# Draws the pictures of the documents anew: the motions, the healthy axis, its warm-up, the
+# Draws the pictures of the documents anew: the page of a machine (with Chromium), the motions, the healthy axis, its warm-up, the
 # puzzle, the real screw's wear where its recording is there, and the rows of the estimator's bench.
 set -eu
 cd "$(dirname "$0")/.."
@@ -28,6 +28,7 @@ edge-service bench estimator --pictures estimator
 edge-service reproduce puzzle --out puzzle
 
 cd "$OLDPWD"
+python -m tests.page.picture deploy/pictures/dashboard.png
 for name in friction stiffness frequency_response signature; do
     cp "$scratch/healthy/$name.png" "deploy/pictures/$name.png"
 done

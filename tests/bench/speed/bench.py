@@ -21,6 +21,7 @@ from ..pipeline.process_meter import ServiceProcess, read_stolen_s
 from ..pipeline.replay_speed import measure_replay
 from ..table import aligned, number_text
 from .paced import MOSQUITTO, measure_paced, service
+from .page import CHROMIUM, page_times_ms
 from .parts import estimator_us, ivp_s_per_axis_s, recorder_us
 from .parts_of import SPEED_PARTS
 from .requests import request_costs_us
@@ -304,6 +305,24 @@ class SpeedBench:
             Speed("page_s", "start to the page", float(np.median(page)), "s"),
             Speed("first_s", "start to the first `estimated`", float(np.median(first)), "s"),
         ]
+
+    def _page(self) -> list[Speed]:
+        """Figures of a browser; none without Chromium."""
+        if CHROMIUM is None:
+            return []
+        figures = []
+        for axes in (1, 8):
+            with service(self._folder, self._kernels, self._recording, axes) as process:
+                host, port = process.wait_for_address(_PATIENCE_S)
+                time.sleep(self._settings.warm_up_s)
+                times_ms = page_times_ms(host, port, self._settings.repeats)
+            painted, headline = np.median(times_ms, axis=0)
+            name = f"page, {axes} {'axis' if axes == 1 else 'axes'}"
+            figures += [
+                Speed(f"paint_{axes}_ms", f"{name}: first paint", float(painted), "ms"),
+                Speed(f"headline_{axes}_ms", f"{name}: its headline", float(headline), "ms"),
+            ]
+        return figures
 
     def _diagnosis(self) -> list[Speed]:
         """A recording of 190 s of production, of a machine that nobody has seen."""

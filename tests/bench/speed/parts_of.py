@@ -9,5 +9,6 @@ SPEED_PARTS = (
     "recorder",
     "requests",
     "start",
+    "page",
     "diagnosis",
 )
