@@ -107,6 +107,8 @@ def test_every_kind_of_event_in_the_program_has_its_room():
     for path in ROOT.glob("edge_service/**/*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Event":
+                if "outputs" in path.parts:  # said in a letter, never in the diary
+                    continue
                 kind = next(each.value for each in node.keywords if each.arg == "kind")
                 found |= {each.value for each in ast.walk(kind) if isinstance(each, ast.Constant)}
     changes = ("raised", "cleared", "acknowledged", "shelved", "unshelved")
