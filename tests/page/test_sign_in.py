@@ -89,7 +89,7 @@ def test_a_person_signs_in_and_is_known_by_the_token(
     ]  # refusals, as expected
 
 
-SUDDEN = {"scenario": "sudden", "life_h": 1.0, "acceleration": 180.0, "hold_s": 2.0}
+SUDDEN = {"scenario": "sudden", "life_h": 4.0, "acceleration": 180.0, "hold_s": 2.0}
 LOOKING = r"Sign out|Show|\d+ (min|h|days)|1 year|All|Zoom|Reset"
 OPERATORS = {"Acknowledge", "Shelve 8 h", "Write a note", "Part replaced"}
 OPERATORS |= {"Record", "Start", "Compare", "Cancel job 1", "Try all of webhook again", "Try again"}

@@ -43,7 +43,7 @@ next that none shows."""
 SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
 SHORTEST_S = 0.012
-"""A shorter phase is left out: of what begins it the axis still rings (assumption)."""
+"""In a shorter phase the axis still rings of what began it: no stretch is read (assumption)."""
 INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
 """From how much acceleration, and from which share off, torque and motion contradict each other."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
@@ -117,14 +117,8 @@ class FusedPreloadEstimator:
         self._validity.update(block, bool(calm), max(calm, default=None), used_s)
 
     def _take_all(self, interval: SteadyInterval) -> list[float]:
-        """Take the phases of an interval; the surprise of each that corrected the bank.
-
-        In the shortest an axis rings: where a cut ends, one of 10 ms moved the encoders' offset by
-        a micrometre, and what followed passed for a lost preload.
-        """
-        taken = [
-            self._take(interval, phase) for phase in interval.phases if phase.steady_s >= SHORTEST_S
-        ]
+        """Take the phases of an interval; the surprise of each that corrected the bank."""
+        taken = [self._take(interval, phase) for phase in interval.phases if phase.steady_s > 0.0]
         return [surprise for surprise in taken if not math.isnan(surprise)]
 
     def _forget_level(self) -> None:
@@ -163,9 +157,14 @@ class FusedPreloadEstimator:
         return nis
 
     def _reading(self, interval: SteadyInterval, phase: Phase) -> Reading:
+        """Phase as the filter reads it.
+
+        In the shortest an axis rings: where a cut ends, one of 10 ms moved the encoders' offset by
+        a micrometre, and what followed passed for a lost preload. Its torque still tells something.
+        """
         ratio = self._model.ratio_m_per_rad
         stretch, torque = math.nan, phase.torque_nm
-        if self._model.compliance_m_per_n > 0.0:
+        if self._model.compliance_m_per_n > 0.0 and phase.steady_s >= SHORTEST_S:
             stretch = self._sane(ratio * phase.angle_rad - phase.table_m)
         if not math.isnan(interval.external_force_n):
             torque += ratio * interval.external_force_n

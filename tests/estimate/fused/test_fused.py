@@ -161,13 +161,9 @@ def test_an_uncommissioned_machine_is_refused() -> None:
 
 
 def _ringing(block: FeatureBlock, rng: np.random.Generator) -> FeatureBlock:
-    """The block with its shortest phases spoiled by a spring that still swings."""
+    """The block with the stretch of its shortest phases spoiled by a spring that still swings."""
     spoiled = {
-        name: replace(
-            phase,
-            torque_nm=phase.torque_nm + 0.3 * rng.standard_normal(),
-            table_m=phase.table_m + 1e-6 * rng.standard_normal(),
-        )
+        name: replace(phase, table_m=phase.table_m + 5e-6 * rng.standard_normal())
         for name in ("accelerating", "cruising", "braking")
         if 0.0 < (phase := getattr(block, name)).steady_s < SHORTEST_S
     }
@@ -179,4 +175,7 @@ def test_an_axis_that_rings_for_some_milliseconds_is_read_as_one_that_does_not()
     ringing = [_ringing(block, rng) for block in blocks]
     changed = sum(a != b for a, b in zip(ringing, blocks, strict=True))
     assert changed > 10
-    assert run(ringing) == run(blocks)
+    for heard, quiet in zip(run(ringing), run(blocks), strict=True):
+        assert heard.status is quiet.status
+        assert heard.preload_percent == pytest.approx(quiet.preload_percent, abs=0.02)
+        assert heard.low == pytest.approx(quiet.low, abs=0.02)
