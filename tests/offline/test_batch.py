@@ -164,7 +164,7 @@ def test_a_scheduler_that_somebody_else_runs_is_asked_by_tls(
     (tmp_path / "dask.yaml").write_text(json.dumps(configured))
     place = tmp_path / "scheduler.json"
     with (
-        dask.config.set({"distributed.comm.tls": tls}),
+        dask.config.set({f"distributed.comm.tls.{name}": part for name, part in tls.items()}),
         dask_command("scheduler", "--protocol", "tls", "--port", "0", place=place),
         dask_command("worker", place=place),
     ):

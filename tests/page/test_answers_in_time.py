@@ -80,7 +80,11 @@ def job(number: int, state: str, begun_s: float, ended_s: float | None = None) -
     }
 
 
-RUNNING = [job(2, "running", 20.0), job(1, "done", 300.0, 200.0)]
+def running() -> list[dict[str, Any]]:
+    """A job that began a moment ago, and one that is done."""
+    return [job(2, "running", 20.0), job(1, "done", 300.0, 200.0)]
+
+
 FOUND = {"verdict": "explained", "effects": []}
 
 
@@ -88,7 +92,7 @@ def test_a_test_belongs_to_the_axis_that_is_shown(make_service: Any, open_page: 
     """While another axis still records and its job still runs."""
     page = open_page(make_service(axes=dict.fromkeys("XY", HEALTHY)).address).page
     live = {"axis": "X", "recorded_s": 3.0, "seconds": 60.0}
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": RUNNING}))
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": running()}))
     page.route("**/diagnosis.json", lambda route: route.fulfill(json=FOUND))
     page.route("**/axes/X/recording", lambda route: route.fulfill(json=live))
     page.evaluate("location.hash = '#/X/tests'")
@@ -110,7 +114,8 @@ def test_a_test_belongs_to_the_axis_that_is_shown(make_service: Any, open_page: 
 
 def test_progress_goes_on_while_a_job_says_nothing(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": RUNNING}))
+    jobs = running()
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": jobs}))
     page.route("**/diagnosis.json", lambda route: route.fulfill(json=FOUND))
     page.evaluate("location.hash = '#/X/tests'")
     bar = page.locator("#jobs progress")
@@ -131,7 +136,7 @@ def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -
     def hold(route: Any) -> None:
         held.append(route)
 
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": RUNNING[1:]}))
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": running()[1:]}))
     page.route("**/diagnosis.json", hold)
     with page.expect_request("**/diagnosis.json"):
         page.evaluate("location.hash = '#/X/tests'")

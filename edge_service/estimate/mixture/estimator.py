@@ -40,10 +40,10 @@ WORST = 1000.0
 WILDEST = (1e4, 1e6, 1e4, 5e-3)
 """Torque N m, acceleration rad/s^2, speed rad/s that no axis has; stretch m from one phase to the
 next that none shows."""
+FURTHEST_M = 1e4
+"""No axis is longer, m; nor is its encoders' difference."""
 SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
-SHORTEST_S = 0.012
-"""In a shorter phase the axis still rings of what began it: no stretch is read (assumption)."""
 INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
 """From how much acceleration, and from which share off, torque and motion contradict each other."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
@@ -157,14 +157,9 @@ class FusedPreloadEstimator:
         return nis
 
     def _reading(self, interval: SteadyInterval, phase: Phase) -> Reading:
-        """Phase as the filter reads it.
-
-        In the shortest an axis rings: where a cut ends, one of 10 ms moved the encoders' offset by
-        a micrometre, and what followed passed for a lost preload. Its torque still tells something.
-        """
         ratio = self._model.ratio_m_per_rad
         stretch, torque = math.nan, phase.torque_nm
-        if self._model.compliance_m_per_n > 0.0 and phase.steady_s >= SHORTEST_S:
+        if self._model.compliance_m_per_n > 0.0:
             stretch = self._sane(ratio * phase.angle_rad - phase.table_m)
         if not math.isnan(interval.external_force_n):
             torque += ratio * interval.external_force_n
@@ -182,7 +177,7 @@ class FusedPreloadEstimator:
 
     def _sane(self, stretch_m: float) -> float:
         """Stretch, m, or NaN where no axis can have moved there from the one before."""
-        if math.isnan(stretch_m):
+        if not abs(stretch_m) <= FURTHEST_M:
             return math.nan
         if self._last.stretch_m is not None and abs(stretch_m - self._last.stretch_m) > WILDEST[3]:
             return math.nan
@@ -320,7 +315,10 @@ def vibrates(interval: SteadyInterval) -> bool:
 def plausible(reading: Reading) -> bool:
     """True if an axis can move as a phase says."""
     motion = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
-    return all(abs(value) <= most for value, most in zip(motion, WILDEST, strict=False))
+    is_far = abs(reading.table_m) > FURTHEST_M  # NaN, without a linear encoder, is not
+    return not is_far and all(
+        abs(value) <= most for value, most in zip(motion, WILDEST, strict=False)
+    )
 
 
 def _code(reason: str) -> str:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from edge_service.estimate.mixture.estimator import SHORTEST_S, FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.arrays import decoded, encoded
-from edge_service.messages.features import FeatureBlock, Phase
+from edge_service.messages.features import Phase
 
 from .production import AXIS, machine, production, run
 
@@ -126,6 +126,9 @@ PHASE = st.builds(
     st.lists(st.tuples(PHASE, st.sampled_from([-1.0, 1.0]), ANY), min_size=1, max_size=6),
     st.booleans(),
 )
+@example([(Phase(0.1, 0.1, 0.0, 5.0, 3.0, 7.63e306), 1.0, math.nan)], False)
+@example([(Phase(0.1, 0.1, 0.0, 5.0, 1e300, 0.3), 1.0, math.nan)] * 2, False)
+@example([(Phase(0.1, 0.1, 0.0, 5.0, 3.0, 0.3), 1.0, 1e300)], False)
 def test_garbage_never_yields_a_number_that_is_none(
     garbage: list[tuple[Phase, float, float]], one_encoder: bool
 ) -> None:
@@ -158,24 +161,3 @@ def test_garbage_never_yields_a_number_that_is_none(
 def test_an_uncommissioned_machine_is_refused() -> None:
     with pytest.raises(ValueError, match="commissioned"):
         FusedPreloadEstimator(AXIS.nominal())
-
-
-def _ringing(block: FeatureBlock, rng: np.random.Generator) -> FeatureBlock:
-    """The block with the stretch of its shortest phases spoiled by a spring that still swings."""
-    spoiled = {
-        name: replace(phase, table_m=phase.table_m + 5e-6 * rng.standard_normal())
-        for name in ("accelerating", "cruising", "braking")
-        if 0.0 < (phase := getattr(block, name)).steady_s < SHORTEST_S
-    }
-    return replace(block, **spoiled)
-
-
-def test_an_axis_that_rings_for_some_milliseconds_is_read_as_one_that_does_not() -> None:
-    rng, blocks = np.random.default_rng(4), production("healthy")
-    ringing = [_ringing(block, rng) for block in blocks]
-    changed = sum(a != b for a, b in zip(ringing, blocks, strict=True))
-    assert changed > 10
-    for heard, quiet in zip(run(ringing), run(blocks), strict=True):
-        assert heard.status is quiet.status
-        assert heard.preload_percent == pytest.approx(quiet.preload_percent, abs=0.02)
-        assert heard.low == pytest.approx(quiet.low, abs=0.02)

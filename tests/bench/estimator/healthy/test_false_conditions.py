@@ -35,7 +35,7 @@ class Telling:
             preload_percent=percent,
             low=percent - 0.1,
             high=percent + 0.1,
-            data_used_s=self._time_s,
+            data_used_s=100.0 + self._time_s,  # it has learned the axis before
         )
 
 
