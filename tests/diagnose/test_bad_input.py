@@ -127,7 +127,7 @@ def test_recordings_of_different_axes(machine_file, tmp_path):
     other = columns | {"torque_command_nm": 4.0 * columns["torque_command_nm"]}
     document = diagnosed(machine_file, tmp_path, first, written(tmp_path / "b.csv", other))
     assert document["verdict"] == "bad_data"
-    assert "one axis" in " ".join(document["reasons"])
+    assert "not from the same axis" in " ".join(document["reasons"])
 
 
 def test_an_effect_that_the_machine_file_has_explains_the_gap_at_once(machine_file, tmp_path):
