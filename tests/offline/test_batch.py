@@ -17,9 +17,9 @@ import pytest
 
 from edge_service.config import DEFAULT_MACHINE, ConfigError, load_machine
 from edge_service.models.motions.registry import MotionError
-from edge_service.offline.batch import work
+from edge_service.offline.batch import cluster, work
 from edge_service.offline.batch.batch import run_batch
-from edge_service.offline.batch.cases import cases_of
+from edge_service.offline.batch.cases import Case, cases_of
 from edge_service.offline.batch.cluster import on_cluster
 from edge_service.offline.batch.table import write_table
 from edge_service.offline.batch.work import Outcome, Task
@@ -74,6 +74,29 @@ def test_the_table_is_one_that_another_program_asks(recordings: list[Path], tmp_
     assert duckdb.sql(asked).fetchall() == [(5,)]
     by_json = f"select document->>'$.blocks' from '{tmp_path}/table.parquet' where status = 0"
     assert {int(count) for (count,) in duckdb.sql(by_json).fetchall()} == {29}
+
+
+def test_an_answer_of_an_earlier_run_does_not_pass_for_that_of_today(
+    recordings: list[Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "day.csv"
+    path.write_bytes(recordings[0].read_bytes())
+    run_batch(ESTIMATE, [path], tmp_path / "out")
+    kept = tmp_path / "out" / "day"
+    (kept / "my notes.txt").write_text("looked at")
+    path.write_text("nothing that can be read")
+    run_batch(ESTIMATE, [path], tmp_path / "out")
+    assert [each.name for each in kept.iterdir()] == ["my notes.txt"]
+
+
+def test_every_command_of_a_batch_has_its_files() -> None:
+    assert work.WRITTEN.keys() == work._COMMANDS.keys()
+
+
+def test_two_runs_on_one_scheduler_share_no_task() -> None:
+    """A scheduler answers a key that it knows with what it has, whoever asks and for what."""
+    case = Case("day_1", ())
+    assert cluster._own_key(case) != cluster._own_key(case)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from ..recordings import Progress, silent
 from .cases import cases_of
 from .cluster import on_cluster, serial
 from .table import row_of, write_table
-from .work import Outcome, Task
+from .work import WRITTEN, Outcome, Task
 
 TABLE = "table.parquet"
 
@@ -57,7 +57,7 @@ def run_batch(
     rows, failed = [], []
     progress(f"0 of {len(cases)}")
     for count, outcome in enumerate(outcomes, 1):
-        _keep(outcome, out)
+        _keep(outcome, out / outcome.case.name, WRITTEN[task.command])
         rows.append(row_of(task.command, outcome))
         if outcome.error:
             each = FailedCase(case=outcome.case.name, status=outcome.status, error=outcome.error)
@@ -75,16 +75,21 @@ def run_batch(
     return Answer(_words(document), document, _status(failed))
 
 
-def _keep(outcome: Outcome, out: Path) -> None:
-    """Write what a case left, each file whole or not at all. Raises ConfigError."""
-    for name, content in outcome.files.items():
-        path = out / outcome.case.name / name
-        try:
+def _keep(outcome: Outcome, folder: Path, written: Sequence[str]) -> None:
+    """Write what a case left, each file whole or not at all. Raises ConfigError.
+
+    What an earlier run left and this one did not is removed: it would pass for the answer of today.
+    """
+    try:
+        for name in set(written) - outcome.files.keys():
+            (folder / name).unlink(missing_ok=True)
+        for name, content in outcome.files.items():
+            path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             with replaced_bytes(path) as file:
                 file.write(content)
-        except OSError as error:
-            raise ConfigError(f"--out {path}: cannot be written ({error.strerror})") from None
+    except OSError as error:
+        raise ConfigError(f"--out {folder}: cannot be written ({error.strerror})") from None
 
 
 def _status(failed: Sequence[FailedCase]) -> int:

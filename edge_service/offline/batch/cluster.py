@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any
+from uuid import uuid4
 
 from ...config import ConfigError
 from .cases import Case
@@ -35,12 +36,15 @@ def on_cluster(
     distributed = _library()
     with ExitStack() as stack:
         client = _client(distributed, address, workers, stack)
-        futures = {
-            client.submit(done, task, case, key=case.name, retries=0): case for case in cases
-        }
+        futures = {client.submit(done, task, case, key=_own_key(case)): case for case in cases}
         for future in distributed.as_completed(futures):
             yield _outcome(future, futures[future])
             future.release()
+
+
+def _own_key(case: Case) -> str:
+    """Key of one task for ever: a scheduler gives everybody who asks for a known key its result."""
+    return f"{case.name}-{uuid4().hex}"
 
 
 def _outcome(future: Any, case: Case) -> Outcome:

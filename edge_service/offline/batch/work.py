@@ -122,6 +122,12 @@ def _estimate(task: Task, case: Case, folder: Path) -> Answer:
     return estimate_to_csv(case.traces[0], task.machine, out, config, axis_number=task.axis_number)
 
 
+WRITTEN = {
+    "diagnose": ("diagnosis.json", "augmented.toml", "report.html"),
+    "fingerprint": ("fingerprint.json", "report.html"),
+    "estimate": ("estimates.csv",),
+}
+"""Files that each command writes."""
 _COMMANDS: dict[str, Callable[[Task, Case, Path], Answer]] = {
     "diagnose": _diagnose,
     "fingerprint": _fingerprint,
