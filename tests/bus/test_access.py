@@ -70,7 +70,7 @@ def session_of(role: str, router: Bus, folder: Path) -> Iterator[zenoh.Session]:
 
 
 def arrived(session: zenoh.Session) -> bool:
-    """Whether an answer has come, and with it all that was sent before has been treated."""
+    """Tell whether an answer has come, and with it all that was sent before has been treated."""
     return any(reply.ok for reply in session.get(MARKER))
 
 

@@ -22,7 +22,7 @@ needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="promtool is not in
 
 
 def judged(folder: Path, rules: str) -> "subprocess.CompletedProcess[str]":
-    """What promtool's tests say of the rules."""
+    """Report of promtool's tests on the rules."""
     (folder / "alerts.yml").write_text(rules)
     (folder / "tests.yml").write_text(document("tests/deploy/alerts_test.yml"))
     line = ["promtool", "test", "rules", "tests.yml"]

@@ -82,7 +82,7 @@ class Scene:
         return self.monitor.health(self.now_ns).reasons
 
     def changes(self, kind: str = "condition_changed") -> list[str]:
-        """What the events of one kind changed to."""
+        """States to which the events of one kind changed."""
         return [str(event.data["to"]) for event in self.events if event.kind == kind]
 
 

@@ -26,7 +26,7 @@ class Start:
         self.sequence = 0
 
     def at(self, second: int, status: ComponentStatus | None, reason: str = "") -> AxisHealth:
-        """What is answered after a report of the estimator, which may be missing."""
+        """Answer after a report of the estimator, which may be missing."""
         now_ns = START_NS + second * NS
         if status is not None:
             report = ComponentHealth(component="estimate", axis="X", status=status, reason=reason)

@@ -53,7 +53,7 @@ class RawClient:
             return b""
 
     async def some(self) -> bytes:
-        """What comes next."""
+        """Bytes that come next."""
         return await asyncio.wait_for(self._reader.read(4096), 5.0)
 
     async def close(self) -> None:

@@ -60,7 +60,7 @@ class JobScene:
         await self.desk.close()
 
     def let(self, word: str) -> None:
-        """What fingerprint jobs do from now on."""
+        """Work of fingerprint jobs from now on."""
         self.desk._commands = {kind: _child(word) for kind in JobKind}
 
     async def start(self, **more: object) -> httpx.Response:

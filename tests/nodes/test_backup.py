@@ -53,7 +53,7 @@ def config(tmp_path: Path) -> Path:
 
 
 async def answers(client: httpx.AsyncClient, until_ns: int) -> dict[str, Any]:
-    """What is known of the axis up to a time."""
+    """History of the axis up to a time."""
     span = {"from": f"{until_ns / 1e9 - 600.0:.3f}", "to": f"{until_ns / 1e9:.3f}"}
     kept = (await client.get("/api/v1/axes/X/history", params=span | {"step": 1})).json()
     log = (await client.get("/api/v1/axes/X/log", params=span)).json()
@@ -80,13 +80,13 @@ class Worn:
         self._log = folder / "axis=X" / "open.log"
 
     async def is_told(self) -> bool:
-        """Whether the alarm is raised."""
+        """Tell whether the alarm is raised."""
         self._publisher.publish(LOST, now_ns())
         health = (await self._client.get("/api/v1/axes/X/health")).json()
         return any(each["alarm"] == "preload_lost" for each in health["alarms"])
 
     async def is_kept(self, after_ns: int) -> bool:
-        """Whether what was heard up to a time is in the file."""
+        """Tell whether what was heard up to a time is in the file."""
         self._publisher.publish(LOST, now_ns())
         return self._log.is_file() and self._log.stat().st_mtime_ns > after_ns
 

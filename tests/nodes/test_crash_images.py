@@ -30,7 +30,7 @@ EVER = 2**62
 
 
 class Context:
-    """What the monitors need of the node's context; publications are told to the test."""
+    """Part of the node's context that the monitors need; publications are told to the test."""
 
     def __init__(self, folder: Path, publish: Any) -> None:
         self.config = config_of("simulated", {}, history=HistoryConfig(folder=folder))
@@ -68,7 +68,7 @@ class Scene:
         self.image()
 
     def image(self) -> None:
-        """What a crash would leave here, and what had been told by then."""
+        """Files that a crash would leave here, and what had been told by then."""
         image = self._images / f"{len(self.images)}"
         shutil.copytree(self.folder, image)
         self.images.append((image, tuple(self.told)))

@@ -94,7 +94,7 @@ def config_in(folder: Path | None, **changes: Any) -> EdgeConfig:
 
 
 def one_piece(given: Sequence[FeatureBlock]) -> list[str]:
-    """What an estimator says that was never stopped."""
+    """Estimates of an estimator that was never stopped."""
     estimator = FusedPreloadEstimator(machine())
     told = []
     for block in given:
@@ -141,7 +141,7 @@ class Feed:
         return told
 
     def tell(self, event: Event) -> None:
-        """What the monitor says of the axis."""
+        """Report of the monitor on the axis."""
         publisher = self._bus.publisher(self._keys.key("X", EVENT), EVENT, "X")
         publisher.publish(event, event.time_ns)
 

@@ -40,7 +40,7 @@ async def test_mqtt_catches_up_with_the_diary_and_sends_nothing_twice(tmp_path: 
     diary = Diary(tmp_path / "diary.sqlite")
 
     async def started(*heard: Event) -> list[str]:
-        """What waits after a start, and after events that were heard."""
+        """Events that wait after a start, and after events that were heard."""
         spool = await Spool.open(tmp_path / "spool", 100)
         missed = MissedEvents(diary, spool, ["X"])
         await missed.put()

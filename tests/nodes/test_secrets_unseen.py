@@ -99,7 +99,7 @@ driver = "opcua"
 
 
 async def answers(address: str) -> dict[str, str]:
-    """What every route that reads answers, by its path."""
+    """Answer of every route that reads, by its path."""
     told = {}
     async with httpx.AsyncClient(base_url=address, timeout=20.0) as client:
         paths = (await client.get("/openapi.json")).json()["paths"]

@@ -20,7 +20,7 @@ EXAMPLES = DEFAULT_CONFIG.parent / "drivers"
 
 
 async def found_beside_a_stub(config: Path, protocol: str, port: int) -> list[str]:
-    """What is found at the port of a stub."""
+    """Device that is found at the port of a stub."""
     stub = make_stub(protocol, load_config(config), None, "healthy", None)
     stub.fault = Fault()
     await stub.start()

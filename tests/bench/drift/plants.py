@@ -32,7 +32,7 @@ class Day:
     warm: bool = False
 
     def events(self) -> tuple[Any, ...]:
-        """What the plant is told."""
+        """Settings that the plant is told."""
         dry = dict.fromkeys(("guide", "nut", "bearing"), self.friction)
         heat = (Warmup(start=1.0),) if self.warm else ()
         return (Lubricant(**dry), *heat)

@@ -113,7 +113,7 @@ class _Killer:
 
 
 def loss(folder: Path, acknowledged: str) -> Loss:
-    """What is kept in a folder against what was acknowledged."""
+    """Comparison of what a folder keeps with what was acknowledged."""
     *_, (turn, number) = [(-1, 0), *_acknowledged(acknowledged)]
     lost = doubled = damages = 0
     for axis in AXES:

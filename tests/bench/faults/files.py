@@ -83,7 +83,7 @@ def _reading(kind: str, path: Path, folder: Path) -> list[str]:
 
 
 def problem_of(arguments: Sequence[str]) -> str:
-    """What is wrong with the answer of a command in this process; empty if nothing is."""
+    """Fault of the answer of a command in this process; empty if there is none."""
     from edge_service.cli.entry import main
 
     said, out = io.StringIO(), io.StringIO()

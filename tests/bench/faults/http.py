@@ -38,7 +38,7 @@ _BODIES = {
 
 @dataclass(slots=True)
 class Others:
-    """How a client that does nothing wrong is served meanwhile."""
+    """Service to a client that meanwhile does nothing wrong."""
 
     answers: int = 0
     refused: int = 0

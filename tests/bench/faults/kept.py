@@ -86,7 +86,7 @@ def files(kept: Path) -> list[Path]:
 
 
 def content(path: Path) -> bytes | tuple[str, ...]:
-    """What is kept in a file: of a database all that can be read of it, of others their bytes."""
+    """Content of a kept file: of a database all that can be read of it, of others their bytes."""
     if path.suffix != ".sqlite" or ".copy" in path.name:
         return path.read_bytes()
     try:

@@ -45,7 +45,7 @@ period_s = 60.0
 
 @dataclass
 class Outside:
-    """What stands outside of the service, and the notes that it acknowledged.
+    """Receivers outside of the service, and the notes that it acknowledged.
 
     Attributes:
         posted: numbers of the notes that were acknowledged.
@@ -136,7 +136,7 @@ def _all_there(outside: Outside, receiver: Receiver, bad: BadBroker) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """What came of one event of many that was refused for ever.
+    """Outcome of one event of many that was refused for ever.
 
     Attributes:
         letters: dead letters that were shown.

@@ -65,7 +65,7 @@ WAYS: dict[str, Work] = {"ended": end, "raised": fail, "hung": hang}
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one task in one way.
+    """Outcome of one task that failed in one way.
 
     Attributes:
         seen_s, mended_s: times until the event was heard, and until the task worked again.

@@ -59,7 +59,7 @@ def drawn_axis(seed: int) -> tuple[FrequencyResponse, dict[str, float]]:
 
 
 def held(seed: int) -> Mapping[str, bool]:
-    """Whether each interval of a drawn axis holds its truth; empty where no mode is told."""
+    """Intervals of a drawn axis that hold their truth, or not; empty where no mode is told."""
     measured, truth = drawn_axis(seed)
     try:
         figures, _ = measure_control_response(measured, speed_over_torque=True)

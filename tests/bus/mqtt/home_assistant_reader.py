@@ -77,7 +77,7 @@ def _check_component(key: str, said: dict[str, Any]) -> None:
 
 
 def shown(component: dict[str, Any], payload: bytes) -> Any:
-    """What an entity shows for a payload of its state topic."""
+    """State that an entity shows for a payload of its state topic."""
     template = _templates.from_string(component["value_template"])
     value = template.render(value_json=json.loads(payload), value=payload.decode())
     if value == "None":

@@ -168,7 +168,7 @@ class Scene:
         self.work = partial(_deliver, self.delivery, spool, self.heart)
 
     def shown_after(self, seconds: float) -> tuple[bool, bool]:
-        """Whether the task would be begun again, and whether it would be shown as hanging."""
+        """Tell whether the task would be begun again, and whether it would be shown as hanging."""
         late = False
         for _ in range(round(seconds / 0.2)):
             self.now_s += 0.2
@@ -178,7 +178,7 @@ class Scene:
 
 @pytest.fixture(params=["publish", "oldest", "remove", "count_session", None])
 def hung(request: pytest.FixtureRequest) -> str | None:
-    """What never returns; None if all does."""
+    """Call that never returns; None if all do."""
     name: str | None = request.param
     return name
 

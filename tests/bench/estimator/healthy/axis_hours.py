@@ -31,7 +31,7 @@ PLANTS = ("own", "foreign", "own, one encoder", "foreign, one encoder")
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """What was said of one shift of a healthy axis."""
+    """Alarms and conditions told in one shift of a healthy axis."""
 
     plant: str
     axis_seed: int
