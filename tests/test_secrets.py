@@ -225,5 +225,5 @@ def test_a_secret_in_a_configuration_that_others_may_read_is_warned_of(
     assert not caplog.records
     path.chmod(0o644)
     load_config(path)
-    assert "it holds mqtt.password; use mqtt.password_file" in caplog.text
+    assert "it contains mqtt.password; use mqtt.password_file" in caplog.text
     assert MARKER not in caplog.text
