@@ -4,13 +4,14 @@ import json
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from ..estimate import Frozen
+from pydantic import BaseModel
+
 from ..header import Header
 from .bounded_json import parse_bounded
 from .interface import CodecError, checked_axis, header_members, header_schema, take_header
 
 JSON_ENCODING = "application/json"
-_Payload = TypeVar("_Payload", bound=Frozen)
+_Payload = TypeVar("_Payload", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,158 @@
+"""Report of one machine to its plant: all of its axes in one message, and where it goes."""
+
+from dataclasses import dataclass
+from zlib import crc32
+
+from pydantic import BaseModel, ConfigDict
+
+from .advice import Headline
+from .codec.json_message import JsonCodec
+from .estimate import EstimateStatus, Interval
+from .health import AxisCondition
+from .keys import ROOT
+
+PLANT = "@plant"
+FLEET = "@fleet"
+BUCKETS = 64
+"""Parts into which the machines of a plant fall; each is read by one fleet node at a time."""
+
+
+class Reported(BaseModel):
+    """Base of what is reported: members of a later version are left unread."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+class AxisReport(Reported):
+    """State of one axis, as its machine tells it.
+
+    Attributes:
+        headline: the one statement about it; None before the first.
+        task: the most urgent thing to do, in words; empty if there is none.
+        status: whether the numbers may be read; they are None unless it is `estimated`.
+        time_ns: UNIX time of the newest sample behind them, ns; None before the first.
+        preload_percent, low, high: percent of the dynamic load rating.
+        fresh_percent: the fresh screw's preload, percent of the load rating; None if not known.
+        fits: whether the model fits; None if nobody can tell.
+        limit: `warning` or `fault`, the one that comes next, with the bounds and the middle of the
+            time at which it is reached, UNIX ns; None unless the preload is falling.
+        loss_per_1000_h: loss in percent of the fresh screw's preload, with its 90 % interval; None
+            where there is no trend.
+        reason: why there is no number, or why the condition is what it is.
+    """
+
+    axis: str
+    condition: AxisCondition
+    headline: Headline | None = None
+    task: str = ""
+    status: EstimateStatus
+    time_ns: int | None = None
+    preload_percent: float | None = None
+    low: float | None = None
+    high: float | None = None
+    fresh_percent: float | None = None
+    fits: bool | None = None
+    limit: str | None = None
+    limit_earliest_ns: int | None = None
+    limit_likely_ns: int | None = None
+    limit_latest_ns: int | None = None
+    loss_per_1000_h: Interval | None = None
+    reason: str = ""
+
+
+class LogState(Reported):
+    """What the machine's own log holds; reports in it are numbered one by one.
+
+    Attributes:
+        log: name of the log; another one after it was lost or put back.
+        first, last: numbers of its oldest and newest report; `last` is `first` - 1 if it is empty.
+    """
+
+    log: str
+    first: int
+    last: int
+
+
+class MachineReport(Reported):
+    """Report of one machine.
+
+    Attributes:
+        time_ns: UNIX time at which it was made, ns.
+        version: of the edge-service that made it.
+        configuration: digest of what it is configured by, to tell who runs what; empty if unknown.
+        page: address of the machine's own page; empty if others cannot reach it.
+        log: None where no log is kept.
+    """
+
+    site: str
+    machine: str
+    time_ns: int
+    version: str
+    configuration: str = ""
+    page: str = ""
+    log: LogState | None = None
+    axes: tuple[AxisReport, ...]
+
+
+class LogQuestion(Reported):
+    """Question to a machine's log: the reports after a number, the oldest first."""
+
+    log: str
+    after: int
+    most: int
+
+
+class LoggedReport(Reported):
+    """One report of a log, with its number."""
+
+    number: int
+    report: MachineReport
+
+
+class LogAnswer(Reported):
+    """Answer of a log; its name is another one if the question was for a log that is gone."""
+
+    log: str
+    reports: tuple[LoggedReport, ...]
+
+
+REPORT = JsonCodec("plant/1", MachineReport)
+MOST_REPORT_BYTES = 500_000
+
+
+@dataclass(frozen=True, slots=True)
+class PlantKeys:
+    """Keys of one machine on the plant's bus."""
+
+    site: str
+    machine: str
+
+    @property
+    def bucket(self) -> int:
+        """The part of the plant that it falls into: the same for everybody."""
+        return crc32(f"{self.site}/{self.machine}".encode()) % BUCKETS
+
+    @property
+    def report(self) -> str:
+        """Key of its reports."""
+        return f"{ROOT}/{PLANT}/{self.bucket}/{self.site}/{self.machine}"
+
+    @property
+    def log(self) -> str:
+        """Key on which its log answers; no wildcard of the reports' keys means it."""
+        return f"{self.report}/@log"
+
+
+def bucket_reports(bucket: int) -> str:
+    """Key expression of the reports of all machines of one part of the plant."""
+    return f"{ROOT}/{PLANT}/{bucket}/*/*"
+
+
+def fleet_node(name: str) -> str:
+    """Key of a fleet node's liveliness token; `*` as the name for all of them."""
+    return f"{ROOT}/{FLEET}/{name}"
+
+
+def fleet_question(name: str, question: str) -> str:
+    """Key on which a fleet node answers a question; `*` as the name for all of them."""
+    return f"{ROOT}/{FLEET}/{name}/{question}"
