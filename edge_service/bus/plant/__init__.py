@@ -1,0 +1,1 @@
+"""What leaves a machine for its plant, over Zenoh routers."""
