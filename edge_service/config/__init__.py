@@ -1,6 +1,7 @@
 """The service's configuration and machine files: read, checked, every mistake told by its key."""
 
 from ..config_tables import AlarmsConfig, HistoryConfig, OpcuaConfig, Table
+from .identity import ConfigurationIdentity, configuration_digest
 from .loading import DEFAULT_CONFIG, check_settings, load_config, load_fleet, load_machine
 from .mistakes import ConfigError, explain
 from .service import (
@@ -22,6 +23,7 @@ __all__ = [
     "AxisConfig",
     "BusConfig",
     "ConfigError",
+    "ConfigurationIdentity",
     "DownsampleConfig",
     "EdgeConfig",
     "EstimatorConfig",
@@ -32,6 +34,7 @@ __all__ = [
     "ServiceConfig",
     "Table",
     "check_settings",
+    "configuration_digest",
     "explain",
     "load_config",
     "load_fleet",

@@ -13,6 +13,7 @@ from ..config_tables import EmailConfig, EventOutputConfig, FleetConfig, OpcuaCo
 from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
+from .identity import identity_of
 from .mistakes import ConfigError, explain
 from .service import EdgeConfig, HttpConfig
 
@@ -33,7 +34,8 @@ def load_config(path: Path) -> EdgeConfig:
     Raises:
         ConfigError: one line with the file, the key, what was wrong and what was expected.
     """
-    content = _read_toml(path)
+    written = _read(path)
+    content = _parsed(path, written)
     for key in open_secrets(EdgeConfig, content, path):
         log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
     try:
@@ -61,7 +63,8 @@ def load_config(path: Path) -> EdgeConfig:
         "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
-    return config.model_copy(update=placed)
+    machines = {axis.name: axis.machine for axis in axes}
+    return config.model_copy(update=placed).identified(identity_of(path, written, machines))
 
 
 def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Table | None:
@@ -134,15 +137,23 @@ def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
+    return _parsed(path, _read(path))
+
+
+def _read(path: Path) -> bytes:
     try:
-        content = path.read_bytes()
-        if _DEEP.search(content):
-            raise ConfigError(f"{path}: is not valid TOML: nested too deeply")
-        return tomllib.loads(content.decode())
+        return path.read_bytes()
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def _parsed(path: Path, content: bytes) -> dict[str, Any]:
+    try:
+        if _DEEP.search(content):
+            raise ConfigError(f"{path}: is not valid TOML: nested too deeply")
+        return tomllib.loads(content.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
     except RecursionError:

@@ -22,6 +22,7 @@ from ..estimate.registry import AUTO, ESTIMATORS
 from ..messages.addresses import Security, is_loopback, split_endpoint
 from ..messages.keys import MachineKeys
 from ..messages.names import check_part
+from .identity import ConfigurationIdentity
 
 DEFAULT_MACHINE = Path(__file__).parents[1] / "defaults" / "machine.toml"
 
@@ -211,6 +212,7 @@ class EdgeConfig(Table):
     history: HistoryConfig = HistoryConfig()
     jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
+    _identity: ConfigurationIdentity = PrivateAttr(ConfigurationIdentity())
 
     @model_validator(mode="after")
     def _unique_axes(self) -> "EdgeConfig":
@@ -226,6 +228,16 @@ class EdgeConfig(Table):
         if opcua and not is_loopback(opcua.host) and self.http.tokens_file is None:
             raise ValueError("opcua.host: beyond loopback it needs the [http] tokens_file")
         return self
+
+    def identified(self, identity: ConfigurationIdentity) -> "EdgeConfig":
+        """The same configuration, which knows what it was read from."""
+        self._identity = identity
+        return self
+
+    @property
+    def identity(self) -> ConfigurationIdentity:
+        """Digest of the files that it was read from, and the bundle that they came in."""
+        return self._identity
 
     @property
     def keys(self) -> MachineKeys:
