@@ -1,13 +1,12 @@
 """Answers of the JSON routes, composed from the service state."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
 from ..health.model_watch.live_features import LivePoint
 from ..health.service_state import ServiceState
 from ..health.stroke import StrokeBand
-from ..messages.answer import of_fresh
+from ..messages.answer import of_fresh, reasons_together
 from ..messages.estimate import PreloadEstimate
 from ..messages.samples import Floats
 from ..messages.trend import FrictionCurve
@@ -46,17 +45,11 @@ def preload_answer(state: ServiceState, axis: str, now_ns: int) -> PreloadAnswer
     estimate = reading.estimate
     members: dict[str, Any] = {name: getattr(estimate, name) for name in _OF_ESTIMATE}
     members |= {"condition": health.condition, "measured_at": reading.measured_ns}
-    members |= {"reasons": _together(health.reasons, estimate.reasons), "age_s": reading.age_s}
+    reasons = list(reasons_together(health.reasons, estimate.reasons))
+    members |= {"reasons": reasons, "age_s": reading.age_s}
     limits = state.limits(axis)
     fresh = of_fresh(estimate, None if limits is None else limits.fresh_percent)
     return PreloadAnswer(axis=axis, of_fresh=fresh, **members)
-
-
-def _together(earlier: Sequence[str], present: Sequence[str]) -> list[str]:
-    """Reasons of both, without the earlier ones whose code is among the present ones."""
-    codes = {reason.partition(":")[0] for reason in present}
-    held = [reason for reason in earlier if reason.partition(":")[0] not in codes]
-    return list(dict.fromkeys((*held, *present)))
 
 
 def health_answer(state: ServiceState, axis: str, now_ns: int) -> HealthAnswer:

@@ -1,5 +1,6 @@
 """Answer about one axis at one moment, as outputs show it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .advice import Advice
@@ -35,6 +36,11 @@ class AxisAnswer:
         return of_fresh(self.estimate, self.fresh_percent)
 
     @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons of the condition and of the estimate, `code: sentence`; empty if all is well."""
+        return reasons_together(self.health.reasons, self.estimate.reasons)
+
+    @property
     def advice(self) -> Advice | None:
         """The most urgent task; None if there is nothing to do."""
         return next(iter(self.health.advice), None)
@@ -48,6 +54,13 @@ class AxisAnswer:
         if first.now:
             return self.health.since_time_ns
         return None if first.due is None else first.due.likely_ns or first.due.earliest_ns
+
+
+def reasons_together(earlier: Sequence[str], present: Sequence[str]) -> tuple[str, ...]:
+    """Reasons of both, without the earlier ones whose code is among the present ones."""
+    codes = {reason.partition(":")[0] for reason in present}
+    held = [reason for reason in earlier if reason.partition(":")[0] not in codes]
+    return tuple(dict.fromkeys((*held, *present)))
 
 
 def of_fresh(estimate: PreloadEstimate, fresh_percent: float | None) -> Interval | None:

@@ -61,7 +61,7 @@ class AxisReport(Reported):
 
 
 class LogState(Reported):
-    """What the machine's own log holds; reports in it are numbered one by one.
+    """Content of the machine's own log, whose reports are numbered one by one.
 
     Attributes:
         log: name of the log; another one after it was lost or put back.

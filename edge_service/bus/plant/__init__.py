@@ -1,1 +1,1 @@
-"""What leaves a machine for its plant, over Zenoh routers."""
+"""Reports of a machine to its plant, over Zenoh routers."""

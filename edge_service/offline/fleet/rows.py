@@ -5,7 +5,9 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
+from ...health.axis_report import fits, loss_per_1000_h, sentence
 from ...health.trend.fleet_rates import PeerVerdict, WearRate, against_peers
+from ...messages.estimate import Interval
 from ...messages.health import AxisCondition
 
 WORST_FIRST = (
@@ -15,7 +17,6 @@ WORST_FIRST = (
     AxisCondition.NORMAL,
 )
 _SIGMAS_AT_90 = 1.645
-_H_PER_RATE = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,22 +112,19 @@ def _row(
         high=preload["high"],
         share_percent=None if percent is None or fresh is None else 100.0 * percent / fresh,
         age_s=preload["age_s"],
-        fits=_fits(preload, health),
+        fits=fits(preload["status"], doubted=_doubted(health)),
         limit=limit,
         limit_earliest=earliest,
         limit_latest=latest,
         loss_percent_per_1000_h=_loss(trend, fresh),
-        reason=str(reasons[0]).partition(": ")[2] if reasons else "",
+        reason=sentence([str(each) for each in reasons]),
         headline=str((health.get("headline") or {}).get("text", "")),
         task=str((health.get("advice") or [{}])[0].get("text", "")),
     )
 
 
-def _fits(preload: Mapping[str, Any], health: Mapping[str, Any]) -> bool | None:
-    doubted = any(each["alarm"] == "model" and each["active"] for each in health["alarms"])
-    if doubted or preload["status"] == "invalid":
-        return False
-    return True if preload["status"] == "estimated" else None
+def _doubted(health: Mapping[str, Any]) -> bool:
+    return any(each["alarm"] == "model" and each["active"] for each in health["alarms"])
 
 
 def _next_limit(trend: Mapping[str, Any] | None) -> tuple[str | None, str | None, str | None]:
@@ -142,8 +140,9 @@ def _loss(
     rate = (trend or {}).get("rate_percent_per_h")
     if rate is None or not fresh:
         return None
-    scale = -100.0 * _H_PER_RATE / fresh
-    return scale * rate["value"], scale * rate["high"], scale * rate["low"]
+    known = Interval(value=rate["value"], low=rate["low"], high=rate["high"])
+    loss = loss_per_1000_h(known, fresh)
+    return loss.value, loss.low, loss.high
 
 
 def compared(rows: Sequence[FleetRow]) -> list[FleetRow]:
