@@ -22,6 +22,7 @@ from .link import MqttLink
 
 BLOCK_ROWS = 25
 FIRST_COUNT = 5000
+MOST_STEP_S = 0.05
 AGAIN_S = 0.2
 """Between two tries to reach the broker."""
 
@@ -128,24 +129,29 @@ class EdgeWriter:
                 signals.append({"Name": name, "Type": "DOUBLE", "Axis": "", "Address": name})
         self._header = {"SignalListHFData": signals, "CycleTimeMs": 1e3 * PERIOD_S}
         self._rows: list[list[float]] = []
-        self._count = FIRST_COUNT - 1
+        self._last = np.empty((0, 1 + len(self._factors)))
         self._number = 0
 
     def blocks(self, frame: SampleFrame) -> list[tuple[int, Floats]]:
-        """Blocks that have become whole, each with its number; other rates become 500 Hz."""
-        counts = FIRST_COUNT + np.round(frame.time_s / PERIOD_S)
+        """Blocks that have become whole, each with its number.
+
+        The capture counts instants: between the samples of another rate it is interpolated, over
+        a gap of MOST_STEP_S there is nothing.
+        """
         missing = np.full(len(frame), np.nan)
         columns = [
             frame.channels.get(channel, missing) / factor
             for channel, factor in self._factors.items()
         ]
+        rows = np.vstack([self._last, np.column_stack([frame.time_s, *columns])])
+        latest = np.maximum.accumulate(rows[:, 0])
+        rows = rows[np.append(True, rows[1:, 0] > latest[:-1])] if len(rows) else rows
         found = []
-        for row in np.column_stack([counts, *columns]).tolist():
-            if row[0] > self._count:
-                self._count = row[0]
-                self._rows.append(row)
+        for row in _at_counts(rows, first=len(self._last) == 0):
+            self._rows.append(row)
             if len(self._rows) == BLOCK_ROWS:
                 found += self.rest()
+        self._last = rows[-1:]
         return found
 
     def rest(self) -> list[tuple[int, Floats]]:
@@ -163,6 +169,26 @@ class EdgeWriter:
             for row in block.tolist()
         ]
         return json.dumps({HEADER: self._header, PAYLOAD: [{SAMPLES: rows}]}).encode()
+
+
+def _at_counts(rows: Floats, *, first: bool) -> list[list[float]]:
+    """Rows [time in s, values] at the instants of the capture, each with its count for the time.
+
+    Args:
+        first: whether the first row was not there before.
+    """
+    if not len(rows):
+        return []
+    at = np.round(rows[:, 0] / PERIOD_S, 6)
+    counts = np.arange(np.ceil(at[0]), np.floor(at[-1]) + 1.0)
+    counts = counts if first else counts[counts > at[0]]
+    after = np.searchsorted(at, counts)
+    before = np.maximum(after - (at[after] > counts), 0)
+    near = rows[after, 0] - rows[before, 0] <= MOST_STEP_S
+    counts = counts[near]
+    values = [np.interp(counts, at, column) for column in rows[:, 1:].T]
+    found: list[list[float]] = np.column_stack([FIRST_COUNT + counts, *values]).tolist()
+    return found
 
 
 async def _blocks(
