@@ -25,6 +25,8 @@ class Answering:
         self._loop = asyncio.get_running_loop()
         self._open: set[zenoh.Query] = set()
         self._closed = False
+        self.refused = 0
+        """Questions that were too long or too many."""
         self._queryable = session.declare_queryable(
             key_expr, zenoh.handlers.Callback(self._on_query, indirect=False), complete=True
         )
@@ -33,12 +35,14 @@ class Answering:
         """Runs in a thread of Zenoh."""
         payload = query.payload
         if payload is None or len(payload) > MOST_BYTES or self._loop.is_closed():
+            self.refused += 1
             query.drop()
         else:
             self._loop.call_soon_threadsafe(self._begin, query, payload.to_bytes())
 
     def _begin(self, query: zenoh.Query, question: bytes) -> None:
         if self._closed or len(self._open) >= MOST_OPEN:
+            self.refused += 1
             query.drop()
             return
         self._open.add(query)

@@ -58,6 +58,7 @@ def load_config(path: Path) -> EdgeConfig:
         "history": _placed(config.history, folder, "folder"),
         **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
+        "plant": _placed(config.plant, folder, *BROKER_FILES),
         "bus": _placed(config.bus, folder, "certificates"),
         "http": _with_key(config.http, folder, "certificate", "tokens_file"),
         "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),

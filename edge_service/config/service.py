@@ -14,6 +14,7 @@ from ..config_tables import (
     MqttConfig,
     MtconnectConfig,
     OpcuaConfig,
+    PlantConfig,
     Table,
     VibrationConfig,
     WebhookConfig,
@@ -205,6 +206,7 @@ class EdgeConfig(Table):
     mqtt: MqttConfig | None = None
     opcua: OpcuaConfig | None = None
     mtconnect: MtconnectConfig | None = None
+    plant: PlantConfig | None = None
     vibration: VibrationConfig | None = None
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()

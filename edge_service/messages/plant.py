@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from zlib import crc32
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from .advice import Headline
 from .codec.json_message import JsonCodec
@@ -15,6 +15,11 @@ PLANT = "@plant"
 FLEET = "@fleet"
 BUCKETS = 64
 """Parts into which the machines of a plant fall; each is read by one fleet node at a time."""
+
+
+MOST_ASKED = 1000
+"""Reports in one answer of a log."""
+MOST_NAME = 64
 
 
 class Reported(BaseModel):
@@ -79,7 +84,8 @@ class MachineReport(Reported):
     Attributes:
         time_ns: UNIX time at which it was made, ns.
         version: of the edge-service that made it.
-        configuration: digest of what it is configured by, to tell who runs what; empty if unknown.
+        configuration: digest of what it is configured by and the bundle that this came in, to tell
+            who runs what; empty if unknown.
         page: address of the machine's own page; empty if others cannot reach it.
         log: None where no log is kept.
     """
@@ -95,11 +101,17 @@ class MachineReport(Reported):
 
 
 class LogQuestion(Reported):
-    """Question to a machine's log: the reports after a number, the oldest first."""
+    """Question to a machine's log: the reports after a number, the oldest first.
 
-    log: str
-    after: int
-    most: int
+    Attributes:
+        log: its name, as the machine told it.
+        after: number of the last report that is known; 0 for none.
+        most: how many are wanted; fewer come where they would be too long for one answer.
+    """
+
+    log: str = Field(max_length=MOST_NAME)
+    after: int = Field(ge=0, lt=2**63)
+    most: int = Field(ge=1, le=MOST_ASKED)
 
 
 class LoggedReport(Reported):

@@ -54,7 +54,7 @@ def of_folder(folder: Path, name: str) -> TlsSettings:
         ("tcp/127.0.0.1:7447#iface=lo", "is not an endpoint"),
         ("tcp/192.0.2.1:7447", "leaves this machine unencrypted"),
         ("tcp/router.plant:7447", "leaves this machine unencrypted"),
-        ("tls/192.0.2.1:7447", "needs certificates"),
+        ("tls/192.0.2.1:7447", "needs ca_certificate"),
     ],
 )
 def test_an_endpoint_that_cannot_be_meant_is_refused(endpoint: str, said: str) -> None:

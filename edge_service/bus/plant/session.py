@@ -2,19 +2,17 @@
 
 import asyncio
 import json
-import re
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self
 
 import zenoh
 
-from ...messages.addresses import is_loopback
+from ...messages.addresses import check_plant_endpoint
 from ..settings import MOST_MESSAGE_BYTES, TlsSettings
 
 OPEN_S = 2.0
 """Time in which a router must answer when a session is opened."""
-_ENDPOINT = re.compile(r"(tcp|tls)/([^\s/?#;]+):(\d{1,5})")
 
 
 class PlantSettingsError(ValueError):
@@ -45,18 +43,12 @@ class PlantSettings:
 
 def check_endpoint(endpoint: str, certificates: TlsSettings | None, allow_plain: bool) -> None:
     """Check that an endpoint is one, and fits the certificates. Raises PlantSettingsError."""
-    found = _ENDPOINT.fullmatch(endpoint)
-    if found is None or not 0 < int(found[3]) < 65536:
-        raise PlantSettingsError(
-            f"{endpoint!r} is not an endpoint of the form tls/plant.example:7447"
+    try:
+        check_plant_endpoint(
+            endpoint, has_certificates=certificates is not None, allow_plain=allow_plain
         )
-    if found[1] == "tls" and certificates is None:
-        raise PlantSettingsError(f"{endpoint!r} needs certificates: ca, own certificate and key")
-    if found[1] == "tcp" and not (allow_plain or is_loopback(found[2])):
-        raise PlantSettingsError(
-            f"{endpoint!r} leaves this machine unencrypted; use tls and certificates, or say "
-            "allow_plain = true"
-        )
+    except ValueError as error:
+        raise PlantSettingsError(str(error)) from None
 
 
 class PlantSession:

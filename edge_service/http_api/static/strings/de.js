@@ -531,6 +531,7 @@ export const de = {
   "component.mqtt": "MQTT",
   "component.opcua": "OPC UA",
   "component.mtconnect": "MTConnect",
+  "component.plant": "Werk",
   "component.vibration": "Schwingung",
   "component.service": "Prozess",
   "component.history": "Verlauf",

@@ -531,6 +531,7 @@ export const en = {
   "component.mqtt": "MQTT",
   "component.opcua": "OPC UA",
   "component.mtconnect": "MTConnect",
+  "component.plant": "Plant",
   "component.vibration": "Vibration",
   "component.service": "Process",
   "component.history": "History",
