@@ -27,6 +27,8 @@ from .trace.tuning_files import tuning
 WITHOUT = {
     "run": "serves until it is stopped",
     "node": "serves until it is stopped",
+    "plant node": "serves until it is stopped",
+    "plant router": "serves until it is stopped",
     "stub": "serves until it is stopped",
     "audit": "prints JSON lines anyway",
     "bench": "its commands stand in a checkout alone, and have their own",

@@ -18,10 +18,21 @@ Answer = Callable[[str, bytes, Callable[[bytes | None], None]], None]
 
 
 class Answering:
-    """Answers the questions that are put on a key expression."""
+    """Answers the questions that are put on a key expression.
 
-    def __init__(self, session: zenoh.Session, key_expr: str, answer: Answer) -> None:
-        self._answer = answer
+    Args:
+        encoding: of the answers.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key_expr: str,
+        answer: Answer,
+        encoding: str = JSON_ENCODING,
+    ) -> None:
+        self._answer, self._key_expr = answer, key_expr
+        self._encoding = zenoh.Encoding(encoding)
         self._loop = asyncio.get_running_loop()
         self._open: set[zenoh.Query] = set()
         self._closed = False
@@ -52,7 +63,9 @@ class Answering:
         if query in self._open:
             self._open.discard(query)
             if answer is not None:
-                query.reply(query.key_expr, answer, encoding=zenoh.Encoding(JSON_ENCODING))
+                asked = query.key_expr
+                key = self._key_expr if "*" in str(asked) else asked  # many are asked at once
+                query.reply(key, answer, encoding=self._encoding)
             query.drop()
 
     def close(self) -> None:

@@ -38,11 +38,17 @@ class KeyRings:
     Args:
         depth: payloads that may wait on each key.
         most_hz: payloads per second of each key that are taken at all.
+        burst: payloads that may come at once; those of a second unless given.
+        most_keys: keys that may have a ring.
     """
 
-    def __init__(self, depth: int, most_hz: float) -> None:
+    def __init__(
+        self, depth: int, most_hz: float, burst: float | None = None, most_keys: int = MOST_KEYS
+    ) -> None:
         self._depth = depth
         self._most_hz = most_hz
+        self._burst = max(most_hz, 1.0) if burst is None else burst
+        self._most_keys = most_keys
         self._lock = Lock()
         self._rings: dict[str, _Ring] = {}
         self._turn: OrderedDict[str, None] = OrderedDict()
@@ -55,10 +61,9 @@ class KeyRings:
     def admits(self, key: str, now_s: float) -> bool:
         """Tell whether one more payload may come on a key now, and count it against its rate."""
         with self._lock:
-            burst = max(self._most_hz, 1.0)
-            ring = self._rings.setdefault(key, _Ring(burst, now_s))
+            ring = self._rings.setdefault(key, _Ring(self._burst, now_s))
             earned = (now_s - ring.credited_s) * self._most_hz
-            ring.credit, ring.credited_s = min(ring.credit + earned, burst), now_s
+            ring.credit, ring.credited_s = min(ring.credit + earned, self._burst), now_s
             if ring.credit < 1.0:
                 return False
             ring.credit -= 1.0
@@ -66,7 +71,7 @@ class KeyRings:
 
     def knows(self, key: str) -> bool:
         """Tell whether a key has a ring, or may have one."""
-        return key in self._rings or len(self._rings) < MOST_KEYS
+        return key in self._rings or len(self._rings) < self._most_keys
 
     def put(self, arrival: Arrival) -> int:
         """Let a payload wait; the oldest of its key make room. Returns how many wait there."""

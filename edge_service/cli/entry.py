@@ -12,7 +12,7 @@ from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPT
 from .adopt import adopt
 from .bench import bench
 from .diagnosis import diagnose, drift, fingerprint, gap, reproduce, response
-from .fleet import fleet
+from .fleet import fleet, plant
 from .init import init
 from .motion import motion
 from .options import FLAG, InputError, error_document
@@ -122,6 +122,7 @@ for _command in (
         drift,
         reproduce,
         fleet,
+        plant,
         bench,
     ),
 ):

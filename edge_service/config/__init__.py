@@ -2,8 +2,16 @@
 
 from ..config_tables import AlarmsConfig, HistoryConfig, OpcuaConfig, Table
 from .identity import ConfigurationIdentity, configuration_digest
-from .loading import DEFAULT_CONFIG, check_settings, load_config, load_fleet, load_machine
+from .loading import (
+    DEFAULT_CONFIG,
+    check_settings,
+    load_config,
+    load_fleet,
+    load_fleet_node,
+    load_machine,
+)
 from .mistakes import ConfigError, explain
+from .plant import FleetNodeConfig
 from .service import (
     DEFAULT_MACHINE,
     AxisConfig,
@@ -27,6 +35,7 @@ __all__ = [
     "DownsampleConfig",
     "EdgeConfig",
     "EstimatorConfig",
+    "FleetNodeConfig",
     "HealthConfig",
     "HistoryConfig",
     "HttpConfig",
@@ -38,5 +47,6 @@ __all__ = [
     "explain",
     "load_config",
     "load_fleet",
+    "load_fleet_node",
     "load_machine",
 ]

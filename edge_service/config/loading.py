@@ -15,6 +15,7 @@ from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
 from .identity import identity_of
 from .mistakes import ConfigError, explain
+from .plant import FleetNodeConfig
 from .service import EdgeConfig, HttpConfig
 
 log = logging.getLogger(__name__)
@@ -110,6 +111,20 @@ def load_fleet(path: Path) -> FleetConfig:
     files = ("token_file", "ca_certificate")
     services = tuple(_placed(each, path.parent, *files) for each in fleet.services)
     return fleet.model_copy(update={"services": services})
+
+
+def load_fleet_node(path: Path) -> FleetNodeConfig:
+    """Read and check the configuration of a fleet node. Raises ConfigError like `load_config`."""
+    config = _checked(FleetNodeConfig, _read_toml(path), path)
+    folder = path.parent
+    key = config.plant.client_key and secret_path(folder, config.plant.client_key)
+    plant = config.plant.model_copy(update={"client_key": key})
+    placed = {
+        "plant": _placed(plant, folder, "ca_certificate", "client_certificate"),
+        "http": _with_key(config.http, folder, "certificate", "tokens_file"),
+        "history": _placed(config.history, folder, "folder"),
+    }
+    return config.model_copy(update=placed)
 
 
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:

@@ -83,6 +83,7 @@ class MachineReport(Reported):
 
     Attributes:
         time_ns: UNIX time at which it was made, ns.
+        period_s: of its reports; a machine that is silent for several of them is not heard.
         version: of the edge-service that made it.
         configuration: digest of what it is configured by and the bundle that this came in, to tell
             who runs what; empty if unknown.
@@ -93,6 +94,7 @@ class MachineReport(Reported):
     site: str
     machine: str
     time_ns: int
+    period_s: float = Field(1.0, gt=0.0, le=3600.0)
     version: str
     configuration: str = ""
     page: str = ""

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from edge_service.health.advice.consistent import consistent
 from edge_service.health.axis_report import MOST_LETTERS, axis_report
+from edge_service.health.fleet.rows import FleetRow
 from edge_service.health.service_state import ServiceState
 from edge_service.health.settings import AxisLimits
 from edge_service.http_api.compose import axes_answer, preload_answer, service_answer
@@ -21,7 +22,7 @@ from edge_service.messages.health import AxisCondition, AxisHealth
 from edge_service.messages.keys import MachineKeys
 from edge_service.messages.plant import REPORT, MachineReport
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
-from edge_service.offline.fleet.rows import FleetRow, rows_of
+from edge_service.offline.fleet.rows import rows_of
 
 from ..messages.answers import SILENT, answer
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import stdtr
 
 from edge_service.health.trend.fleet_rates import DOUBT, WearRate, against_peers
 
@@ -58,3 +59,35 @@ def test_with_few_peers_nothing_is_said() -> None:
 def test_equal_axes_without_error_are_equal() -> None:
     verdicts = against_peers([WearRate(5.0, 0.0)] * 5)
     assert all(v is not None and v.probability == 0.5 and not v.faster for v in verdicts)
+
+
+def by_definition(rates: list[WearRate], index: int) -> tuple[float, float]:
+    """Median of the others and the spread that they show, as the docstring states it."""
+    others = [rate for k, rate in enumerate(rates) if k != index]
+    middle = float(np.median([rate.loss for rate in others]))
+    deviations = [abs(rate.loss - middle) for rate in others]
+    seen = 1.4826 * float(np.median(deviations))
+    return middle, max(seen, float(np.median([rate.sigma for rate in others])))
+
+
+@pytest.mark.parametrize("axes", [4, 5, 6, 7, 30, 31])
+def test_the_quick_medians_are_those_of_all_others(axes: int) -> None:
+    rng = np.random.default_rng(axes)
+    for step in (0.0, 5.0):
+        losses = 10.0 * rng.normal(size=axes)
+        losses = np.round(losses / step) if step else losses  # with ties
+        rates = [WearRate(float(loss), float(rng.random())) for loss in losses]
+        for index, verdict in enumerate(against_peers(rates)):
+            middle, spread = by_definition(rates, index)
+            assert verdict is not None
+            assert verdict.peers_loss == pytest.approx(middle, abs=1e-12)
+            variance = spread**2 * (1.0 + np.pi / 2.0 / (axes - 1)) + rates[index].sigma ** 2
+            score = (rates[index].loss - middle) / np.sqrt(variance)
+            assert verdict.probability == pytest.approx(stdtr(axes - 2, score), rel=1e-9)
+
+
+def test_ten_thousand_axes_are_compared_at_once() -> None:
+    rng = np.random.default_rng(9)
+    fleet = [*like_fleet(rng, 9_999, 2.0, 0.5), WearRate(90.0, 1.0)]
+    verdicts = against_peers(fleet)
+    assert [k for k, each in enumerate(verdicts) if each is not None and each.faster] == [9_999]

@@ -23,10 +23,11 @@ from edge_service.cli.entry import main
 from edge_service.command_answer import Answer
 from edge_service.config import HttpConfig, ServiceConfig
 from edge_service.config_tables import FleetConfig, FleetServiceConfig
+from edge_service.health.fleet.rows import FleetRow
 from edge_service.http_api.security.tokens import add_token
 from edge_service.messages.health import AxisCondition
 from edge_service.offline.fleet.ask import ask_fleet
-from edge_service.offline.fleet.rows import FleetRow, rows_of
+from edge_service.offline.fleet.rows import rows_of
 from edge_service.offline.fleet.table import Fleet, table_of, terminal_table
 
 from ..nodes.conftest import Running, config_of, running, until

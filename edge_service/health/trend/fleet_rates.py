@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtr
 
 LEAST_PEERS = 3
@@ -51,21 +52,49 @@ def against_peers(rates: Sequence[WearRate]) -> list[PeerVerdict | None]:
     median with the variance spread^2 + the median's own + its own error^2, and Student's t of
     n - 1 degrees allows for a spread that so few can hardly tell.
     """
-    if len(rates) <= LEAST_PEERS:
-        return [None] * len(rates)
-    return [_against(rates, index) for index in range(len(rates))]
+    count = len(rates)
+    if count <= LEAST_PEERS:
+        return [None] * count
+    losses = np.array([rate.loss for rate in rates])
+    sigmas = np.array([rate.sigma for rate in rates])
+    middles = _medians_of_others(losses)
+    spreads = np.maximum(
+        _MAD_TO_SIGMA * _deviations_of_others(losses, middles), _medians_of_others(sigmas)
+    )
+    of_middle = _MEDIAN_VARIANCE * spreads**2 / (count - 1)
+    errors = np.sqrt(spreads**2 + of_middle + sigmas**2)
+    excess = losses - middles
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scores = np.where(errors > 0.0, excess / errors, np.sign(excess) * np.inf)
+    probabilities = np.where(excess == 0.0, 0.5, stdtr(count - 2, scores))
+    return [
+        PeerVerdict(count - 1, float(middle), float(probability), bool(probability > limit))
+        for limit in (1.0 - DOUBT / count,)
+        for middle, probability in zip(middles, probabilities, strict=True)
+    ]
 
 
-def _against(rates: Sequence[WearRate], index: int) -> PeerVerdict:
-    own = rates[index]
-    others = [rate for k, rate in enumerate(rates) if k != index]
-    losses = np.array([rate.loss for rate in others])
-    middle = float(np.median(losses))
-    seen = _MAD_TO_SIGMA * float(np.median(np.abs(losses - middle)))
-    spread = max(seen, float(np.median([rate.sigma for rate in others])))
-    of_middle = _MEDIAN_VARIANCE * spread**2 / len(others)
-    sigma = float(np.sqrt(spread**2 + of_middle + own.sigma**2))
-    excess = own.loss - middle
-    score = excess / sigma if sigma > 0.0 else float(np.sign(excess)) * np.inf
-    probability = 0.5 if excess == 0.0 else float(stdtr(len(others) - 1, score))
-    return PeerVerdict(len(others), middle, probability, probability > 1.0 - DOUBT / len(rates))
+def _medians_of_others(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median of all values but one, for each of them; shape (n,), n > 1."""
+    order = np.argsort(values, kind="stable")
+    ordered, others = values[order], len(values) - 1
+    ranks = np.empty(len(values), dtype=np.intp)
+    ranks[order] = np.arange(len(values))
+    low, high = (others - 1) // 2, others // 2
+    left = ordered[low + (ranks <= low)]
+    right = ordered[high + (ranks <= high)]
+    return np.asarray((left + right) / 2.0)
+
+
+def _deviations_of_others(
+    values: NDArray[np.float64], middles: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Median of the others' absolute deviations from their median, shape (n,).
+
+    Leaving one out gives three medians at most, so few sorts serve thousands of axes.
+    """
+    deviations = np.empty_like(values)
+    for middle in np.unique(middles):
+        mine = middles == middle
+        deviations[mine] = _medians_of_others(np.abs(values - middle))[mine]
+    return deviations

@@ -8,7 +8,7 @@ from starlette.exceptions import HTTPException
 
 from ..answers import Answer
 from ..problems import documented
-from ..security.access import ROUTES, Role
+from ..security.access import RIGHTS, Rights, Role
 from ..security.doorkeeper import Doorkeeper, Identity, LimitedError
 from ..security.gate import cookie_name, credentials, identity_of
 from ..security.sessions import LIFETIME_S
@@ -47,9 +47,9 @@ DoorkeeperDep = Annotated[Doorkeeper, Depends(doorkeeper_of)]
 
 
 @session_router.get("/session", response_model=SessionAnswer)
-async def session(request: Request, doorkeeper: DoorkeeperDep) -> SessionAnswer:
+async def session(request: Request) -> SessionAnswer:
     """Tell who asks, and whether a token is needed."""
-    return _answer(doorkeeper, identity_of(request))
+    return _answer(request, identity_of(request))
 
 
 @session_router.post("/session", response_model=SessionAnswer, responses=documented(401, 422, 429))
@@ -58,7 +58,7 @@ async def sign_in(
 ) -> SessionAnswer:
     """Begin the session of a browser with a token; it lasts 12 h at most."""
     if doorkeeper.tokens is None:
-        return _answer(doorkeeper, identity_of(request))
+        return _answer(request, identity_of(request))
     client = request.client.host if request.client else "?"
     try:
         identity, secret = doorkeeper.sign_in(body.token.strip(), client)
@@ -69,7 +69,7 @@ async def sign_in(
         raise HTTPException(401, "this token is unknown or has expired") from None
     signed_in(request, identity.name)
     _set_cookie(request, response, secret, LIFETIME_S)
-    return _answer(doorkeeper, identity)
+    return _answer(request, identity)
 
 
 @session_router.delete("/session", status_code=204)
@@ -94,19 +94,20 @@ def _set_cookie(request: Request, response: Response, secret: str, age_s: float)
     )
 
 
-def _answer(doorkeeper: Doorkeeper, identity: Identity) -> SessionAnswer:
+def _answer(request: Request, identity: Identity) -> SessionAnswer:
+    rights: Rights = getattr(request.app.state, "rights", RIGHTS)
     return SessionAnswer(
-        required=doorkeeper.tokens is not None,
+        required=request.app.state.doorkeeper.tokens is not None,
         name=identity.name,
         role=_shown(identity.role),
-        rights={} if identity.role is Role.NOBODY else _rights(),
+        rights={} if identity.role is Role.NOBODY else _named(rights),
     )
 
 
-def _rights() -> dict[str, dict[str, str]]:
+def _named(rights: Rights) -> dict[str, dict[str, str]]:
     return {
         path: {method: _shown(role) for method, role in methods.items()}
-        for path, methods in ROUTES.items()
+        for path, methods in rights.routes.items()
     }
 
 

@@ -66,17 +66,29 @@ def _pattern(path: str) -> re.Pattern[str]:
     return re.compile("".join(words), re.DOTALL)
 
 
-_PATTERNS = [(_pattern(path), methods) for path, methods in ROUTES.items()]
+Routes = dict[str, dict[str, Role]]
+"""Path, as its route writes it -> method -> the least role that may take it."""
 
 
-def methods_of(path: str) -> dict[str, Role]:
-    """Methods of a request's path with the role that each needs; empty if there is no such path.
+class Rights:
+    """Table of rights of an application."""
 
-    Where two rows match, the stricter one holds.
-    """
-    needed: dict[str, Role] = {}
-    for pattern, methods in _PATTERNS:
-        if pattern.fullmatch(path):
-            for method, role in methods.items():
-                needed[method] = max(role, needed.get(method, Role.NOBODY))
-    return needed
+    def __init__(self, routes: Routes) -> None:
+        self.routes = routes
+        self._patterns = [(_pattern(path), methods) for path, methods in routes.items()]
+
+    def methods_of(self, path: str) -> dict[str, Role]:
+        """Methods of a request's path with the role that each needs; empty without such a path.
+
+        Where two rows match, the stricter one holds.
+        """
+        needed: dict[str, Role] = {}
+        for pattern, methods in self._patterns:
+            if pattern.fullmatch(path):
+                for method, role in methods.items():
+                    needed[method] = max(role, needed.get(method, Role.NOBODY))
+        return needed
+
+
+RIGHTS = Rights(ROUTES)
+methods_of = RIGHTS.methods_of

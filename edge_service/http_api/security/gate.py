@@ -6,7 +6,7 @@ from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ..problems import ProblemResponse, problem_response
-from .access import Role, methods_of
+from .access import RIGHTS, Rights, Role
 from .doorkeeper import Doorkeeper, Identity
 
 _IDENTITY = "edge_service.identity"
@@ -15,15 +15,16 @@ _IDENTITY = "edge_service.identity"
 class Gate:
     """Refuses what the table does not allow, before anything of the body is read."""
 
-    def __init__(self, app: ASGIApp, doorkeeper: Doorkeeper) -> None:
+    def __init__(self, app: ASGIApp, doorkeeper: Doorkeeper, rights: Rights = RIGHTS) -> None:
         self._app = app
         self._doorkeeper = doorkeeper
+        self._rights = rights
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on one request with the identity of who asks, or refuse it."""
         if scope["type"] == "http":
             identity = self._doorkeeper.identify(*credentials(HTTPConnection(scope)))
-            refusal = _refusal(scope["path"], scope["method"], identity)
+            refusal = _refusal(self._rights, scope["path"], scope["method"], identity)
             if refusal is not None:
                 await refusal(scope, receive, send)
                 return
@@ -31,9 +32,9 @@ class Gate:
         await self._app(scope, receive, send)
 
 
-def _refusal(path: str, method: str, identity: Identity) -> ProblemResponse | None:
+def _refusal(rights: Rights, path: str, method: str, identity: Identity) -> ProblemResponse | None:
     """Refusal of a request; None if it may pass."""
-    methods = methods_of(path.rstrip("/") or "/")
+    methods = rights.methods_of(path.rstrip("/") or "/")
     needed = methods.get("GET" if method == "HEAD" else method)
     if needed is not None and identity.role >= needed:
         return None

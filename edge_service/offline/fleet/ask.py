@@ -14,8 +14,9 @@ from typing import Any
 from urllib.parse import quote
 
 from ...config_tables import FleetConfig, FleetServiceConfig
+from ...health.fleet.rows import FleetRow, compared
 from ...secret_files import SecretError, read_secret
-from .rows import FleetRow, StrangeAnswerError, compared, rows_of, unreachable
+from .rows import StrangeAnswerError, rows_of, unreachable
 
 MOST_BYTES = 4_000_000
 _CHUNK_BYTES = 65_536

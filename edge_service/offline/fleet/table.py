@@ -8,9 +8,11 @@ from rich.table import Table
 from rich.text import Text
 
 from ...command_answer import Document
+from ...health.fleet.plant_rows import FleetNodeState, PlantTable
+from ...health.fleet.rows import WORST_FIRST, FleetRow, worst
 from ...messages.health import AxisCondition
 from ...messages.printed import printed
-from .rows import WORST_FIRST, FleetRow, days_until, worst
+from .rows import days_until
 
 _HEAD = (
     "SITE",
@@ -59,6 +61,24 @@ def terminal_table(rows: Sequence[FleetRow], now: datetime | None = None) -> Gro
     return Group(_summary(rows), table, *map(Text, _faster(rows)))
 
 
+class Plant(Document):
+    """Every axis of a plant: the condition of the whole, and what part of it is not shown."""
+
+    condition: AxisCondition | None
+    missing: list[str]
+    nodes: list[FleetNodeState]
+    rows: list[FleetRow]
+
+    @classmethod
+    def of(cls, plant: PlantTable) -> "Plant":
+        """The document of a table."""
+        rows = list(plant.rows)
+        condition = worst(rows) if rows else None
+        return cls(
+            condition=condition, missing=list(plant.missing), nodes=list(plant.nodes), rows=rows
+        )
+
+
 class Fleet(Document):
     """The same for programs: the condition of the whole, and its rows."""
 
@@ -72,6 +92,8 @@ class Fleet(Document):
 
 
 def _summary(rows: Sequence[FleetRow]) -> str:
+    if not rows:
+        return "FLEET: no axis is known"
     counts = [(each, sum(row.condition is each for row in rows)) for each in WORST_FIRST]
     summed = ", ".join(f"{count} {condition}" for condition, count in counts if count)
     return f"FLEET {worst(rows)}: {summed}"

@@ -1,0 +1,1 @@
+"""Interface and page of a fleet node: every axis of a plant."""

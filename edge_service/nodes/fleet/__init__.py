@@ -1,0 +1,1 @@
+"""Fleet node: one of several processes that read a plant between them."""

@@ -1,0 +1,80 @@
+"""Whole plant as one fleet node shows it: what it reads itself, and what the others answer."""
+
+import asyncio
+from collections.abc import Mapping
+
+from ...clock import now_ns, steady_ns
+from ...health.fleet.plant_rows import PlantTable, plant_table
+from ...http_api.fleet.desk import AxisPast
+from ...messages.fleet import HistoryQuestion
+from ...threads import Threads
+from .reader import FleetReader
+
+FRESH_NS = 1_000_000_000
+_MERGER = Threads("fleet table", 1)
+
+
+class PlantDesk:
+    """Answers the routes of one fleet node."""
+
+    def __init__(self, reader: FleetReader) -> None:
+        self.name = reader.name
+        self._reader = reader
+        self._lock = asyncio.Lock()
+        self._made_ns = 0
+        self._table = PlantTable((), (), ())
+        self.asked_s = 0.0
+
+    async def table(self) -> PlantTable:
+        """All axes of the plant, as of a second ago at most."""
+        async with self._lock:
+            if steady_ns() - self._made_ns >= FRESH_NS or self._made_ns == 0:
+                await self._ask()
+            return self._table
+
+    async def _ask(self) -> None:
+        began_ns = steady_ns()
+        others = await self._reader.others()
+        answers = [self._reader.told(), *others]
+        self._table = await _MERGER.run(plant_table, answers, self._reader.names)
+        self._made_ns = steady_ns()
+        self.asked_s = (self._made_ns - began_ns) / 1e9
+
+    async def past(self, question: HistoryQuestion) -> AxisPast:
+        """Kept past of one axis, from all fleet nodes."""
+        return AxisPast((), (), ())
+
+    async def remove(self, site: str, machine: str) -> bool:
+        """Take a machine out of the list until it is heard again; False if it is not known."""
+        removed = self._reader.machines.remove((site, machine), now_ns())
+        self._made_ns = 0
+        return removed
+
+    def unready(self) -> list[str]:
+        """Reasons for which the node does not do its work now."""
+        reader = self._reader
+        if not reader.is_connected:
+            return ["no router of the plant answers"]
+        return [] if reader.buckets else ["no part of the plant is read here yet"]
+
+    def counters(self) -> Mapping[str, int]:
+        """Counts since the start, by name."""
+        reader = self._reader
+        counts = {} if reader.reports is None else reader.reports.counts()
+        lost = sum(machine.lost for machine in reader.machines)
+        return counts | {"lost": lost, "divisions": reader.takeovers}
+
+    def readings(self) -> Mapping[str, float]:
+        """Values now, by name."""
+        reader = self._reader
+        return {
+            "parts": float(len(reader.buckets)),
+            "machines": float(len(reader.machines)),
+            "connected": float(reader.is_connected),
+            "division_s": reader.divided_s,
+            "asking_s": self.asked_s,
+        }
+
+    def refused(self) -> Mapping[tuple[str, str], int]:
+        """Payloads that were refused, by key and reason."""
+        return self._reader.refused()

@@ -1,0 +1,110 @@
+"""Process of one fleet node: wiring, loop, clock and signals."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from functools import partial
+
+from ...bus.plant.session import PlantSettings, PlantSettingsError
+from ...bus.settings import TlsSettings
+from ...clock import CLOCK
+from ...config import ConfigError, FleetNodeConfig
+from ...config.plant import PlantLinkTable
+from ...http_api.fleet.app import create_fleet_app
+from ...http_api.limits.settings import HttpLimits
+from ...http_api.serve import AddressError, serve
+from ..http_node import Address
+from ..service import CLOCK_PERIOD_S, install_stop
+from ..supervision.heartbeat import Heartbeat
+from ..supervision.supervisor import Supervisor
+from ..supervision.tasks import Tasks
+from ..supervision.watchdog import Watchdog
+from ..wiring.http_rights import doorkeeper_of, hosts_of, tls_files
+from .desk import PlantDesk
+from .reader import FleetReader
+
+log = logging.getLogger(__name__)
+LEARN_PERIOD_S = 5.0
+"""Period in which a node learns what the others know, whether anybody asks or not."""
+
+
+def plant_settings(link: PlantLinkTable) -> PlantSettings:
+    """Settings of a session at the plant's router. Raises ConfigError."""
+    files = None
+    if link.ca_certificate and link.client_certificate and link.client_key:
+        files = TlsSettings(
+            link.endpoint, link.ca_certificate, link.client_certificate, link.client_key
+        )
+    try:
+        return PlantSettings(link.endpoint, files, link.allow_plain)
+    except PlantSettingsError as error:
+        raise ConfigError(f"plant.endpoint: {error}") from None
+
+
+async def run_fleet_node(config: FleetNodeConfig, on_http_ready: Callable[[str], None]) -> None:
+    """Run one fleet node until SIGINT or SIGTERM.
+
+    Raises ConfigError, AddressError: before anything is served.
+    """
+    supervisor = Supervisor()
+    supervisor.final = (ConfigError, AddressError, PlantSettingsError)
+    tasks = supervisor.tasks("fleet")
+    reader = FleetReader(
+        config.node.name, config.node.page, plant_settings(config.plant), tasks.faults
+    )
+    desk = PlantDesk(reader)
+    watchdog = Watchdog.of_environment()
+    ready = False
+
+    def served(url: str) -> None:
+        nonlocal ready
+        ready = True
+        on_http_ready(url)
+
+    def look(now_s: float) -> bool:
+        faults = "; ".join(supervisor.faults()) or "all tasks are running"
+        watchdog.look(now_s, ready=ready, well=supervisor.is_well, status=faults)
+        return False
+
+    try:
+        _begin(tasks, config, reader, desk, served)
+        await supervisor.run(install_stop(), look)
+    finally:
+        watchdog.stopping()
+        await tasks.end()
+        await reader.close()
+
+
+def _begin(
+    tasks: Tasks,
+    config: FleetNodeConfig,
+    reader: FleetReader,
+    desk: PlantDesk,
+    served: Callable[[str], None],
+) -> None:
+    """Begin the tasks of the node."""
+    http = config.http
+    app = create_fleet_app(desk, hosts_of(http), doorkeeper_of(http))
+    scheme = "http" if http.certificate is None else "https"
+    address = Address(http.host, http.port, served, scheme)
+    serve_app = partial(
+        serve, app, tls=tls_files(http), limits=HttpLimits(connections=http.connections)
+    )
+
+    async def server(heart: Heartbeat) -> None:
+        await serve_app(
+            address.host,
+            address.port,
+            stop=asyncio.Event(),
+            on_bound=address.bound,
+            on_tick=heart.beat,
+        )
+
+    async def learn() -> None:
+        await desk.table()
+
+    tasks.repeat("clock", CLOCK_PERIOD_S, CLOCK.follow)
+    tasks.start("server", server, vital=True)
+    tasks.start("plant", reader.run, vital=True)
+    tasks.start("reports", partial(reader.read, tasks.failures), vital=True)
+    tasks.repeat("learn", LEARN_PERIOD_S, learn)
