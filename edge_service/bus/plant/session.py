@@ -127,6 +127,7 @@ _COMMON: dict[str, Any] = {
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,
     "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
+    "transport/shared_memory/enabled": False,  # its pool takes 16 MB, and no plant is one host
     "timestamping/enabled": True,  # or the cache of a publisher cannot order what it holds
 }
 
