@@ -21,6 +21,7 @@ from .recordings import convert, record, simulate
 from .security import audit, certs, token
 from .service import backup, check_config, mtconnect_devices, node, replay, restore, run, send_test
 from .sources import doctor, stub
+from .upkeep.rollout import rollout
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -67,11 +68,12 @@ def _is_bad_input(error: Exception) -> bool:
     from ..models.motions.registry import MotionError
     from ..offline.backup.contents import BackupError
     from ..offline.diagnosis.sessions import DiagnosisError
+    from ..offline.rollout.contents import RolloutError
     from ..offline.simulate import SimulationError
     from ..trace.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    access = (CertificateError, TokenError, BackupError)
+    access = (CertificateError, TokenError, BackupError, RolloutError)
     twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
     return isinstance(error, (InputError, ConfigError, TraceError, *access, *bus, *twin))
 
@@ -99,6 +101,7 @@ for _command in (
         mtconnect_devices,
         backup,
         restore,
+        rollout,
         certs,
         token,
         audit,

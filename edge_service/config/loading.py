@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ..config_secrets import open_secrets, with_secrets, with_table_secrets
+from ..config_secrets import open_secrets, with_assumed_secrets, with_secrets, with_table_secrets
 from ..config_tables import EmailConfig, EventOutputConfig, FleetConfig, OpcuaConfig, Table
 from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
@@ -67,6 +67,19 @@ def load_config(path: Path) -> EdgeConfig:
     }
     machines = {axis.name: axis.machine for axis in axes}
     return config.model_copy(update=placed).identified(identity_of(path, written, machines))
+
+
+def load_elsewhere(path: Path) -> EdgeConfig:
+    """Read and check a configuration of another machine; paths stay as they are written.
+
+    Secrets and other files of that machine are taken for granted. Raises ConfigError like
+    `load_config`, and where a secret stands in the file itself.
+    """
+    try:
+        content = with_assumed_secrets(EdgeConfig, _read_toml(path))
+    except SecretError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return _checked(EdgeConfig, content, path)
 
 
 def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Table | None:

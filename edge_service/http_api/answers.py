@@ -284,6 +284,13 @@ class ServiceAnswer(Answer):
     time: Timestamp = Field(description="Time of this answer, by the clock of the service.")
     ready: bool
     reasons: list[str] = Field(description="Why the service is not ready, per axis.")
+    version: str = Field(description="Version of edge-service.")
+    configuration: str = Field(
+        description="Digest of the configuration that it was started with; empty without a file."
+    )
+    bundle: int | None = Field(
+        description="Number of the bundle that the configuration came in; null if it came in none."
+    )
     components: list[ComponentHealth] = Field(description="Components that serve all axes.")
     axes: list[HealthAnswer]
 

@@ -3,6 +3,7 @@
 from dataclasses import asdict, fields
 from typing import Any
 
+from .. import __version__
 from ..health.model_watch.live_features import LivePoint
 from ..health.service_state import ServiceState
 from ..health.stroke import StrokeBand
@@ -64,6 +65,9 @@ def service_answer(state: ServiceState, now_ns: int) -> ServiceAnswer:
         time=rfc3339(now_ns),
         ready=not reasons,
         reasons=list(reasons),
+        version=__version__,
+        configuration=state.running.configuration,
+        bundle=state.running.bundle,
         components=list(state.components(now_ns)),
         axes=[health_answer(state, axis, now_ns) for axis in state.axes],
     )

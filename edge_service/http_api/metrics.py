@@ -8,6 +8,7 @@ from fastapi.responses import Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
+from .. import __version__
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisCondition, ComponentHealth, ComponentStatus
 from .context import NowDep, StateDep
@@ -145,7 +146,20 @@ class ServiceCollector(StateCollector):
         place = self._state.place
         info = gauges("info", "Always 1; its labels name site and machine", "site", "machine")
         _add(info, (place.site, place.machine), 1.0)
-        return info, lost, ready, readers, ignored, *((refused,) if refused.samples else ())
+        seldom = (refused,) if refused.samples else ()
+        return info, self._build(), lost, ready, readers, ignored, *seldom
+
+    def _build(self) -> Metric:
+        """Versions, as labels."""
+        running = self._state.running
+        build = gauges(
+            "build_info",
+            "Always 1; its labels name versions of program and configuration",
+            *("version", "configuration", "bundle"),
+        )
+        bundle = "" if running.bundle is None else str(running.bundle)
+        _add(build, (__version__, running.configuration, bundle), 1.0)
+        return build
 
 
 def _add(

@@ -6,12 +6,19 @@ import { named, t } from "./strings.js";
 export function renderService(state, service) {
   const root = byId("parts");
   if (!root.firstChild) {
-    root.replaceChildren(element("h2", { id: "parts-title" }, t("parts")), element("p", { id: "service-state" }), element("ul", { class: "waiting" }), element("table", { class: "components" }, element("tbody", {})));
+    root.replaceChildren(element("h2", { id: "parts-title" }, t("parts")), element("p", { id: "service-state" }), element("ul", { class: "waiting" }), element("table", { class: "components" }, element("tbody", {})), element("p", { id: "versions" }));
   }
   if (!service) return;
   write(byId("service-state"), t(service.ready ? "parts.ready" : "parts.not_ready"));
   list(root.querySelector(".waiting"), service.ready ? [] : service.reasons.map((reason) => ({ text: withoutCode(reason), lang: "en" })));
+  write(byId("versions"), versionWords(service));
   renderRows(root.querySelector("tbody"), [...(state?.health?.components ?? []), ...service.components]);
+}
+
+function versionWords({ version, configuration, bundle }) {
+  if (!version) return "";
+  if (!configuration) return t("parts.version", { version });
+  return bundle === null ? t("parts.version_configured", { version, configuration }) : t("parts.version_bundle", { version, configuration, bundle: String(bundle) });
 }
 
 function renderRows(body, components) {
