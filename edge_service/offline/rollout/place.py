@@ -99,7 +99,7 @@ class Place:
         return max(noted, (now and now.number) or 0)
 
     def contents(self, names: set[str]) -> dict[str, bytes]:
-        """What lies there now under these names. Raises RolloutError, OSError."""
+        """Contents of what lies there now under these names. Raises RolloutError, OSError."""
         found = {}
         for name in sorted(names):
             path = self.folder / name

@@ -11,7 +11,7 @@ from .place import Place
 
 
 class RolloutStatus(Document):
-    """What a service that is started now runs.
+    """Versions that a service runs if it is started now.
 
     Attributes:
         configuration: digest, as the page and the metrics tell it.

@@ -36,7 +36,7 @@ def check_new(config: Path, files: Mapping[str, bytes], governed: set[str]) -> C
 
 
 def _levels_up(values: Mapping[str, Any]) -> int:
-    """How many folders above that of the configuration a path in it leads to."""
+    """Number of folders above that of the configuration that a path in it leads up."""
     texts = [value for value in values.values() if isinstance(value, str)]
     return max((PurePosixPath(text).parts.count("..") for text in texts), default=0)
 
