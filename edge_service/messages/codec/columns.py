@@ -26,6 +26,8 @@ _QUALITY = ".quality"
 _EVERY_FAULT, _MOST_COUNT = int(~Fault.NONE), 2**31
 _INTEGER_FEATURES = frozenset({"sample_count", "reversal_count"})
 _PHASE_COLUMNS = {(phase, field): f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS}
+_LATER_FEATURES = {"steady_direction", *_PHASE_COLUMNS.values()}
+"""Columns that version 0.1.0 did not send at first: they come together or not at all."""
 _FEATURE_UNITS = {"s": "s", "nm": "N m", "rad": "rad", "m": "m", "c": "degC", "n": "N"}
 
 
@@ -109,8 +111,21 @@ def _whole(value: float, most: int) -> int:
     return int(value)
 
 
+def _known_features(columns: dict[str, Floats]) -> dict[str, Floats]:
+    """Columns of another version, as far as this one knows them. Raises CodecError."""
+    known = {name: column for name, column in columns.items() if name in FeatureCodec.units}
+    missing = FeatureCodec.units.keys() - known.keys()
+    if missing not in (set(), _LATER_FEATURES):
+        raise CodecError("a block of features without columns that every version has")
+    return known
+
+
 class FeatureCodec(BlockCodec[FeatureBlock]):
-    """One interval as one row: the fields of FeatureBlock and of its phases."""
+    """One interval as one row: the fields of FeatureBlock and of its phases.
+
+    Columns that this version does not know are left unread; the columns of phases, which the first
+    versions did not have, may be missing.
+    """
 
     units = {name: _feature_unit(name) for name in (*FEATURE_FIELDS, *_PHASE_COLUMNS.values())}
 
@@ -123,8 +138,10 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
         """Interval of columns. Raises CodecError."""
-        if columns.keys() != self.units.keys() or len(columns[TIME]) != 1:
-            raise CodecError("a block of features with other columns than this version's")
+        if columns.keys() != self.units.keys():
+            columns = _known_features(columns)
+        if len(columns[TIME]) != 1:
+            raise CodecError("a block of features with another number of rows than one")
         row = np.concatenate(list(columns.values()))
         if (np.abs(row) > FURTHEST).any():
             raise CodecError("an interval with numbers that nobody can measure")
@@ -138,6 +155,7 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
                 **{field: values.pop(_PHASE_COLUMNS[phase, field]) for field in PHASE_FIELDS}
             )
             for phase in PHASES
+            if _PHASE_COLUMNS[phase, PHASE_FIELDS[0]] in values
         }
         fields: dict[str, Any] = integers | values | phases
         return FeatureBlock(fault=fault, **fields)
