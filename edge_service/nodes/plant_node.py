@@ -77,6 +77,7 @@ class Telling:
         self.session: PlantSession | None = None
         self.keeper, self._latest = keeper, latest
         self._page, self._configuration = plant.page, config.identity.words
+        self._period_s = plant.period_s
         self._occasions = Occasions(plant.period_s, plant.log_period_s)
         self._published, self._oversized = 0, ""
 
@@ -123,6 +124,7 @@ class Telling:
             site=self.keys.site,
             machine=self.keys.machine,
             time_ns=now_ns(),
+            period_s=self._period_s,
             version=__version__,
             configuration=self._configuration,
             page=self._page,

@@ -13,6 +13,8 @@ from ..settings import MOST_MESSAGE_BYTES, TlsSettings
 
 OPEN_S = 2.0
 """Time in which a router must answer when a session is opened."""
+LEASE_S = 4.0
+"""Silence of a link after which whoever is behind it counts as gone."""
 
 
 class PlantSettingsError(ValueError):
@@ -128,6 +130,7 @@ _COMMON: dict[str, Any] = {
     "scouting/delay": 0,
     "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
     "transport/shared_memory/enabled": False,  # its pool takes 16 MB, and no plant is one host
+    "transport/link/tx/lease": round(1e3 * LEASE_S),
     "timestamping/enabled": True,  # or the cache of a publisher cannot order what it holds
 }
 

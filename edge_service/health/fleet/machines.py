@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from ...messages.fleet import Cursor, KnownMachine
 from ...messages.plant import MachineReport, PlantKeys
 
-SILENT_PERIODS = 5.0
-"""Periods of its reports after which a machine that is not heard is no longer current."""
+SILENT_PERIODS, LEAST_SILENCE_S = 5.0, 2.0
+"""Periods of its reports, and time, after which a machine that is not heard is not current."""
 MOST_MACHINES = 20_000
 Name = tuple[str, str]
 """Site and machine."""
@@ -38,7 +38,8 @@ class Machine:
         """Tell whether the last report still says how the machine is."""
         if self.report is None or not self.present:
             return False
-        return now_ns - self.heard_ns <= SILENT_PERIODS * self.report.period_s * 1e9
+        silence_s = max(SILENT_PERIODS * self.report.period_s, LEAST_SILENCE_S)
+        return now_ns - self.heard_ns <= silence_s * 1e9
 
     def told(self, now_ns: int) -> KnownMachine:
         """The same for other nodes."""

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from ...clock import now_ns, steady_ns
 from ...health.fleet.plant_rows import PlantTable, plant_table
 from ...http_api.fleet.desk import AxisPast
-from ...messages.fleet import HistoryQuestion
+from ...kept_database import DatabaseFailedError
+from ...messages.fleet import HistoryPoint, HistoryQuestion, Hole
 from ...threads import Threads
+from .backfill import Backfill
 from .reader import FleetReader
 
 FRESH_NS = 1_000_000_000
@@ -17,13 +19,14 @@ _MERGER = Threads("fleet table", 1)
 class PlantDesk:
     """Answers the routes of one fleet node."""
 
-    def __init__(self, reader: FleetReader) -> None:
+    def __init__(self, reader: FleetReader, backfill: Backfill) -> None:
         self.name = reader.name
+        self._backfill = backfill
         self._reader = reader
         self._lock = asyncio.Lock()
         self._made_ns = 0
         self._table = PlantTable((), (), ())
-        self.asked_s = 0.0
+        self.asked_s = self.merged_s = 0.0
 
     async def table(self) -> PlantTable:
         """All axes of the plant, as of a second ago at most."""
@@ -35,14 +38,28 @@ class PlantDesk:
     async def _ask(self) -> None:
         began_ns = steady_ns()
         others = await self._reader.others()
+        self.asked_s = (steady_ns() - began_ns) / 1e9
         answers = [self._reader.told(), *others]
+        began_ns = steady_ns()
         self._table = await _MERGER.run(plant_table, answers, self._reader.names)
         self._made_ns = steady_ns()
-        self.asked_s = (self._made_ns - began_ns) / 1e9
+        self.merged_s = (self._made_ns - began_ns) / 1e9
 
     async def past(self, question: HistoryQuestion) -> AxisPast:
         """Kept past of one axis, from all fleet nodes."""
-        return AxisPast((), (), ())
+        missing = []
+        answers = await self._reader.pasts(question)
+        try:
+            answers[self.name] = await self._backfill.past(question)
+        except DatabaseFailedError as error:
+            missing.append(f"the history of this fleet node cannot be read now: {error}")
+        silent = sorted(self._reader.names - answers.keys() - {self.name})
+        missing += [f"the fleet node {name} does not answer" for name in silent]
+        points = {(each.log, each.number): each for a in answers.values() for each in a.points}
+        holes = {(each.log, each.first): each for a in answers.values() for each in a.holes}
+        ordered = sorted(points.values(), key=lambda each: (each.time_ns, each.number))
+        left = [hole for hole in holes.values() if _is_gone(hole, points)]
+        return AxisPast(tuple(ordered), tuple(left), tuple(missing))
 
     async def remove(self, site: str, machine: str) -> bool:
         """Take a machine out of the list until it is heard again; False if it is not known."""
@@ -62,7 +79,7 @@ class PlantDesk:
         reader = self._reader
         counts = {} if reader.reports is None else reader.reports.counts()
         lost = sum(machine.lost for machine in reader.machines)
-        return counts | {"lost": lost, "divisions": reader.takeovers}
+        return counts | self._backfill.counts | {"lost": lost, "divisions": reader.takeovers}
 
     def readings(self) -> Mapping[str, float]:
         """Values now, by name."""
@@ -73,8 +90,14 @@ class PlantDesk:
             "connected": float(reader.is_connected),
             "division_s": reader.divided_s,
             "asking_s": self.asked_s,
+            "merging_s": self.merged_s,
         }
 
     def refused(self) -> Mapping[tuple[str, str], int]:
         """Payloads that were refused, by key and reason."""
         return self._reader.refused()
+
+
+def _is_gone(hole: Hole, points: Mapping[tuple[str, int], HistoryPoint]) -> bool:
+    """Tell whether no node has what one of them lacks."""
+    return not all((hole.log, number) in points for number in range(hole.first, hole.last + 1))

@@ -20,6 +20,7 @@ from ..supervision.supervisor import Supervisor
 from ..supervision.tasks import Tasks
 from ..supervision.watchdog import Watchdog
 from ..wiring.http_rights import doorkeeper_of, hosts_of, tls_files
+from .backfill import Backfill
 from .desk import PlantDesk
 from .reader import FleetReader
 
@@ -49,10 +50,17 @@ async def run_fleet_node(config: FleetNodeConfig, on_http_ready: Callable[[str],
     supervisor = Supervisor()
     supervisor.final = (ConfigError, AddressError, PlantSettingsError)
     tasks = supervisor.tasks("fleet")
+    problems: list[Callable[[], list[str]]] = [tasks.faults]
     reader = FleetReader(
-        config.node.name, config.node.page, plant_settings(config.plant), tasks.faults
+        config.node.name,
+        config.node.page,
+        plant_settings(config.plant),
+        lambda: [line for each in problems for line in each()],
     )
-    desk = PlantDesk(reader)
+    backfill = Backfill(reader, config.history.folder, config.history.budget_mb)
+    reader.answer_past = backfill.answer
+    problems.append(backfill.problems)
+    desk = PlantDesk(reader, backfill)
     watchdog = Watchdog.of_environment()
     ready = False
 
@@ -68,11 +76,13 @@ async def run_fleet_node(config: FleetNodeConfig, on_http_ready: Callable[[str],
 
     try:
         _begin(tasks, config, reader, desk, served)
+        tasks.start("backfill", backfill.run)
         await supervisor.run(install_stop(), look)
     finally:
         watchdog.stopping()
         await tasks.end()
         await reader.close()
+        backfill.close()
 
 
 def _begin(

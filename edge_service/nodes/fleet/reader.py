@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 
-from ...bus.plant.fleet import FleetMembers, answer_packed, ask_rows, packed, present_nodes
+from ...bus.plant.fleet import FleetMembers, answer_packed, ask_all, ask_rows, packed, present_nodes
 from ...bus.plant.reports import Heard, PlantReports
 from ...bus.plant.session import PlantAwayError, PlantSession, PlantSettings
-from ...bus.questions import Answering
+from ...bus.questions import Answer, Answering
 from ...clock import now_ns, steady_ns
 from ...health.fleet.machines import FleetMachines
 from ...health.fleet.ownership import owned_by
-from ...messages.fleet import ROWS, RowsAnswer
+from ...messages.fleet import HISTORY, ROWS, HistoryAnswer, HistoryQuestion, RowsAnswer
 from ...threads import Threads
 from ..supervision.failures import Failures
 from ..supervision.heartbeat import Heartbeat
@@ -51,6 +51,8 @@ class FleetReader:
         """Time that the last division of the plant took, s."""
         self._page, self._settings, self._problems = page, settings, problems
         self._instance = secrets.token_hex(8)
+        self.answer_past: Answer = _answer_nothing
+        """Answers the other nodes' questions for the past."""
         self._answering: list[Answering] = []
         self._changed = asyncio.Event()
         self._opened = asyncio.Event()
@@ -84,7 +86,8 @@ class FleetReader:
             there = await heart.patiently(present_nodes(session, ASK_S))
             self.reports = PlantReports(session)
             self.members = FleetMembers(session, self.name, self._on_members, there)
-            self._answering.append(answer_packed(session, self.name, ROWS, self._on_rows))
+            for question, answer in ((ROWS, self._on_rows), (HISTORY, self.answer_past)):
+                self._answering.append(answer_packed(session, self.name, question, answer))
             self._changed.set()
             self._opened.set()
         while True:
@@ -120,6 +123,14 @@ class FleetReader:
         for answer in others:
             self.machines.learn(answer.machines)
         return others
+
+    async def pasts(self, question: HistoryQuestion) -> dict[str, HistoryAnswer]:
+        """Kept past of one axis in the stores of the other fleet nodes, by their names."""
+        if self.session is None:
+            return {}
+        session = self.session.zenoh
+        answers = await ask_all(session, HISTORY, question, HistoryAnswer, ASK_S)
+        return {name: answer for name, answer in answers.items() if name != self.name}
 
     def told(self) -> RowsAnswer:
         """Knowledge of this node."""
@@ -186,3 +197,7 @@ class FleetReader:
                     reply(None)
 
         packing.add_done_callback(on_packed)
+
+
+def _answer_nothing(_key: str, _question: bytes, reply: Callable[[bytes | None], None]) -> None:
+    reply(None)

@@ -619,7 +619,7 @@ export const de = {
   "fleet.age": "Alter",
   "fleet.version": "Version",
   "fleet.limit.warning": "Warnung",
-  "fleet.limit.fault": "Fehler",
+  "fleet.limit.fault": "Störung",
   "fleet.between": "{limit}: {from} bis {to}",
   "fleet.not_before": "{limit}: nicht vor {from}",
   "fleet.faster_than": "schneller als {n} andere ({loss} %)",
