@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from ..bus.plant.session import PlantSettings
     from ..health.fleet.rows import FleetRow
 
-_ANSWER_S = 1.0
-"""Time in which fleet nodes answer what they hold ready."""
+_ANSWER_S = 3.0
+"""Time in which fleet nodes answer what they hold ready; only one that is silent takes it up."""
 Shown = tuple[Sequence["FleetRow"], Sequence[str], Any]
 """Rows, sentences on what is not shown, and the document."""
 
@@ -46,7 +46,7 @@ Shown = tuple[Sequence["FleetRow"], Sequence[str], Any]
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0.1, 60.0),
-    help="Wait this many seconds for all answers [default: 5].",
+    help="Wait this many seconds for all answers [default: 5, with --plant 3].",
 )
 @click.option(
     "--watch", "period_s", type=click.FloatRange(1.0), help="Repeat every so many seconds."

@@ -59,7 +59,7 @@ class PlantDesk:
         holes = {(each.log, each.first): each for a in answers.values() for each in a.holes}
         ordered = sorted(points.values(), key=lambda each: (each.time_ns, each.number))
         left = [hole for hole in holes.values() if _is_gone(hole, points)]
-        return AxisPast(tuple(ordered), tuple(left), tuple(missing))
+        return AxisPast(tuple(ordered[-question.most :]), tuple(left), tuple(missing))
 
     async def remove(self, site: str, machine: str) -> bool:
         """Take a machine out of the list until it is heard again; False if it is not known."""

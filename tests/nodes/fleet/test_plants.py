@@ -140,9 +140,9 @@ def test_the_command_prints_the_plant_and_what_is_wrong_with_a_question(
         plant.node("one")
         plant.machines("--machines", "3", "--axes", "2")
         until(lambda: plant.shows("one", 6))
-        assert main(["fleet", "--plant", plant.endpoint, "--json"]) == 0
+        assert main(["fleet", "--plant", plant.endpoint, "--json", "--timeout", "20"]) == 0
         document = json.loads(capsys.readouterr().out)
-        assert document["condition"] == "FAULT"
+        assert document["condition"] == "FAULT", document
         assert document["rows"][0]["axis"] == "X"
         assert document["rows"][0]["peers"]["faster"]
         assert document["missing"] == []
