@@ -197,7 +197,7 @@ def _check_complete(heard: list[tuple[Header, MachineReport]]) -> None:
     assert times == sorted(times)
     _, report = heard[-1]
     assert (report.site, report.machine, report.version) == ("bench", "lfd", __version__)
-    assert report.page == "http://box/"
+    assert (report.page, report.period_s) == ("http://box/", 0.1)
     (axis,) = report.axes
     assert axis.axis == "X"
     assert axis.time_ns is not None and abs(report.time_ns - axis.time_ns) < 60e9
