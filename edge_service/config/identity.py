@@ -77,28 +77,57 @@ def configuration_digest(config: bytes, machines: Mapping[str, bytes]) -> str:
     return hashlib.sha256(described.encode()).hexdigest()[:DIGITS]
 
 
-def applied_at(config: Path) -> Applied | None:
-    """Description of the state in place; None if nothing was rolled out, or it is unreadable."""
-    path = config.with_name(config.name + ROLLOUT) / CURRENT / APPLIED
-    try:
-        return Applied.model_validate_json(path.read_bytes())
-    except (OSError, ValidationError):
-        return None
+def state_in_place(config: Path) -> Path | None:
+    """Folder with the files of the state in place; None where the configuration is not of one.
+
+    No later roll-out changes what lies there. So whoever reads several files, or one again after a
+    while, must ask once and read there, or may find files of two states.
+    """
+    folder = config.resolve().parent
+    return folder if config.is_symlink() and _holds(config, folder) else None
+
+
+def machine_file(config: Path, state: Path | None, name: Path) -> Path:
+    """Path of a machine file that a configuration names, in the same state if it is of one.
+
+    Args:
+        state: folder of the state that the configuration was read from, if it was.
+        name: of the file, as it stands in the configuration.
+    """
+    path = config.parent / name
+    governed = state is not None and path.is_symlink() and _holds(config, path.resolve())
+    return state / name if state is not None and governed else path
+
+
+def _holds(config: Path, path: Path) -> bool:
+    """Tell whether a path without links lies among the states of a configuration."""
+    root = config.with_name(config.name + ROLLOUT)
+    return path.is_relative_to(root.resolve())
 
 
 def identity_of(
-    config: Path, content: bytes, machine_files: Mapping[str, Path]
+    config: Path, state: Path | None, content: bytes, machine_files: Mapping[str, Path]
 ) -> ConfigurationIdentity:
     """Identity of a configuration that was just read.
 
     Args:
+        state: folder of the state that it was read from, if it was.
         content: what was read.
         machine_files: the machine file of each axis, by the axis' name.
     """
     digest = configuration_digest(content, {a: _content(p) for a, p in machine_files.items()})
-    applied = applied_at(config)
+    current = config.with_name(config.name + ROLLOUT) / CURRENT
+    applied = _applied(current if state is None else state.parent)
     fits = applied is not None and applied.configuration == digest
     return ConfigurationIdentity(digest, applied.number if applied and fits else None)
+
+
+def _applied(state: Path) -> Applied | None:
+    """Description of a state; None if there is none, or it is unreadable."""
+    try:
+        return Applied.model_validate_json((state / APPLIED).read_bytes())
+    except (OSError, ValidationError):
+        return None
 
 
 def _content(path: Path) -> bytes:

@@ -13,7 +13,7 @@ from ..config_tables import EmailConfig, EventOutputConfig, FleetConfig, OpcuaCo
 from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
-from .identity import identity_of
+from .identity import identity_of, machine_file, state_in_place
 from .mistakes import ConfigError, explain
 from .plant import FleetNodeConfig
 from .service import EdgeConfig, HttpConfig
@@ -35,7 +35,8 @@ def load_config(path: Path) -> EdgeConfig:
     Raises:
         ConfigError: one line with the file, the key, what was wrong and what was expected.
     """
-    written = _read(path)
+    state = state_in_place(path)
+    written = _read(path if state is None else state / path.name)
     content = _parsed(path, written)
     for key in open_secrets(EdgeConfig, content, path):
         log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
@@ -47,7 +48,7 @@ def load_config(path: Path) -> EdgeConfig:
     axes = tuple(
         axis.model_copy(
             update={
-                "machine": path.parent / axis.machine,
+                "machine": machine_file(path, state, axis.machine),
                 "settings": _anchored(axis.settings, path.parent),
             }
         ).of_file(path)
@@ -66,7 +67,7 @@ def load_config(path: Path) -> EdgeConfig:
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     machines = {axis.name: axis.machine for axis in axes}
-    return config.model_copy(update=placed).identified(identity_of(path, written, machines))
+    return config.model_copy(update=placed).identified(identity_of(path, state, written, machines))
 
 
 def load_elsewhere(path: Path) -> EdgeConfig:

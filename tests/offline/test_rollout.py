@@ -11,14 +11,21 @@ import sys
 import zipfile
 from collections import namedtuple
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import load_config
+from edge_service.health.events.audit import read_audit
+from edge_service.health.events.diary import Diary
+from edge_service.nodes.stores.diary_store import DIARY
+from edge_service.nodes.wiring.start_entry import start_entry
 from edge_service.offline.rollout import keys, place
 from edge_service.offline.rollout.contents import signed_text
+from edge_service.offline.rollout.toml_text import flat
 
 MACHINE = (Path(__file__).parents[2] / "deploy" / "machine.toml").read_text()
 CONFIG = """
@@ -614,3 +621,80 @@ def test_what_is_no_key_is_refused(
     trust.write_text(content)
     shutil.copy(office / "7.bundle", machine.parent)
     assert str(trust) in refused(machine.parent, machine, capsys, "7.bundle")
+
+
+def started(machine: Path) -> None:
+    """Note a start in the audit log, as the service does."""
+    with closing(Diary(machine.parent / "history" / DIARY)) as diary:
+        diary.add((), 1, (start_entry(load_config(machine / "edge.toml"), ("http",)),))
+
+
+def told_of(machine: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    capsys.readouterr()
+    assert main(["rollout", "status", str(machine / "edge.toml"), "--json"]) == 0
+    document: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return document
+
+
+def test_the_status_tells_what_the_service_was_started_with(
+    office: Path, machine: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert told_of(machine, capsys)["started"] is None
+    started(machine)
+    assert told_of(machine, capsys)["needs_restart"] is False
+    assert applied(office, machine) == 0
+    told = told_of(machine, capsys)
+    assert told["needs_restart"] is True
+    assert told["started"]["bundle"] is None
+    started(machine)
+    told = told_of(machine, capsys)
+    assert told["needs_restart"] is False
+    assert told["started"]["bundle"] == 7
+    assert told["started"]["configuration"] == told["configuration"]
+
+
+def test_roll_outs_stand_in_the_audit_log(office: Path, machine: Path) -> None:
+    started(machine)
+    assert applied(office, machine) == 0
+    assert applied(office, machine) == 2
+    assert main(["rollout", "back", str(machine / "edge.toml")]) == 0
+    records = read_audit(machine.parent / "history" / DIARY)
+    told = [(each.entry.action, each.entry.outcome) for each in records[1:] if each.entry]
+    assert [action for action, _ in told] == 4 * ["apply_rollout"] + 2 * ["take_back_rollout"]
+    assert [outcome.partition(":")[0] for _, outcome in told] == [
+        *("begun", "done"),
+        *("begun", "refused"),
+        *("begun", "done"),
+    ]
+
+
+def test_what_was_read_stays_what_it_was(office: Path, machine: Path) -> None:
+    """A part of the service that starts anew after a roll-out finds the files of its service."""
+    assert applied(office, machine) == 0
+    old = load_config(machine / "edge.toml")
+    content = old.axes[0].machine.read_bytes()
+    assert main(["rollout", "back", str(machine / "edge.toml")]) == 0
+    assert old.axes[0].machine.read_bytes() == content
+    assert load_config(machine / "edge.toml").axes[0].machine.read_bytes() != content
+
+
+def test_a_machine_file_that_was_edited_here_is_read(office: Path, machine: Path) -> None:
+    assert applied(office, machine) == 0
+    (machine / "machines/x.toml").unlink()
+    (machine / "machines/x.toml").write_text(MACHINE)
+    assert load_config(machine / "edge.toml").axes[0].machine == machine / "machines/x.toml"
+
+
+def test_a_refusal_leaves_no_folder(office: Path, machine: Path) -> None:
+    config = machine / "edge.toml"
+    config.write_text(config.read_text().replace("hall", "yard"))
+    assert applied(office, machine) == 2
+    assert not (machine / "edge.toml.rollout").exists()
+
+
+def test_entries_of_one_name_are_numbered() -> None:
+    text = b"[[e]]\nname = 'a'\n[[e]]\nname = 'a'\nx = 1\n[[f]]\nname = 'b'\ny = 2\n"
+    assert flat(text, "m.toml") == {"e.1.name": "a", "e.2.name": "a", "e.2.x": 1} | {
+        "f.b.name": "b",
+        "f.b.y": 2,
+    }

@@ -121,6 +121,20 @@ def read_audit(path: Path) -> list[AuditRecord]:
     return checked(rows, 1)
 
 
+def last_of(path: Path, action: str) -> AuditEntry | None:
+    """The newest entry of an action in a file that a service may be using; None if there is none.
+
+    The chain is not checked. Raises ValueError, one line.
+    """
+    newest = "SELECT body FROM audit WHERE body LIKE ? ORDER BY number DESC LIMIT 1"
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as file:
+            row = file.execute(newest, (f'%"action":"{action}"%',)).fetchone()
+    except sqlite3.Error as error:
+        raise ValueError(f"{path}: no audit log can be read ({error})") from None
+    return None if row is None else _entry(row[0])
+
+
 def _entry(body: str) -> AuditEntry | None:
     try:
         return AuditEntry.model_validate_json(body)

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ... import __version__
+from ...clock import now_ns
 from ...command_answer import Answer, Document
 from ...config.identity import Applied
 from .bundle import Bundle, open_bundle
@@ -207,7 +208,7 @@ def _put(
             number=now.number if now and not changed else None,
             site=manifest.site,
             machine=machine,
-            made=datetime.now(UTC).isoformat(timespec="seconds"),
+            made=datetime.fromtimestamp(now_ns() / 1e9, UTC).isoformat(timespec="seconds"),
             made_by=now.made_by if now and not changed else _NEVER,
             configuration=now.configuration if now and not changed else "",
             signer=now.signer if now and not changed else "",

@@ -13,6 +13,7 @@ from drivers.registry import UnknownDriverError, load_driver
 
 from ... import __version__
 from ...atomic import replaced_bytes
+from ...clock import now_ns
 from ...command_answer import Answer, Document
 from ...config import DEFAULT_MACHINE, EdgeConfig, configuration_digest, load_elsewhere, load_fleet
 from ...config.loading import load_machine
@@ -89,7 +90,9 @@ def pack(
     manifest = Manifest(
         site=sites.pop(),
         number=number,
-        made=(made or datetime.now(UTC)).astimezone(UTC).isoformat(timespec="seconds"),
+        made=(made or datetime.fromtimestamp(now_ns() / 1e9, UTC))
+        .astimezone(UTC)
+        .isoformat(timespec="seconds"),
         made_by=__version__,
         versions=tuple(versions) or (minor(__version__),),
         machines={name: packed[name][0] for name in sorted(packed)},

@@ -53,6 +53,8 @@ class Place:
             raise RolloutError(f"{self.root}: another roll-out is under way") from None
         finally:
             os.close(handle)
+            with suppress(OSError):  # it holds a state
+                self.root.rmdir()
 
     @property
     def current(self) -> str:
@@ -148,8 +150,8 @@ class Place:
 
     def switch(self, state: str) -> None:
         """Put a staged state in place. Raises RolloutError, OSError; then the old one stands."""
-        names = set(self.applied(state).files)
-        if self.current:
+        names, before = set(self.applied(state).files), self.current
+        if before:
             with replaced_file(self.root / _HIGHEST) as file:
                 file.write(f"{self.highest()}\n")
         for name in names:
@@ -157,7 +159,7 @@ class Place:
                 self._link(name)
         _relink(self.root / CURRENT, Path(state))
         with suppress(OSError):  # it is in place; the next one tidies up
-            self.tidy()
+            self.tidy(before)  # which a service that runs may still read
 
     def take_over(self) -> None:
         """Make governed files that are plain ones links; their content is that of the state."""
@@ -166,8 +168,12 @@ class Place:
             if not self._is_ours(name):
                 self._link(name)
 
-    def tidy(self) -> None:
-        """Remove links and states that nothing leads to, and what an interrupted one has left."""
+    def tidy(self, also: str = "") -> None:
+        """Remove links and states that nothing leads to, and what an interrupted one has left.
+
+        Args:
+            also: a state to keep besides.
+        """
         kept: list[str] = []
         state = self.current
         while state and state not in kept and len(kept) <= _MOST_BEFORE:
@@ -184,7 +190,7 @@ class Place:
                 if each.is_symlink() and str(each.readlink()) == self._target(name):
                     each.unlink()
         for each in list(self.root.iterdir()):
-            if each.name not in (*kept, CURRENT, _HIGHEST):
+            if each.name not in (*kept, also, CURRENT, _HIGHEST):
                 shutil.rmtree(each) if each.is_dir() and not each.is_symlink() else each.unlink()
 
     def _names(self, state: Path) -> set[str]:

@@ -30,8 +30,11 @@ def _flat(value: Any, key: str) -> Iterator[tuple[str, Any]]:
         for name, each in value.items():
             yield from _flat(each, f"{key}.{name}" if key else name)
     elif isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
+        names = [each.get("name") for each in value]
         for number, each in enumerate(value, 1):
-            yield from _flat(each, f"{key}.{each.get('name', number)}")
+            name = each.get("name")
+            is_own = isinstance(name, str) and names.count(name) == 1
+            yield from _flat(each, f"{key}.{name if is_own else number}")
     else:
         yield key, value
 
