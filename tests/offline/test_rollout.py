@@ -24,6 +24,7 @@ from edge_service.health.events.diary import Diary
 from edge_service.nodes.stores.diary_store import DIARY
 from edge_service.nodes.wiring.start_entry import start_entry
 from edge_service.offline.rollout import keys, place
+from edge_service.offline.rollout.changes import change_lines, changes
 from edge_service.offline.rollout.contents import signed_text
 from edge_service.offline.rollout.toml_text import flat
 
@@ -698,3 +699,22 @@ def test_entries_of_one_name_are_numbered() -> None:
         "f.b.name": "b",
         "f.b.y": 2,
     }
+
+
+def test_long_lists_are_counted_and_units_are_sure() -> None:
+    old = b"[c]\nmap_m = [1, 2, 3, 4, 5, 6, 7, 8, 9]\nslope_s2_per_m = 1.0\nspeed_rad_s = 1\n"
+    new = old.replace(b"9]", b"0]").replace(b"= 1", b"= 2").replace(b"_s = 2", b"_s = 3")
+    (file,) = changes({"m.toml": old}, {"m.toml": new})
+    assert [(each.key, each.old, each.new) for each in file.keys] == [
+        ("c.map_m", "9 entries", "9 entries, 1 differ"),
+        ("c.slope_s2_per_m", "1.0", "2.0"),
+        ("c.speed_rad_s", "1 rad/s", "3 rad/s"),
+    ]
+
+
+def test_a_change_of_comments_needs_no_restart() -> None:
+    (file,) = changes({"e.toml": b"a = 1\n"}, {"e.toml": b"# one\na = 1\n"})
+    assert not file.needs_restart
+    said, advice = change_lines([file])
+    assert said == "e.toml: comments or order only"
+    assert advice.startswith("no restart is needed")

@@ -240,8 +240,10 @@ def _answer(told: RolledOut) -> Answer:
 
 def _lines(told: RolledOut) -> Iterator[str]:
     would = "would be" if told.dry_run else "is"
+    is_first = told.before is None and all(each.change == "added" for each in told.changes)
+    old = "nothing" if is_first else _called(told.before)
     yield (
-        f"{told.machine}: {_called(told.now)} {would} in place of {_called(told.before)}"
+        f"{told.machine}: {_called(told.now)} {would} in place of {old}"
         + (f", configuration {told.configuration}" if told.configuration else "")
     )
     for name in told.changed_here:

@@ -3,32 +3,39 @@
 import json
 import re
 from collections.abc import Iterator, Mapping
+from itertools import takewhile
+from operator import eq
 from typing import Any, Literal
 
 from ...command_answer import Document
 from .toml_text import HIDDEN, flat, is_secret
 
-_UNITS = (
-    ("_nm_s_per_rad", "N m s/rad"),
-    ("_nm_per_rad", "N m/rad"),
-    ("_n_per_m", "N/m"),
-    ("_kg_m2", "kg m2"),
-    ("_rad_s2", "rad/s2"),
-    ("_rad_s", "rad/s"),
-    ("_m_s2", "m/s2"),
-    ("_m_s", "m/s"),
-    ("_nm", "N m"),
-    ("_kg", "kg"),
-    ("_hz", "Hz"),
-    ("_mb", "MB"),
-    ("_rad", "rad"),
-    ("_percent", "%"),
-    ("_c", "degC"),
-    ("_m", "m"),
-    ("_n", "N"),
-    ("_s", "s"),
-    ("_h", "h"),
-)
+_UNITS = {
+    "nm": "N m",
+    "n": "N",
+    "m": "m",
+    "rad": "rad",
+    "s": "s",
+    "h": "h",
+    "kg": "kg",
+    "hz": "Hz",
+    "mb": "MB",
+    "c": "degC",
+    "percent": "%",
+    "m_s": "m/s",
+    "m_s2": "m/s2",
+    "rad_s": "rad/s",
+    "rad_s2": "rad/s2",
+    "kg_m2": "kg m2",
+    "n_per_m": "N/m",
+    "n_s_per_m": "N s/m",
+    "nm_per_rad": "N m/rad",
+    "nm_s_per_rad": "N m s/rad",
+}
+_OF_UNITS = {"per", "kg"} | {f"{unit}{power}" for unit in _UNITS for power in ("", "2", "3")}
+"""Parts of names that belong to a unit."""
+_MOST_SHOWN = 8
+"""Entries of a list that are shown one by one."""
 NONE = "(none)"
 
 
@@ -74,25 +81,40 @@ def changes(
 def _keys(old: bytes, new: bytes, name: str) -> list[ChangedKey]:
     before, after = flat(old, name), flat(new, name)
     return [
-        ChangedKey(key=key, old=_shown(before, key), new=_shown(after, key))
+        ChangedKey(key=key, old=_shown(before, key), new=_shown(after, key, before.get(key)))
         for key in {**before, **after}
         if key not in before or key not in after or before[key] != after[key]
     ]
 
 
-def _shown(values: Mapping[str, Any], key: str) -> str:
+def _shown(values: Mapping[str, Any], key: str, before: Any = None) -> str:
+    """A value as people read it; of a long list how many of its entries differ from before."""
     if key not in values:
         return NONE
     value = values[key]
     if is_secret(key, value):
         return HIDDEN
-    unit = next((unit for end, unit in _UNITS if key.endswith(end)), "")
+    if isinstance(value, list) and len(value) > _MOST_SHOWN:
+        same = sum(map(eq, value, before)) if isinstance(before, list) else None
+        return f"{len(value)} entries" + ("" if same is None else f", {len(value) - same} differ")
+    unit = _unit(key)
     if isinstance(value, dict):
         tolerance = value.get("tolerance")
         around = "" if tolerance is None else f" +- {100 * tolerance:g} %"
         return f"{_plain(value['value'])} {unit}".rstrip() + around
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return f"{_plain(value)} {unit}".rstrip() if is_number else _plain(value)
+
+
+def _unit(key: str) -> str:
+    """Unit that the end of a key names; empty for none, or for one that nobody would know.
+
+    >>> _unit("model.inertia_kg_m2"), _unit("noise_density_nm2_s")
+    ('kg m2', '')
+    """
+    parts = key.rpartition(".")[2].split("_")[1:]
+    of_unit = list(takewhile(_OF_UNITS.__contains__, reversed(parts)))
+    return _UNITS.get("_".join(reversed(of_unit)), "")
 
 
 def _plain(value: Any) -> str:
@@ -108,11 +130,12 @@ def change_lines(changed: list[ChangedFile]) -> Iterator[str]:
             yield f"{file.name}: comments or order only"
             continue
         yield f"{file.name}: {file.change}"
-        yield from (f"  {each.key}: {each.old} -> {each.new}" for each in file.keys)
+        shown = file.keys if file.change == "changed" else ()
+        yield from (f"  {each.key}: {each.old} -> {each.new}" for each in shown)
     restart = [file.name for file in changed if file.needs_restart]
     if not changed:
         yield "nothing changes"
     elif restart:
         yield f"restart the service for {', '.join(restart)}"
     else:
-        yield "no restart is needed"
+        yield "no restart is needed; until one the service tells the bundle from before"
