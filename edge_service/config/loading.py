@@ -9,7 +9,14 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ..config_secrets import open_secrets, with_assumed_secrets, with_secrets, with_table_secrets
-from ..config_tables import EmailConfig, EventOutputConfig, FleetConfig, OpcuaConfig, Table
+from ..config_tables import (
+    EmailConfig,
+    EventOutputConfig,
+    FleetConfig,
+    OpcuaConfig,
+    PlantAccess,
+    Table,
+)
 from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
@@ -60,7 +67,7 @@ def load_config(path: Path) -> EdgeConfig:
         "history": _placed(config.history, folder, "folder"),
         **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
-        "plant": _placed(config.plant, folder, *BROKER_FILES),
+        "plant": config.plant and _with_client_key(config.plant, folder),
         "bus": _placed(config.bus, folder, "certificates"),
         "http": _with_key(config.http, folder, "certificate", "tokens_file"),
         "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),
@@ -87,6 +94,13 @@ def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Tabl
     """Paths of the files that let people in; the key may be among systemd's credentials."""
     key = table.private_key and secret_path(folder, table.private_key)
     return _placed(table.model_copy(update={"private_key": key}), folder, *keys)
+
+
+def _with_client_key(table: PlantAccess, folder: Path) -> Table | None:
+    """Paths of the files by which others know us; the key may be among systemd's credentials."""
+    key = table.client_key and secret_path(folder, table.client_key)
+    placed = table.model_copy(update={"client_key": key})
+    return _placed(placed, folder, "ca_certificate", "client_certificate")
 
 
 def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputConfig:
@@ -131,10 +145,8 @@ def load_fleet_node(path: Path) -> FleetNodeConfig:
     """Read and check the configuration of a fleet node. Raises ConfigError like `load_config`."""
     config = _checked(FleetNodeConfig, _read_toml(path), path)
     folder = path.parent
-    key = config.plant.client_key and secret_path(folder, config.plant.client_key)
-    plant = config.plant.model_copy(update={"client_key": key})
     placed = {
-        "plant": _placed(plant, folder, "ca_certificate", "client_certificate"),
+        "plant": _with_client_key(config.plant, folder),
         "http": _with_key(config.http, folder, "certificate", "tokens_file"),
         "history": _placed(config.history, folder, "folder"),
     }

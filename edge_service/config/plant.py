@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
-from ..config_tables import Table
+from ..config_tables import PlantAccess, Table
 from ..messages.addresses import service_address
 from ..messages.names import check_part
 from .service import HttpConfig
@@ -32,30 +32,6 @@ class FleetNodeTable(Table):
         return service_address(value) if value else ""
 
 
-class PlantLinkTable(Table):
-    """`[plant]`: a router of the plant.
-
-    Attributes:
-        endpoint: `tcp/host:port`, or `tls/host:port` with certificates.
-        ca_certificate, client_certificate, client_key: for mutual TLS, in PEM.
-        allow_plain: whether TCP may leave this machine.
-    """
-
-    endpoint: str
-    ca_certificate: Path | None = None
-    client_certificate: Path | None = None
-    client_key: Path | None = None
-    allow_plain: bool = False
-
-    @model_validator(mode="after")
-    def _together(self) -> "PlantLinkTable":
-        files = ("ca_certificate", "client_certificate", "client_key")
-        missing = [name for name in files if getattr(self, name) is None]
-        if missing and len(missing) < len(files):
-            raise ValueError(f"{missing[0]}: missing; {', '.join(files)} go together")
-        return self
-
-
 class FleetHistoryTable(Table):
     """`[history]`: where a fleet node keeps the machines that it knows, and what their logs say.
 
@@ -72,6 +48,6 @@ class FleetNodeConfig(Table):
     """The whole configuration file of a fleet node."""
 
     node: FleetNodeTable
-    plant: PlantLinkTable
+    plant: PlantAccess
     http: HttpConfig = HttpConfig()
     history: FleetHistoryTable = FleetHistoryTable()

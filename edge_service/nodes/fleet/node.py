@@ -5,15 +5,14 @@ import logging
 from collections.abc import Callable
 from functools import partial
 
-from ...bus.plant.session import PlantSettings, PlantSettingsError
-from ...bus.settings import TlsSettings
+from ...bus.plant.session import PlantSettingsError
 from ...clock import CLOCK
 from ...config import ConfigError, FleetNodeConfig
-from ...config.plant import PlantLinkTable
 from ...http_api.fleet.app import create_fleet_app
 from ...http_api.limits.settings import HttpLimits
 from ...http_api.serve import AddressError, serve
 from ..http_node import Address
+from ..outputs.plant.access import plant_settings
 from ..service import CLOCK_PERIOD_S, install_stop
 from ..supervision.heartbeat import Heartbeat
 from ..supervision.supervisor import Supervisor
@@ -27,19 +26,6 @@ from .reader import FleetReader
 log = logging.getLogger(__name__)
 LEARN_PERIOD_S = 5.0
 """Period in which a node learns what the others know, whether anybody asks or not."""
-
-
-def plant_settings(link: PlantLinkTable) -> PlantSettings:
-    """Settings of a session at the plant's router. Raises ConfigError."""
-    files = None
-    if link.ca_certificate and link.client_certificate and link.client_key:
-        files = TlsSettings(
-            link.endpoint, link.ca_certificate, link.client_certificate, link.client_key
-        )
-    try:
-        return PlantSettings(link.endpoint, files, link.allow_plain)
-    except PlantSettingsError as error:
-        raise ConfigError(f"plant.endpoint: {error}") from None
 
 
 async def run_fleet_node(config: FleetNodeConfig, on_http_ready: Callable[[str], None]) -> None:
