@@ -1,13 +1,17 @@
 """Report of one machine to its plant: all of its axes in one message, and where it goes."""
 
 from dataclasses import dataclass
+from typing import Annotated, Literal
 from zlib import crc32
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from .advice import Headline
+from .codec.bounded_json import FURTHEST, LARGEST, MOST_ENTRIES, MOST_TEXT
+from .codec.interface import MOST_HEADER, CodecError
 from .codec.json_message import JsonCodec
 from .estimate import EstimateStatus, Interval
+from .header import Header
 from .health import AxisCondition
 from .keys import ROOT
 
@@ -28,6 +32,19 @@ class Reported(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
 
+def _bounded(interval: Interval) -> Interval:
+    """The interval, if it can be computed with. Raises ValueError."""
+    if max(abs(interval.value), abs(interval.low), abs(interval.high)) > FURTHEST:
+        raise ValueError("a number beyond all bounds")
+    return interval
+
+
+Text = Annotated[str, Field(max_length=MOST_TEXT)]
+Number = Annotated[float, Field(ge=-FURTHEST, le=FURTHEST)]
+Integer = Annotated[int, Field(ge=-LARGEST, le=LARGEST)]
+Bounded = Annotated[Interval, AfterValidator(_bounded)]
+
+
 class AxisReport(Reported):
     """State of one axis, as its machine tells it.
 
@@ -46,23 +63,23 @@ class AxisReport(Reported):
         reason: why there is no number, or why the condition is what it is.
     """
 
-    axis: str
+    axis: Text
     condition: AxisCondition
     headline: Headline | None = None
-    task: str = ""
+    task: Text = ""
     status: EstimateStatus
-    time_ns: int | None = None
-    preload_percent: float | None = None
-    low: float | None = None
-    high: float | None = None
-    fresh_percent: float | None = None
+    time_ns: Integer | None = None
+    preload_percent: Number | None = None
+    low: Number | None = None
+    high: Number | None = None
+    fresh_percent: Number | None = None
     fits: bool | None = None
-    limit: str | None = None
-    limit_earliest_ns: int | None = None
-    limit_likely_ns: int | None = None
-    limit_latest_ns: int | None = None
-    loss_per_1000_h: Interval | None = None
-    reason: str = ""
+    limit: Text | None = None
+    limit_earliest_ns: Integer | None = None
+    limit_likely_ns: Integer | None = None
+    limit_latest_ns: Integer | None = None
+    loss_per_1000_h: Bounded | None = None
+    reason: Text = ""
 
 
 class LogState(Reported):
@@ -73,9 +90,9 @@ class LogState(Reported):
         first, last: numbers of its oldest and newest report; `last` is `first` - 1 if it is empty.
     """
 
-    log: str
-    first: int
-    last: int
+    log: Text
+    first: Integer
+    last: Integer
 
 
 class MachineReport(Reported):
@@ -91,15 +108,15 @@ class MachineReport(Reported):
         log: None where no log is kept.
     """
 
-    site: str
-    machine: str
-    time_ns: int
+    site: Text
+    machine: Text
+    time_ns: Integer
     period_s: float = Field(1.0, gt=0.0, le=3600.0)
-    version: str
-    configuration: str = ""
-    page: str = ""
+    version: Text
+    configuration: Text = ""
+    page: Text = ""
     log: LogState | None = None
-    axes: tuple[AxisReport, ...]
+    axes: tuple[AxisReport, ...] = Field(max_length=MOST_ENTRIES)
 
 
 class LogQuestion(Reported):
@@ -119,7 +136,7 @@ class LogQuestion(Reported):
 class LoggedReport(Reported):
     """One report of a log, with its number."""
 
-    number: int
+    number: Integer
     report: MachineReport
 
 
@@ -130,7 +147,31 @@ class LogAnswer(Reported):
     reports: tuple[LoggedReport, ...]
 
 
-REPORT = JsonCodec("plant/1", MachineReport)
+class _Envelope(Reported):
+    """Members of a message beside those of its payload."""
+
+    schema_: Literal["plant/1"] = Field(alias="schema")
+    sequence: int = Field(ge=0, lt=MOST_HEADER)
+    boot_epoch: int = Field(ge=0, lt=MOST_HEADER)
+    source_time_ns: int = Field(ge=0, lt=MOST_HEADER)
+    monotonic_time_ns: int = Field(ge=0, lt=MOST_HEADER)
+
+
+class ReportCodec(JsonCodec[MachineReport]):
+    """Codec of reports: their bounds stand in the model, so they are read without a second look."""
+
+    def decode(self, payload: bytes) -> tuple[str, Header, MachineReport]:
+        """No axis, header and report. Raises CodecError."""
+        try:
+            told = _Envelope.model_validate_json(payload, strict=True)
+            report = MachineReport.model_validate_json(payload, strict=True)
+        except ValidationError as error:
+            raise CodecError(f"no {self.schema} message: {error}") from error
+        times = (told.source_time_ns, told.monotonic_time_ns)
+        return "", Header(told.sequence, told.boot_epoch, *times), report
+
+
+REPORT = ReportCodec("plant/1", MachineReport)
 MOST_REPORT_BYTES = 500_000
 
 

@@ -39,7 +39,7 @@ from .supervision.task import TASK_EVENTS, Work
 from .supervision.tasks import Tasks
 from .wiring.commands import give
 from .wiring.context import NodeContext, Reporter
-from .wiring.http_rights import certificate_readings, doorkeeper_of, hosts_of, tls_files
+from .wiring.http_rights import Address, certificate_readings, doorkeeper_of, hosts_of, tls_files
 from .wiring.stages import load_machines
 from .wiring.teller import Teller
 
@@ -240,21 +240,3 @@ def _server(
         )
 
     return server
-
-
-class Address:
-    """Address of the page: the port that was free at first stays, and is told once."""
-
-    def __init__(
-        self, host: str, port: int, tell: Callable[[str], None], scheme: str = "http"
-    ) -> None:
-        self.host, self.port, self._scheme = host, port, scheme
-        self._tell: Callable[[str], None] | None = tell
-
-    def bound(self, host: str, port: int) -> None:
-        """Note that connections are taken."""
-        self.port = port
-        if self._tell is not None:
-            shown = f"[{host}]" if ":" in host else host
-            self._tell(f"{self._scheme}://{shown}:{port}/")
-        self._tell = None

@@ -4,9 +4,8 @@ import asyncio
 import gc
 import logging
 import math
-import signal
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -21,6 +20,7 @@ from ..http_api.serve import AddressError
 from ..messages.outputs import NODES as OUTPUT_NODES
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node
 from .supervision.heartbeat import Heartbeat
+from .supervision.signals import install_stop
 from .supervision.supervisor import START_S
 from .supervision.task import SupervisedTask, Work
 from .supervision.tasks import Tasks
@@ -94,16 +94,6 @@ async def _run_on(
         context.diary.close()
     finally:
         await bus.close()
-
-
-def install_stop() -> asyncio.Event:
-    """An event that SIGINT and SIGTERM set."""
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        with suppress(NotImplementedError, RuntimeError):  # not the main thread: a test
-            loop.add_signal_handler(number, stop.set)
-    return stop
 
 
 async def run_nodes(

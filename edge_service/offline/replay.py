@@ -11,7 +11,8 @@ from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.printed import printed
 from ..messages.topics import PRELOAD
-from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
+from ..nodes.service import PIPELINE, check_service, run_nodes
+from ..nodes.supervision.signals import install_stop
 from ..nodes.wiring.bus_rights import router_settings
 from ..nodes.wiring.context import NodeContext
 

@@ -23,7 +23,7 @@ _Answer = TypeVar("_Answer", bound=Reported)
 
 def packed(answer: Reported) -> bytes:
     """Answer as JSON, compressed: that of a thousand machines is long."""
-    return zlib.compress(answer.model_dump_json().encode(), _LEVEL)
+    return zlib.compress(answer.model_dump_json(exclude_defaults=True).encode(), _LEVEL)
 
 
 def unpacked(model: type[_Answer], payload: bytes) -> _Answer | None:

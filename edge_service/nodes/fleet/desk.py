@@ -13,6 +13,13 @@ from .backfill import Backfill
 from .reader import FleetReader
 
 FRESH_NS = 1_000_000_000
+"""Age below which a table is not made anew."""
+SHOWN_NS = 3_000_000_000
+"""Age up to which it is shown while a new one is made."""
+WANTED_NS = 10_000_000_000
+"""Time after a request for which tables are made without being asked for."""
+LEARN_NS = 15_000_000_000
+"""Period in which a node learns what the others know, whether anybody asks or not."""
 _MERGER = Threads("fleet table", 1)
 
 
@@ -25,15 +32,33 @@ class PlantDesk:
         self._reader = reader
         self._lock = asyncio.Lock()
         self._made_ns = 0
+        self._wanted_ns = -WANTED_NS
         self._table = PlantTable((), (), ())
         self.asked_s = self.merged_s = 0.0
 
     async def table(self) -> PlantTable:
-        """All axes of the plant, as of a second ago at most."""
+        """All axes of the plant, as of some seconds ago at most."""
+        self._wanted_ns = steady_ns()
+        if self._age_ns() >= SHOWN_NS:
+            await self._renew(SHOWN_NS)
+        return self._table
+
+    async def look(self) -> None:
+        """Make the table anew where somebody reads it, or the others have not been asked for long.
+
+        To be called a few times a second.
+        """
+        wanted = steady_ns() - self._wanted_ns < WANTED_NS
+        await self._renew(FRESH_NS if wanted else LEARN_NS)
+
+    def _age_ns(self) -> int:
+        return steady_ns() - self._made_ns if self._made_ns else SHOWN_NS
+
+    async def _renew(self, age_ns: int) -> None:
+        """Make the table anew if it is so old, and nobody else does."""
         async with self._lock:
-            if steady_ns() - self._made_ns >= FRESH_NS or self._made_ns == 0:
+            if self._made_ns == 0 or self._age_ns() >= age_ns:
                 await self._ask()
-            return self._table
 
     async def _ask(self) -> None:
         began_ns = steady_ns()

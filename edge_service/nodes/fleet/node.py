@@ -11,21 +11,20 @@ from ...config import ConfigError, FleetNodeConfig
 from ...http_api.fleet.app import create_fleet_app
 from ...http_api.limits.settings import HttpLimits
 from ...http_api.serve import AddressError, serve
-from ..http_node import Address
 from ..outputs.plant.access import plant_settings
-from ..service import CLOCK_PERIOD_S, install_stop
 from ..supervision.heartbeat import Heartbeat
+from ..supervision.signals import install_stop
 from ..supervision.supervisor import Supervisor
 from ..supervision.tasks import Tasks
 from ..supervision.watchdog import Watchdog
-from ..wiring.http_rights import doorkeeper_of, hosts_of, tls_files
+from ..wiring.http_rights import Address, doorkeeper_of, hosts_of, tls_files
 from .backfill import Backfill
 from .desk import PlantDesk
 from .reader import FleetReader
 
 log = logging.getLogger(__name__)
-LEARN_PERIOD_S = 5.0
-"""Period in which a node learns what the others know, whether anybody asks or not."""
+CLOCK_PERIOD_S = 1.0
+LOOK_PERIOD_S, ANSWER_PERIOD_S = 0.25, 1.0
 
 
 async def run_fleet_node(config: FleetNodeConfig, on_http_ready: Callable[[str], None]) -> None:
@@ -96,11 +95,9 @@ def _begin(
             on_tick=heart.beat,
         )
 
-    async def learn() -> None:
-        await desk.table()
-
     tasks.repeat("clock", CLOCK_PERIOD_S, CLOCK.follow)
     tasks.start("server", server, vital=True)
     tasks.start("plant", reader.run, vital=True)
     tasks.start("reports", partial(reader.read, tasks.failures), vital=True)
-    tasks.repeat("learn", LEARN_PERIOD_S, learn)
+    tasks.repeat("table", LOOK_PERIOD_S, desk.look)
+    tasks.repeat("answers", ANSWER_PERIOD_S, reader.prepare)

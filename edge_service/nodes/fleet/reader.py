@@ -5,7 +5,6 @@ import logging
 import secrets
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 
 from ...bus.plant.fleet import FleetMembers, answer_packed, ask_all, ask_rows, packed, present_nodes
 from ...bus.plant.reports import Heard, PlantReports
@@ -24,7 +23,10 @@ JOIN_PERIOD_S = 1.0
 GATHER_S = 0.1
 """Time in which further nodes may come or go before the plant is divided anew."""
 ASK_S = 1.0
-_FRESH_NS = 1_000_000_000
+SILENT_NS = 5_000_000_000
+"""Time for which the last answer of a fleet node that is there stands, ns."""
+_ASKED_NS, _READY_NS = 3_000_000_000, 2_500_000_000
+"""Time after a question for which answers are made ahead; age up to which one is given."""
 _LIMIT_S = 30.0
 _ENCODER = Threads("fleet answers", 1)
 
@@ -57,6 +59,8 @@ class FleetReader:
         self._changed = asyncio.Event()
         self._opened = asyncio.Event()
         self._answer: tuple[int, bytes] = (0, b"")
+        self._asked_ns = -_ASKED_NS
+        self._heard: dict[str, tuple[int, RowsAnswer]] = {}
 
     @property
     def names(self) -> frozenset[str]:
@@ -120,9 +124,17 @@ class FleetReader:
             return []
         answers = await ask_rows(self.session.zenoh, ASK_S)
         others = [each for each in answers if each.instance != self._instance]
+        heard_ns = steady_ns()
         for answer in others:
             self.machines.learn(answer.machines)
-        return others
+            self._heard[answer.node] = heard_ns, answer
+        names = self.names | {answer.node for answer in others}
+        self._heard = {
+            name: (at_ns, answer)
+            for name, (at_ns, answer) in self._heard.items()
+            if name in names and heard_ns - at_ns <= SILENT_NS
+        }
+        return [answer for _, answer in self._heard.values()]
 
     async def pasts(self, question: HistoryQuestion) -> dict[str, HistoryAnswer]:
         """Kept past of one axis in the stores of the other fleet nodes, by their names."""
@@ -180,21 +192,26 @@ class FleetReader:
     def _on_members(self, _names: frozenset[str]) -> None:
         self._changed.set()
 
+    async def prepare(self) -> None:
+        """Hold the answer to the other nodes ready while they ask; to be called every second."""
+        if steady_ns() - self._asked_ns < _ASKED_NS:
+            await self._pack()
+
+    async def _pack(self) -> bytes:
+        made = await _ENCODER.run(packed, self.told())
+        self._answer = steady_ns(), made
+        return made
+
     def _on_rows(self, _key: str, _question: bytes, reply: Callable[[bytes | None], None]) -> None:
+        self._asked_ns = steady_ns()
         made_ns, prepared = self._answer
-        if steady_ns() - made_ns < _FRESH_NS:
+        if prepared and self._asked_ns - made_ns < _READY_NS:
             reply(prepared)
             return
-        told = self.told()
-        packing = asyncio.ensure_future(_ENCODER.run(packed, told))
+        packing = asyncio.ensure_future(self._pack())
 
         def on_packed(done: "asyncio.Future[bytes]") -> None:
-            with suppress(asyncio.CancelledError):
-                if done.exception() is None:
-                    self._answer = steady_ns(), done.result()
-                    reply(done.result())
-                else:
-                    reply(None)
+            reply(None if done.cancelled() or done.exception() else done.result())
 
         packing.add_done_callback(on_packed)
 

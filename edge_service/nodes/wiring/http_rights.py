@@ -94,3 +94,21 @@ def certificate_readings(http: HttpConfig) -> Callable[[], dict[str, float]]:
     end = expiry(http.certificate)
     warn_if_soon(http.certificate, end)
     return lambda: {"certificate_days": (end - datetime.now(UTC)) / timedelta(days=1)}
+
+
+class Address:
+    """Address of the page: the port that was free at first stays, and is told once."""
+
+    def __init__(
+        self, host: str, port: int, tell: Callable[[str], None], scheme: str = "http"
+    ) -> None:
+        self.host, self.port, self._scheme = host, port, scheme
+        self._tell: Callable[[str], None] | None = tell
+
+    def bound(self, host: str, port: int) -> None:
+        """Note that connections are taken."""
+        self.port = port
+        if self._tell is not None:
+            shown = f"[{host}]" if ":" in host else host
+            self._tell(f"{self._scheme}://{shown}:{port}/")
+        self._tell = None
