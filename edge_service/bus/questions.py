@@ -43,21 +43,21 @@ class Answering:
         )
 
     def _on_query(self, query: zenoh.Query) -> None:
-        """Runs in a thread of Zenoh."""
+        """Runs in a thread of Zenoh; a flood of questions ends here, and not in the loop."""
         payload = query.payload
-        if payload is None or len(payload) > MOST_BYTES or self._loop.is_closed():
-            self.refused += 1
-            query.drop()
-        else:
-            self._loop.call_soon_threadsafe(self._begin, query, payload.to_bytes())
-
-    def _begin(self, query: zenoh.Query, question: bytes) -> None:
-        if self._closed or len(self._open) >= MOST_OPEN:
+        is_fit = payload is not None and len(payload) <= MOST_BYTES and len(self._open) < MOST_OPEN
+        if payload is None or not is_fit or self._loop.is_closed():
             self.refused += 1
             query.drop()
             return
         self._open.add(query)
-        self._answer(str(query.key_expr), question, partial(self._reply, query))
+        self._loop.call_soon_threadsafe(self._begin, query, payload.to_bytes())
+
+    def _begin(self, query: zenoh.Query, question: bytes) -> None:
+        if self._closed:
+            self._reply(query, None)
+        elif query in self._open:
+            self._answer(str(query.key_expr), question, partial(self._reply, query))
 
     def _reply(self, query: zenoh.Query, answer: bytes | None) -> None:
         if query in self._open:

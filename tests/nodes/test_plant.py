@@ -13,8 +13,10 @@ import zenoh
 from zenoh import ext
 
 from edge_service import __version__
+from edge_service.bus.plant.router import open_router
 from edge_service.bus.plant.session import PlantSession, PlantSettings
 from edge_service.bus.questions import MOST_BYTES, ask
+from edge_service.bus.settings import TlsSettings
 from edge_service.certificates import make_certificates
 from edge_service.config import ConfigError, HistoryConfig, load_config
 from edge_service.config_tables import PlantConfig
@@ -264,6 +266,55 @@ async def test_without_a_history_folder_there_is_no_log(tmp_path: Path) -> None:
             assert reader.newest.log is None
             assert reader.newest.axes[0].condition is AxisCondition.UNAVAILABLE
             assert await reader.asked(b'{"log": "", "after": 0, "most": 1}') is None
+
+
+async def test_a_flood_of_questions_is_refused_and_then_one_is_answered(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    plant = PlantConfig(endpoint=endpoint, period_s=0.1)
+    config = config_of("simulated", {}, plant=plant, history=HistoryConfig(folder=tmp_path))
+    question = json.dumps({"log": "another", "after": 0, "most": 1}).encode()
+    async with router_at(endpoint) as router:
+        await router.start()
+        async with reader_at(endpoint) as reader, running(config, ("plant",)) as service:
+            said = Reports(service, config)
+            await said.until(lambda own: own.counters["logged"] >= 1)
+            await so(lambda: reader.newest)
+            answers = await asyncio.gather(*(reader.asked(question) for _ in range(2000)))
+            assert sum(each is not None for each in answers) < 200
+            own = await said.until(lambda own: own.counters["log_refused"] >= 2000)
+            assert own.counters["log_refused"] == 2000
+            assert await reader.asked(question) is not None
+            said.stop()
+
+
+async def test_reports_go_by_mutual_tls_and_a_router_of_others_is_not_trusted(
+    tmp_path: Path,
+) -> None:
+    for folder in ("ours", "theirs"):
+        make_certificates(tmp_path / folder, (), {"plant": "plant.node.edge-service"}, 1)
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    path = configured(tmp_path / "ours", f'endpoint = "{endpoint}"\nperiod_s = 0.1\n{FILES}')
+    plant = load_config(path).plant
+    assert plant is not None
+    config = config_of("simulated", {}, plant=plant)
+
+    def router_of(folder: str) -> zenoh.Session:
+        return open_router([endpoint], [], TlsSettings.of_folder("", tmp_path / folder, "server"))
+
+    router = await asyncio.to_thread(router_of, "theirs")
+    async with running(config, ("plant",)) as service:
+        said = Reports(service, config)
+        away = await said.until(lambda own: own.status is ComponentStatus.RECOVERABLE_ERROR)
+        assert "or none that trusts this certificate" in away.reason
+        router.close()
+        router = await asyncio.to_thread(router_of, "ours")
+        await said.until(lambda own: own.status is ComponentStatus.OK)
+        session = await PlantSession.open(plant_settings(plant))
+        reader = Reader(session)
+        await so(lambda: reader.newest)
+        await session.close()
+        said.stop()
+    router.close()
 
 
 # configuration
