@@ -718,3 +718,21 @@ def test_a_change_of_comments_needs_no_restart() -> None:
     said, advice = change_lines([file])
     assert said == "e.toml: comments or order only"
     assert advice.startswith("no restart is needed")
+
+
+def test_a_file_that_was_edited_in_place_is_kept_and_its_bundle_skipped(
+    office: Path, machine: Path
+) -> None:
+    """An editor may write through the link: then the state itself is no longer what was signed."""
+    first = state(machine)
+    assert applied(office, machine) == 0
+    with (machine / "edge.toml").open("a") as file:
+        file.write("# edited through the link\n")
+    edited = state(machine)
+    assert packed(office, "9.bundle", "--number", "9") == 0
+    assert applied(office, machine, bundle="9.bundle") == 0
+    assert main(["rollout", "back", str(machine / "edge.toml")]) == 0
+    assert state(machine) == edited
+    assert main(["rollout", "back", str(machine / "edge.toml")]) == 0
+    assert state(machine) == first
+    assert main(["rollout", "back", str(machine / "edge.toml")]) == 2

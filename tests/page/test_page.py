@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydantic import SecretStr
 
+from edge_service import __version__
 from edge_service.config_tables import WebhookConfig
 from edge_service.http_api.app import STATIC
 
@@ -224,6 +225,7 @@ def test_an_event_that_nobody_took_is_tried_again(
                 data={"action": "note", "user": "Kim", "note": word},
             )
         show_tab(page, "service")
+        assert page.inner_text("#versions") == f"edge-service {__version__}"
         page.wait_for_selector("button[aria-label*='Try again: '][aria-label*='second']")
         page.click("button[aria-label*='Drop: '][aria-label*='first']")
         page.wait_for_selector("button[aria-label*='first']", state="detached")

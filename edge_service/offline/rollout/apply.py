@@ -213,7 +213,7 @@ def _put(
             configuration=now.configuration if now and not changed else "",
             signer=now.signer if now and not changed else "",
             files={name: digest_of(content) for name, content in plan.present.items()},
-            before=place.current,
+            before=place.current if place.is_whole(place.current) else now.before if now else "",
         )
         name = f"before-{manifest.number}"
         place.stage(name, plan.present, aside)

@@ -84,6 +84,13 @@ class Place:
                 raise RolloutError(f"{self.root / state}: {name} is damaged")
         return files
 
+    def is_whole(self, state: str) -> bool:
+        """Tell whether the files of a state are what was staged: people may have edited them."""
+        try:
+            return bool(state) and bool(self.staged(state))
+        except (RolloutError, OSError):
+            return False
+
     @property
     def now(self) -> Applied | None:
         """Description of the state in place; None if nothing was rolled out."""
