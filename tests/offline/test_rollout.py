@@ -736,3 +736,25 @@ def test_a_file_that_was_edited_in_place_is_kept_and_its_bundle_skipped(
     assert main(["rollout", "back", str(machine / "edge.toml")]) == 0
     assert state(machine) == first
     assert main(["rollout", "back", str(machine / "edge.toml")]) == 2
+
+
+@pytest.mark.parametrize("name", ["current/applied.json", "highest"])
+@pytest.mark.parametrize("content", ["", "{", "\0", '{"number": "x"}', "[" * 100_000])
+def test_a_damaged_folder_of_states_is_told_in_one_line(
+    office: Path, machine: Path, capsys: pytest.CaptureFixture[str], name: str, content: str
+) -> None:
+    assert applied(office, machine) == 0
+    assert packed(office, "9.bundle", "--number", "9") == 0
+    (machine / "edge.toml.rollout" / name).write_text(content)
+    before = everything(machine)
+    bundle = [str(office / "9.bundle"), "--trust", str(office / "site.pem")]
+    for line in (
+        ["apply", *bundle, "--machine", "mill-1", str(machine / "edge.toml")],
+        ["status", str(machine / "edge.toml")],
+        ["back", str(machine / "edge.toml")],
+    ):
+        capsys.readouterr()
+        assert main(["rollout", *line]) == 2
+        (said,) = capsys.readouterr().err.splitlines()
+        assert name.rpartition("/")[2] in said
+    assert everything(machine) == before
