@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from edge_service import __version__
 from edge_service.cli.entry import main
 from edge_service.config import load_config
 from edge_service.health.events.audit import read_audit
@@ -25,7 +26,7 @@ from edge_service.nodes.stores.diary_store import DIARY
 from edge_service.nodes.wiring.start_entry import start_entry
 from edge_service.offline.rollout import keys, place
 from edge_service.offline.rollout.changes import change_lines, changes
-from edge_service.offline.rollout.contents import signed_text
+from edge_service.offline.rollout.contents import minor, signed_text
 from edge_service.offline.rollout.toml_text import flat
 
 MACHINE = (Path(__file__).parents[2] / "deploy" / "machine.toml").read_text()
@@ -48,6 +49,7 @@ recipients = ["maintenance@example.org"]
 name = "X"
 machine = "machines/x.toml"
 """
+MINOR = minor(__version__)
 TIME = "2026-01-31T12:00:00+00:00"
 NEW = {"edge.toml", "machines/x.toml", "fleet.toml"}
 LOCAL = ("tokens.json", "mail.password", "machines/notes.txt")
@@ -758,3 +760,12 @@ def test_a_damaged_folder_of_states_is_told_in_one_line(
         (said,) = capsys.readouterr().err.splitlines()
         assert name.rpartition("/")[2] in said
     assert everything(machine) == before
+
+
+def test_a_bundle_is_for_the_versions_that_it_states(
+    office: Path, machine: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert packed(office, "next.bundle", "--number", "9", "--for", "98.7") == 0
+    assert "is for edge-service 98.7; this is" in refused(office, machine, capsys, "next.bundle")
+    assert packed(office, "both.bundle", "--number", "9", "--for", MINOR, "--for", "98.7") == 0
+    assert applied(office, machine, bundle="both.bundle") == 0
