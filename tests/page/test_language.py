@@ -64,7 +64,7 @@ def test_both_languages_have_the_same_keys_with_the_same_places() -> None:
 
 def test_every_key_in_use_has_its_words() -> None:
     known = words("en").keys()
-    for path in (*STATIC.glob("*.js"), STATIC / "index.html"):
+    for path in (*STATIC.glob("*.js"), *STATIC.glob("*.html")):
         if path.name.startswith("uplot"):
             continue
         for key in filter(None, sum(USED.findall(path.read_text(encoding="utf-8")), ())):

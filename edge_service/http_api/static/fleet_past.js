@@ -1,18 +1,34 @@
 // The past of one axis of a plant, as the log of its machine tells it.
 
 import { atTime, axis as axisOf, Chart, colour, range, reader, spoken, timeAxis } from "./charts.js";
-import { element, fetchJson, list } from "./dom.js";
+import { button, element, fetchJson, list } from "./dom.js";
 import { number } from "./format.js";
+import { may } from "./session.js";
 import { t } from "./strings.js";
 
-export function pastOf({ site, machine, axis, address }) {
+const REMOVE = ["DELETE", "/api/v1/fleet/{site}/{machine}"];
+
+export function pastOf({ site, machine, axis, address, condition }) {
   const status = element("p", { class: "quiet", role: "status" }, t("fleet.past.loading"));
   const holder = element("div", { class: "chart tall" });
   const notes = element("ul", { class: "reasons" });
   const links = element("p", {});
   if (/^https?:\/\//.test(address)) links.append(element("a", { href: address, rel: "noopener" }, t("fleet.own_page")));
+  if (condition === "UNAVAILABLE" && may(REMOVE)) links.append(removal([site, machine]));
   load([site, machine, axis], status, holder, notes);
   return [links, status, element("div", {}, holder), notes];
+}
+
+// A machine that is gone for good; it comes back by itself when it is heard again.
+function removal(names) {
+  const remove = button(t("fleet.remove", { machine: names.join(" / ") }), {}, async () => {
+    remove.disabled = true;
+    const path = `/api/v1/fleet/${names.map(encodeURIComponent).join("/")}`;
+    const answer = await fetch(path, { method: "DELETE" }).catch(() => null);
+    remove.textContent = t(answer?.ok ? "fleet.removed" : "fleet.not_removed");
+    remove.disabled = answer?.ok ?? false;
+  });
+  return remove;
 }
 
 async function load(names, status, holder, notes) {

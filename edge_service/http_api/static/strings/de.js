@@ -632,4 +632,7 @@ export const de = {
   "fleet.past.none": "Von dieser Achse ist noch nichts bewahrt",
   "fleet.past.hole": "{n} Berichte fehlen: Die Maschine hatte sie nicht mehr, als sie geholt wurden",
   "fleet.rows": "Zeilen als JSON",
+  "fleet.remove": "{machine} aus der Liste nehmen, bis sie wieder zu hören ist",
+  "fleet.removed": "Sie ist herausgenommen",
+  "fleet.not_removed": "Das ging nicht; noch einmal versuchen",
 };

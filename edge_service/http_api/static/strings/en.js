@@ -632,4 +632,7 @@ export const en = {
   "fleet.past.none": "Nothing is kept of this axis yet",
   "fleet.past.hole": "{n} reports are gone: the machine no longer had them when they were fetched",
   "fleet.rows": "Rows as JSON",
+  "fleet.remove": "Take {machine} out of the list until it is heard again",
+  "fleet.removed": "It is taken out",
+  "fleet.not_removed": "It could not be taken out; try again",
 };
