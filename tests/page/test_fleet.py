@@ -50,20 +50,20 @@ def test_the_worst_axis_stands_first_and_says_why(opened: Any) -> None:
     assert "faster than its 239 peers" in first
     assert page.locator(".fleet-row").count() == 200
     page.click("text=Next page")
-    page.wait_for_function("document.querySelectorAll('.fleet-row').length === 40")
+    until(lambda: page.locator(".fleet-row").count() == 40)
     assert serious_faults(page) == []
 
 
 def test_the_list_is_searched_and_filtered(opened: Any) -> None:
     page = opened(1400)
     page.fill("#fleet-search", "m0007")
-    page.wait_for_function("document.querySelectorAll('.fleet-row').length === 4")
+    until(lambda: page.locator(".fleet-row").count() == 4)
     page.fill("#fleet-search", "")
     page.click("[data-condition=FAULT]")
-    page.wait_for_function("document.querySelectorAll('.fleet-row').length === 1")
+    until(lambda: page.locator(".fleet-row").count() == 1)
     page.click("[data-condition=FAULT]")
     page.select_option("#fleet-site", "hall1")
-    page.wait_for_function("document.querySelectorAll('.fleet-row').length === 120")
+    until(lambda: page.locator(".fleet-row").count() == 120)
 
 
 def test_the_past_of_an_axis_opens_beneath_it(plant: Plant, opened: Any) -> None:

@@ -1,5 +1,6 @@
 """Fleet nodes, a router and machines as real processes, which are killed and cut off."""
 
+import asyncio
 import json
 import signal
 import time
@@ -7,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from edge_service.bus.plant.session import PlantSession, PlantSettings
 from edge_service.cli.entry import main
+from edge_service.messages.plant import fleet_node
 
 from .machines import say
 from .plants import plant_in, until
@@ -84,24 +87,25 @@ def test_nothing_is_lost_when_the_router_is_killed_twice(
 
 
 def test_a_part_that_is_not_shown_is_named_and_nobody_is_forgotten(tmp_path: Path) -> None:
+    """A fleet node that is there, and neither reads nor answers."""
     with plant_in(tmp_path) as plant:
         for name in ("one", "two"):
             plant.node(name, keeps=True)
         plant.machines(*MANY)
         until(lambda: plant.shows("two", ALL))
-        until_shared(plant.ask, "two")
-        plant.processes["one"].send_signal(signal.SIGSTOP)
-        said: list[str] = []
+        session = asyncio.run(PlantSession.open(PlantSettings(plant.endpoint)))
+        token = session.zenoh.liveliness().declare_token(fleet_node("ghost"))
 
         def is_said() -> bool:
             answer = plant.ask("two")
             assert answer["axes"] == ALL
-            said.extend(answer["missing"])
-            return bool(said)
+            said = " ".join(answer["missing"])
+            silent = "the fleet node ghost does not answer" in said
+            return silent and "part of the plant is not shown" in said
 
         until(is_said)
-        assert "does not answer" in said[0] or "part of the plant is not shown" in said[0]
-        plant.processes["one"].send_signal(signal.SIGCONT)
+        token.undeclare()
+        asyncio.run(session.close())
         until(lambda: plant.shows("two", ALL))
         plant.sent()
         until(lambda: plant.ask("two")["counts"]["UNAVAILABLE"] == ALL)
