@@ -6,6 +6,7 @@ import numpy as np
 
 from ..messages.samples import Floats
 from ..models.compiled import compiled
+from ..models.held_torque import LONGEST_HOLD_S
 from .rows import FORCE, TEMP, THETA, T, U, X
 
 LEAST_ROWS = 4
@@ -107,9 +108,11 @@ def motion(inside: Floats, direction: Floats) -> Floats:
 
 @compiled
 def torque(inside: Floats) -> Floats:
-    """Mean, lever, least, greatest and scatter of the torque, held from row to row."""
+    """Mean, lever, least, greatest and scatter of the torque from row to row."""
     rows = len(inside) - 1
-    values = inside[:rows, U]
+    values = np.empty(rows)
+    for row in range(rows):
+        values[row] = _between(inside, row)
     mean, moment = lever(values, inside[:, T])
     middle, spread = values.sum() / rows, 0.0
     for value in values:
@@ -270,8 +273,17 @@ def _add_steady(
 
 
 @compiled
+def _between(rows: Floats, row: int) -> float:
+    """Mean torque from a row to the next: held by the drive, or half-way between two points."""
+    here, later = rows[row, U], rows[row + 1, U]
+    if rows[row + 1, T] - rows[row, T] <= LONGEST_HOLD_S or np.isnan(later):
+        return float(here)
+    return 0.5 * float(here + later)
+
+
+@compiled
 def _windowed(segment: Floats, row: int, reach: int) -> float:
-    """Torque, held from row to row, under the triangular window of the second difference.
+    """Torque under the triangular window of the second difference.
 
     The window rises from the row `reach` before to the row itself and falls to the row `reach`
     behind, whether or not they are evenly spaced.
@@ -284,6 +296,6 @@ def _windowed(segment: Floats, row: int, reach: int) -> float:
             after = (time_s - begin) ** 2 / ((end - begin) * (middle - begin))
         else:
             after = 1.0 - (end - time_s) ** 2 / ((end - begin) * (end - middle))
-        total += (after - below) * segment[each, U]
+        total += (after - below) * _between(segment, each)
         below = after
     return total

@@ -53,6 +53,7 @@ class Task(StrEnum):
     CHECK_CONNECTION = "check_connection"
     SWITCH_ON = "switch_on"
     COMPLETE_MACHINE_FILE = "complete_machine_file"
+    COMMISSION_SOURCE = "commission_source"
     MOVE_FREELY = "move_freely"
     MOVE = "move"
     WAIT = "wait"

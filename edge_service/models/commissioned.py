@@ -63,6 +63,8 @@ class CommissionedConfig(_Table):
         edge_noise_rad2_s2: variance of the speed at the border of two phases, where it matters.
         motion_s: steady motion behind all this.
         slowest_rad_s, cruise_rad_s2: what counts as steady on an axis that moves slowly.
+        sample_period_s: time between the samples behind it; None in files that do not say, which
+            were made of samples as fast as a drive holds its torque.
         assumed_fresh: somebody said that the screw was fresh; the recordings did not show it.
     """
 
@@ -79,4 +81,5 @@ class CommissionedConfig(_Table):
     slowest_rad_s: float | None = Field(None, gt=0.0)
     cruise_rad_s2: float | None = Field(None, gt=0.0)
     transmission: TransmissionConfig | None = None
+    sample_period_s: float | None = Field(None, gt=0.0, exclude_if=_is_none)
     assumed_fresh: bool | None = Field(None, exclude_if=_is_none)

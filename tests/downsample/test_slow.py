@@ -76,3 +76,17 @@ def test_a_doubt_about_a_channel_that_no_estimate_rests_on_is_none() -> None:
     codes = np.full(1000, Quality.SOURCE_UNCERTAIN, dtype=np.uint8)
     doubted = SampleFrame(whole.time_s, channels, {"temperature_c": codes})
     assert all(block.fault is Fault.NONE for block in blocks_of(doubted))
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0])
+def test_torque_goes_on_between_slow_samples(rate_hz: float) -> None:
+    """Torque and acceleration agree in every phase of a motion with constant jerk."""
+    inertia, jerk, drag = 1.5e-3, 400.0, 0.3
+    time_s = np.arange(int(2.0 * rate_hz)) / rate_hz
+    angle = 30.0 * time_s + jerk * time_s**3 / 6.0
+    channels = {TORQUE: inertia * jerk * time_s + drag, ANGLE: angle}
+    phases = [each for block in blocks_of(SampleFrame(time_s, channels)) for each in block.phases]
+    assert len(phases) > 15
+    for phase in phases:
+        motion_nm = inertia * phase.acceleration_rad_s2
+        assert phase.torque_nm - motion_nm == pytest.approx(drag, abs=1e-9)

@@ -61,9 +61,20 @@ def commissioned(
     return machine.model_copy(
         update={
             "model": _model(machine, torque, transmission, mass),
-            "commissioned": _commissioned(torque, stroke_map, transmission, limits),
+            "commissioned": _commissioned(torque, stroke_map, transmission, limits).model_copy(
+                update={"sample_period_s": _sample_period_s(recordings)}
+            ),
         }
     )
+
+
+def _sample_period_s(recordings: Sequence[Sequence[FeatureBlock]]) -> float:
+    """Time between the samples of the slowest recording, s."""
+    every = (
+        [block.duration_s / block.sample_count for block in blocks if block.sample_count]
+        for blocks in recordings
+    )
+    return round(max(float(np.median(periods)) for periods in every if periods), 6)
 
 
 def _model(

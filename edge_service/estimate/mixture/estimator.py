@@ -7,6 +7,7 @@ from typing import Any
 from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ...messages.features import Fault, FeatureBlock, Phase
 from ...messages.stored import Number, Stored
+from ...models.held_torque import LONGEST_HOLD_S
 from ...models.machine import Machine
 from ..effect_compensation import EffectCompensation
 from ..interface import EstimatorOptions, UnsuitableMachineError
@@ -47,15 +48,26 @@ SHIFTED_M = 1e-3
 INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
 """From how much acceleration, and from which share off, torque and motion contradict each other."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
+SLOWER = 1.5
+"""Factor on the time between the samples of commissioning from which on the noise that it found
+says nothing."""
 
 
 @dataclass(slots=True)
 class _Last:
-    """End of the last interval, s, its stretch, m, and its normalised innovation squared."""
+    """State of the last interval.
+
+    Attributes:
+        last_s: its end, s.
+        stretch_m: its stretch, m.
+        nis: its normalised innovation squared.
+        slow_s: time between its samples if it was too long to be read, s.
+    """
 
     last_s: float | None = None
     stretch_m: float | None = None
     nis: Number = math.nan
+    slow_s: float | None = None
 
 
 _STORED: Stored[_Last] = Stored(_Last)
@@ -82,6 +94,8 @@ class FusedPreloadEstimator:
         self._process = process_of(machine, self._model, self._start, self._settings)
         self._limits = fault_limits(machine, self._model, self._settings)
         self._known = EffectCompensation.of_machine(machine)
+        known_s = machine.commissioned.sample_period_s or 0.0
+        self._slowest_s = max(SLOWER * known_s, LONGEST_HOLD_S)
         self.reset()
 
     def reset(self) -> None:
@@ -110,7 +124,10 @@ class FusedPreloadEstimator:
         if Fault.TABLE_SHIFTED in block.fault and Fault.NO_TABLE not in block.fault:
             self._forget_level()
         calm, used_s = [], 0.0
-        for interval in self._gathering.take(block):
+        period_s = block.duration_s / max(block.sample_count, 1)
+        too_slow = block.usable and period_s > self._slowest_s
+        self._last.slow_s = period_s if too_slow else None
+        for interval in [] if too_slow else self._gathering.take(block):
             surprises = [] if vibrates(interval) else self._take_all(interval)
             used_s += interval.duration_s if surprises else 0.0
             calm += surprises
@@ -189,11 +206,10 @@ class FusedPreloadEstimator:
         status, reasons = self._validity.status()
         if status is EstimateStatus.ESTIMATED and (doubt := self._implausible()):
             status, reasons = EstimateStatus.INVALID, (doubt, *reasons)
-        if status is EstimateStatus.INSUFFICIENT_EXCITATION and self._forced:
-            reasons = (
-                self._forced,
-                *(reason for reason in reasons if _code(reason) != "no_motion"),
-            )
+        why = self._unread or self._forced
+        if status is EstimateStatus.INSUFFICIENT_EXCITATION and why:
+            reasons = (why, *(reason for reason in reasons if _code(reason) != "no_motion"))
+            status = EstimateStatus.UNESTIMATED if self._unread else status
         if status is not EstimateStatus.ESTIMATED:
             return PreloadEstimate(
                 time_s=self._validity.time_s,
@@ -221,6 +237,18 @@ class FusedPreloadEstimator:
             fault_probability=posterior.faults,
             data_used_s=self._validity.informative_s,
             nis=self._last.nis,
+        )
+
+    @property
+    def _unread(self) -> str | None:
+        """Reason why samples as slow as the last are not read; None if they are."""
+        if self._last.slow_s is None:
+            return None
+        known_s = self._machine.commissioned and self._machine.commissioned.sample_period_s
+        known = f"{1.0 / known_s:.3g}" if known_s else f"more than {1.0 / LONGEST_HOLD_S:.3g}"
+        return (
+            f"too_slow: {1.0 / self._last.slow_s:.3g} samples/s, commissioned at {known}: how the "
+            "torque goes on in between is not known; commission from recordings of this source"
         )
 
     @property

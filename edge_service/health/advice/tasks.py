@@ -34,6 +34,10 @@ TEXTS = {
     Task.COMPLETE_MACHINE_FILE: (
         "Complete the machine file: the fresh screw's preload or the load rating is missing."
     ),
+    Task.COMMISSION_SOURCE: (
+        "Commission the axis from recordings of this source: its samples are slower than those of "
+        "the commissioning."
+    ),
     Task.MOVE_FREELY: "Let the axis move without cutting for a few seconds, such as a warm-up.",
     Task.MOVE: "Move the axis: its preload cannot be measured at rest.",
     Task.WAIT: "Wait a moment, and let the axis go on moving.",
@@ -51,12 +55,14 @@ _SUBJECTS = {
     Task.CHECK_CONNECTION: Subject.DATA,
     Task.SWITCH_ON: Subject.DATA,
     Task.COMPLETE_MACHINE_FILE: Subject.DATA,
+    Task.COMMISSION_SOURCE: Subject.DATA,
     Task.ACKNOWLEDGE: Subject.ALARM,
 }
 _BY_REASON = {
     "preparing": Task.WAIT,
     "process_force": Task.MOVE_FREELY,
     "no_motion": Task.MOVE,
+    "too_slow": Task.COMMISSION_SOURCE,
     "learning": Task.WAIT,
     "insufficient_excitation": Task.MOVE,
     "stale_input": Task.CHECK_CONNECTION,

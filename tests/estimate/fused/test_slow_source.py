@@ -1,0 +1,108 @@
+"""Sources slower than a drive: learned from their own recordings, or not read at all."""
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+import pytest
+
+from edge_service.downsample import Downsampler, DownsampleSettings
+from edge_service.estimate.commissioning.identification import CommissioningError, commissioned
+from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.messages.channels import TABLE_POSITION, TABLE_SPEED, TIME
+from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.features import FeatureBlock
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
+
+from ... import foreign_plant as plant
+from ...bench.estimator.plants.foreign import nominal_machine
+from .production import AXIS, FRESH, held, numbers, run
+
+KNOWN_LIMIT = "most of a preload that was lost before the first sample, at 50 samples/s"
+
+
+def thinned(frames: Iterator[SampleFrame], every: int, of: Machine) -> list[FeatureBlock]:
+    """Blocks of every n-th sample: points of what goes on, as a slow poll reads them."""
+    downsampler = Downsampler(DownsampleSettings(), of.transmission_ratio_m_per_rad)
+    blocks, begin = [], 0
+    for frame in frames:
+        rows = slice(-begin % every, None, every)
+        begin += len(frame)
+        channels = {name: values[rows] for name, values in frame.channels.items()}
+        blocks += downsampler.push(SampleFrame(frame.time_s[rows], channels))
+    return blocks
+
+
+def own(percent: float, seed: int, every: int) -> list[FeatureBlock]:
+    frames = AXIS.frames("production", np.full(90_000, percent), seed)
+    return thinned(frames, every, AXIS.nominal())
+
+
+def foreign(case: object, every: int, one_encoder: bool) -> list[FeatureBlock]:
+    columns = dict(plant.simulate(case).columns)
+    time_s = columns.pop(TIME)
+    if one_encoder:
+        del columns[TABLE_POSITION], columns[TABLE_SPEED]
+    return thinned(iter([SampleFrame(time_s, columns)]), every, nominal_machine())
+
+
+@cache
+def slow_machine(every: int) -> Machine:
+    return commissioned([own(FRESH, 3, every)], AXIS.nominal())
+
+
+def test_samples_slower_than_those_of_commissioning_are_not_read() -> None:
+    said = run(own(FRESH, 5, 10))
+    assert not len(numbers(said))
+    assert all(each.status is not EstimateStatus.INVALID for each in said)
+    moved = [each for each in said if each.time_s > 5.0]
+    assert {each.status for each in moved} == {EstimateStatus.UNESTIMATED}
+    assert all(each.reasons[0].startswith("too_slow: 100 samples/s") for each in moved)
+
+
+def test_slow_samples_in_between_leave_a_number_for_a_while_and_no_accusation() -> None:
+    quick, slow = own(FRESH, 6, 1)[:300], own(FRESH, 6, 20)[300:600]
+    said = run([*quick, *slow])
+    assert said[299].status is EstimateStatus.ESTIMATED
+    assert said[-1].status is EstimateStatus.UNESTIMATED
+    assert said[-1].reasons[0].startswith("too_slow: 50 samples/s")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("every", "share"),
+    [
+        (10, 1.0),
+        (10, 0.6),
+        (10, 0.3),
+        (20, 1.0),
+        (20, 0.6),
+        pytest.param(20, 0.3, marks=pytest.mark.xfail(strict=True, reason=KNOWN_LIMIT)),
+    ],
+)
+def test_an_axis_commissioned_from_slow_samples_is_read_from_them(every: int, share: float) -> None:
+    percent = share * FRESH
+    of = slow_machine(every)
+    assert of.commissioned is not None
+    assert of.commissioned.sample_period_s == pytest.approx(every / 1000.0)
+    answers = numbers(run(own(percent, 7, every), FusedPreloadEstimator(of)))
+    late = answers[answers[:, 0] > 20.0]
+    assert len(late) > 500
+    assert held(late, percent) > 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("one_encoder", [False, True], ids=["two encoders", "one encoder"])
+def test_a_plant_of_others_is_read_from_slow_samples(one_encoder: bool) -> None:
+    try:
+        case = plant.commissioning_case(axis_seed=7501)
+        of = commissioned([foreign(case, 10, one_encoder)], nominal_machine())
+    except CommissioningError as error:
+        pytest.fail(f"not commissioned: {error}")
+    case = plant.axis_case(axis_seed=7501, seed=1, duration_s=60.0)
+    truth = plant.Machine().preload_percent
+    answers = numbers(run(foreign(case, 10, one_encoder), FusedPreloadEstimator(of)))
+    late = answers[answers[:, 0] > 20.0]
+    assert len(late) > 300
+    assert held(late, truth) > 0.9
