@@ -30,8 +30,8 @@ Shown = tuple[Sequence["FleetRow"], Sequence[str], Any]
 
 
 @click.command(
-    epilog="Examples: edge-service fleet http://127.0.0.1:8080 --services fleet.toml;"
-    " edge-service fleet --plant tcp/127.0.0.1:7450"
+    epilog="Example: edge-service fleet http://127.0.0.1:8080 --services fleet.toml, or of a plant: "
+    "edge-service fleet --plant tcp/127.0.0.1:7450"
 )
 @click.argument("addresses", nargs=-1)
 @click.option("--services", type=PATH, help="TOML file that lists the services as [[services]].")
@@ -158,7 +158,7 @@ def _fleet_of(
     return FleetConfig(timeout_s=wanted, services=every)
 
 
-@click.group()
+@click.group(epilog="Example: edge-service plant node fleet-1.toml")
 def plant() -> None:
     """Run what a plant needs beside its machines: routers, and fleet nodes that read them."""
 
