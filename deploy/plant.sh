@@ -17,7 +17,7 @@ started=
 end() {
   trap - INT TERM EXIT
   # shellcheck disable=SC2086  # several numbers
-  kill -INT $started 2>/dev/null || true
+  kill -TERM $started 2>/dev/null || true
   wait
   rm -rf "$home"
 }

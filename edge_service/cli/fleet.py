@@ -1,9 +1,7 @@
 """Commands that show the axes of many services, and run what a plant needs to show its own."""
 
 import asyncio
-import signal
 import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -30,7 +28,7 @@ Shown = tuple[Sequence["FleetRow"], Sequence[str], Any]
 
 
 @click.command(
-    epilog="Example: edge-service fleet http://127.0.0.1:8080 --services fleet.toml, or of a plant: "
+    epilog="Example: edge-service fleet http://127.0.0.1:8080 --services fleet.toml, or of a plant "
     "edge-service fleet --plant tcp/127.0.0.1:7450"
 )
 @click.argument("addresses", nargs=-1)
@@ -187,24 +185,17 @@ def router(
     listen: tuple[str, ...], connect: tuple[str, ...], certificates: Path | None, allow_plain: bool
 ) -> None:
     """Run a router of the plant, until it is interrupted; `zenohd` does as well."""
-    from ..bus.plant.router import open_router
     from ..bus.plant.session import PlantSettingsError
     from ..bus.settings import TlsSettings
+    from ..nodes.fleet.router import run_router
 
     log_to_stderr()
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda _number, _frame: stop.set())
     try:
         files = None
         if certificates is not None:
             files = TlsSettings.of_folder(listen[0], certificates, "server")
-        session = open_router(listen, connect, files, files, allow_plain)
+        asyncio.run(run_router(listen, connect, files, allow_plain, announce))
     except PlantSettingsError as error:
         raise InputError(str(error)) from None
     except OSError as error:
         raise InputError(f"{error.filename}: {error.strerror}") from None
-    for endpoint in listen:
-        announce(endpoint)
-    stop.wait()
-    session.close()

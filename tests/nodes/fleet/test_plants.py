@@ -84,6 +84,15 @@ def test_nothing_is_lost_when_the_router_is_killed_twice(
         assert sent == 4000
 
 
+def test_a_router_ends_at_the_first_of_many_signals(tmp_path: Path) -> None:
+    """As a terminal and a script send them: to the group, and again to each."""
+    with plant_in(tmp_path) as plant:
+        process = plant.processes["router"]
+        for number in 3 * (signal.SIGINT, signal.SIGTERM):
+            process.send_signal(number)
+        assert process.wait(20.0) == 0
+
+
 def test_a_part_that_is_not_shown_is_named_and_nobody_is_forgotten(tmp_path: Path) -> None:
     """A fleet node that is there, and neither reads nor answers."""
     with plant_in(tmp_path) as plant:
