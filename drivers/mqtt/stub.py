@@ -23,6 +23,8 @@ from .link import MqttLink
 BLOCK_ROWS = 25
 FIRST_COUNT = 5000
 MOST_STEP_S = 0.05
+"""Step over which nothing is interpolated, until the source's own is known from `STEPS`."""
+STEPS, HOLE = 5, 1.5
 AGAIN_S = 0.2
 """Between two tries to reach the broker."""
 
@@ -130,13 +132,14 @@ class EdgeWriter:
         self._header = {"SignalListHFData": signals, "CycleTimeMs": 1e3 * PERIOD_S}
         self._rows: list[list[float]] = []
         self._last = np.empty((0, 1 + len(self._factors)))
+        self._steps_s: list[float] = []
         self._number = 0
 
     def blocks(self, frame: SampleFrame) -> list[tuple[int, Floats]]:
         """Blocks that have become whole, each with its number.
 
         The capture counts instants: between the samples of another rate it is interpolated, over
-        a gap of MOST_STEP_S there is nothing.
+        a hole there is nothing.
         """
         missing = np.full(len(frame), np.nan)
         columns = [
@@ -147,7 +150,11 @@ class EdgeWriter:
         latest = np.maximum.accumulate(rows[:, 0])
         rows = rows[np.append(True, rows[1:, 0] > latest[:-1])] if len(rows) else rows
         found = []
-        for row in _at_counts(rows, first=len(self._last) == 0):
+        if len(self._steps_s) < STEPS:
+            self._steps_s += np.diff(rows[:, 0]).tolist()
+        known = len(self._steps_s) >= STEPS
+        most_s = HOLE * float(np.median(self._steps_s)) if known else MOST_STEP_S
+        for row in _at_counts(rows, most_s, first=len(self._last) == 0):
             self._rows.append(row)
             if len(self._rows) == BLOCK_ROWS:
                 found += self.rest()
@@ -171,10 +178,11 @@ class EdgeWriter:
         return json.dumps({HEADER: self._header, PAYLOAD: [{SAMPLES: rows}]}).encode()
 
 
-def _at_counts(rows: Floats, *, first: bool) -> list[list[float]]:
+def _at_counts(rows: Floats, most_s: float, *, first: bool) -> list[list[float]]:
     """Rows [time in s, values] at the instants of the capture, each with its count for the time.
 
     Args:
+        most_s: over a longer step there is nothing in between.
         first: whether the first row was not there before.
     """
     if not len(rows):
@@ -184,9 +192,12 @@ def _at_counts(rows: Floats, *, first: bool) -> list[list[float]]:
     counts = counts if first else counts[counts > at[0]]
     after = np.searchsorted(at, counts)
     before = np.maximum(after - (at[after] > counts), 0)
-    near = rows[after, 0] - rows[before, 0] <= MOST_STEP_S
-    counts = counts[near]
-    values = [np.interp(counts, at, column) for column in rows[:, 1:].T]
+    near = rows[after, 0] - rows[before, 0] <= most_s
+    counts, after = counts[near], after[near]
+    on_row = at[after] == counts  # beside a missing value there may be one
+    values = [
+        np.where(on_row, column[after], np.interp(counts, at, column)) for column in rows[:, 1:].T
+    ]
     found: list[list[float]] = np.column_stack([FIRST_COUNT + counts, *values]).tolist()
     return found
 

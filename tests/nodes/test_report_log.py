@@ -25,14 +25,13 @@ PLENTY = 100_000_000
 KEY = "feeddrive/v1/@plant/1/s/m/@log"
 
 
-def report(number: int, page: str = "") -> MachineReport:
+def report(number: int, axes: int = 1) -> MachineReport:
     return MachineReport(
         site="s",
         machine="m",
         time_ns=number,
         version="0.1",
-        page=page,
-        axes=(axis_report(answer()),),
+        axes=(axis_report(answer()),) * axes,
     )
 
 
@@ -83,7 +82,7 @@ def test_one_report_is_kept_however_small_the_log(tmp_path: Path) -> None:
 def test_an_answer_is_bounded_and_the_next_question_goes_on(tmp_path: Path) -> None:
     kept = ReportLog(tmp_path / FILE, PLENTY)
     for number in range(1, 9):
-        kept.append(report(number, page="x" * 300_000))
+        kept.append(report(number, axes=600))
     found: list[int] = []
     while len(found) < 8:
         said = kept.answer(LogQuestion(log=kept.state().log, after=max(found, default=0), most=9))

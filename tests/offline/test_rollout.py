@@ -561,11 +561,11 @@ def test_secrets_are_not_packed(
     config = tmp_path / "office/mill-1/edge.toml"
     config.write_text(config.read_text().replace(*SECRETS[name]))
     capsys.readouterr()
-    assert packed(tmp_path / "office", "8.bundle") == 2
+    assert packed(tmp_path / "office", "secret.bundle") == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "hush" not in line
     assert "T0K3N" not in line
-    assert not (tmp_path / "office/8.bundle").exists()
+    assert not (tmp_path / "office/secret.bundle").exists()
 
 
 def test_secrets_that_lie_in_files_stay(office: Path, machine: Path) -> None:

@@ -26,9 +26,15 @@ WAITED_FOR = {
     "bus/session.py": {"to_thread"},
     "bus/mqtt/delivery.py": {"ensure_future", "gather"},
     "bus/spool/disk_thread.py": {"Thread"},
+    "bus/plant/fleet.py": {"to_thread"},
+    "bus/plant/session.py": {"ensure_future", "to_thread"},
+    "nodes/fleet/backfill.py": {"ensure_future", "gather"},
+    "nodes/fleet/reader.py": {"ensure_future"},
+    "nodes/fleet/router.py": {"to_thread"},
     "nodes/outputs/post.py": {"gather"},
 }
-"""Begun and waited for within a supervised task or a request; the thread of a spool is a daemon."""
+"""Begun and waited for within a supervised task or a request, that of another fleet node included;
+the thread of a spool is a daemon, and a router of a plant has nothing beside itself."""
 
 
 def begun(text: str) -> set[str]:

@@ -73,6 +73,7 @@ def thesis_machine() -> Machine:
             noise_density_nm2_s=torque_noise_var(plant) * PRINTED_STEP_S,
             edge_noise_rad2_s2=edge_noise_var(plant),
             motion_s=DURATION_S,
+            sample_period_s=PRINTED_STEP_S,
         ),
     )
 
