@@ -94,7 +94,8 @@ CODES: dict[str, Iterable[str]] = {
 
 @pytest.mark.parametrize("kind", CODES)
 def test_every_code_of_the_service_has_its_words(kind: str) -> None:
-    assert {f"{kind}.{code}" for code in CODES[kind]} <= words("en").keys()
+    known = {key.removesuffix(".one") for key in words("en")}
+    assert {f"{kind}.{code}" for code in CODES[kind]} <= known
 
 
 def test_english_words_are_those_of_the_service() -> None:

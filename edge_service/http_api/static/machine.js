@@ -42,7 +42,7 @@ function renderHeadline(sorted, isServiceDown) {
   const level = levelOf(sorted[0]);
   const same = sorted.filter((state) => levelOf(state) === level);
   const own = same.filter((state) => !isServiceDown || headlineOf(state)?.code !== "service");
-  const text = own.length === 0 ? t("machine.service") : level === "ok" ? t("machine.ok", { all: sorted.length }) : t(`machine.${level}`, { n: own.length, all: sorted.length, axes: new Intl.ListFormat(locale).format(own.map((state) => state.axis)) });
+  const text = own.length === 0 ? t("machine.service") : level === "ok" ? t("machine.ok", { all: sorted.length }) : t(`machine.${level}.${own.length === 1 ? "one" : "other"}`, { n: own.length, all: sorted.length, axes: new Intl.ListFormat(locale).format(own.map((state) => state.axis)) });
   const root = byId("machine-answer");
   root.dataset.level = level;
   refill(root, text, () => [element("h2", { id: "machine-title", class: "verdict" }, symbol(level), element("span", {}, text))]);
