@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from ...messages.fleet import RowsAnswer
 from ...messages.names import check_part
 from ...messages.plant import Reported, fleet_node, fleet_question
+from ...threads import Threads
 from ..questions import Answer, Answering
 
 MOST_ANSWER_BYTES = 64_000_000
@@ -19,6 +20,7 @@ MOST_NODES = 64
 _ENCODING = "application/zlib"
 _LEVEL = 1
 _Answer = TypeVar("_Answer", bound=Reported)
+_THREADS = Threads("plant questions", 4)
 
 
 def packed(answer: Reported) -> bytes:
@@ -60,7 +62,7 @@ async def ask_all(
             loop.call_soon_threadsafe(ended.set)
 
     payload = b"{}" if asked is None else asked.model_dump_json().encode()
-    await asyncio.to_thread(
+    await _THREADS.run(
         session.get,
         fleet_question("*", question),
         zenoh.handlers.Callback(on_reply, on_end, indirect=False),
@@ -74,7 +76,7 @@ async def ask_all(
             await ended.wait()
     except TimeoutError:
         pass
-    return await asyncio.to_thread(_read, list(replies), question, model)
+    return await _THREADS.run(_read, list(replies), question, model)
 
 
 def _read(
@@ -102,7 +104,7 @@ def answer_packed(session: zenoh.Session, node: str, question: str, answer: Answ
 
 async def present_nodes(session: zenoh.Session, timeout_s: float) -> frozenset[str]:
     """Names of the fleet nodes that are there."""
-    replies = await asyncio.to_thread(
+    replies = await _THREADS.run(
         lambda: list(session.liveliness().get(fleet_node("*"), timeout=timeout_s))
     )
     keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]

@@ -9,12 +9,14 @@ from typing import Any, Self
 import zenoh
 
 from ...messages.addresses import check_plant_endpoint
+from ...threads import Threads
 from ..settings import MOST_MESSAGE_BYTES, TlsSettings
 
 OPEN_S = 2.0
 """Time in which a router must answer when a session is opened."""
 LEASE_S = 4.0
 """Silence of a link after which whoever is behind it counts as gone."""
+_THREADS = Threads("plant session", 4)
 
 
 class PlantSettingsError(ValueError):
@@ -67,7 +69,7 @@ class PlantSession:
             PlantSettingsError: a certificate cannot be read.
             PlantAwayError: no router answers now, or none that knows our certificate.
         """
-        opening = asyncio.ensure_future(asyncio.to_thread(_open, settings))
+        opening = asyncio.ensure_future(_THREADS.run(_open, settings))
         try:
             return cls(await asyncio.shield(opening))
         except asyncio.CancelledError:
@@ -82,7 +84,7 @@ class PlantSession:
     async def close(self) -> None:
         """Close; safe twice."""
         if not self.zenoh.is_closed():
-            await asyncio.to_thread(self.zenoh.close)
+            await _THREADS.run(self.zenoh.close)
 
 
 def _open(settings: PlantSettings) -> zenoh.Session:

@@ -1,11 +1,13 @@
 """Process of one router of a plant."""
 
-import asyncio
 from collections.abc import Callable, Sequence
 
 from ...bus.plant.router import open_router
 from ...bus.settings import TlsSettings
+from ...threads import Threads
 from ..supervision.signals import install_stop
+
+_THREADS = Threads("plant router")
 
 
 async def run_router(
@@ -20,7 +22,7 @@ async def run_router(
     Raises PlantSettingsError: before anything is announced.
     """
     stop = install_stop()
-    session = await asyncio.to_thread(
+    session = await _THREADS.run(
         open_router, listen, above, certificates, certificates, allow_plain
     )
     try:
@@ -28,4 +30,4 @@ async def run_router(
             announce(endpoint)
         await stop.wait()
     finally:
-        await asyncio.to_thread(session.close)
+        await _THREADS.run(session.close)

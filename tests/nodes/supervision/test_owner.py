@@ -26,15 +26,13 @@ WAITED_FOR = {
     "bus/session.py": {"to_thread"},
     "bus/mqtt/delivery.py": {"ensure_future", "gather"},
     "bus/spool/disk_thread.py": {"Thread"},
-    "bus/plant/fleet.py": {"to_thread"},
-    "bus/plant/session.py": {"ensure_future", "to_thread"},
+    "bus/plant/session.py": {"ensure_future"},
     "nodes/fleet/backfill.py": {"ensure_future", "gather"},
     "nodes/fleet/reader.py": {"ensure_future"},
-    "nodes/fleet/router.py": {"to_thread"},
     "nodes/outputs/post.py": {"gather"},
 }
 """Begun and waited for within a supervised task or a request, that of another fleet node included;
-the thread of a spool is a daemon, and a router of a plant has nothing beside itself."""
+the thread of a spool is a daemon."""
 
 
 def begun(text: str) -> set[str]:
