@@ -55,19 +55,11 @@ says nothing."""
 
 @dataclass(slots=True)
 class _Last:
-    """State of the last interval.
-
-    Attributes:
-        last_s: its end, s.
-        stretch_m: its stretch, m.
-        nis: its normalised innovation squared.
-        slow_s: time between its samples if it was too long to be read, s.
-    """
+    """End of the last interval, s, its stretch, m, and its normalised innovation squared."""
 
     last_s: float | None = None
     stretch_m: float | None = None
     nis: Number = math.nan
-    slow_s: float | None = None
 
 
 _STORED: Stored[_Last] = Stored(_Last)
@@ -104,6 +96,8 @@ class FusedPreloadEstimator:
         self._bank = initial_bank(self._start, self._settings)
         self._last = _Last()
         self._gathering = Gathering()
+        self._slow_s: float | None = None
+        """Time between the samples of the last interval if that was too long to be read, s."""
 
     def interrupt(self) -> None:
         """Withdraw the number until motion comes: no data for longer than a number may stand."""
@@ -126,7 +120,7 @@ class FusedPreloadEstimator:
         calm, used_s = [], 0.0
         period_s = block.duration_s / max(block.sample_count, 1)
         too_slow = block.usable and period_s > self._slowest_s
-        self._last.slow_s = period_s if too_slow else None
+        self._slow_s = period_s if too_slow else None
         for interval in [] if too_slow else self._gathering.take(block):
             surprises = [] if vibrates(interval) else self._take_all(interval)
             used_s += interval.duration_s if surprises else 0.0
@@ -242,12 +236,12 @@ class FusedPreloadEstimator:
     @property
     def _unread(self) -> str | None:
         """Reason why samples as slow as the last are not read; None if they are."""
-        if self._last.slow_s is None:
+        if self._slow_s is None:
             return None
         known_s = self._machine.commissioned and self._machine.commissioned.sample_period_s
         known = f"{1.0 / known_s:.3g}" if known_s else f"more than {1.0 / LONGEST_HOLD_S:.3g}"
         return (
-            f"too_slow: {1.0 / self._last.slow_s:.3g} samples/s, commissioned at {known}: how the "
+            f"too_slow: {1.0 / self._slow_s:.3g} samples/s, commissioned at {known}: how the "
             "torque goes on in between is not known; commission from recordings of this source"
         )
 
