@@ -1,4 +1,4 @@
-"""What a plant costs, from what one axis and one report were measured to cost."""
+"""Cost of a plant, from what one axis and one report were measured to cost."""
 
 from dataclasses import dataclass
 
