@@ -20,6 +20,7 @@ class KnownMachine(Reported):
     Attributes:
         axes: names of its axes, also where there is no report.
         heard_ns: UNIX time of the last report's arrival, ns; 0 before the first.
+        silent_s: time since then when this was told, on the clock of the node that tells, s.
         current: whether its last report tells how it is now.
         report: the last one; None from a node that does not read the machine.
         lost, restarts: reports that never arrived, by holes in their numbers; its starts.
@@ -31,6 +32,7 @@ class KnownMachine(Reported):
     machine: str
     axes: tuple[str, ...] = ()
     heard_ns: int = 0
+    silent_s: float = 0.0
     current: bool = False
     report: MachineReport | None = None
     lost: int = 0

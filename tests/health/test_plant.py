@@ -185,3 +185,15 @@ def test_peers_are_compared_over_the_whole_plant() -> None:
 
 def test_a_machine_falls_into_a_part_by_its_name_alone() -> None:
     assert PlantKeys("hall", "m1").bucket == PlantKeys("hall", "m1").bucket < BUCKETS
+
+
+def test_a_number_grows_older_until_the_next_report() -> None:
+    """Machines may report once an hour, and their clocks need not be ours."""
+    axis = report("m1", AxisCondition.NORMAL).axes[0].model_copy(update={"time_ns": 90 * S})
+    told = report("m1").model_copy(update={"time_ns": 92 * S, "period_s": 3600.0, "axes": (axis,)})
+    machines = FleetMachines()
+    machines.on_report(told, 5000 * S, 0, 0)
+    for passed_s in (0, 7, 3000):
+        said = answer("one", machines, (5000 + passed_s) * S, ALL)
+        (row,) = plant_table([said], ["one"]).rows
+        assert row.age_s == 2.0 + passed_s

@@ -48,6 +48,7 @@ class Machine:
             machine=self.name[1],
             axes=self.axes,
             heard_ns=self.heard_ns,
+            silent_s=0.0 if self.report is None else max(now_ns - self.heard_ns, 0) / 1e9,
             current=self.is_current(now_ns),
             report=self.report,
             lost=self.lost,

@@ -112,7 +112,7 @@ def rows_of_machine(machine: KnownMachine) -> list[FleetRow]:
     """Rows of one machine; what is not current shows no number."""
     report = machine.report
     if report is not None and machine.current:
-        return [_row(report, axis) for axis in report.axes]
+        return [_row(report, axis, machine.silent_s) for axis in report.axes]
     was = {} if report is None else {axis.axis: axis.condition for axis in report.axes}
     return [
         FleetRow(
@@ -134,7 +134,7 @@ def _then(condition: AxisCondition | None) -> str:
     return f"; it was {condition} then" if grave else ""
 
 
-def _row(report: MachineReport, axis: AxisReport) -> FleetRow:
+def _row(report: MachineReport, axis: AxisReport, silent_s: float) -> FleetRow:
     loss, fresh, percent = axis.loss_per_1000_h, axis.fresh_percent, axis.preload_percent
     return FleetRow(
         address=report.page,
@@ -146,7 +146,7 @@ def _row(report: MachineReport, axis: AxisReport) -> FleetRow:
         low=axis.low,
         high=axis.high,
         share_percent=None if percent is None or not fresh else 100.0 * percent / fresh,
-        age_s=None if axis.time_ns is None else max(report.time_ns - axis.time_ns, 0) / 1e9,
+        age_s=_age_s(report, axis, silent_s),
         fits=axis.fits,
         limit=axis.limit,
         limit_earliest=_moment_or_none(axis.limit_earliest_ns),
@@ -157,6 +157,13 @@ def _row(report: MachineReport, axis: AxisReport) -> FleetRow:
         task=axis.task,
         version=report.version,
     )
+
+
+def _age_s(report: MachineReport, axis: AxisReport, silent_s: float) -> float | None:
+    """Age of the newest sample: by the machine's clock until it reported, by ours since then, s."""
+    if axis.time_ns is None:
+        return None
+    return max(report.time_ns - axis.time_ns, 0) / 1e9 + silent_s
 
 
 def _moment_or_none(time_ns: int | None) -> str | None:
