@@ -7,6 +7,7 @@ import numpy as np
 from ..messages.samples import Floats
 from ..models.compiled import compiled
 from ..models.held_torque import LONGEST_HOLD_S
+from ..models.reductions import greatest, least, median, sum_of
 from .rows import FORCE, TEMP, THETA, T, U, X
 
 LEAST_ROWS = 4
@@ -114,10 +115,10 @@ def torque(inside: Floats) -> Floats:
     for row in range(rows):
         values[row] = _between(inside, row)
     mean, moment = lever(values, inside[:, T])
-    middle, spread = values.sum() / rows, 0.0
+    middle, spread = sum_of(values) / rows, 0.0
     for value in values:
         spread += (value - middle) * (value - middle)
-    return np.array([mean, moment, values.min(), values.max(), np.sqrt(spread / rows)])
+    return np.array([mean, moment, least(values), greatest(values), np.sqrt(spread / rows)])
 
 
 @compiled
@@ -231,7 +232,7 @@ def phases(
         if sums[part, 0] > 0.0:
             rows = sums[part, 0]
             sums[part, 1:] /= rows
-            sums[part, 0] = rows * np.median(spans) / (2.0 * reach)
+            sums[part, 0] = rows * median(spans) / (2.0 * reach)
     return direction, sums
 
 

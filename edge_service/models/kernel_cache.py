@@ -1,6 +1,7 @@
 """Machine code on disk: checked when it is read, and made elsewhere where the process asks for it.
 
-A compiler keeps some 250 MB of what it thought; a process that only loads machine code does not.
+A compiler keeps some 250 MB of what it thought; a process that only loads machine code does not. Nor
+does it need numba's translations of Python and numpy, which numba itself would load before the code.
 """
 
 import hashlib
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 Elsewhere = Callable[[bytes], bool]
@@ -44,14 +46,20 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, types: Any, target: Any) -> Any:
         """Machine code for these argument types; None if this process has to compile it."""
-        found = super().load_overload(types, target)
+        found = self._loaded(types, target)
         if found is None and _elsewhere:
             order = dumps((self._py_func.__module__, self._py_func.__name__, types))
             if _elsewhere[0](order):
-                found = super().load_overload(types, target)
+                found = self._loaded(types, target)
             if found is None:  # it would not be there the next time either
                 _elsewhere.clear()
         return found
+
+    def _loaded(self, types: Any, target: Any) -> Any:
+        """Machine code from the disk, without what numba keeps to translate Python."""
+        rtsys.initialize(target)  # counts the references to arrays
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(types, target)
 
     def save_overload(self, types: Any, compiled: Any) -> None:
         """Keep machine code, if the disk takes it."""

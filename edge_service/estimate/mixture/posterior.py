@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ...messages.samples import Floats
 from ...models.compiled import compiled
 from ...models.machine import Machine
+from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.bank.mode_transition import LEVELS_PERCENT
 from .model import MixtureSettings
@@ -119,9 +120,9 @@ def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior
 def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Floats:
     """Preload, drag and stiffness with their intervals, levels, faults; (_SIZE,)."""
     values = np.empty(_SIZE)
-    rows = np.flatnonzero(bank.alive)
+    rows = places(bank.alive)
     weight = np.exp(bank.log_weight[rows])
-    weight /= weight.sum()
+    weight /= sum_of(weight)
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(MOST_SHARE * model.fresh_percent)
     values[0] = _quantile(0.5, weight, mean, sigma, most)
@@ -138,7 +139,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
     values[_FAULT] = _below(lost, weight, mean, sigma, most)
     values[_FAULT + 1] = _slick(bank, model, limits, rows, weight)
-    values[_FAULT + 2] = (weight * bank.force[rows]).sum()
+    values[_FAULT + 2] = sum_of(weight * bank.force[rows])
     values[_FAULT + 3], values[_FAULT + 4] = math.nan, math.nan
     if bank.mean.shape[1] > TORQUE_STATES:
         limit = PAYLOAD_SHARE * model.table_mass_kg
@@ -178,8 +179,8 @@ def _of_torque_alone(
         if bank.moments[LEARNING] > 0.0 or k in (STEADY, WEARING, BEFORE):
             firm += weight[i] * mine
             up += weight[i] * slicker(level_nm, sigma_nm, fresh_nm, limit_nm, mine)
-    total = firm.sum()
-    firm = firm / total if total > 0.0 else every
+    whole = sum_of(firm)
+    firm = firm / whole if whole > 0.0 else every
     low = min(quantile(0.025, every), quantile(0.025, firm))
     high = max(quantile(0.975, every), quantile(0.975, firm), UNDETERMINED_HIGH_SHARE)
     values[0] = fresh * quantile(0.5, firm)
@@ -191,7 +192,7 @@ def _of_torque_alone(
         above = under
     values[_LEVEL + len(_EDGES)] = above
     values[_FAULT] = below(1.0 - LOST_SHARE, firm)
-    values[_FAULT + 1] = up / total if total > 0.0 else 0.0
+    values[_FAULT + 1] = up / whole if whole > 0.0 else 0.0
 
 
 @compiled
@@ -233,7 +234,7 @@ def _quantile(
     probability: float, weight: Floats, mean: Floats, sigma: Floats, most: float
 ) -> float:
     """Preload below which the mixture has a probability, %."""
-    low, high = min((mean - 8.0 * sigma).min(), most - 1.0), most
+    low, high = min(least(mean - 8.0 * sigma), most - 1.0), most
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         if _below(middle, weight, mean, sigma, most) < probability:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.compiled import compiled
+from ...models.reductions import sum_of
 from .state import MOST_SHARE
 
 AS_MADE = 0.05
@@ -53,7 +54,7 @@ def weigh(
     shares = cells()
     weights = np.empty(CELLS)
     fresh = np.exp(-0.5 * ((shares - 1.0) / AS_MADE) ** 2)
-    prior = fresh / fresh.sum() + 1.0 / CELLS
+    prior = fresh / sum_of(fresh) + 1.0 / CELLS
     for i in range(CELLS):
         drag_nm, likelihood = fresh_nm * shares[i], 0.0
         apart = (apart_share * drag_nm) ** 2 + (apart_share * other_nm) ** 2
@@ -64,8 +65,8 @@ def weigh(
             away = coulomb_nm - expected_nm
             likelihood += math.exp(-0.5 * away * away / variance) / math.sqrt(variance)
         weights[i] = prior[i] * likelihood
-    total = weights.sum()
-    return weights / total if total > 0.0 else np.full(CELLS, 1.0 / CELLS)
+    whole = sum_of(weights)
+    return weights / whole if whole > 0.0 else np.full(CELLS, 1.0 / CELLS)
 
 
 @compiled
@@ -74,7 +75,7 @@ def below(share: float, weights: Floats) -> float:
     at = share / MOST_SHARE * CELLS
     whole = min(max(int(at), 0), CELLS)
     part = weights[whole] * (at - whole) if whole < CELLS else 0.0
-    return min(float(weights[:whole].sum() + part), 1.0)
+    return min(float(sum_of(weights[:whole]) + part), 1.0)
 
 
 @compiled

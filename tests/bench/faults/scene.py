@@ -130,6 +130,10 @@ class RunningService:
         """Number of open files and sockets."""
         return len(list(Path(f"/proc/{self.pid}/fd").iterdir()))
 
+    def has_mapped(self, part: str) -> bool:
+        """Whether it uses a library whose path has this part."""
+        return part in Path(f"/proc/{self.pid}/maps").read_text()
+
     def threads(self) -> int:
         """Number of its threads."""
         return len(list(Path(f"/proc/{self.pid}/task").iterdir()))

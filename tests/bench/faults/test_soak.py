@@ -30,13 +30,19 @@ def test_what_does_not_change_does_not_grow() -> None:
 
 
 @pytest.mark.slow
-def test_two_axes_fit_while_kernels_are_missing_and_history_is_asked_for(
+def test_two_axes_fit_while_kernels_are_missing_and_with_a_history_that_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scene, "KERNELS", tmp_path / "kernels")
+    for _ in range(2):  # the second finds what the first has kept, and loads Arrow to read it
+        _assert_that_two_axes_fit(tmp_path)
+
+
+def _assert_that_two_axes_fit(folder: Path) -> None:
     axes = ("X", "Y")
-    with running_service(configuration(axes, folder=tmp_path / "history"), tmp_path) as service:
+    with running_service(configuration(axes, folder=folder / "history"), folder) as service:
         service.wait_ready(400.0)
         for _ in range(20):
             look(service, axes, 0.0)
         assert service.usage().peak_rss_bytes < 1e6 * MOST_MEMORY_MB
+        assert not service.has_mapped("scipy/linalg")  # 40 MB that no kernel needs to run
