@@ -1,7 +1,7 @@
 """Machine code on disk: checked when it is read, and made elsewhere where the process asks for it.
 
-A compiler keeps some 250 MB of what it thought; a process that only loads machine code does not. Nor
-does it need numba's translations of Python and numpy, which numba itself would load before the code.
+A compiler keeps some 250 MB of what it thought; a process that only loads machine code does not.
+Nor does it need numba's translations of Python and numpy, which numba would load before the code.
 """
 
 import hashlib
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 Elsewhere = Callable[[bytes], bool]

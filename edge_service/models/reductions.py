@@ -4,6 +4,8 @@ Those of numba bring scipy's linear algebra along when they are read from the di
 service.
 """
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -52,8 +54,8 @@ def median(values: Floats) -> float:
 
 
 @compiled
-def places(marks: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """Places of the true ones among marks (n,), in order."""
+def places(marks: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Places of those that are not zero among marks (n,), in order."""
     found, count = np.empty(len(marks), dtype=np.int64), 0
     for place in range(len(marks)):
         if marks[place]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ...atomic import DamagedError, read_kept_bytes, replaced_bytes
 from ...messages.samples import Floats
@@ -72,10 +73,11 @@ def from_table(table: Any) -> Rows:
     return Rows(time_s, samples, status, low, high, count.astype(np.int64), least, mean, most)
 
 
-def _statuses(coded: Any) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+def _statuses(coded: Any) -> npt.NDArray[np.int64]:
     index = {each.value: number for number, each in enumerate(STATUSES)}
-    numbers = np.array([index[word] for word in coded.dictionary.to_pylist()], np.int64)
-    return numbers[coded.indices.to_numpy()]
+    words = coded.dictionary.to_pylist()
+    numbers: npt.NDArray[np.int64] = np.array([index[word] for word in words], np.int64)
+    return np.asarray(numbers[coded.indices.to_numpy()])
 
 
 def _column(table: Any, name: str) -> Floats:
