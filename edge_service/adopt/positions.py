@@ -16,6 +16,8 @@ _ANGLE_UNITS = ("rad", "deg", "rev")
 _DERIVED = 0.02
 """Of the usual difference between two encoders: less is rounding, so one was made of the other."""
 _USUAL_STRETCH_M = 1e-6
+_ROUNDINGS = 16.0
+"""Of double precision, which arithmetic may have added up."""
 
 
 class Motion(Speeds):
@@ -211,7 +213,14 @@ class Motion(Speeds):
 
 
 def _resolution(values: Floats) -> float:
-    """Smallest step between values that occur."""
+    """Smallest step between the greater values that occur: fewer digits are left to those.
+
+    What double precision rounds is no step. Values that hardly ever occur twice show the step as
+    well, for among n of them some are neighbours.
+    """
     known = np.unique(values[np.isfinite(values)])
-    steps = np.diff(known)
-    return float(np.percentile(steps, 5.0)) if steps.size else 0.0
+    greatest = float(np.abs(known).max(initial=0.0))
+    great = np.abs(known) >= 0.5 * greatest
+    steps = np.diff(known)[great[1:] & great[:-1]]
+    steps = steps[steps > _ROUNDINGS * np.spacing(greatest)]
+    return float(steps.min()) if steps.size else 0.0

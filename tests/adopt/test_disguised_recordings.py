@@ -195,14 +195,36 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
     )
 
 
-def test_a_table_made_of_the_motors_angle_is_no_second_encoder(tmp_path: Path) -> None:
-    t = truth()
-    columns = german() | {"Tisch Lage [mm]": np.round(t["motor_angle_rad"] / TURN * LEAD_MM, 4)}
+ROUNDED: dict[str, Callable[[Columns], Any]] = {
+    "4 digits": lambda values: np.round(values, 4),
+    "5 digits": lambda values: np.round(values, 5),
+    "7 significant digits": lambda values: [float(f"{value:.7g}") for value in values],
+    "single precision": lambda values: np.float64(np.float32(values)),
+    "double precision": np.asarray,
+}
+
+
+@pytest.mark.parametrize("form", ROUNDED)
+def test_a_table_made_of_the_motors_angle_is_no_second_encoder(form: str, tmp_path: Path) -> None:
+    columns = german()
+    made = ROUNDED[form](columns["Motorwinkel [°]"] / 360.0 * LEAD_MM)
+    columns["Motorwinkel [°]"] = ROUNDED[form](columns["Motorwinkel [°]"])
+    columns["Tisch Lage [mm]"] = made
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
     assert "no second encoder" in adopt(Request([path], out)).words
     machine = load_machine(out)
     assert "table_position_m" not in machine.columns
     assert machine.axis.lead_m == pytest.approx(DIAGNOSIS.lead_m, rel=1e-3)
+
+
+@pytest.mark.parametrize("form", [form for form in ROUNDED if form != "4 digits"])
+def test_a_linear_encoder_is_kept_in_whatever_digits(form: str, tmp_path: Path) -> None:
+    columns = german()
+    for name in ("Motorwinkel [°]", "Tisch Lage [mm]"):
+        columns[name] = ROUNDED[form](columns[name])
+    path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
+    adopt(Request([path], out))
+    assert "table_position_m" in load_machine(out).columns
 
 
 def test_a_current_without_a_sign_gets_that_of_the_direction(tmp_path: Path) -> None:
