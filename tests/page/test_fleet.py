@@ -66,6 +66,14 @@ def test_the_list_is_searched_and_filtered(opened: Any) -> None:
     until(lambda: page.locator(".fleet-row").count() == 120)
 
 
+def test_a_loss_that_may_be_none_is_not_shown_as_a_number(opened: Any) -> None:
+    page = opened(1400)
+    page.fill("#fleet-search", "m0007")
+    until(lambda: page.locator(".fleet-row").count() == 4)
+    assert page.locator(".fleet-row", has_text="none that is clear").count() == 1
+    assert page.locator(".fleet-row", has_text="-0.5 to 1.5").count() == 1
+
+
 def test_the_past_of_an_axis_opens_beneath_it(plant: Plant, opened: Any) -> None:
     until(lambda: plant.metric("one", "log_reports") >= 20 * MACHINES)
     page = opened(1400)

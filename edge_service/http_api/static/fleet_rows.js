@@ -83,7 +83,8 @@ const lossOf = (row) => JSON.stringify([row.loss_percent_per_1000_h?.map((each) 
 function lossNodes({ loss_percent_per_1000_h, peers }) {
   if (!loss_percent_per_1000_h) return [];
   const [value, low, high] = loss_percent_per_1000_h.map((each) => significant(each));
-  const nodes = [element("span", {}, t("percent", { n: value })), small(t("between", { low, high }))];
+  const isClear = loss_percent_per_1000_h[1] > 0 || loss_percent_per_1000_h[2] < 0;
+  const nodes = [element("span", {}, isClear ? t("percent", { n: value }) : t("fleet.no_clear_loss")), small(t("between", { low, high }))];
   if (peers?.faster) nodes.push(element("span", { class: "fleet-faster" }, t("fleet.faster_than", { n: number(peers.peers), loss: significant(peers.peers_loss) })));
   return nodes;
 }

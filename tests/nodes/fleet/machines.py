@@ -107,6 +107,8 @@ class SimulatedMachine:
         for k in range(self._axes):
             wears = self.worn and k == 0
             loss = 60.0 if wears else 8.0 + ((self._seed + 7 * k) % 40) / 10.0
+            if k == 3:
+                loss = 0.5  # which may be none
             share = 25.0 if wears else 85.0 + (self._seed + k) % 15
             axes.append(
                 axis_report(NAMES[k % 9] + (str(k // 9) if k > 8 else ""), share, loss, now_ns)

@@ -627,6 +627,7 @@ export const de = {
   "fleet.limit.fault": "Störung",
   "fleet.between": "{limit}: {from} bis {to}",
   "fleet.not_before": "{limit}: nicht vor {from}",
+  "fleet.no_clear_loss": "kein deutlicher",
   "fleet.faster_than": "schneller als {n} andere ({loss} %)",
   "fleet.nodes": "Flottenknoten",
   "fleet.node": "liest {parts} von 64 Teilen, {machines} Maschinen",

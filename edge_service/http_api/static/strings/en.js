@@ -627,6 +627,7 @@ export const en = {
   "fleet.limit.fault": "fault",
   "fleet.between": "{limit}: {from} to {to}",
   "fleet.not_before": "{limit}: not before {from}",
+  "fleet.no_clear_loss": "none that is clear",
   "fleet.faster_than": "faster than its {n} peers ({loss} %)",
   "fleet.nodes": "Fleet nodes",
   "fleet.node": "reads {parts} of 64 parts, {machines} machines",
