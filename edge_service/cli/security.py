@@ -76,14 +76,16 @@ class RevokedToken(Document):
 @HISTORY
 @answering
 def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) -> Answer:
-    """Create certificates: a local authority, the server (page and bus), each role on the bus.
+    """Create certificates: a local authority, the server, each role on the bus, a fleet node.
+
+    The server's is for the page and the bus, and for a router of a plant.
 
     An authority that is already in the folder is used again, so nobody has to trust a new one.
     """
-    from ..bus.access import PUTS, client_name
+    from ..bus.access import FLEET, PUTS, client_name
     from ..certificates import expiry, make_certificates
 
-    clients = {role: client_name(role) for role in PUTS}
+    clients = {role: client_name(role) for role in (*PUTS, FLEET)}
     progress("making keys")
     with noted(history, "make_certificates", " ".join((str(out), *names))):
         made = make_certificates(out, names, clients, days)

@@ -33,11 +33,15 @@ def until(is_so: Callable[[], bool], patience_s: float = PATIENCE_S) -> float:
 
 
 class Plant:
-    """One plant on this computer."""
+    """One plant on this computer.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+    Args:
+        certificates: folder of `edge-service certs`, for TLS; None for plain TCP.
+    """
+
+    def __init__(self, folder: Path, certificates: Path | None = None) -> None:
+        self.folder, self.certificates = folder, certificates
+        self.endpoint = f"{'tls' if certificates else 'tcp'}/127.0.0.1:{free_port()}"
         self.urls: dict[str, str] = {}
         self.processes: dict[str, subprocess.Popen[str]] = {}
 
@@ -62,15 +66,26 @@ class Plant:
 
     def router(self) -> None:
         """Start the router."""
-        self.start("router", "edge_service", "plant", "router", "--listen", self.endpoint)
+        more = ["--certificates", str(self.certificates)] if self.certificates else []
+        self.start("router", "edge_service", "plant", "router", "--listen", self.endpoint, *more)
         assert "serving" in self.line("router")
 
-    def node(self, name: str, *, keeps: bool = False) -> None:
-        """Start a fleet node."""
+    def access(self, role: str, certificates: Path | None = None) -> str:
+        """Keys of `[plant]` for a machine ("plant") or a fleet node ("fleet")."""
+        folder = certificates or self.certificates
+        lines = [f'endpoint = "{self.endpoint}"']
+        if folder:
+            lines.append(f'ca_certificate = "{folder / "ca.pem"}"')
+            lines.append(f'client_certificate = "{folder / f"{role}.pem"}"')
+            lines.append(f'client_key = "{folder / f"{role}.key"}"')
+        return "\n".join(lines) + "\n"
+
+    def node(self, name: str, *, keeps: bool = False, certificates: Path | None = None) -> None:
+        """Start a fleet node; with certificates of its own it is a stranger."""
         path = self.folder / f"{name}.toml"
         kept = f'[history]\nfolder = "{name}"\n' if keeps else ""
         path.write_text(
-            f'[node]\nname = "{name}"\n[plant]\nendpoint = "{self.endpoint}"\n'
+            f'[node]\nname = "{name}"\n[plant]\n{self.access("fleet", certificates)}'
             f"[http]\nport = 0\n{kept}"
         )
         self.start(name, "edge_service", "plant", "node", str(path))
@@ -124,9 +139,9 @@ class Plant:
 
 
 @contextmanager
-def plant_in(folder: Path) -> Iterator[Plant]:
+def plant_in(folder: Path, certificates: Path | None = None) -> Iterator[Plant]:
     """A plant with its router; all of its processes end with the context."""
-    plant = Plant(folder)
+    plant = Plant(folder, certificates)
     try:
         plant.router()
         yield plant

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from edge_service.cli.entry import main
 from edge_service.nodes.stores.report_log import FILE
 
 from ...bench.faults.scene import configuration
@@ -47,10 +48,29 @@ def test_a_service_that_was_cut_off_for_more_than_an_hour_is_fetched_whole(tmp_p
         assert told_s == pytest.approx(1e-9 * time_ns, abs=2e-3)
 
 
+def test_a_plant_is_read_by_mutual_tls_and_not_by_strangers(tmp_path: Path) -> None:
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    for folder in (ours, theirs):
+        assert main(["certs", "--out", str(folder)]) == 0
+    with plant_in(tmp_path, ours) as plant:
+        for name in ("one", "two", "three"):
+            plant.node(name)
+        start_service(plant, tmp_path)
+        for name in ("one", "two", "three"):
+            until(lambda: plant.shows(name, 1))  # noqa: B023
+        assert len(plant.ask("one")["nodes"]) == 3
+        plant.node("stranger", certificates=theirs)
+        until(
+            lambda: "none that trusts this certificate" in (tmp_path / "stranger.log").read_text()
+        )
+        assert plant.ask("stranger")["axes"] == 0
+        assert len(plant.ask("one")["nodes"]) == 3
+
+
 def start_service(plant: Plant, folder: Path) -> None:
     """Start a service with one axis that reports to the plant."""
     path = folder / "edge.toml"
-    tables = f'[plant]\nendpoint = "{plant.endpoint}"\nlog_period_s = 1.0\n'
+    tables = f"[plant]\n{plant.access('plant')}log_period_s = 1.0\n"
     path.write_text(configuration(folder=folder / "history", tables=tables), "utf-8")
     plant.start("edge", "edge_service", "run", str(path))
 
