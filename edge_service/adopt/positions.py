@@ -215,11 +215,13 @@ class Motion(Speeds):
 def _resolution(values: Floats) -> float:
     """Smallest step between the greater values that occur: fewer digits are left to those.
 
-    What double precision rounds is no step. Values that hardly ever occur twice show the step as
-    well, for among n of them some are neighbours.
+    What double precision rounds is no step, and a few wild values are not the greater ones. Values
+    that hardly ever occur twice show the step as well: among n of them some are neighbours.
     """
     known = np.unique(values[np.isfinite(values)])
-    greatest = float(np.abs(known).max(initial=0.0))
+    if not known.size:
+        return 0.0
+    greatest = float(np.quantile(np.abs(known), 0.95))
     great = np.abs(known) >= 0.5 * greatest
     steps = np.diff(known)[great[1:] & great[:-1]]
     steps = steps[steps > _ROUNDINGS * np.spacing(greatest)]

@@ -217,6 +217,15 @@ def test_a_table_made_of_the_motors_angle_is_no_second_encoder(form: str, tmp_pa
     assert machine.axis.lead_m == pytest.approx(DIAGNOSIS.lead_m, rel=1e-3)
 
 
+def test_a_wild_value_does_not_hide_what_was_computed(tmp_path: Path) -> None:
+    columns = german()
+    columns["Tisch Lage [mm]"] = np.round(columns["Motorwinkel [°]"] / 360.0 * LEAD_MM, 4)
+    columns["Tisch Lage [mm]"][4000] = 1e6
+    path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
+    adopt(Request([path], out))
+    assert "table_position_m" not in load_machine(out).columns
+
+
 @pytest.mark.parametrize("form", [form for form in ROUNDED if form != "4 digits"])
 def test_a_linear_encoder_is_kept_in_whatever_digits(form: str, tmp_path: Path) -> None:
     columns = german()
