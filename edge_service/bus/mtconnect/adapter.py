@@ -58,9 +58,10 @@ class Adapter:
         return 0 if self._server is None else int(self._server.sockets[0].getsockname()[1])
 
     async def start(self, host: str, port: int) -> None:
-        """Listen. Raises OSError."""
+        """Listen. Raises OSError. Being cancelled leaves nothing that `stop` does not end."""
         loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(self._meet, host, port)
+        self._server = await loop.create_server(self._meet, host, port, start_serving=False)
+        await self._server.start_serving()
 
     def stop(self) -> None:
         """End all connections; safe without a start."""

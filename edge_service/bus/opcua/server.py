@@ -48,8 +48,13 @@ class AnswerServer:
         return len(self._server.iserver._external_sessions)
 
     async def start(self) -> None:
-        """Listen. Raises OSError."""
-        await self._server.start()
+        """Listen. Raises OSError. Being cancelled leaves nothing that `stop` does not end."""
+        starting = asyncio.ensure_future(self._server.start())
+        try:
+            await asyncio.shield(starting)
+        except asyncio.CancelledError:  # the library would lose the socket at which it listens
+            await asyncio.wait([starting])
+            raise
 
     async def stop(self) -> None:
         """End all sessions; safe without a start."""

@@ -287,3 +287,23 @@ def test_the_agent_of_these_tests_refuses_what_the_specification_does(
     for line in bad:
         with pytest.raises((ProtocolError, ValueError)):
             Agent(item_types(DEVICES)).take(line)
+
+
+async def test_a_start_that_is_cancelled_when_it_listens_leaves_no_socket(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    adapter = Adapter(2)
+    starting = asyncio.ensure_future(adapter.start("127.0.0.1", 0))
+    listening: list[Any] = []
+    begin = asyncio.Server._start_serving  # type: ignore[attr-defined]
+
+    def cancelled(self: asyncio.Server) -> None:
+        begin(self)
+        listening.extend(self._sockets)  # type: ignore[attr-defined]
+        starting.cancel()
+
+    monkeypatch.setattr(asyncio.Server, "_start_serving", cancelled)
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    adapter.stop()
+    assert [each.fileno() for each in listening] == [-1]

@@ -108,3 +108,25 @@ async def test_who_leaves_unread_or_sends_without_end_is_cut_off() -> None:
         for each in idle:
             each.close()
         reader.feed_eof()
+
+
+async def test_a_start_that_is_cancelled_when_it_listens_leaves_no_socket(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    server = await asyncio.to_thread(
+        AnswerServer.built, OpcuaSettings("127.0.0.1", 0, "m", sessions=2), [answer()]
+    )
+    starting = asyncio.ensure_future(server.start())
+    listening: list[socket.socket] = []
+    begin = asyncio.Server._start_serving  # type: ignore[attr-defined]
+
+    def cancelled(self: asyncio.Server) -> None:
+        begin(self)
+        listening.extend(self._sockets)  # type: ignore[attr-defined]
+        starting.cancel()
+
+    monkeypatch.setattr(asyncio.Server, "_start_serving", cancelled)
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    await server.stop()
+    assert [each.fileno() for each in listening] == [-1]

@@ -111,10 +111,13 @@ async def mail_server(
         else:
             wants |= {"tls_context": tls, "require_starttls": True}
 
+    met: list[SMTP] = []
+
     def meet() -> SMTP:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it does not see that TLS came before it
-            return SMTP(kept, **wants)
+            met.append(SMTP(kept, **wants))
+            return met[-1]
 
     server = await loop.create_server(
         meet, "127.0.0.1", port, ssl=tls if from_the_beginning else None
@@ -124,8 +127,13 @@ async def mail_server(
         yield kept
     finally:
         server.close()
+        await asyncio.sleep(0)  # what was accepted has met its protocol then
         for task in asyncio.all_tasks() - {asyncio.current_task()}:
             if "_handle_client" in repr(task.get_coro()):
                 task.cancel()
                 await asyncio.gather(task, return_exceptions=True)
+        for each in met:
+            if each.transport is not None:
+                each.transport.abort()
+        await asyncio.sleep(0)  # which the loop does in its next turn
         await server.wait_closed()

@@ -26,6 +26,7 @@ WAITED_FOR = {
     "bus/session.py": {"to_thread"},
     "bus/mqtt/delivery.py": {"ensure_future", "gather"},
     "bus/spool/disk_thread.py": {"Thread"},
+    "bus/opcua/server.py": {"ensure_future"},
     "bus/plant/session.py": {"ensure_future"},
     "nodes/fleet/backfill.py": {"ensure_future", "gather"},
     "nodes/fleet/reader.py": {"ensure_future"},
