@@ -131,7 +131,7 @@ class RunningService:
         return len(list(Path(f"/proc/{self.pid}/fd").iterdir()))
 
     def has_mapped(self, part: str) -> bool:
-        """Whether it uses a library whose path has this part."""
+        """Tell whether it uses a library whose path has this part."""
         return part in Path(f"/proc/{self.pid}/maps").read_text()
 
     def threads(self) -> int:
