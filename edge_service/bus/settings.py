@@ -70,12 +70,16 @@ def zenoh_config(settings: BusSettings) -> zenoh.Config:
 MOST_MESSAGE_BYTES = 4_000_000
 """The longest payload of our own, half a second at 10 kHz, has a tenth of it."""
 MOST_SESSIONS = 64
+MOST_AT_ONCE = 16
+"""Batches that may be under way on a link before messages are dropped; Zenoh's own 2 lose events
+that come together."""
 _COMMON: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
-    "transport/link/tx/queue/size/data": 16,
+    "transport/link/tx/queue/size/data": MOST_AT_ONCE,
+    "transport/link/tx/queue/size/interactive_high": MOST_AT_ONCE,
     "timestamping/enabled": False,
 }
 

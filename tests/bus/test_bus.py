@@ -14,11 +14,13 @@ from edge_service.bus.session import (
     BusSettings,
     BusUnavailableError,
 )
+from edge_service.bus.settings import MOST_AT_ONCE
 from edge_service.messages.channels import TORQUE
+from edge_service.messages.event import Event, Severity
 from edge_service.messages.header import Header
 from edge_service.messages.keys import MachineKeys
 from edge_service.messages.samples import SampleFrame
-from edge_service.messages.topics import RAW
+from edge_service.messages.topics import EVENT, RAW
 
 KEYS = MachineKeys("site", "machine")
 FRAME = SampleFrame(np.array([0.0, 1e-3]), {TORQUE: np.array([0.1, 0.2])})
@@ -71,6 +73,24 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
     assert axis == "X"
     assert header in headers
     np.testing.assert_array_equal(frame.channels[TORQUE], FRAME.channels[TORQUE])
+
+
+async def test_events_that_come_together_all_cross_a_link(router: Bus, client: Bus) -> None:
+    """Each is urgent, so it travels in a batch of its own; there have to be batches enough."""
+    far = client.subscribe(KEYS.key("X", EVENT), EVENT)
+    publisher = router.publisher(KEYS.key("X", EVENT), EVENT, "X")
+    event = Event(axis="X", kind="part", severity=Severity.INFO, message="one of many", time_ns=1)
+    arrivals = aiter(far)
+    async with asyncio.timeout(5.0):
+        first = asyncio.ensure_future(anext(arrivals))
+        while not first.done():
+            publisher.publish(event, 1)
+            await asyncio.sleep(0.02)
+        sent = [publisher.publish(event, 1).sequence for _ in range(MOST_AT_ONCE)]
+        async for _, header, _ in arrivals:
+            if header.sequence >= sent[-1]:
+                break
+    assert far.counters.lost_payloads == 0
 
 
 async def test_a_reader_that_sleeps_loses_the_oldest_and_the_count_is_exact(router: Bus) -> None:

@@ -90,6 +90,20 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+def test_anybody_can_read_it_while_its_answers_are_still_to_come(
+    make_service: Any, open_page: Any
+) -> None:
+    page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
+    page.wait_for_selector("#answer[data-level=ok]")
+    held: list[Any] = []
+    page.route("**/axes/X/**", lambda route: held.append(route))  # noqa: PLW0108 - it wants a function
+    for tab in TABS:
+        show_tab(page, tab)
+        assert serious_faults(page) == []
+    assert any("/use" in route.request.url for route in held)
+    page.unroute_all()
+
+
 def test_it_is_painted_before_any_of_its_scripts_has_come(
     make_service: Any, open_page: Any
 ) -> None:

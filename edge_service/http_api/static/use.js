@@ -14,7 +14,7 @@ const atMm = (place) => `${number(place)} ${t("unit.mm")}`;
 function build() {
   parts = {};
   parts.facts = element("dl", { class: "facts" });
-  parts.spectrum = svg("svg", { class: "bars", role: "img", preserveAspectRatio: "none" });
+  parts.spectrum = svg("svg", { class: "bars", role: "img", preserveAspectRatio: "none", "aria-label": t("chart.none") });
   const text = (name) => (parts[name] = element("p", { class: "quiet" }));
   const holder = (name) => (parts[`${name}Holder`] = element("div", { class: "chart" }));
   const titled = (title, ...nodes) => element("div", {}, element("h3", {}, title), ...nodes);
