@@ -3,14 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import TypeAdapter
-
 from .exit_status import DONE
-from .messages.estimate import Frozen
-
-
-class Document(Frozen):
-    """Base of the documents: units stand in the names, what is not known is null."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +12,7 @@ class Answer:
 
     Attributes:
         words: lines for people.
-        document: a `Document`, or a data class of values that JSON knows.
+        document: a `Document` of the offline room, or a data class of values that JSON knows.
         status: exit status of the command.
     """
 
@@ -29,5 +22,7 @@ class Answer:
 
     def as_json(self) -> str:
         """The document on one line."""
+        from pydantic import TypeAdapter
+
         written = TypeAdapter(type(self.document)).dump_json(self.document, by_alias=True)
         return written.decode("utf-8")

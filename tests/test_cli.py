@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from edge_service.cli.bench import benchmarks
 from edge_service.cli.entry import cli, main
 from edge_service.cli.options import InputError
+from edge_service.exit_status import BAD_INPUT, DONE
 
 COMMANDS = sorted(cli.commands)
 
@@ -326,17 +327,39 @@ def test_check_config_says_what_the_default_means(capsys: pytest.CaptureFixture[
     assert "preload in %" in printed
 
 
-def test_the_command_starts_without_what_it_does_not_need() -> None:
-    """`--help` must not load numba, zenoh, scipy or matplotlib."""
+HEAVY = (
+    "pydantic",
+    "numpy",
+    "zenoh",
+    "numba",
+    "scipy",
+    "matplotlib",
+    "pyarrow",
+    "filterpy",
+    "rich",
+)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status"),
+    [
+        (["--help"], DONE),
+        (["--version"], DONE),
+        (["diagnose", "--help"], DONE),
+        (["--unknown"], BAD_INPUT),
+    ],
+)
+def test_the_command_starts_without_what_it_does_not_need(
+    arguments: list[str], status: int
+) -> None:
     script = (
-        "import sys; from edge_service.cli.entry import main; main(['--help']);"
-        "heavy = {'numba', 'zenoh', 'scipy', 'matplotlib', 'pyarrow', 'filterpy'};"
-        "print(sorted(heavy & set(sys.modules)))"
+        f"import sys; from edge_service.cli.entry import main; status = main({arguments});"
+        f"print(status, *sorted(set({HEAVY}) & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
-    assert done.stdout.splitlines()[-1] == "[]"
+    assert done.stdout.splitlines()[-1] == str(status)
 
 
 @pytest.mark.parametrize(("stated", "alone"), [({}, True), ({"OPENBLAS_NUM_THREADS": "2"}, False)])

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import click
 
 from .. import __version__
-from ..config import ConfigError
 from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
 from .adopt import adopt
 from .bench import bench
@@ -44,10 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _explained(error: Exception) -> tuple[str, int]:
     """A mistake or failure in words, and the exit status."""
-    from ..offline.diagnosis.sessions import BadDataError
-
     if isinstance(error, click.ClickException):
         return error.format_message(), BAD_INPUT
+    from ..offline.diagnosis.sessions import BadDataError
+
     if isinstance(error, BadDataError):
         return str(error), BAD_DATA
     if _is_bad_input(error):
@@ -62,6 +61,7 @@ def _explained(error: Exception) -> tuple[str, int]:
 def _is_bad_input(error: Exception) -> bool:
     from ..bus.session import BusConfigurationError, BusUnavailableError
     from ..certificates import CertificateError
+    from ..config import ConfigError
     from ..fingerprint.document import FingerprintError
     from ..http_api.security.tokens import TokenError
     from ..http_api.serve import AddressError

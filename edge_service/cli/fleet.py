@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from pydantic import ValidationError
 
 from ..command_answer import Answer
-from ..config import explain, load_fleet
-from ..config_tables import FleetConfig, FleetServiceConfig
 from .options import PATH, InputError, answering
 from .terminal import announce, log_to_stderr, progress, wants_json
 
 if TYPE_CHECKING:
     from ..bus.plant.session import PlantSettings
+    from ..config_tables import FleetConfig
     from ..health.fleet.rows import FleetRow
 
 _ANSWER_S = 3.0
@@ -89,7 +87,7 @@ def _table(rows: Sequence["FleetRow"]) -> str:
     return table_of(rows)
 
 
-def _services(settings: FleetConfig) -> Shown:
+def _services(settings: "FleetConfig") -> Shown:
     """Rows of the services, each asked for itself."""
     from ..offline.fleet.ask import ask_fleet
     from ..offline.fleet.table import Fleet
@@ -142,8 +140,13 @@ def _drawn(rows: Sequence["FleetRow"]) -> str:
 
 def _fleet_of(
     addresses: tuple[str, ...], services: Path | None, timeout_s: float | None
-) -> FleetConfig:
+) -> "FleetConfig":
     """Services that are named, and those of the file."""
+    from pydantic import ValidationError
+
+    from ..config import explain, load_fleet
+    from ..config_tables import FleetConfig, FleetServiceConfig
+
     if not addresses and services is None:
         raise InputError("fleet: expected addresses, or --services with a file of them")
     try:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import click
 
 from ..command_answer import Answer
-from ..config import load_machine
 from .options import MACHINE, PATH, InputError, answering, out_option
 from .terminal import progress
 
@@ -65,6 +64,7 @@ def motion(
 
     A motion beyond stroke, speed, acceleration or torque of the machine file is refused.
     """
+    from ..config import load_machine
     from ..offline.motion.motion_file import MotionFileSettings, write_motion
 
     if list_all:
@@ -85,6 +85,7 @@ def motion(
 
 
 def _list(machine: Path, out: Path | None) -> Answer:
+    from ..config import load_machine
     from ..offline.motion.motion_file import ListedMotions, list_motions
     from ..offline.motion.picture import write_motions_picture
 
@@ -105,6 +106,7 @@ def _proposed(
     settings: "MotionFileSettings",
 ) -> Answer:
     """The motion that tells tied effects apart."""
+    from ..config import load_machine
     from ..offline.motion.next_motion import next_motion, tied_effects, typical
 
     if len(files) + bool(effects) != 1:

@@ -5,14 +5,16 @@ import sys
 from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..command_answer import Answer
-from ..config import DEFAULT_CONFIG, DEFAULT_MACHINE, EdgeConfig, load_config
 from ..exit_status import DONE
 from .terminal import pause_progress, progress
+
+if TYPE_CHECKING:
+    from ..config import EdgeConfig
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 FLAG = "--json"
@@ -24,10 +26,19 @@ POSITIVE = click.FloatRange(min=0.0, min_open=True)
 CONFIG = click.argument("config", type=PATH, required=False)
 TRACE = click.argument("trace", type=PATH)
 TRACES = click.argument("traces", nargs=-1, required=True, type=PATH)
+
+
+def _test_bench() -> Path:
+    """Machine file where none is named."""
+    from ..config import DEFAULT_MACHINE
+
+    return DEFAULT_MACHINE
+
+
 MACHINE = click.option(
     "--machine",
     type=PATH,
-    default=DEFAULT_MACHINE,
+    default=_test_bench,
     show_default="the thesis' test bench, deploy/machine.toml",
     help="Machine file with the baseline model of the axis.",
 )
@@ -118,7 +129,15 @@ class InputError(Exception):
     """Bad input; the text is one line."""
 
 
-def configured(config: Path | None, port: int | None, endpoint: str | None) -> EdgeConfig:
+def configured(
+    config: Path | None, port: int | None = None, endpoint: str | None = None
+) -> "EdgeConfig":
+    """Configuration in a file, or the default one; port and endpoint take precedence over its own.
+
+    Raises ConfigError like `load_config`.
+    """
+    from ..config import DEFAULT_CONFIG, load_config
+
     settings = load_config(config or DEFAULT_CONFIG)
     if port is not None:
         settings = settings.model_copy(

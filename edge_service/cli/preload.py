@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 from ..command_answer import Answer
-from ..config import DEFAULT_CONFIG, load_config
 from .options import (
     AXIS_NUMBER,
     MACHINE,
@@ -14,6 +13,7 @@ from .options import (
     InputError,
     answering,
     batch_options,
+    configured,
     out_option,
     service_config_option,
 )
@@ -45,7 +45,7 @@ def commission(
     """Learn from recordings of a healthy, cold axis what the estimator needs."""
     from ..offline.commission import commission_to_file
 
-    service = load_config(config or DEFAULT_CONFIG)
+    service = configured(config)
     return commission_to_file(
         machine, traces, out, service, axis_number, assume_fresh=assume_fresh, progress=progress
     )
@@ -77,7 +77,7 @@ def estimate(
     """Run the live estimator over a recording as fast as it can."""
     from ..offline.estimate import estimate_to_csv
 
-    service = load_config(config or DEFAULT_CONFIG)
+    service = configured(config)
     if len(traces) > 1:
         raise InputError("estimate takes one recording; several are cases of their own with --each")
     return estimate_to_csv(traces[0], machine, out, service, state, axis_number, progress)

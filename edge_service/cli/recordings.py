@@ -1,12 +1,12 @@
 """Commands that make a trace: of a running service, a foreign file or the simulated axis."""
 
 import asyncio
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from ..command_answer import Answer, Document
-from ..config import load_machine
+from ..command_answer import Answer
 from .options import (
     AXIS_NUMBER,
     BUS,
@@ -21,7 +21,8 @@ from .options import (
 from .terminal import progress
 
 
-class Recorded(Document):
+@dataclass(frozen=True, slots=True)
+class Recorded:
     """A recording of a running service."""
 
     out: str
@@ -94,6 +95,7 @@ def convert(
     MATLAB 5 file; SINUMERIK and Industrial Edge names are known. The machine file gives the lead
     and, under [columns], names that take precedence.
     """
+    from ..config import load_machine
     from ..offline.convert import convert as convert_trace
     from ..offline.recordings import controller_axis
 
@@ -168,6 +170,7 @@ def simulate(
     out: Path,
 ) -> Answer:
     """Record the simulated axis with any set of effects."""
+    from ..config import load_machine
     from ..offline.simulate import SimulationSettings, simulate_session
     from ..offline.simulate import simulate as run_simulation
     from ..trace.writer import TraceFormat

@@ -1,12 +1,13 @@
 """Commands about who may do what: certificates and tokens."""
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..command_answer import Answer, Document
+from ..command_answer import Answer
 from ..exit_status import INTERNAL_FAILURE
 from .audited import HISTORY, noted
 from .options import PATH, InputError, answering
@@ -16,14 +17,16 @@ if TYPE_CHECKING:
     from ..http_api.security.tokens import RoleName
 
 
-class Certificates(Document):
+@dataclass(frozen=True, slots=True)
+class Certificates:
     """Files that were written, each with the day until which it holds."""
 
     until: dict[str, str]
     authority: str
 
 
-class AddedToken(Document):
+@dataclass(frozen=True, slots=True)
+class AddedToken:
     """The only place where the token itself is shown."""
 
     file: str
@@ -32,7 +35,8 @@ class AddedToken(Document):
     token: str
 
 
-class ListedToken(Document):
+@dataclass(frozen=True, slots=True)
+class ListedToken:
     """One token; the dates are days in UTC."""
 
     name: str
@@ -47,14 +51,16 @@ class ListedToken(Document):
         return f"{self.name}: {self.role}, since {self.created}, {end} {self.expires}"
 
 
-class ListedTokens(Document):
+@dataclass(frozen=True, slots=True)
+class ListedTokens:
     """All tokens of a file."""
 
     file: str
     tokens: list[ListedToken]
 
 
-class RevokedToken(Document):
+@dataclass(frozen=True, slots=True)
+class RevokedToken:
     """A token that no longer signs anybody in."""
 
     file: str

@@ -1,17 +1,16 @@
 """Commands that run the service, check what it would run, or copy what it keeps."""
 
 import asyncio
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
 
 from ..atomic import replaced_file
 from ..clock import now_ns
-from ..command_answer import Answer, Document
-from ..config import DEFAULT_CONFIG, load_config
+from ..command_answer import Answer
 from ..exit_status import DONE, INTERNAL_FAILURE
-from ..messages.health import NODES
+from ..messages.components import NODES
 from ..messages.outputs import OF_HTTP
 from .options import (
     AXIS_NUMBER,
@@ -71,6 +70,7 @@ def node(name: str, config: Path | None, port: int | None, endpoint: str | None)
 @answering
 def check_config(config: Path | None) -> Answer:
     """Check a configuration, its machine files and driver settings, and sum it up."""
+    from ..config import DEFAULT_CONFIG
     from ..offline.configuration import check_configuration
 
     progress("checking configuration and sources")
@@ -78,7 +78,8 @@ def check_config(config: Path | None) -> Answer:
     return replace(checked, words=f"{checked.words}\nconfiguration is right")
 
 
-class SentTest(Document):
+@dataclass(frozen=True, slots=True)
+class SentTest:
     """Outcome of a test message; the problem is null where it was taken."""
 
     output: str
@@ -98,7 +99,7 @@ def send_test(output: str, config: Path | None) -> Answer:
     from ..nodes.outputs.trial import try_output
 
     progress(f"sending to {output}")
-    trial = asyncio.run(try_output(load_config(config or DEFAULT_CONFIG), output))
+    trial = asyncio.run(try_output(configured(config), output))
     sent = SentTest(output=output, place=trial.place, problem=trial.problem or None)
     if trial.problem:
         click.echo(f"{output}: {trial.place}: {trial.problem}", err=True)
@@ -106,7 +107,8 @@ def send_test(output: str, config: Path | None) -> Answer:
     return Answer(f"{output}: {trial.place} has taken a test message", sent, DONE)
 
 
-class WrittenDevices(Document):
+@dataclass(frozen=True, slots=True)
+class WrittenDevices:
     """Description of the machine that was written, and the axes in it."""
 
     out: str
@@ -124,7 +126,7 @@ def mtconnect_devices(config: Path | None, out: Path) -> Answer:
     """Write the description of the machine that an agent of MTConnect needs."""
     from ..bus.mtconnect.devices import devices_xml
 
-    settings = load_config(config or DEFAULT_CONFIG)
+    settings = configured(config)
     axes = [axis.name for axis in settings.axes]
     service = settings.service
     try:

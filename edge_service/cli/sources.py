@@ -6,7 +6,6 @@ from pathlib import Path
 import click
 
 from ..command_answer import Answer
-from ..config import DEFAULT_CONFIG, load_config
 from .options import (
     AXIS_NUMBER,
     CONFIG,
@@ -14,6 +13,7 @@ from .options import (
     PATH,
     InputError,
     answering,
+    configured,
     service_config_option,
 )
 from .terminal import announce, log_to_stderr, progress
@@ -54,7 +54,7 @@ def doctor(
         examined = [examine_traces(machine, traces, axis_number, progress)]
     else:
         progress(f"listening for {seconds:g} s")
-        examined = asyncio.run(examine_sources(load_config(config), axis, seconds))
+        examined = asyncio.run(examine_sources(configured(config), axis, seconds))
     return [each.answer() for each in examined]
 
 
@@ -108,7 +108,7 @@ def stub(
         wanted = parse_fault(fault)
     except ValueError as error:
         raise InputError(f"--fault: {error}") from None
-    settings = load_config(config or DEFAULT_CONFIG)
+    settings = configured(config)
     asyncio.run(
         run_stub(protocol, settings, axis, scenario, nodesets, wanted, announce, recording, port)
     )

@@ -7,9 +7,8 @@ from pydantic import AfterValidator, Field
 
 from .advice import Advice, Headline, PreloadFall
 from .alarm import Alarm
+from .components import check_component
 from .estimate import Frozen
-from .outputs import NODES as OUTPUT_NODES
-from .outputs import OF_HTTP
 from .sentence import Sentence, is_none
 from .trend import FrictionCurve, Trend, Use
 
@@ -32,24 +31,6 @@ class ComponentStatus(StrEnum):
     PERMANENT_ERROR = "permanent_error"
     STOPPING = "stopping"
     STOPPED = "stopped"
-
-
-NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "vibration"})
-NODES |= frozenset(OUTPUT_NODES)
-COMPONENTS = NODES | {"service", "history", *OF_HTTP}
-COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
-"""Every part of the service that reports on itself; a report of any other is refused.
-
-`service` is the process in which all nodes run, `..._process` that of one node alone; `history` and
-the outputs of events are parts of `http`.
-"""
-
-
-def check_component(name: str) -> str:
-    """Return `name` if a part of the service has it; raise ValueError if none has."""
-    if name not in COMPONENTS:
-        raise ValueError(f"{name!r:.60} is not one of {', '.join(sorted(COMPONENTS))}")
-    return name
 
 
 class ComponentHealth(Frozen):

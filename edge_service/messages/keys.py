@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .health import COMPONENTS
+from .components import COMPONENTS
 
 if TYPE_CHECKING:  # its codecs load numpy, which whoever only needs a key can do without
     from .topics import Topic

@@ -6,7 +6,7 @@ from pathlib import Path
 import tomlkit
 
 from ..atomic import replaced_file
-from ..command_answer import Answer, Document
+from ..command_answer import Answer
 from ..config import ConfigError, EdgeConfig, load_machine
 from ..estimate.commissioning.fresh_screw import doubt_of_fresh_screw
 from ..estimate.commissioning.identification import CommissioningError, commissioned
@@ -15,6 +15,7 @@ from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.wiring.stages import make_downsampler
+from .document import Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
 from .report.quantities import tolerated

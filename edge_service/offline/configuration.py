@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.registry import driver_names
 
-from ..command_answer import Answer, Document
+from ..command_answer import Answer
 from ..config import EdgeConfig, load_config
 from ..nodes.outputs.mail.output import check_email
 from ..nodes.outputs.opcua_rights import opcua_settings
@@ -15,6 +15,7 @@ from ..nodes.service import check_service
 from ..nodes.wiring.bus_certificates import check_bus
 from ..nodes.wiring.http_rights import check_access
 from ..nodes.wiring.stages import load_machines
+from .document import Document
 
 
 class ConfiguredAxis(Document):

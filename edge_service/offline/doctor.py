@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableError
 
-from ..command_answer import Answer, Document
+from ..command_answer import Answer
 from ..config import AxisConfig, ConfigError, EdgeConfig, load_machine
 from ..exit_status import DONE
 from ..fingerprint.checks.check_result import CheckResult, Verdict
@@ -20,6 +20,7 @@ from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
+from .document import Document
 from .examination import examine
 from .recordings import Progress, silent
 from .report.quantities import against

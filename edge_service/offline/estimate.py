@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..atomic import replaced_file
-from ..command_answer import Answer, Document
+from ..command_answer import Answer
 from ..config import ConfigError, EdgeConfig, load_machine
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
@@ -19,6 +19,7 @@ from ..nodes.stores.estimate_store import (
     write_kept,
 )
 from ..nodes.wiring.stages import make_downsampler, make_estimator
+from .document import Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
 

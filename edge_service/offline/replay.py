@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..bus.session import Bus
 from ..bus.subscriber import Subscriber
-from ..command_answer import Answer, Document
+from ..command_answer import Answer
 from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.printed import printed
@@ -15,6 +15,7 @@ from ..nodes.service import PIPELINE, check_service, run_nodes
 from ..nodes.supervision.signals import install_stop
 from ..nodes.wiring.bus_rights import router_settings
 from ..nodes.wiring.context import NodeContext
+from .document import Document
 
 FLAT_OUT_FRAME_S = 0.5
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..command_answer import Answer, Document
+from ..command_answer import Answer
 from ..messages.channels import CHANNELS
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
@@ -19,6 +19,7 @@ from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..trace.columns import TraceError
 from ..trace.writer import TraceFormat, TraceWriter
 from .commanded_motion import CommandedMotion, MotionWish
+from .document import Document
 
 _BLOCK_S = 10.0
 _NUMBERED = re.compile(r"[0-9]{2,}_.+\.(csv|parquet|mcap)")

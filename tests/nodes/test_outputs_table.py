@@ -7,7 +7,7 @@ import pytest
 import edge_service.nodes
 from edge_service.bus.access import PUTS, components_of
 from edge_service.config import EdgeConfig
-from edge_service.messages.health import COMPONENTS
+from edge_service.messages.components import COMPONENTS
 from edge_service.messages.outputs import HTTP, OF_HTTP, OUTPUTS
 from edge_service.nodes.outputs.registry import OPENERS
 from edge_service.nodes.service import OPTIONAL

@@ -15,10 +15,10 @@ from edge_service.http_api.jobs import JobKind, JobState
 from edge_service.http_api.security.access import Role
 from edge_service.messages.advice import Level, Task
 from edge_service.messages.alarm import AlarmKind
+from edge_service.messages.components import COMPONENTS
 from edge_service.messages.event import Severity
 from edge_service.messages.features import Fault
 from edge_service.messages.health import (
-    COMPONENTS,
     AxisCondition,
     AxisHealth,
     ComponentStatus,

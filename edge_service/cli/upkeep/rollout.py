@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 
 from ...command_answer import Answer
-from ...config import ConfigError, load_config
 from ..audited import noted
 from ..options import PATH, answering, out_option
 from ..terminal import progress
@@ -155,6 +154,7 @@ def status(config: Path) -> Answer:
 @contextmanager
 def _noted(config: Path, action: str, target: str) -> Iterator[None]:
     """Note the change in the audit log of the service, if it has one by now."""
+    from ...config import ConfigError, load_config
     from ...nodes.stores.diary_store import DIARY
 
     try:

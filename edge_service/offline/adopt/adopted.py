@@ -6,10 +6,11 @@ from pathlib import Path
 from ...adopt.answers import Ability
 from ...adopt.guess import Guess, Question, Understanding
 from ...adopt.mechanics import Mechanics
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...fingerprint.checks.check_result import CheckResult
 from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...messages.arrays import finite_or_none
+from ..document import Document
 
 
 class Found(Document):

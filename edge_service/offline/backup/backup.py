@@ -17,9 +17,10 @@ from zipfile import ZipFile
 
 from ... import __version__
 from ...atomic import PART, PRIVATE, replaced_bytes
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...config import load_config
 from ...nodes.stores.report_log import FILE as REPORT_LOG
+from ..document import Document
 from .contents import (
     CONFIG,
     HISTORY,

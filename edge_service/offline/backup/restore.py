@@ -17,8 +17,9 @@ from pydantic import ValidationError
 
 from ... import __version__
 from ...atomic import made_folder, sync_file, sync_folder
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...nodes.stores.history_store import UNFINISHED, lock_folder
+from ..document import Document
 from .contents import (
     CONFIG,
     HISTORY,

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from ... import exit_status
 from ...atomic import replaced_bytes
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...config import ConfigError
+from ..document import Document
 from ..recordings import Progress, silent
 from .cases import cases_of
 from .cluster import on_cluster, serial

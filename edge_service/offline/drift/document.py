@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ...command_answer import Document
+from ..document import Document
 
 
 class Change(Document):

@@ -7,11 +7,11 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from ...command_answer import Document
 from ...health.fleet.plant_rows import FleetNodeState, PlantTable
 from ...health.fleet.rows import WORST_FIRST, FleetRow, worst
 from ...messages.health import AxisCondition
 from ...messages.printed import printed
+from ..document import Document
 from .rows import days_until
 
 _HEAD = (

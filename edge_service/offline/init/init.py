@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...atomic import made_folder, replaced_file
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...config import ConfigError, load_config, load_machine
 from ...exit_status import DONE, INTERNAL_FAILURE
+from ..document import Document
 from .source import Source
 from .text import FirstSheet, Place, configuration_text, machine_text
 

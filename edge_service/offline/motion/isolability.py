@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...diagnose.experiment.isolability import (
     DECISIVE,
     Separation,
@@ -18,6 +18,7 @@ from ...models.effects.registry import effect_names, get_effect
 from ...models.machine import Machine
 from ...models.motions.registry import MOTIONS
 from ..diagnosis.sessions import DiagnosisError, read_runs
+from ..document import Document
 
 _NEVER = 1e3
 

@@ -11,7 +11,6 @@ from typing import TextIO
 import numpy as np
 
 from ...atomic import replaced_file
-from ...command_answer import Document
 from ...models.machine import Machine
 from ...models.motions.excitation import Shaken
 from ...models.motions.limits import assumed_limits
@@ -26,6 +25,7 @@ from ...models.motions.registry import (
     motion_limits,
 )
 from ...models.motions.segments import samples_of
+from ..document import Document
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
 SETPOINTS, NC_PROGRAM = ".csv", ".mpf"

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...diagnose.experiment.proposal import Proposal, propose
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
 from ..diagnosis.sessions import DiagnosisError
+from ..document import Document
 from .motion_file import MotionFile, MotionFileSettings, write_motion
 
 LONGEST_S = 300.0

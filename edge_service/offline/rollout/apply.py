@@ -10,8 +10,9 @@ from pathlib import Path
 
 from ... import __version__
 from ...clock import now_ns
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...config.identity import Applied
+from ..document import Document
 from .bundle import Bundle, open_bundle
 from .changes import ChangedFile, change_lines, changes
 from .contents import BundledMachine, RolloutError, minor

@@ -13,7 +13,8 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from pydantic import ValidationError
 
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
+from ..document import Document
 from .contents import (
     MANIFEST,
     MOST_BYTES,

@@ -7,7 +7,7 @@ from itertools import takewhile
 from operator import eq
 from typing import Any, Literal
 
-from ...command_answer import Document
+from ..document import Document
 from .toml_text import HIDDEN, flat, is_secret
 
 _UNITS = {

@@ -8,8 +8,9 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from ...atomic import PRIVATE, replaced_file
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...secret_files import MOST_BYTES, SecretError, read_secret
+from ..document import Document
 from .contents import RolloutError, signed_text
 
 _PEM = serialization.Encoding.PEM

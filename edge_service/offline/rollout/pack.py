@@ -14,10 +14,11 @@ from drivers.registry import UnknownDriverError, load_driver
 from ... import __version__
 from ...atomic import replaced_bytes
 from ...clock import now_ns
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, EdgeConfig, configuration_digest, load_elsewhere, load_fleet
 from ...config.loading import load_machine
 from ...config_secrets import secret_keys
+from ..document import Document
 from .bundle import checked_bundle
 from .contents import (
     MANIFEST,

@@ -5,10 +5,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ... import __version__
-from ...command_answer import Answer, Document
+from ...command_answer import Answer
 from ...config import load_config
 from ...health.events.audit import last_of
 from ...nodes.stores.diary_store import DIARY
+from ..document import Document
 from .contents import RolloutError
 from .place import Place
 

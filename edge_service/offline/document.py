@@ -1,0 +1,7 @@
+"""Base of the documents with which commands answer programs."""
+
+from ..messages.estimate import Frozen
+
+
+class Document(Frozen):
+    """Base of the documents: units stand in the names, what is not known is null."""
