@@ -327,39 +327,35 @@ def test_check_config_says_what_the_default_means(capsys: pytest.CaptureFixture[
     assert "preload in %" in printed
 
 
-HEAVY = (
-    "pydantic",
-    "numpy",
-    "zenoh",
-    "numba",
-    "scipy",
-    "matplotlib",
-    "pyarrow",
-    "filterpy",
-    "rich",
-)
+ROOMS_NEED = ("numpy", "zenoh", "fastapi", "numba", "scipy", "matplotlib", "pyarrow", "filterpy")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status"),
-    [
-        (["--help"], DONE),
-        (["--version"], DONE),
-        (["diagnose", "--help"], DONE),
-        (["--unknown"], BAD_INPUT),
-    ],
-)
-def test_the_command_starts_without_what_it_does_not_need(
-    arguments: list[str], status: int
-) -> None:
+def answered(arguments: list[str]) -> str:
+    """Exit status of a fresh interpreter's command, and the heavy libraries it has loaded."""
     script = (
         f"import sys; from edge_service.cli.entry import main; status = main({arguments});"
-        f"print(status, *sorted(set({HEAVY}) & set(sys.modules)))"
+        f"print(status, *sorted({{'pydantic', *{ROOMS_NEED}}} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
-    assert done.stdout.splitlines()[-1] == str(status)
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["diagnose", "--help"]])
+def test_the_command_starts_without_what_it_does_not_need(arguments: list[str]) -> None:
+    assert answered(arguments) == f"{DONE}"
+
+
+def test_an_unknown_option_is_refused_before_anything_is_loaded() -> None:
+    assert answered(["diagnose", "--unknown"]) == f"{BAD_INPUT}"
+
+
+@pytest.mark.parametrize("arguments", [["fleet"], ["rollout", "status", "missing.toml"]])
+def test_a_mistake_is_told_without_rooms_that_the_command_has_not_used(
+    arguments: list[str],
+) -> None:
+    assert answered(arguments) == f"{BAD_INPUT} pydantic"
 
 
 @pytest.mark.parametrize(("stated", "alone"), [({}, True), ({"OPENBLAS_NUM_THREADS": "2"}, False)])

@@ -45,12 +45,12 @@ def _explained(error: Exception) -> tuple[str, int]:
     """A mistake or failure in words, and the exit status."""
     if isinstance(error, click.ClickException):
         return error.format_message(), BAD_INPUT
+    if _is_bad_input(error):
+        return str(error), BAD_INPUT
     from ..offline.diagnosis.sessions import BadDataError
 
     if isinstance(error, BadDataError):
         return str(error), BAD_DATA
-    if _is_bad_input(error):
-        return str(error), BAD_INPUT
     if os.environ.get("EDGE_SERVICE_DEBUG"):
         raise error
     kind = type(error).__name__
@@ -59,9 +59,13 @@ def _explained(error: Exception) -> tuple[str, int]:
 
 
 def _is_bad_input(error: Exception) -> bool:
+    """Tell whether a person can mend it; the common mistakes load no room to be known by."""
+    from ..config import ConfigError
+
+    if isinstance(error, (InputError, ConfigError)):
+        return True
     from ..bus.session import BusConfigurationError, BusUnavailableError
     from ..certificates import CertificateError
-    from ..config import ConfigError
     from ..fingerprint.document import FingerprintError
     from ..http_api.security.tokens import TokenError
     from ..http_api.serve import AddressError
@@ -75,7 +79,7 @@ def _is_bad_input(error: Exception) -> bool:
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
     access = (CertificateError, TokenError, BackupError, RolloutError)
     twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
-    return isinstance(error, (InputError, ConfigError, TraceError, *access, *bus, *twin))
+    return isinstance(error, (TraceError, *access, *bus, *twin))
 
 
 def _complain(line: str, status: int, *, as_json: bool) -> int:
