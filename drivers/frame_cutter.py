@@ -11,21 +11,26 @@ LARGEST_FRAME = 4096
 """Rows of a frame, where the recorded clock stands still."""
 
 
+_GRID_SLACK = 1e-4
+"""Share of a frame by which a time stamp may miss the grid."""
+
+
 class FrameCutter:
-    """Cuts runs of rows where axis time passes a multiple of `frame_s`, forwards or backwards."""
+    """Cuts runs of rows after the row at which axis time reaches a multiple of `frame_s`.
+
+    That row is the last of its frame: an interval ends with it, so that whoever reads intervals of
+    the same grid need not wait for the next frame. Time that runs backwards begins a frame as well.
+    """
 
     def __init__(self, frame_s: float) -> None:
         self._frame_s = frame_s
-        self._origin_s: float | None = None
         self._rest: SampleFrame | None = None
 
     def cut(self, block: SampleFrame) -> Iterator[SampleFrame]:
         """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
         rows = block if self._rest is None else _join(self._rest, block)
-        if self._origin_s is None:
-            self._origin_s = float(rows.time_s[0])
         with np.errstate(over="ignore", invalid="ignore"):
-            number = np.floor((rows.time_s - self._origin_s) / self._frame_s)
+            number = np.ceil(rows.time_s / self._frame_s - _GRID_SLACK)
         edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]
         for start, end in pairwise(edges):
             cuts = range(start, end, LARGEST_FRAME)

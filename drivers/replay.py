@@ -48,7 +48,7 @@ class ReplayConfig(DriverConfig):
     path: Path
     speed: float = Field(1.0, ge=0.0)
     loop: bool = False
-    frame_s: float = Field(0.02, ge=0.001, le=1.0)
+    frame_s: float = Field(0.1, ge=0.001, le=1.0)
     axis_number: int | None = Field(None, ge=1)
 
 

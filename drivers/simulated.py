@@ -74,7 +74,7 @@ class SimulatedConfig(DriverConfig):
     motion: str = "production"
     seed: int = Field(1, ge=0)
     rate_hz: float = Field(1000.0, ge=500.0, le=8000.0)
-    frame_s: float = Field(0.02, ge=0.001, le=1.0)
+    frame_s: float = Field(0.1, ge=0.001, le=1.0)
     speed: float = Field(1.0, ge=0.0, le=1000.0)
     guide_force_n: float | None = Field(None, ge=0.0)
     bearing_drag_nm: float | None = Field(None, ge=0.0)
@@ -238,7 +238,10 @@ class SimulatedDriver:
             self._running = axis
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
-        """Frames of `frame_s` each, without end, until `close`."""
+        """Frames of `frame_s` each, without end, until `close`.
+
+        Each ends with the sample at a multiple of it, so the first has one more, that of home.
+        """
         axis = self._running
         if axis is None:
             raise DriverUnavailableError("the simulated drive is not open")
@@ -247,8 +250,9 @@ class SimulatedDriver:
         clock = self._clock or asyncio.get_running_loop().time
         start_s, taken = clock(), 0
         while self._running is axis:
-            frame = axis.advance(count)
-            taken += count
+            rows = count if taken else count + 1
+            frame = axis.advance(rows)
+            taken += rows
             wait_s = 0.0
             if self.paced:
                 due_s = start_s + taken / config.rate_hz / config.speed

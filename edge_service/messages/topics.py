@@ -68,14 +68,14 @@ _ESTIMATES = JsonCodec("preload/1", PreloadEstimate)
 _VIBRATION = JsonCodec("vibration/1", VibrationFeatures)
 _COMMANDS = JsonCodec("command/1", Command, strict=False)  # as people's programs may send it
 
-RAW = Topic("raw", SampleCodec("samples/1"), 50.0, 2.0, Keep.LAST, 2_000_000, 5000.0)
+RAW = Topic("raw", SampleCodec("samples/1"), 10.0, 2.0, Keep.LAST, 2_000_000, 5000.0)
 FEAT = Topic("feat", FeatureCodec("features/1"), 10.0, 2.0, Keep.LAST, 10_000, 5000.0)
 PRELOAD = Topic("preload", _ESTIMATES, 10.0, 2.0, Keep.LAST, 20_000, 5000.0)
 HEALTH = Topic("health", JsonCodec("health/1", AxisHealth), 1.0, 5.0, Keep.LAST, 100_000, 200.0)
 EVENT = Topic("event", JsonCodec("event/1", Event), 0.0, _NEVER, Keep.LAST, 20_000, 100.0)
 COMMAND = Topic("command", _COMMANDS, 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
 STATUS = Topic("status", JsonCodec("status/1", ComponentHealth), 1.0, 5.0, Keep.LAST, 20_000, 50.0)
-WAVE = Topic("wave", WaveformCodec("waveform/1"), 50.0, 2.0, Keep.NONE, 2_000_000, 5000.0)
+WAVE = Topic("wave", WaveformCodec("waveform/1"), 10.0, 2.0, Keep.NONE, 2_000_000, 5000.0)
 VIB = Topic("vib", _VIBRATION, 1.0, 5.0, Keep.LAST, 50_000, 500.0)
 OUTCOME = Topic("outcome", JsonCodec("outcome/1", Outcome), 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
 """On its key a command is asked as a question, and answered."""

@@ -78,14 +78,22 @@ def _times(frames: list[SampleFrame]) -> Floats:
 
 async def test_flat_out_yields_every_row_in_order(write: Callable[..., Path]) -> None:
     times_s = np.arange(20_000) / 1000.0
-    driver = _driver(write(times_s), speed=0)
+    driver = _driver(write(times_s), speed=0, frame_s=0.02)
     assert not driver.paced
     frames = await _play(driver)
     np.testing.assert_array_equal(_times(frames), times_s)
     torque = np.concatenate([frame.channels["torque_command_nm"] for frame in frames])
     np.testing.assert_array_equal(torque, np.arange(20_000))
-    assert {len(frame) for frame in frames[:-1]} <= {19, 20, 21}
+    assert [len(frame) for frame in frames] == [1, *[20] * 999, 19]
     assert driver.counters == {"rows": 20_000, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
+
+
+async def test_a_frame_ends_with_the_sample_that_ends_an_interval(
+    write: Callable[..., Path],
+) -> None:
+    frames = await _play(_driver(write(7.03 + np.arange(500) / 1000.0), speed=0))
+    ends_s = [frame.time_s[-1] for frame in frames]
+    np.testing.assert_allclose(ends_s, [7.1, 7.2, 7.3, 7.4, 7.5, 7.529])
 
 
 async def test_faults_of_the_recording_are_handed_on_and_counted(tmp_path: Path) -> None:
@@ -102,7 +110,7 @@ async def test_a_frame_comes_when_its_last_sample_is_due_without_drift(
     write: Callable[..., Path], speed: float
 ) -> None:
     time = FakeTime(work_s=0.003 / speed)
-    driver = _driver(write(np.arange(5000) / 1000.0 + 7.0), time, speed=speed)
+    driver = _driver(write(np.arange(5000) / 1000.0 + 7.0), time, speed=speed, frame_s=0.02)
     assert driver.paced
     await driver.open()
     late_s = []
@@ -110,7 +118,7 @@ async def test_a_frame_comes_when_its_last_sample_is_due_without_drift(
         due_s = 100.0 + (frame.time_s[-1] - 7.0) / speed
         late_s.append(time.now_s - time.work_s - due_s)
     await driver.close()
-    assert len(late_s) == 250
+    assert len(late_s) == 251
     np.testing.assert_allclose(late_s, 0.0, atol=1e-9)
 
 
@@ -126,7 +134,7 @@ async def test_jumps_of_the_clock_do_not_stall_the_replay(write: Callable[..., P
 
 async def test_after_a_long_delay_the_missed_time_is_let_go(write: Callable[..., Path]) -> None:
     time = FakeTime()
-    driver = _driver(write(np.arange(3000) / 1000.0), time)
+    driver = _driver(write(np.arange(3000) / 1000.0), time, frame_s=0.02)
     await driver.open()
     waits = []
     async for _ in driver.frames():
@@ -134,7 +142,8 @@ async def test_after_a_long_delay_the_missed_time_is_let_go(write: Callable[...,
             time.now_s += 60.0
         waits.append(time.slept_s[-1])
     await driver.close()
-    assert waits.count(0.0) == 1
+    assert waits[0] == 0.0  # the first row is due at once
+    assert waits[1:].count(0.0) == 1
     np.testing.assert_allclose(waits[11:-1], 0.02, atol=0.0011)
 
 
