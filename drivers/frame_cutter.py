@@ -9,18 +9,14 @@ from edge_service.messages.samples import SampleFrame
 
 LARGEST_FRAME = 4096
 """Rows of a frame, where the recorded clock stands still."""
-
-
-_GRID_SLACK = 1e-4
-"""Share of a frame by which a time stamp may miss the grid."""
+LOOK_AHEAD_S = 0.0045
+"""So long after a multiple of its length a frame ends: the direction of motion at the end of an
+interval is a difference over 4 ms to either side, and so no interval waits for another frame.
+"""
 
 
 class FrameCutter:
-    """Cuts runs of rows after the row at which axis time reaches a multiple of `frame_s`.
-
-    That row is the last of its frame: an interval ends with it, so that whoever reads intervals of
-    the same grid need not wait for the next frame. Time that runs backwards begins a frame as well.
-    """
+    """Cuts runs of rows `LOOK_AHEAD_S` after axis time passes a multiple of `frame_s`, either way."""
 
     def __init__(self, frame_s: float) -> None:
         self._frame_s = frame_s
@@ -30,7 +26,7 @@ class FrameCutter:
         """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
         rows = block if self._rest is None else _join(self._rest, block)
         with np.errstate(over="ignore", invalid="ignore"):
-            number = np.ceil(rows.time_s / self._frame_s - _GRID_SLACK)
+            number = np.floor((rows.time_s - LOOK_AHEAD_S) / self._frame_s)
         edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]
         for start, end in pairwise(edges):
             cuts = range(start, end, LARGEST_FRAME)

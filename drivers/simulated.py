@@ -27,6 +27,7 @@ from .base import (
     DriverUnavailableError,
     Probe,
 )
+from .frame_cutter import LOOK_AHEAD_S
 
 SECONDS_PER_HOUR = 3600.0
 GREATEST_LAG_S = 1.0
@@ -240,7 +241,7 @@ class SimulatedDriver:
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of `frame_s` each, without end, until `close`.
 
-        Each ends with the sample at a multiple of it, so the first has one more, that of home.
+        The first is `LOOK_AHEAD_S` longer, see there.
         """
         axis = self._running
         if axis is None:
@@ -250,7 +251,7 @@ class SimulatedDriver:
         clock = self._clock or asyncio.get_running_loop().time
         start_s, taken = clock(), 0
         while self._running is axis:
-            rows = count if taken else count + 1
+            rows = count if taken else count + int(LOOK_AHEAD_S * config.rate_hz) + 1
             frame = axis.advance(rows)
             taken += rows
             wait_s = 0.0

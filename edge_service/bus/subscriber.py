@@ -28,6 +28,8 @@ _PATIENCE_SHARE = 0.25
 _TURN = 32
 """Payloads after which everybody else gets a turn."""
 _LONGEST_REST_S = 0.2
+_EARLY_S = 0.01
+"""What is waited for may come so much before the end of a rest, or else is read so much after."""
 _MOST_RESTING = 16
 """Payloads of a key that wait for the end of a rest, at most."""
 
@@ -147,10 +149,10 @@ class Subscriber(Generic[T]):
             self._rests.pop(axis, None)
             return
         seconds = min(seconds, _LONGEST_REST_S)
-        self._rests[axis] = time.monotonic() + seconds
+        self._rests[axis] = time.monotonic() + seconds - _EARLY_S
         if self._end_of_rest is not None:
             self._end_of_rest.cancel()
-        self._end_of_rest = self._loop.call_later(seconds + _LONGEST_REST_S, self._wake.set)
+        self._end_of_rest = self._loop.call_later(seconds + _EARLY_S, self._wake.set)
 
     async def __aiter__(self) -> AsyncIterator[tuple[str, Header, T]]:
         turns = 0

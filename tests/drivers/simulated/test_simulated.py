@@ -74,8 +74,8 @@ def test_it_is_found_by_its_name() -> None:
 async def test_frames_hold_every_channel_at_the_rate_without_a_hole() -> None:
     frames = await opened_frames(driver(frame_s=0.02), 50)
     assert all(set(frame.channels) == set(CHANNELS) for frame in frames)
-    assert [len(frame) for frame in frames] == [21, *[20] * 49]
-    assert np.array_equal(np.concatenate([f.time_s for f in frames]), np.arange(1001) / 1000.0)
+    assert [len(frame) for frame in frames] == [25, *[20] * 49]
+    assert np.array_equal(np.concatenate([f.time_s for f in frames]), np.arange(1005) / 1000.0)
 
 
 async def test_frame_length_does_not_change_the_samples() -> None:
@@ -159,9 +159,9 @@ async def test_pacing_follows_a_fixed_start_without_drift(speed: float) -> None:
     frames = source.frames()
     for number in range(1, 101):
         (frame,) = await take(frames, 1)
-        due_s = 100.0 + (number * 0.02 + 1e-3) / speed
+        due_s = 100.0 + (number * 0.02 + 0.005) / speed
         assert time.now_s == pytest.approx(due_s, abs=1e-9)
-        assert frame.time_s[-1] == pytest.approx(number * 0.02)
+        assert frame.time_s[-1] == pytest.approx(number * 0.02 + 0.004)
         time.now_s += 0.004 / speed
 
 
@@ -173,12 +173,12 @@ async def test_a_short_delay_is_caught_up_and_a_long_one_is_let_go() -> None:
     await take(frames, 1)
     time.now_s += 0.5
     await take(frames, 30)
-    assert time.now_s == pytest.approx(100.0 + 31 * 0.02 + 1e-3)
+    assert time.now_s == pytest.approx(100.0 + 31 * 0.02 + 0.005)
     time.now_s += 3600.0
     late_s = time.now_s
     caught_up = await take(frames, 50)
     assert time.now_s == pytest.approx(late_s + 49 * 0.02)
-    assert caught_up[-1].time_s[-1] == pytest.approx(81 * 0.02)
+    assert caught_up[-1].time_s[-1] == pytest.approx(81 * 0.02 + 0.004)
 
 
 async def test_flat_out_never_waits_but_lets_others_run() -> None:
@@ -199,7 +199,7 @@ async def test_truth_follows_the_scenario_and_its_wear_clock() -> None:
     for _ in range(20):
         await take(frames, 1)
         truths.append(source.truth())
-    end_s = 0.1 * np.arange(1, 21)
+    end_s = 0.1 * np.arange(1, 21) + 0.004
     assert truths == pytest.approx(np.interp(end_s, [0.5, 1.5], [10.0, 0.0]))
     await source.close()
     assert source.truth() is None
