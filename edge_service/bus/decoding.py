@@ -19,13 +19,21 @@ class Decoding(Generic[T]):
         self._topic = topic
         self._recent: OrderedDict[bytes, tuple[str, Header, T]] = OrderedDict()
 
+    def sent(self, payload: bytes, axis: str | None, header: Header, value: T) -> None:
+        """Take what this process has encoded: if it keeps all bounds it need not be decoded."""
+        if self._topic.holds(value):
+            self._keep(payload, (axis or "", header, value))
+
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis, header and payload. Raises CodecError."""
         decoded = self._recent.get(payload)
         if decoded is None:
             decoded = self._topic.decode(payload)
-            if len(payload) <= LONGEST_KEPT:
-                self._recent[payload] = decoded
-                if len(self._recent) > MOST_KEPT:
-                    self._recent.popitem(last=False)
+            self._keep(payload, decoded)
         return decoded
+
+    def _keep(self, payload: bytes, decoded: tuple[str, Header, T]) -> None:
+        if len(payload) <= LONGEST_KEPT:
+            self._recent[payload] = decoded
+            if len(self._recent) > MOST_KEPT:
+                self._recent.popitem(last=False)

@@ -10,6 +10,7 @@ from ..messages.codec.interface import T
 from ..messages.codec.json_message import JSON_ENCODING
 from ..messages.header import Header
 from ..messages.topics import Keep, Topic
+from .decoding import Decoding
 
 
 class Publisher(Generic[T]):
@@ -19,6 +20,7 @@ class Publisher(Generic[T]):
         boot_epoch: UNIX time at which the numbering began, ns.
         numbers: Sequence numbers, which all publishers of the key in this process share: where one
             takes the place of another, readers see one.
+        decoding: of the topic in this process.
     """
 
     def __init__(
@@ -29,6 +31,7 @@ class Publisher(Generic[T]):
         axis: str | None,
         boot_epoch: int,
         numbers: Iterator[int],
+        decoding: Decoding[T],
     ) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
@@ -50,6 +53,7 @@ class Publisher(Generic[T]):
         )
         self.boot_epoch = boot_epoch
         self._numbers = numbers
+        self._decoding = decoding
 
     def publish(self, payload: T, source_time_ns: int) -> Header:
         """Encode with the next header and put; returns the header that went out.
@@ -60,6 +64,7 @@ class Publisher(Generic[T]):
         sequence = next(self._numbers)
         header = Header(sequence, self.boot_epoch, max(source_time_ns, 0), time.monotonic_ns())
         self._last = self._topic.encode(self._axis, header, payload)
+        self._decoding.sent(self._last, self._axis, header, payload)
         self._publisher.put(self._last)
         return header
 

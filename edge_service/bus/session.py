@@ -79,7 +79,9 @@ class Bus:
     def publisher(self, key: str, topic: Topic[T], axis: str | None) -> Publisher[T]:
         """Declare a publisher; it answers queries for its last payload if the topic keeps it."""
         numbers = self._numbers.setdefault(key, count())
-        publisher = Publisher(self._session, key, topic, axis, self._boot_epoch, numbers)
+        publisher = Publisher(
+            self._session, key, topic, axis, self._boot_epoch, numbers, self._decoding_of(topic)
+        )
         self._publishers.append(publisher)
         return publisher
 
@@ -96,11 +98,14 @@ class Bus:
         Args:
             keys: payloads of other keys are refused; None hears all that the expression means.
         """
-        decoding = self._decodings.setdefault(topic.name, Decoding(topic))
+        decoding = self._decoding_of(topic)
         subscriber = Subscriber(self._session, key_expr, topic, decoding, depth, keys)
         self._subscribers.append(subscriber)
         self._refusals.add(subscriber.refusals)
         return subscriber
+
+    def _decoding_of(self, topic: Topic[T]) -> Decoding[T]:
+        return self._decodings.setdefault(topic.name, Decoding(topic))
 
     def refused(self) -> Counter[tuple[str, str]]:
         """Payloads that the subscribers of this process refused, by key and reason."""

@@ -308,10 +308,10 @@ class Downsampler:
         beyond = self._pending_fault | (Fault.DOUBTED if interval in self._doubted else Fault.NONE)
         if (self._period_s or 0.0) * _LEAST_SAMPLES > self._settings.interval_s * (1 + _GRID_SLACK):
             beyond |= Fault.SPARSE
-        block, self._pending_fault = replace(block, fault=block.fault | beyond), Fault.NONE
+        self._pending_fault, segment.first = Fault.NONE, end
         self._doubted = {later for later in self._doubted if later > interval}
-        segment.first = end
-        return self._count(replace(block, fault=block.fault & self._expected_faults))
+        fault = (block.fault | beyond) & self._expected_faults
+        return self._count(block if fault == block.fault else replace(block, fault=fault))
 
     def _count(self, block: FeatureBlock) -> FeatureBlock:
         for fault in block.fault:

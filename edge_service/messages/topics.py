@@ -58,6 +58,10 @@ class Topic(Generic[T]):
         """Bytes of a payload."""
         return self.codec.encode(axis, header, payload)
 
+    def holds(self, payload: T) -> bool:
+        """Tell whether `decode` would give just this payload again."""
+        return self.codec.holds(payload)
+
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis (empty if none), header and payload. Raises CodecError."""
         return self.codec.decode(payload)

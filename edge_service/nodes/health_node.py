@@ -201,7 +201,7 @@ async def run(context: NodeContext) -> None:
             for axis in monitors.axes:
                 with tasks.failures.borne("foresee", axis):
                     await monitors.foresee(axis, heart)
-            await heart.sleep(HEALTH_PERIOD_S)
+            await heart.next(HEALTH_PERIOD_S)
 
     async def keep(heart: Heartbeat) -> None:
         while True:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from edge_service.health.alarms.axis_alarms import AlarmSettings, SuddenDrop
@@ -106,6 +107,22 @@ def test_a_slow_loss_is_never_sudden():
     for second in range(1000):
         value = 7.0 - 0.005 * second
         assert drop.update(second * NS, value - 0.05, value, value + 0.05) is None
+
+
+def test_a_drop_is_measured_from_the_greatest_value_of_its_time():
+    """Against a search through everything that was seen."""
+    rng = np.random.default_rng(1)
+    drop, seen, found = SuddenDrop(limit_percent=1.0, within_s=10.0), [], 0
+    for second in range(500):
+        value = round(float(rng.normal(7.0, 1.0)), 1)  # values occur more than once
+        low, high = value - rng.uniform(0.1, 2.0), value + rng.uniform(0.1, 2.0)
+        recent = [each for each in seen if second - each[0] <= 10]
+        best = max(recent, key=lambda each: each[2], default=(0, 0.0, 0.0))
+        falls = bool(recent) and best[2] - value >= 1.0 and high < best[1]
+        assert drop.update(second * NS, low, value, high) == (best[2] if falls else None)
+        seen.append((second, low, value))
+        found += falls
+    assert found > 20
 
 
 class Axis:

@@ -3,6 +3,7 @@
 import json
 import struct
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from edge_service.messages.header import Header
 from edge_service.messages.samples import SampleFrame
-from edge_service.messages.topics import EVENT, FEAT, PRELOAD, RAW
+from edge_service.messages.topics import EVENT, FEAT, PRELOAD, RAW, TOPICS
+
+from .examples import PAYLOADS
 
 HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
 
@@ -165,3 +168,15 @@ def test_columns_that_are_none_are_refused_every_time(columns: str) -> None:
     for _ in range(2):
         with pytest.raises(CodecError, match="column"):
             RAW.decode(b"EDB1" + struct.pack("<I", len(text)) + text)
+
+
+@pytest.mark.parametrize("name", list(TOPICS))
+def test_what_needs_no_decoding_is_what_came_from_no_machine(name: str) -> None:
+    assert TOPICS[name].holds(PAYLOADS[name]) == (name not in ("raw", "wave"))
+
+
+def test_what_decoding_would_refuse_is_not_handed_over() -> None:
+    assert not FEAT.holds(replace(block(), torque_mean_nm=1e60))
+    assert not FEAT.holds(replace(block(), duration_s=0.0))
+    assert not EVENT.holds(PAYLOADS["event"].model_copy(update={"message": "x" * 5000}))
+    assert not PRELOAD.holds(PAYLOADS["preload"].model_copy(update={"nis": 1e60}))

@@ -57,21 +57,24 @@ class SuddenDrop:
     def __init__(self, limit_percent: float, within_s: float) -> None:
         self._limit_percent = limit_percent
         self.within_ns = round(within_s * NS_PER_S)
-        self._recent: deque[tuple[int, float, float]] = deque()
+        self._best: deque[tuple[int, float, float]] = deque()
+        """Time, low bound and value of those that nothing later exceeds, the greatest first."""
 
     def update(self, time_ns: int, low: float, value: float, high: float) -> float | None:
         """Take an estimate in; the value before it, percent of the rating, if it fell suddenly."""
-        while self._recent and not 0 <= time_ns - self._recent[0][0] <= self.within_ns:
-            self._recent.popleft()
-        best = max(self._recent, key=lambda each: each[2], default=None)
-        self._recent.append((time_ns, low, value))
+        while self._best and not 0 <= time_ns - self._best[0][0] <= self.within_ns:
+            self._best.popleft()
+        best = self._best[0] if self._best else None
+        while self._best and self._best[-1][2] < value:
+            self._best.pop()
+        self._best.append((time_ns, low, value))
         if best is None or best[2] - value < self._limit_percent or high >= best[1]:
             return None
         return best[2]
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
-        self._recent = deque((at + step_ns, low, value) for at, low, value in self._recent)
+        self._best = deque((at + step_ns, low, value) for at, low, value in self._best)
 
 
 class AxisAlarms:

@@ -22,8 +22,13 @@ def parse_bounded(text: bytes) -> dict[str, Any]:
     members = _DECODER.decode(text.decode())
     if not isinstance(members, dict):
         raise ValueError("no object")
-    _check(members, MOST_DEPTH)
+    check_bounded(members)
     return members
+
+
+def check_bounded(members: dict[str, Any]) -> None:
+    """Raise ValueError if a part of what would be JSON is beyond the bounds."""
+    _check(members, MOST_DEPTH)
 
 
 def _refuse(constant: str) -> NoReturn:

@@ -3,7 +3,9 @@
 Samples that are not all good bring a column `CHANNEL.quality` of `Quality` codes beside their own.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from operator import attrgetter
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -111,6 +113,13 @@ def _whole(value: float, most: int) -> int:
     return int(value)
 
 
+def _check_interval(time_s: float, duration_s: float, numbers: Iterable[float]) -> None:
+    if any(abs(number) > FURTHEST for number in numbers):
+        raise CodecError("an interval with numbers that nobody can measure")
+    if not (0.0 < duration_s <= LONGEST_S and abs(time_s) <= LONGEST_S):
+        raise CodecError("an interval at an impossible time")
+
+
 def _known_features(columns: dict[str, Floats]) -> dict[str, Floats]:
     """Columns of another version, as far as this one knows them. Raises CodecError."""
     known = {name: column for name, column in columns.items() if name in FeatureCodec.units}
@@ -131,10 +140,20 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
 
     def to_columns(self, payload: FeatureBlock) -> tuple[dict[str, Floats], Mapping[str, str]]:
         """Columns and units of an interval."""
-        columns = {name: np.array([float(getattr(payload, name))]) for name in FEATURE_FIELDS}
-        for (phase, field), name in _PHASE_COLUMNS.items():
-            columns[name] = np.array([float(getattr(getattr(payload, phase), field))])
-        return columns, self.units
+        row = np.array([_numbers(payload)], dtype=np.float64)
+        return dict(zip(self.units, row.T, strict=True)), self.units
+
+    def table(self, payload: FeatureBlock) -> tuple[int, tuple[tuple[str, str], ...], list[bytes]]:
+        """One row, its columns and bytes."""
+        return 1, _FEATURE_COLUMNS, [_FEATURE_ROW.pack(*_numbers(payload))]
+
+    def holds(self, payload: FeatureBlock) -> bool:
+        """Tell whether an interval keeps the bounds of what is read."""
+        try:
+            _check_interval(payload.time_s, payload.duration_s, _numbers(payload))
+        except CodecError:
+            return False
+        return True
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
         """Interval of columns. Raises CodecError."""
@@ -142,12 +161,9 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
             columns = _known_features(columns)
         if len(columns[TIME]) != 1:
             raise CodecError("a block of features with another number of rows than one")
-        row = np.concatenate(list(columns.values()))
-        if (np.abs(row) > FURTHEST).any():
-            raise CodecError("an interval with numbers that nobody can measure")
-        values: dict[str, float] = dict(zip(columns, row.tolist(), strict=True))
-        if not (0.0 < values["duration_s"] <= LONGEST_S and abs(values["time_s"]) <= LONGEST_S):
-            raise CodecError("an interval at an impossible time")
+        row = np.concatenate(list(columns.values())).tolist()
+        values: dict[str, float] = dict(zip(columns, row, strict=True))
+        _check_interval(values["time_s"], values["duration_s"], row)
         integers = {name: _whole(values.pop(name), _MOST_COUNT) for name in _INTEGER_FEATURES}
         fault = Fault(_whole(values.pop("fault"), _EVERY_FAULT))
         phases = {
@@ -159,3 +175,9 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
         }
         fields: dict[str, Any] = integers | values | phases
         return FeatureBlock(fault=fault, **fields)
+
+
+_numbers = attrgetter(*FEATURE_FIELDS, *(f"{phase}.{field}" for phase, field in _PHASE_COLUMNS))
+"""All numbers of an interval, in the order of the columns."""
+_FEATURE_COLUMNS = tuple(FeatureCodec.units.items())
+_FEATURE_ROW = Struct(f"<{len(_FEATURE_COLUMNS)}d")

@@ -58,13 +58,22 @@ class BlockCodec(ABC, Generic[T]):
 
     def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
         """Bytes of a payload with its axis and header."""
-        columns, units = self.to_columns(payload)
+        rows, columns, body = self.table(payload)
         members = {"schema": self.schema, "axis": axis} | header_members(header)
-        members["rows"] = len(next(iter(columns.values())))
-        described = _described(tuple((name, units.get(name, "")) for name in columns))
-        text = json.dumps(members).encode()[:-1] + described
-        body = [np.ascontiguousarray(column, dtype="<f8").tobytes() for column in columns.values()]
+        members["rows"] = rows
+        text = json.dumps(members).encode()[:-1] + _described(columns)
         return b"".join([_PREFIX.pack(MAGIC, len(text)), text, *body])
+
+    def holds(self, payload: T) -> bool:
+        """False: what comes from machines is read as it was sent."""
+        return False
+
+    def table(self, payload: T) -> tuple[int, tuple[tuple[str, str], ...], list[bytes]]:
+        """Rows, name and unit of each column, and the bytes of the columns."""
+        columns, units = self.to_columns(payload)
+        body = [np.ascontiguousarray(column, dtype="<f8").tobytes() for column in columns.values()]
+        described = tuple((name, units.get(name, "")) for name in columns)
+        return len(next(iter(columns.values()))), described, body
 
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis, header and payload. Raises CodecError."""

@@ -37,6 +37,13 @@ class Codec(Protocol[T]):
         """Axis (empty if none), header and payload. Raises CodecError."""
         ...
 
+    def holds(self, payload: T) -> bool:
+        """Tell whether `decode` would give just this payload again, all of its bounds kept.
+
+        A codec whose payloads come from machines says no: their bytes are read, and checked.
+        """
+        ...
+
     def description(self) -> dict[str, Any]:
         """JSON schema of the payload, or the columns of a binary block."""
         ...

@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import BaseModel
 
 from ..header import Header
-from .bounded_json import parse_bounded
+from .bounded_json import check_bounded, parse_bounded
 from .interface import CodecError, checked_axis, header_members, header_schema, take_header
 
 JSON_ENCODING = "application/json"
@@ -51,6 +51,14 @@ class JsonCodec(Generic[_Payload]):
             raise
         except (ValueError, RecursionError) as error:
             raise CodecError(f"no {self.schema} message: {error}") from error
+
+    def holds(self, payload: _Payload) -> bool:
+        """Tell whether a payload, which its model has checked, keeps the bounds of messages."""
+        try:
+            check_bounded(payload.model_dump(mode="json"))
+        except ValueError:
+            return False
+        return True
 
     def description(self) -> dict[str, Any]:
         """JSON schema of a message."""

@@ -42,7 +42,7 @@ class DiaryStore:
         """
         known = _Known()
         while True:
-            await heart.sleep(CARE_PERIOD_S)
+            await heart.next(CARE_PERIOD_S)
             await heart.in_thread(self.diary.care, now_ns() / 1e9, limit_s=_CARE_LIMIT_S)
             self._future = await heart.in_thread(self.diary.future, now_ns())
             for event in known.news(self.diary, self._future, now_ns()):

@@ -67,7 +67,7 @@ class HistoryStore:
                 if not self._failing or flushes % _FLUSHES_PER_TRIAL == 0:
                     sync = self._failing or flushes % _FLUSHES_PER_SYNC == 0
                     watch.take(await heart.in_thread(partial(self._turn, sync=sync)))
-                await heart.sleep(FLUSH_PERIOD_S)
+                await heart.next(FLUSH_PERIOD_S)
         finally:
             watch.take(self._turn(sync=True))
 

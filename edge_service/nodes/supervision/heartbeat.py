@@ -56,6 +56,15 @@ class Heartbeat:
         await asyncio.sleep(seconds)
         self.beat()
 
+    async def next(self, period_s: float) -> None:
+        """Sleep to the next multiple of a period on the loop's clock, announced.
+
+        What is done every second is done by all in the same moment: each time that the process
+        wakes costs more than most of what it then does.
+        """
+        now_s = asyncio.get_running_loop().time()
+        await self.sleep(period_s - now_s % period_s)
+
     async def in_thread(
         self, work: Callable[..., _T], *arguments: object, limit_s: float = THREAD_LIMIT_S
     ) -> _T:

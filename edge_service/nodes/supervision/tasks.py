@@ -97,7 +97,7 @@ class Tasks:
                 done = work()
                 if isawaitable(done):
                     await heart.patiently(done)
-                await heart.sleep(period_s)
+                await heart.next(period_s)
 
         return self.start(name, repeated, vital=vital)
 
