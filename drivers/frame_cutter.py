@@ -16,7 +16,7 @@ interval is a difference over 4 ms to either side, and so no interval waits for 
 
 
 class FrameCutter:
-    """Cuts runs of rows `LOOK_AHEAD_S` after axis time passes a multiple of `frame_s`, either way."""
+    """Cuts runs of rows where axis time, less `LOOK_AHEAD_S`, passes a multiple of `frame_s`."""
 
     def __init__(self, frame_s: float) -> None:
         self._frame_s = frame_s
