@@ -1,6 +1,7 @@
 """Sign of life of one task, and the deadline by which the next one is due."""
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -12,6 +13,8 @@ DEADLINE_S = 1.2
 """Longest time without a sign of life; with the period of the looks it is seen within 2 s."""
 THREAD_LIMIT_S = 10.0
 """Longest work of a thread, such as a write to the disk."""
+_EARLY_SHARE = 0.01
+"""Share of a period by which a timer may wake too early, without its turn coming twice."""
 
 
 class Heartbeat:
@@ -63,7 +66,8 @@ class Heartbeat:
         wakes costs more than most of what it then does.
         """
         now_s = asyncio.get_running_loop().time()
-        await self.sleep(period_s - now_s % period_s)
+        turn = math.floor(now_s / period_s + _EARLY_SHARE) + 1
+        await self.sleep(turn * period_s - now_s)
 
     async def in_thread(
         self, work: Callable[..., _T], *arguments: object, limit_s: float = THREAD_LIMIT_S

@@ -20,7 +20,7 @@ from ..pipeline.plant_speed import AXIS_TIME_S, plant_figures
 from ..pipeline.process_meter import ServiceProcess, read_stolen_s
 from ..pipeline.replay_speed import measure_replay
 from ..table import aligned, number_text
-from .paced import MOSQUITTO, measure_paced, service
+from .paced import MOSQUITTO, Paced, measure_paced, service
 from .page import CHROMIUM, page_times_ms
 from .parts import estimator_us, ivp_s_per_axis_s, recorder_us
 from .parts_of import SPEED_PARTS
@@ -54,7 +54,7 @@ class SpeedSettings:
     @property
     def axes(self) -> tuple[int, ...]:
         """Numbers of axes whose cost is compared."""
-        return (1, 4) if self.quick else (1, 2, 4, 8, 16)
+        return (1, 4) if self.quick else (1, 4, 16, 64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +200,7 @@ class SpeedBench:
             ]
         return figures
 
-    def _measured(self, axes: int) -> Any:
+    def _measured(self, axes: int, *, beside_peer: bool = True) -> Paced:
         settings = self._settings
         return measure_paced(
             self._folder,
@@ -209,16 +209,21 @@ class SpeedBench:
             axes,
             settings.warm_up_s,
             settings.window_s,
+            beside_peer=beside_peer,
         )
 
     def _growth(self) -> list[Speed]:
         """Exponents of cost and memory over the number of axes, the fixed part included."""
         axes = self._settings.axes
-        found = [self._measured(each) for each in axes]
+        found = [self._measured(each, beside_peer=False) for each in axes]
         cores = [each.us_per_sample * number for each, number in zip(found, axes, strict=True)]
         memory = [each.usage.own_mb for each in found]
         span = f"from {axes[0]} to {axes[-1]} axes"
+        most = f"{axes[-1]} axes"
         return [
+            Speed("cores_most", f"{most}: cores", cores[-1], ""),
+            Speed("memory_most_mb", f"{most}: memory of the service", memory[-1], "MB"),
+        ] + [
             Speed(
                 f"growth_{key}",
                 f"{what} {span}: exponent",

@@ -1,5 +1,7 @@
 """Processor time per sample of the service and of a peer, both at work in the same seconds."""
 
+import http.client
+import re
 import shutil
 import socket
 import subprocess
@@ -10,13 +12,18 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.replay import LOOP_GAP_S
+
 from ..pipeline.process_meter import ServiceProcess
 from ..table import PipelineBenchError
 from .tree import TreeUsage, usage_of
 
 RATE_HZ = 1000.0
+_SAMPLES = re.compile(r'counter="samples"\} ([0-9.e+]+)')
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 _PATIENCE_S = 120.0
+_KEPT_UP = 0.97
+"""Share of the samples that are due which a service that keeps up has read at least."""
 _SERVICE = """\
 [bus]
 endpoint = "tcp/127.0.0.1:0"
@@ -56,23 +63,57 @@ def service(folder: Path, kernels: Path, recording: Path, axes: int) -> ServiceP
 
 
 def measure_paced(
-    folder: Path, kernels: Path, recording: Path, axes: int, warm_up_s: float, window_s: float
+    folder: Path,
+    kernels: Path,
+    recording: Path,
+    axes: int,
+    warm_up_s: float,
+    window_s: float,
+    *,
+    beside_peer: bool = True,
 ) -> Paced:
-    """Let service and peer work side by side, and look at both over one window."""
+    """Let the service work, a peer beside it unless not wanted, and look at both over one window.
+
+    Raises PipelineBenchError where the service does not keep up with its samples.
+    """
     with ExitStack() as stack:
         ours = stack.enter_context(service(folder, kernels, recording, axes))
-        ours.wait_for_address(_PATIENCE_S)
-        peer = stack.enter_context(_peer(folder, axes)) if MOSQUITTO else None
+        address = ours.wait_for_address(_PATIENCE_S)
+        peer = stack.enter_context(_peer(folder, axes)) if MOSQUITTO and beside_peer else None
+        _wait_for_axes(*address, axes)
         time.sleep(warm_up_s)
+        samples = sum(_samples(*address))
         before, begun_s = usage_of(ours.pid), time.monotonic()
         peer_before = peer.look() if peer else (0.0, 0)
         time.sleep(window_s)
         after, span_s = usage_of(ours.pid), time.monotonic() - begun_s
         peer_after = peer.look() if peer else (0.0, 0)
-    us = 1e6 * (after.cpu_s - before.cpu_s) / (span_s * RATE_HZ * axes)
+        samples = sum(_samples(*address)) - samples
+    if samples < _KEPT_UP * (span_s - LOOP_GAP_S) * RATE_HZ * axes:
+        raise PipelineBenchError(f"{axes} axes: the service does not keep up with their samples")
+    us = 1e6 * (after.cpu_s - before.cpu_s) / samples
     count = peer_after[1] - peer_before[1]
     peers_us = 1e6 * (peer_after[0] - peer_before[0]) / count if count else None
     return Paced(us, peers_us, after)
+
+
+def _wait_for_axes(host: str, port: int, axes: int) -> None:
+    """Wait until samples of every axis have been read."""
+    until_s = time.monotonic() + _PATIENCE_S
+    while sum(each > 0.0 for each in _samples(host, port)) < axes:
+        if time.monotonic() > until_s:
+            raise PipelineBenchError(f"{axes} axes: not all of them are read")
+        time.sleep(1.0)
+
+
+def _samples(host: str, port: int) -> list[float]:
+    """Samples read so far, of each axis that has any."""
+    connection = http.client.HTTPConnection(host, port, timeout=_PATIENCE_S)
+    try:
+        connection.request("GET", "/metrics")
+        return [float(each) for each in _SAMPLES.findall(connection.getresponse().read().decode())]
+    finally:
+        connection.close()
 
 
 class _Peer:

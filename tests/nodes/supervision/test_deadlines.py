@@ -224,3 +224,23 @@ async def test_a_delivery_that_hangs_is_seen(
         delivering.cancel()
         await asyncio.wait([delivering])
         spool.close()
+
+
+@pytest.mark.parametrize(
+    ("now_s", "expected_s"), [(10.25, 0.75), (10.0, 1.0), (9.9999, 1.0001), (10.98, 0.02)]
+)
+async def test_what_has_a_period_wakes_with_all_others_of_it(
+    monkeypatch: pytest.MonkeyPatch, now_s: float, expected_s: float
+) -> None:
+    """A timer that was a little early is no second turn."""
+    slept_s: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        slept_s.append(seconds)
+
+    heart = Heartbeat("test", 1.0, lambda: now_s)
+    with monkeypatch.context() as patch:
+        patch.setattr(asyncio, "sleep", sleep)
+        patch.setattr(asyncio.get_running_loop(), "time", lambda: now_s)
+        await heart.next(1.0)
+    assert slept_s == [pytest.approx(expected_s)]
