@@ -29,7 +29,7 @@ _TURN = 32
 """Payloads after which everybody else gets a turn."""
 _LONGEST_REST_S = 0.2
 _EARLY_S = 0.01
-"""What is waited for may come so much before the end of a rest, or else is read so much after."""
+"""Time by which something may come before the end of a rest, or else is read after it, s."""
 _MOST_RESTING = 16
 """Payloads of a key that wait for the end of a rest, at most."""
 

@@ -13,7 +13,7 @@ from edge_service.messages.channels import CHANNELS
 from edge_service.messages.samples import SampleFrame
 from edge_service.trace.writer import TraceWriter
 
-LIVE_FRAME_S = 0.02
+LIVE_FRAME_S = 0.1
 _RECORDED_FRAME_S = 1.0
 _WARM_UP_S = 1.0
 
@@ -25,7 +25,7 @@ def write_recording(path: Path, duration_s: float) -> None:
         with TraceWriter(path, tuple(CHANNELS)) as writer:
             async with aclosing(_frames(duration_s, _RECORDED_FRAME_S)) as frames:
                 async for frame in frames:
-                    writer.write(frame)
+                    writer.write(frame.until(duration_s))
 
     asyncio.run(record())
 
