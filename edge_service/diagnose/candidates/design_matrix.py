@@ -1,6 +1,7 @@
 """Design matrix of a session: the columns of all candidates, and their normal equations."""
 
 import concurrent.futures
+import itertools
 import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -168,22 +169,21 @@ def _bounding(session: Session, equations: Mapping[str, NormalEquations]) -> Flo
 def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel: str) -> Columns:
     """Columns of all regressors, (n, p).
 
-    Families that cannot show in the channel are not evaluated, and take no memory.
+    Of a family that cannot show in the channel only the first is evaluated.
     """
-    families: dict[tuple[str, str], CandidateRegressor] = {}
-    for regressor in regressors:
-        families.setdefault((regressor.name, regressor.form), regressor)
-    shows = {
-        family: bool(np.any(regressor.columns(session, channel)))
-        for family, regressor in families.items()
-    }
     first = np.cumsum([0, *(regressor.size for regressor in regressors)])
     found = np.zeros((int(first[-1]), len(session.channels[channel].gap)), np.float32).T
+    families: dict[tuple[str, str], list[int]] = {}
+    for k, regressor in enumerate(regressors):
+        families.setdefault((regressor.name, regressor.form), []).append(k)
 
-    def fill(k: int) -> None:
-        if shows[regressors[k].name, regressors[k].form]:
-            found[:, first[k] : first[k + 1]] = regressors[k].columns(session, channel)
+    def fill(k: int) -> bool:
+        columns = regressors[k].columns(session, channel)
+        found[:, first[k] : first[k + 1]] = columns
+        return bool(np.any(columns))
 
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(fill, range(len(regressors))))
+        shows = list(pool.map(fill, [each[0] for each in families.values()]))
+        others = itertools.compress((each[1:] for each in families.values()), shows)
+        list(pool.map(fill, itertools.chain.from_iterable(others)))
     return found

@@ -14,12 +14,15 @@ _PROFILE_ORDERS = (2, 3, 4, 5, 6)
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    wobble = harmonic(values["amplitude_m"], values["order"], values["phase_rad"])
-    return (
-        Shift(Place.NUT, Over.ANGLE, wobble),
-        Shift(Place.NUT, Over.POSITION, _stretched(values["pitch_error"])),
-        Shift(Place.NUT, Over.POSITION, _slow(values)),
-    )
+    parts = []
+    if values["amplitude_m"]:
+        wobble = harmonic(values["amplitude_m"], values["order"], values["phase_rad"])
+        parts.append(Shift(Place.NUT, Over.ANGLE, wobble))
+    if values["pitch_error"]:
+        parts.append(Shift(Place.NUT, Over.POSITION, _stretched(values["pitch_error"])))
+    if values["variation_m"]:
+        parts.append(Shift(Place.NUT, Over.POSITION, _slow(values)))
+    return tuple(parts)
 
 
 def _stretched(pitch_error: float) -> Curve:
