@@ -91,8 +91,7 @@ def test_a_certificate_that_ends_is_told_and_stops_nothing(
     left: float, told: bool, folder: Path, monkeypatch: Any, caplog: Any
 ) -> None:
     end = datetime.now(UTC) + timedelta(days=left)
-    for module in ("http_rights", "bus_rights"):
-        monkeypatch.setattr(f"edge_service.nodes.wiring.{module}.expiry", lambda _path: end)
+    monkeypatch.setattr("edge_service.certificates.expiry", lambda _path: end)
     assert str(end.year) in check_access(http_of(folder))
     readings = certificate_readings(http_of(folder))
     assert readings()["certificate_days"] == pytest.approx(left, abs=0.01)

@@ -6,10 +6,8 @@ from pathlib import Path
 
 from ...bus.access import READER
 from ...bus.settings import BusSettings, TlsSettings
-from ...certificates import CertificateError, expiry
 from ...config import BusConfig, ConfigError, EdgeConfig
 from ...secret_files import SecretError, read_secret
-from .own_certificates import own_certificates
 
 log = logging.getLogger(__name__)
 _SOON_DAYS = 30.0
@@ -46,6 +44,9 @@ def _with_certificates(config: EdgeConfig) -> EdgeConfig:
     """The configuration; nodes that are given no certificates make their own. ConfigError."""
     if config.bus.certificates is not None or config.bus.security == "open":
         return config
+    from ...certificates import CertificateError  # 8 MB, which an open bus does without
+    from .own_certificates import own_certificates
+
     try:
         folder = own_certificates(config)
     except (CertificateError, OSError) as error:
@@ -57,6 +58,8 @@ def _with_certificates(config: EdgeConfig) -> EdgeConfig:
 
 
 def _tls(bus: BusConfig, name: str) -> TlsSettings:
+    from ...certificates import CertificateError, expiry
+
     assert bus.certificates is not None
     try:
         tls = TlsSettings.of_folder(bus.secure_endpoint, bus.certificates, name)

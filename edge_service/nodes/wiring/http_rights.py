@@ -5,7 +5,6 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from ...certificates import CertificateError, expiry
 from ...config import ConfigError, HttpConfig
 from ...http_api.guard import LOOPBACK_HOSTS
 from ...http_api.security.doorkeeper import Doorkeeper
@@ -78,6 +77,8 @@ def check_access(http: HttpConfig) -> str:
 def _validity(certificate: Path | None) -> str:
     if certificate is None:
         return "no TLS"
+    from ...certificates import CertificateError, expiry  # 8 MB that plain HTTP does without
+
     try:
         return f"TLS until {expiry(certificate):%Y-%m-%d}"
     except CertificateError as error:
@@ -91,6 +92,8 @@ def certificate_readings(http: HttpConfig) -> Callable[[], dict[str, float]]:
     """
     if http.certificate is None:
         return dict
+    from ...certificates import expiry
+
     end = expiry(http.certificate)
     warn_if_soon(http.certificate, end)
     return lambda: {"certificate_days": (end - datetime.now(UTC)) / timedelta(days=1)}

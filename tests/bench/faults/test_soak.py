@@ -1,5 +1,7 @@
 """Tests of what the soak makes of its readings."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,42 @@ def test_what_does_not_change_does_not_grow() -> None:
     assert slope_per_h(looks(250.0), "descriptors") == pytest.approx(0.0, abs=1e-9)
 
 
+UNUSED = (
+    "aiomqtt",
+    "asyncua",
+    "charset_normalizer",
+    "cryptography",
+    "distributed",
+    "filterpy",
+    "httpx",
+    "jinja2",
+    "matplotlib",
+    "mcap",
+    "pyarrow",
+    "pymodbus",
+    "rich",
+    "scipy.interpolate",
+    "scipy.linalg",
+    "scipy.signal",
+    "scipy.sparse",
+    "scipy.special",
+    "tomlkit",
+)
+"""Packages that a service needs for what is configured or asked, if at all; numba loads `scipy`."""
+
+
+def test_the_nodes_bring_along_no_package_that_a_plain_service_does_without() -> None:
+    words = "import sys, edge_service.cli.entry, edge_service.nodes.service, drivers.replay; "
+    loaded = subprocess.run(
+        [sys.executable, "-c", f"{words}print(*sys.modules)"],
+        capture_output=True,
+        check=True,
+        text=True,
+    ).stdout.split()
+    assert {"numba", "zenoh", "fastapi"} <= set(loaded)
+    assert not set(UNUSED) & set(loaded)
+
+
 @pytest.mark.slow
 def test_two_axes_fit_while_kernels_are_missing_and_with_a_history_that_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -46,3 +84,5 @@ def _assert_that_two_axes_fit(folder: Path) -> None:
             look(service, axes, 0.0)
         assert service.usage().peak_rss_bytes < 1e6 * MOST_MEMORY_MB
         assert not service.has_mapped("scipy/linalg")  # 40 MB that no kernel needs to run
+        assert not service.has_mapped("scipy/special")
+        assert not service.has_mapped("cryptography/")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import fractional_matrix_power
+from scipy.linalg import expm, fractional_matrix_power, logm
 
 from edge_service.estimate.imm.bank.mode_transition import (
     THESIS_MODE_TRANSITION,
@@ -43,6 +43,20 @@ def test_equals_a_fractional_matrix_power(step_s: float) -> None:
     np.testing.assert_allclose(
         scaled_mode_transition(THESIS_MODE_TRANSITION, step_s),
         fractional_matrix_power(THESIS_MODE_TRANSITION, step_s / 0.1),
+        atol=1e-12,
+    )
+
+
+def test_eigenvectors_that_are_nearly_parallel_are_left_to_scipy() -> None:
+    alone = np.array([[0.6, 0.4, 0.0], [0.0, 0.6 + 1e-9, 0.4 - 1e-9], [0.0, 0.0, 1.0]])
+    scaled = np.maximum(logm(alone).real, 0.0)
+    np.fill_diagonal(scaled, 0.0)
+    np.fill_diagonal(scaled, -scaled.sum(axis=1))
+    np.testing.assert_allclose(transition_rates(alone, 1.0), scaled, atol=1e-12)
+    expected = np.maximum(expm(scaled), 0.0)
+    np.testing.assert_allclose(
+        scaled_mode_transition(alone, 1.0, 1.0),
+        expected / expected.sum(axis=1, keepdims=True),
         atol=1e-12,
     )
 

@@ -1,6 +1,10 @@
 """Transitions between preload levels, and their scaling with the length of a step."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ....messages.samples import Floats
 from .filter_bank import check_mode_transition
@@ -23,6 +27,9 @@ THESIS_MODE_TRANSITION: Floats = np.array(
 """p_ij per step of 0.1 s (thesis, eq. 4.5.1), row = from, (5, 5)."""
 THESIS_MODE_TRANSITION.setflags(write=False)
 
+_MOST_CONDITION = 100.0
+"""Up to this condition of the eigenvectors a function of the eigenvalues is exact to 1e-13."""
+
 
 def scaled_mode_transition(
     matrix: Floats, step_s: float, reference_s: float = REFERENCE_STEP_S
@@ -41,11 +48,9 @@ def scaled_mode_transition(
     Returns:
         p_ij for a step of `step_s`, (r, r).
     """
-    from scipy.linalg import expm  # 12 MB that a service without a filter bank does without
-
     if not (np.isfinite(step_s) and step_s > 0.0 and reference_s > 0.0):
         raise ValueError(f"step_s: {step_s:g}, expected a finite length above 0")
-    scaled = np.maximum(expm(transition_rates(matrix, reference_s) * step_s), 0.0)
+    scaled = np.maximum(_exponential(transition_rates(matrix, reference_s) * step_s), 0.0)
     return np.asarray(scaled / scaled.sum(axis=1, keepdims=True))
 
 
@@ -54,15 +59,42 @@ def transition_rates(matrix: Floats, reference_s: float = REFERENCE_STEP_S) -> F
 
     Raises ValueError where the matrix has no real logarithm.
     """
-    from scipy.linalg import logm
-
     check_mode_transition(matrix)
     if np.linalg.matrix_rank(matrix) < len(matrix):
         raise ValueError("mode_transition: singular, so it cannot be scaled to another step")
-    logarithm = np.asarray(logm(matrix))
+    logarithm = _logarithm(matrix)
     if np.abs(logarithm.imag).max() > 1e-9:
         raise ValueError("mode_transition: no real logarithm, so it cannot be scaled")
     rates = np.maximum(logarithm.real, 0.0) / reference_s
     np.fill_diagonal(rates, 0.0)
     np.fill_diagonal(rates, -rates.sum(axis=1))
     return np.asarray(rates)
+
+
+def _logarithm(matrix: Floats) -> NDArray[Any]:
+    """Principal logarithm, (r, r), complex where it is not real."""
+    found = _of_eigenvalues(np.log, matrix)
+    if found is None:
+        from scipy.linalg import logm  # 16 MB, which the thesis' matrix does without
+
+        found = np.asarray(logm(matrix))
+    return found
+
+
+def _exponential(matrix: Floats) -> Floats:
+    found = _of_eigenvalues(np.exp, matrix)
+    if found is None:
+        from scipy.linalg import expm
+
+        found = np.asarray(expm(matrix))
+    return np.asarray(found.real)
+
+
+def _of_eigenvalues(
+    function: Callable[[NDArray[Any]], NDArray[Any]], matrix: Floats
+) -> NDArray[Any] | None:
+    """A function of a matrix from its eigenvectors; None where they are nearly parallel."""
+    values, vectors = np.linalg.eig(matrix)
+    if np.linalg.cond(vectors) > _MOST_CONDITION:
+        return None
+    return np.asarray((vectors * function(values.astype(complex))) @ np.linalg.inv(vectors))
