@@ -147,10 +147,9 @@ def _learned(
 
 
 def _followed(rows: Rows, channel: str, ridge: float, runs: Sequence[Run]) -> _Followed:
-    forms = SmoothFunctions.of_rows(
+    forms, columns = SmoothFunctions.fitted(
         rows.variables, rows.gap, channel, runs[0].low_pass, timed=False
     )
-    columns = forms.columns(rows.variables)
     gram = with_ridge(columns.T @ columns, ridge * len(columns))
     return _Followed(forms, np.linalg.solve(gram, columns.T @ rows.gap).astype(np.float64))
 

@@ -43,7 +43,7 @@ class SmoothFunctions:
     timed: bool
 
     @classmethod
-    def of_rows(
+    def fitted(
         cls,
         variables: Mapping[str, Floats],
         values: Floats,
@@ -51,17 +51,22 @@ class SmoothFunctions:
         low_pass: Filter,
         *,
         timed: bool = True,
-    ) -> Self:
-        """Basis for rows of some variables, (n,) each, and what is to be followed, (n,)."""
+    ) -> tuple[Self, Floats]:
+        """Basis for rows of some variables, (n,) each, and its columns at these, (n, p).
+
+        Args:
+            values: what is to be followed, (n,).
+        """
         spans = {
             name: (float(each.min()), float(each.max()))
             for name, each in _coordinates(variables).items()
         }
         orders = _strongest(variables, values, _HIGHEST_ORDER[channel], low_pass)
-        bare = cls(spans, orders, np.ones(1), low_pass, timed)
-        scale = np.sqrt(np.mean(bare.columns(variables) ** 2, axis=0))
+        columns = cls(spans, orders, np.ones(1), low_pass, timed).columns(variables)
+        scale = np.sqrt(np.mean(columns**2, axis=0))
         scale[:_PLAIN_COLUMNS] /= _PLAIN
-        return cls(spans, orders, np.where(scale > 0.0, scale, 1.0), low_pass, timed)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        return cls(spans, orders, scale, low_pass, timed), columns / scale
 
     def columns(self, variables: Mapping[str, Floats]) -> Floats:
         """Columns of the basis at some rows, (n, p)."""

@@ -47,8 +47,8 @@ def cross_predicted(
         if not mine.any() or mine.all():
             continue
         here, there = rows.at(mine).variables, rows.at(~mine).variables
-        forms = SmoothFunctions.of_rows(there, values[~mine], channel, low_pass, timed=timed)
-        known, asked = forms.columns(there), forms.columns(here)
+        forms, known = SmoothFunctions.fitted(there, values[~mine], channel, low_pass, timed=timed)
+        asked = forms.columns(here)
         gram, cross = known.T @ known, known.T @ values[~mine]
         for ridge in _RIDGES:
             beta = np.linalg.solve(with_ridge(gram, ridge * len(known)), cross)

@@ -24,7 +24,7 @@ from ...models.machine import Machine
 from .check_result import CheckResult, Verdict
 from .clock import check_clock
 from .columns import check_columns
-from .positions import check_encoder_lag, check_lead, check_setpoint
+from .positions import check_encoder_lag, check_lead, check_setpoint, forget_encoders
 from .ranges import check_limits, check_stroke, check_temperature
 from .signals import check_signals
 from .speeds import check_motor_speed, check_table_speed
@@ -161,6 +161,7 @@ def check_plausibility(
         for check in CHECKS
         if check.needed <= channels and _applies(check, machine)
     ]
+    forget_encoders()
     return found
 
 

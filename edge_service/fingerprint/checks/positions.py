@@ -1,5 +1,6 @@
 """Checks of positions: lead, time and sign of both encoders, and the setpoint at rest."""
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -83,7 +84,18 @@ def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Check
 
 
 def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
+    return _encoders_of(tuple(recordings))
+
+
+@functools.lru_cache(maxsize=1)
+def _encoders_of(recordings: tuple[SampleFrame, ...]) -> ChannelRegression:
+    """Regression of both encoders, which three checks of one examination ask for."""
     return regress_channel(recordings, TABLE_POSITION, ANGLE, mechanics=True)
+
+
+def forget_encoders() -> None:
+    """Let go of the recordings that were asked about last."""
+    _encoders_of.cache_clear()
 
 
 def _misread_angle(ratio: float) -> str:

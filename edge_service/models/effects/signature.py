@@ -5,7 +5,9 @@ between table position and motor angle, x - R theta, changes, up to a constant. 
 the effect; where several are there their signatures add up.
 """
 
-from collections.abc import Callable
+import functools
+import operator
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -42,20 +44,19 @@ _FLOATING = 0.05
 
 def torque_signature(effect: Effect, values: Values, motion: Motion, baseline: Baseline) -> Floats:
     """Torque that the motor must give in addition, N m, (n,); of dry friction none at rest."""
-    torque = np.zeros(len(motion))
-    for contribution in effect.contributions(values):
-        torque += _torque(contribution, motion, baseline)
-    return torque
+    return _sum([_torque(each, motion, baseline) for each in effect.contributions(values)], motion)
 
 
 def transmission_signature(
     effect: Effect, values: Values, motion: Motion, baseline: Baseline
 ) -> Floats:
     """Change of x - R theta, m, (n,), up to a constant."""
-    shift = np.zeros(len(motion))
-    for contribution in effect.contributions(values):
-        shift += _transmission(contribution, motion, baseline)
-    return shift
+    parts = [_transmission(each, motion, baseline) for each in effect.contributions(values)]
+    return _sum(parts, motion)
+
+
+def _sum(parts: Sequence[Floats], motion: Motion) -> Floats:
+    return functools.reduce(operator.add, parts) if parts else np.zeros(len(motion))
 
 
 def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> Floats:
@@ -126,8 +127,8 @@ def _carried(
 
 def _over(curve: Curve, motion: Motion, over: Over) -> Floats:
     """A curve over a variable of the motion, (n,); 0 where the variable was not recorded."""
-    found: Floats = np.nan_to_num(curve(_variable(motion, over)), nan=0.0)
-    return found
+    found = curve(_variable(motion, over))
+    return np.nan_to_num(found, nan=0.0) if over is Over.TEMPERATURE else found
 
 
 def _variable(motion: Motion, over: Over) -> Floats:
