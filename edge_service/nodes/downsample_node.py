@@ -8,7 +8,11 @@ from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import FEAT, RAW
 from .wiring.context import NodeContext, Reporter
-from .wiring.stages import load_machines, make_downsampler
+from .wiring.stages import WARM_UP_S, load_machines, make_downsampler, warm_up_downsampling
+
+PREPARING = (
+    "the downsampling is being prepared; after an installation or upgrade that takes a minute"
+)
 
 
 async def run(context: NodeContext) -> None:
@@ -31,6 +35,10 @@ async def run(context: NodeContext) -> None:
         subscriber.rest(axis, downsampler.due_s - float(frame.time_s[-1]))
 
     async with reporter.running() as tasks:
+        reporter.to(ComponentStatus.STARTING, PREPARING)
+        await context.heart.in_thread(
+            warm_up_downsampling, config, machines.values(), limit_s=WARM_UP_S
+        )
         tasks.follow("samples", subscriber, take, vital=True)
         reporter.to(ComponentStatus.OK)
         await context.forever()

@@ -15,10 +15,9 @@ from .supervision.heartbeat import Heartbeat
 from .supervision.task import TaskChange
 from .wiring.context import NodeContext, Reporter
 from .wiring.guarded_axis import GuardedAxis
-from .wiring.stages import load_machines, make_estimator, warm_up
+from .wiring.stages import WARM_UP_S, load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
-_WARM_UP_S = 120.0
 PREPARING = "the estimator is being prepared; after an installation or upgrade that takes a minute"
 PART_REPLACED = "part_replaced"
 RETRY_PERIOD_S = 2.0
@@ -140,7 +139,7 @@ async def run(context: NodeContext) -> None:
             each.to(ComponentStatus.STARTING, PREPARING)
         machines = estimated.machines.values()
         await context.heart.in_thread(
-            warm_up, config.downsample, config.estimator, machines, limit_s=_WARM_UP_S
+            warm_up, config.downsample, config.estimator, machines, limit_s=WARM_UP_S
         )
         estimated.load()
         for each in (reporter, *estimated.parts.values()):

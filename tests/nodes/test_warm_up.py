@@ -1,5 +1,7 @@
 """Nothing is left to compile when the first sample comes."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -26,3 +28,53 @@ def test_the_estimators_have_answered(name: str, monkeypatch: pytest.MonkeyPatch
     stages.warm_up(machines=[load_machine(ROOT / "deploy" / f"{name}.toml")])
     (estimator,) = warmed
     assert estimator.estimate().status is EstimateStatus.ESTIMATED
+
+
+AFTER_WARMING_UP = """
+import asyncio
+from drivers.base import DriverContext
+from drivers.simulated import SimulatedConfig, SimulatedDriver
+from edge_service.config import DEFAULT_MACHINE, DownsampleConfig, EstimatorConfig, load_machine
+from edge_service.models.kernel_cache import KernelCache
+from edge_service.nodes.wiring import stages
+
+machine = load_machine(DEFAULT_MACHINE.with_name("commissioned.toml"))
+config = DownsampleConfig()
+
+async def produced():
+    drive = SimulatedDriver(SimulatedConfig(speed=0.0), DriverContext("X", machine))
+    await drive.open()
+    frames = drive.frames()
+    return [await anext(frames) for _ in range(120)]
+
+frames = asyncio.run(produced())
+stages.warm_up_downsampling(config, [machine])
+stages.warm_up(config, EstimatorConfig(), [machine])
+load, late = KernelCache.load_overload, []
+
+def noted(self, types, target):
+    late.append(self._py_func.__name__)
+    return load(self, types, target)
+
+KernelCache.load_overload = noted
+downsampler, estimator = (
+    stages.make_downsampler(config, machine), stages.make_estimator(EstimatorConfig(), machine)
+)
+for frame in frames:
+    for block in downsampler.push(frame):
+        estimator.update(block)
+        estimator.estimate()
+print(late, estimator.estimate().status)
+"""
+
+
+def test_production_needs_no_kernel_that_was_not_warmed_up() -> None:
+    """Twelve seconds of both encoders: the event loop would stand still while one is compiled."""
+    run = subprocess.run(
+        [sys.executable, "-c", AFTER_WARMING_UP],
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    )
+    assert (run.stdout, run.stderr) == ("[] estimated\n", "")

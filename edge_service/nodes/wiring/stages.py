@@ -1,6 +1,7 @@
 """The pure stages of one axis as the configuration asks for them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,12 +19,14 @@ from ...downsample.phases import PhaseSettings
 from ...downsample.statistics import PlausibilitySettings
 from ...estimate import registry
 from ...estimate.interface import PreloadEstimator, UnsuitableMachineError
-from ...messages.channels import ANGLE, TORQUE
+from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ...messages.samples import SampleFrame
 from ...models.machine import Machine
 from ...models.steady_limits import SteadyLimits, steady_limits
 
 _WARM_RAD_S = 10.0
+WARM_UP_S = 120.0
+"""Time after which a warm-up is shown to hang."""
 
 
 def load_machines(config: EdgeConfig) -> dict[str, Machine]:
@@ -58,6 +61,16 @@ def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimato
         raise ConfigError(f"estimator.method {config.method!r}: {error}") from None
 
 
+def warm_up_downsampling(config: DownsampleConfig, machines: Iterable[Machine]) -> None:
+    """Compile what parts samples into intervals, with and without a linear encoder."""
+    for machine in machines:
+        steady = _steady(machine)
+        table_m = steady.channels[ANGLE] * machine.axis.lead_m / (2.0 * np.pi)
+        both = replace(steady, channels={**steady.channels, TABLE_POSITION: table_m})
+        for frame in (steady, both):
+            make_downsampler(config, machine).push(frame)
+
+
 def warm_up(
     downsample: DownsampleConfig | None = None,
     estimator: EstimatorConfig | None = None,
@@ -65,22 +78,29 @@ def warm_up(
 ) -> None:
     """Compile the kernels before the first sample: it takes seconds on a new installation.
 
-    The motion lasts until the estimators answer: answers are compiled as well. A commissioned axis
-    gets the friction that it expects: another torque would mean a process force.
+    The motion lasts until the estimators answer: answers are compiled as well.
 
     Args:
         machines: whose estimators run; the default one's unless given.
     """
     downsample, estimator = downsample or DownsampleConfig(), estimator or EstimatorConfig()
-    time_s = np.arange(2000, dtype=np.float64) / 1e3
     for machine in tuple(machines) or (load_machine(DEFAULT_MACHINE),):
-        warm, commissioned = make_estimator(estimator, machine), machine.commissioned
-        viscous_nm_s_per_rad = machine.model.viscous_nm_s_per_rad.value
-        friction_nm = 0.1
-        if commissioned is not None:
-            friction_nm = commissioned.coulomb_nm + _WARM_RAD_S * viscous_nm_s_per_rad
-        torque_nm = friction_nm * (1.0 + 0.01 * np.sin(time_s))
-        steady = SampleFrame(time_s, {TORQUE: torque_nm, ANGLE: _WARM_RAD_S * time_s})
-        for block in make_downsampler(downsample, machine).push(steady):
+        warm = make_estimator(estimator, machine)
+        for block in make_downsampler(downsample, machine).push(_steady(machine)):
             warm.update(block)
             warm.estimate()
+
+
+def _steady(machine: Machine) -> SampleFrame:
+    """Two seconds of motion at one speed.
+
+    A commissioned axis gets the friction that it expects: another torque would mean a process
+    force.
+    """
+    time_s, commissioned = np.arange(2000, dtype=np.float64) / 1e3, machine.commissioned
+    friction_nm = 0.1
+    if commissioned is not None:
+        viscous_nm_s_per_rad = machine.model.viscous_nm_s_per_rad.value
+        friction_nm = commissioned.coulomb_nm + _WARM_RAD_S * viscous_nm_s_per_rad
+    torque_nm = friction_nm * (1.0 + 0.01 * np.sin(time_s))
+    return SampleFrame(time_s, {TORQUE: torque_nm, ANGLE: _WARM_RAD_S * time_s})
