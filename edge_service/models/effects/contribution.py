@@ -218,6 +218,20 @@ def constant(value: float) -> Curve:
     return lambda variable: np.full_like(variable, value)
 
 
-def harmonic(amplitude: float, order: float, phase_rad: float) -> Curve:
-    """A sin(n theta + phi) over the angle theta, in the unit of the amplitude A."""
-    return lambda angle_rad: amplitude * np.sin(order * angle_rad + phase_rad)
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """The curve A sin(n theta + phi) over the angle theta, in the unit of the amplitude A."""
+
+    amplitude: float
+    order: float
+    phase_rad: float
+
+    def __call__(self, angle_rad: Floats) -> Floats:
+        """Values, (n,)."""
+        return self.amplitude * np.sin(self.order * angle_rad + self.phase_rad)
+
+    def derivatives(self, angle_rad: Floats) -> tuple[Floats, Floats]:
+        """First and second derivative by the angle, (n,) each."""
+        turned_rad = self.order * angle_rad + self.phase_rad
+        slope = self.order * self.amplitude
+        return slope * np.cos(turned_rad), -self.order * slope * np.sin(turned_rad)

@@ -19,6 +19,7 @@ from .contribution import (
     Contribution,
     Curve,
     DryFriction,
+    Harmonic,
     LoadFriction,
     Over,
     Place,
@@ -164,14 +165,19 @@ def _derivatives(
     over: Over, shift: Curve, motion: Motion, baseline: Baseline
 ) -> tuple[Floats, Floats]:
     """First and second derivative of a shift by time: s' v and s'' v^2 + s' a, (n,) each."""
-    variable = _variable(motion, over)
-    step, per_rad = _ANGLE_STEP_RAD, 1.0
-    if over is Over.POSITION:
-        step, per_rad = _POSITION_STEP_M, baseline.ratio_m_per_rad
-    before, here, after = (shift(variable + k * step) for k in (-1.0, 0.0, 1.0))
-    slope, bend = (after - before) / (2.0 * step), (after - 2.0 * here + before) / step**2
+    per_rad = baseline.ratio_m_per_rad if over is Over.POSITION else 1.0
+    slope, bend = _by_variable(over, shift, _variable(motion, over))
     speed = per_rad * motion.speed_rad_s
     return slope * speed, bend * speed**2 + slope * per_rad * motion.acceleration_rad_s2
+
+
+def _by_variable(over: Over, shift: Curve, variable: Floats) -> tuple[Floats, Floats]:
+    """First and second derivative of a shift by its variable, (n,) each."""
+    if isinstance(shift, Harmonic):
+        return shift.derivatives(variable)
+    step = _POSITION_STEP_M if over is Over.POSITION else _ANGLE_STEP_RAD
+    before, here, after = (shift(variable + k * step) for k in (-1.0, 0.0, 1.0))
+    return (after - before) / (2.0 * step), (after - 2.0 * here + before) / step**2
 
 
 def _nothing(_value: float, motion: Motion, _baseline: Baseline) -> Floats:

@@ -11,6 +11,7 @@ import pytest
 
 from edge_service.models.effects import library, registry
 from edge_service.models.effects.baseline import Baseline, Motion
+from edge_service.models.effects.contribution import Harmonic
 from edge_service.models.effects.effect import Role
 from edge_service.models.effects.hysteresis import bristle_share, play
 from edge_service.models.effects.registry import (
@@ -178,6 +179,29 @@ def test_signatures_are_those_of_the_equations(motion: Motion, baseline: Baselin
         active = parse_effect(text)
         found = [s(active.effect, active.values, motion, baseline)[k] for s in SIGNATURES]
         assert found == pytest.approx([torque, transmission], rel=1e-6, abs=1e-12), text
+
+
+def test_derivatives_of_a_harmonic_are_those_of_its_values() -> None:
+    wave, angle_rad, step_rad = Harmonic(3e-6, 5.0, 0.4), np.linspace(-50.0, 50.0, 997), 1e-3
+    before, here, after = (wave(angle_rad + k * step_rad) for k in (-1.0, 0.0, 1.0))
+    slope, bend = wave.derivatives(angle_rad)
+    size = 3e-6 * 5.0 * (5.0 * step_rad) ** 2  # what differences of such steps miss
+    np.testing.assert_allclose(slope, (after - before) / (2.0 * step_rad), atol=size)
+    differences = (after - 2.0 * here + before) / step_rad**2
+    np.testing.assert_allclose(bend, differences, atol=5.0 * size)
+
+
+def test_a_lead_error_is_the_sum_of_its_parts(motion: Motion, baseline: Baseline) -> None:
+    effect = get_effect("lead_error")
+    parts = {"amplitude_m": 4e-6, "pitch_error": 3e-5, "variation_m": 2e-5}
+    for signature in SIGNATURES:
+        alone = [
+            signature(effect, effect.complete({name: value}), motion, baseline)
+            for name, value in parts.items()
+        ]
+        whole = signature(effect, effect.complete(parts), motion, baseline)
+        assert all(np.any(each) for each in alone)
+        np.testing.assert_allclose(whole, sum(alone), rtol=1e-12, atol=1e-18)
 
 
 def test_friction_is_undetermined_at_rest_and_the_load_is_not(baseline: Baseline) -> None:

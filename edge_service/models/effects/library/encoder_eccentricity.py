@@ -1,11 +1,11 @@
 """A rotary encoder that sits off its centre."""
 
-from ..contribution import Contribution, Over, Place, Shift, harmonic
+from ..contribution import Contribution, Harmonic, Over, Place, Shift
 from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Values, order, phase
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = harmonic(values["amplitude_rad"], values["order"], values["phase_rad"])
+    curve = Harmonic(values["amplitude_rad"], values["order"], values["phase_rad"])
     return (Shift(Place.ANGLE_READING, Over.ANGLE, curve),)
 
 

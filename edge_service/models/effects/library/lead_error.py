@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..baseline import Baseline
-from ..contribution import Contribution, Curve, Over, Place, Shift, harmonic
+from ..contribution import Contribution, Curve, Harmonic, Over, Place, Shift
 from ..effect import Effect, Kind, Parameter, Role, Values, order, phase
 from ..empirical import Covered, EmpiricalForm, MotionCurve
 
@@ -16,7 +16,7 @@ _PROFILE_ORDERS = (2, 3, 4, 5, 6)
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     parts = []
     if values["amplitude_m"]:
-        wobble = harmonic(values["amplitude_m"], values["order"], values["phase_rad"])
+        wobble = Harmonic(values["amplitude_m"], values["order"], values["phase_rad"])
         parts.append(Shift(Place.NUT, Over.ANGLE, wobble))
     if values["pitch_error"]:
         parts.append(Shift(Place.NUT, Over.POSITION, _stretched(values["pitch_error"])))
@@ -32,7 +32,7 @@ def _stretched(pitch_error: float) -> Curve:
 def _slow(values: Values) -> Curve:
     """Variation over many turns, a wave along the travel."""
     amplitude, length = values["variation_m"], values["wavelength_m"]
-    return harmonic(amplitude, 2.0 * math.pi / length, values["variation_phase_rad"])
+    return Harmonic(amplitude, 2.0 * math.pi / length, values["variation_phase_rad"])
 
 
 def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:

@@ -1,11 +1,11 @@
 """Friction that wavers within each turn."""
 
-from ..contribution import Contribution, DryFriction, Over, Side, harmonic
+from ..contribution import Contribution, DryFriction, Harmonic, Over, Side
 from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Values, order, phase
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = harmonic(values["amplitude_nm"], values["order"], values["phase_rad"])
+    curve = Harmonic(values["amplitude_nm"], values["order"], values["phase_rad"])
     return (DryFriction(Over.ANGLE, curve, Side.MOTOR),)
 
 

@@ -1,11 +1,11 @@
 """A motor whose torque wavers with its angle."""
 
-from ..contribution import Contribution, Over, Side, SmoothTorque, harmonic
+from ..contribution import Contribution, Harmonic, Over, Side, SmoothTorque
 from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Trace, Values, order, phase
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = harmonic(values["amplitude_nm"], values["order"], values["phase_rad"])
+    curve = Harmonic(values["amplitude_nm"], values["order"], values["phase_rad"])
     return (SmoothTorque(Over.ANGLE, curve, Side.MOTOR),)
 
 
