@@ -1,12 +1,17 @@
 """Machine code on disk: damage costs time, never an answer."""
 
+import os
 import pickle
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 import pytest
+from numba.core.registry import cpu_target
+from numba.core.runtime.nrt import rtsys
 
 from edge_service.models import kernel_cache
 from edge_service.models.compiled import compiled
@@ -18,6 +23,7 @@ def twice(number: float) -> float:
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    rtsys.initialize(cpu_target.target_context)
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(kernel_cache, "_elsewhere", [])
     yield tmp_path
@@ -89,3 +95,57 @@ def test_who_cannot_compile_elsewhere_is_asked_once(claims: bool) -> None:
     kernel_cache.make_elsewhere(lambda order: bool(orders.append(order)) or claims)
     assert [hits(fresh()), hits(fresh())] == [0, 1]
     assert len(orders) == 1
+
+
+_PROCESS = """
+import sys
+import numpy as np
+from numba.core.runtime import nrtdynmod
+from edge_service.downsample.interval_kernels import reversals
+from edge_service.models import kernel_cache
+
+make, made, orders = nrtdynmod.create_nrt_module, [], []
+
+def counted(target):
+    made.append(target)
+    return make(target)
+
+def elsewhere(order):
+    orders.append(order)
+    return False
+
+nrtdynmod.create_nrt_module = counted
+if "elsewhere" in sys.argv:
+    kernel_cache.make_elsewhere(elsewhere)
+assert np.all(reversals(np.array([0.0, 1.0, 0.0, 1.0]), 0.5) == reversals.py_func(
+    np.array([0.0, 1.0, 0.0, 1.0]), 0.5
+))
+print(len(made), len(orders), sum(reversals.stats.cache_hits.values()))
+"""
+
+
+def numbers_of_a_process(folder: Path, *words: str) -> list[int]:
+    """How often it compiled the counting of references, ordered, and loaded a kernel."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
+    done = subprocess.run(
+        [sys.executable, "-c", _PROCESS, *words],
+        env=environment,
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    return [int(number) for number in done.stdout.split()]
+
+
+@pytest.mark.slow
+def test_what_counts_references_is_compiled_once_and_again_where_it_is_damaged(
+    folder: Path,
+) -> None:
+    assert numbers_of_a_process(folder) == [1, 0, 0]
+    assert numbers_of_a_process(folder) == [0, 0, 1]
+    (kept,) = folder.glob("counting.*.nbc")
+    content = kept.read_bytes()
+    kept.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    assert numbers_of_a_process(folder, "elsewhere") == [1, 1, 1]  # nobody else could do it
+    assert kept.read_bytes() == content
+    assert numbers_of_a_process(folder, "elsewhere") == [0, 0, 1]
