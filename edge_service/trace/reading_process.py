@@ -31,6 +31,8 @@ PATIENCE_S = 60.0
 """Longest wait for the next frame, s."""
 MOST_ROWS = 1 << 20
 """Rows of a frame; more are no frame of ours."""
+ROWS_AT_ONCE = 1 << 11
+"""Rows that are sent in one frame: an axis that follows a recording holds two of them."""
 _LONGEST_HEAD = 1 << 16
 _ITEM_BYTES = 8
 
@@ -218,13 +220,13 @@ def _send_all(
     with open_trace(path, columns, axis) as reader:
         _line(out, {"channels": reader.channels})
         for frame in reader:
-            kept = frame if skip <= 0 else _without(frame, skip)
-            skip -= len(frame)
-            if len(kept):
-                counts = {"bad_cells": reader.bad_cells, "ragged_rows": reader.ragged_rows}
+            counts = {"bad_cells": reader.bad_cells, "ragged_rows": reader.ragged_rows}
+            for start in range(max(skip, 0), len(frame), ROWS_AT_ONCE):
+                kept = _rows(frame, start, start + ROWS_AT_ONCE)
                 _line(out, {"rows": len(kept), **counts})
                 for values in (kept.time_s, *(kept.channels[name] for name in reader.channels)):
                     out.write(np.ascontiguousarray(values).tobytes())
+            skip -= len(frame)
         _line(out, {"end": True})
 
 
@@ -233,10 +235,9 @@ def _line(out: BinaryIO, values: Mapping[str, Any]) -> None:
     out.flush()
 
 
-def _without(frame: SampleFrame, rows: int) -> SampleFrame:
-    """A frame without its first rows."""
-    channels = {name: values[rows:] for name, values in frame.channels.items()}
-    return SampleFrame(frame.time_s[rows:], channels)
+def _rows(frame: SampleFrame, start: int, end: int) -> SampleFrame:
+    channels = {name: values[start:end] for name, values in frame.channels.items()}
+    return SampleFrame(frame.time_s[start:end], channels)
 
 
 if __name__ == "__main__":
