@@ -216,7 +216,7 @@ class SpeedBench:
         """Exponents of cost and memory over the number of axes, the fixed part included."""
         axes = self._settings.axes
         found = [self._measured(each, beside_peer=False) for each in axes]
-        cores = [each.us_per_sample * number for each, number in zip(found, axes, strict=True)]
+        cores = [1e-3 * each.us_per_sample * n for each, n in zip(found, axes, strict=True)]
         memory = [each.usage.own_mb for each in found]
         span = f"from {axes[0]} to {axes[-1]} axes"
         most = f"{axes[-1]} axes"
