@@ -22,7 +22,7 @@ from ..pipeline.replay_speed import measure_replay
 from ..table import aligned, number_text
 from .paced import MOSQUITTO, Paced, measure_paced, service
 from .page import CHROMIUM, page_times_ms
-from .parts import estimator_us, ivp_s_per_axis_s, recorder_us
+from .parts import estimator_us, history_us, ivp_s_per_axis_s, recorder_us
 from .parts_of import SPEED_PARTS
 from .requests import request_costs_us
 
@@ -287,6 +287,11 @@ class SpeedBench:
     def _recorder(self) -> list[Speed]:
         ours, theirs = recorder_us(60_000, self._settings.repeats)
         return [less("recorder_us", "recorder: each sample", ours, theirs, "us", "numpy.save")]
+
+    def _history(self) -> list[Speed]:
+        ours, theirs = history_us(self._settings.repeats)
+        name = "history of a year in 1000 buckets, off the disk: processor"
+        return [less("history_ms", name, ours / 1e3, theirs / 1e3, "ms", "pyarrow, the bare file")]
 
     def _requests(self) -> list[Speed]:
         count = 300 if self._settings.quick else 3000

@@ -7,10 +7,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 from scipy.integrate import solve_ivp
 
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
+from edge_service.health.history.archive import AxisArchive
+from edge_service.health.history.file_tier import FileTier
+from edge_service.health.history.rows import QUANTITIES, STATUSES, aggregate, single_rows
+from edge_service.health.history.tier import HOUR
 from edge_service.messages.channels import CHANNELS
+from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.nodes.wiring.stages import make_estimator
 from edge_service.trace.reader import read_trace
@@ -20,7 +26,10 @@ from ..estimator.axis import downsampled
 from .peer import bank
 
 IVP_S = 2.0
-FRAME_ROWS = 20
+YEAR_S, BUCKETS = 365.0 * 86_400.0, 1000
+_BEGIN_S = 1_767_225_600.0
+"""2026 in UTC, which is one file of hours."""
+FRAME_ROWS = 100
 
 
 def processor_us(work: Callable[[], object], count: int, repeats: int) -> float:
@@ -78,7 +87,7 @@ def ivp_s_per_axis_s(repeats: int) -> float:
 
 
 def recorder_us(rows: int, repeats: int) -> tuple[float, float]:
-    """A sample written in frames of 20 ms, and in one go by numpy, us."""
+    """A sample written in frames of 100 ms, as they are published, and in one go by numpy, us."""
     values = np.random.default_rng(1).standard_normal(rows)
     time_s = np.arange(rows) / 1000.0
     frames = [
@@ -96,3 +105,28 @@ def recorder_us(rows: int, repeats: int) -> tuple[float, float]:
             np.save(Path(folder) / "theirs.npy", np.array([time_s, *[values] * len(CHANNELS)]))
 
         return processor_us(ours, rows, repeats), processor_us(theirs, rows, repeats)
+
+
+def history_us(repeats: int) -> tuple[float, float]:
+    """A year of estimates read from the disk in 1000 buckets, and the bare file by Arrow, us.
+
+    The year holds an estimate in ten minutes; a service keeps as many rows of hours whatever came.
+    """
+    time_s = np.arange(_BEGIN_S, _BEGIN_S + YEAR_S, 600.0)
+    values = np.random.default_rng(1).uniform(4.0, 6.0, (len(QUANTITIES), time_s.size))
+    estimated = np.full(time_s.size, STATUSES.index(EstimateStatus.ESTIMATED))
+    rows = single_rows(time_s, estimated, values[0] - 1.0, values[0] + 1.0, values)
+    with tempfile.TemporaryDirectory() as folder:
+        tier = FileTier(HOUR, Path(folder), print)
+        tier.replace(_BEGIN_S, _BEGIN_S + YEAR_S, aggregate(rows, _BEGIN_S, 3600.0))
+        (file,) = tier.files()
+
+        def ours() -> None:
+            archive = AxisArchive(Path(folder))  # one that has read nothing yet
+            read = archive.buckets(_BEGIN_S, _BEGIN_S + YEAR_S, YEAR_S / BUCKETS)
+            assert len(read) == BUCKETS
+
+        def theirs() -> None:
+            assert pq.read_table(file).num_rows == YEAR_S / 3600.0
+
+        return processor_us(ours, 1, repeats), processor_us(theirs, 1, repeats)

@@ -7,6 +7,7 @@ SPEED_PARTS = (
     "estimator",
     "plant",
     "recorder",
+    "history",
     "requests",
     "start",
     "page",

@@ -14,7 +14,7 @@ from tests.bench.commands import bench
 
 from .bench import Speed, SpeedTable, _exponent, less
 from .paced import MOSQUITTO, _peer
-from .parts import recorder_us
+from .parts import history_us, recorder_us
 from .tree import usage_of
 
 
@@ -60,6 +60,11 @@ def test_the_recorder_is_compared_with_something_that_writes_as_much() -> None:
     ours, theirs = recorder_us(2000, 1)
     assert ours > 0.0
     assert theirs > 0.0
+
+
+def test_a_year_of_history_is_all_there() -> None:
+    ours, theirs = history_us(1)
+    assert min(ours, theirs) > 0.0
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed")
