@@ -13,9 +13,10 @@ from .codec.json_message import JsonCodec
 from .estimate import EstimateStatus, Interval
 from .header import Header
 from .health import AxisCondition
-from .keys import ROOT
 
-PLANT = "@plant"
+PLANT = "feeddrive/plant/v1"
+"""Root of all keys of a plant's bus. Without an `@` before a machine's key: readers learn of its
+publisher from a token below that key, and Zenoh does not know such a token behind an `@`."""
 FLEET = "@fleet"
 BUCKETS = 64
 """Parts into which the machines of a plant fall; each is read by one fleet node at a time."""
@@ -190,7 +191,7 @@ class PlantKeys:
     @property
     def report(self) -> str:
         """Key of its reports."""
-        return f"{ROOT}/{PLANT}/{self.bucket}/{self.site}/{self.machine}"
+        return f"{PLANT}/{self.bucket}/{self.site}/{self.machine}"
 
     @property
     def log(self) -> str:
@@ -200,14 +201,14 @@ class PlantKeys:
 
 def bucket_reports(bucket: int) -> str:
     """Key expression of the reports of all machines of one part of the plant."""
-    return f"{ROOT}/{PLANT}/{bucket}/*/*"
+    return f"{PLANT}/{bucket}/*/*"
 
 
 def fleet_node(name: str) -> str:
     """Key of a fleet node's liveliness token; `*` as the name for all of them."""
-    return f"{ROOT}/{FLEET}/{name}"
+    return f"{PLANT}/{FLEET}/{name}"
 
 
 def fleet_question(name: str, question: str) -> str:
     """Key on which a fleet node answers a question; `*` as the name for all of them."""
-    return f"{ROOT}/{FLEET}/{name}/{question}"
+    return f"{PLANT}/{FLEET}/{name}/{question}"

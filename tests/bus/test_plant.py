@@ -18,7 +18,7 @@ from edge_service.bus.plant.session import (
 from edge_service.bus.settings import TlsSettings
 from edge_service.certificates import make_certificates
 
-KEY = "feeddrive/v1/@plant/test"
+KEY = "feeddrive/plant/v1/test"
 
 
 def free_port() -> int:

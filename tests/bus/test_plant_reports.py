@@ -10,8 +10,10 @@ import pytest
 import zenoh
 
 from edge_service.bus.plant.fleet import FleetMembers, ask_rows, packed, present_nodes, unpacked
+from edge_service.bus.plant.reporting import Reporting
 from edge_service.bus.plant.reports import BURST, Heard, PlantReports, Seen
 from edge_service.bus.plant.router import open_router
+from edge_service.bus.plant.session import PlantSession, PlantSettings
 from edge_service.messages.fleet import RowsAnswer
 from edge_service.messages.header import Header
 from edge_service.messages.plant import (
@@ -36,9 +38,13 @@ def session() -> AsyncIterator[zenoh.Session]:
     router.close()
 
 
-def payload(machine: str, sequence: int, epoch: int = 1, version: str = "1") -> bytes:
-    report = MachineReport(site="s", machine=machine, time_ns=S, version=version, axes=())
-    return REPORT.encode(None, Header(sequence, epoch, S, time.monotonic_ns()), report)
+def report_of(machine: str) -> MachineReport:
+    return MachineReport(site="s", machine=machine, time_ns=S, version="1", axes=())
+
+
+def payload(machine: str, sequence: int, epoch: int = 1) -> bytes:
+    header = Header(sequence, epoch, S, time.monotonic_ns())
+    return REPORT.encode(None, header, report_of(machine))
 
 
 async def heard(
@@ -124,6 +130,78 @@ async def _four(passing: AsyncIterator[Heard | Seen]) -> AsyncIterator[Heard]:
             count += 1
         if count == 4:
             return
+
+
+async def test_what_a_machine_said_before_it_fell_silent_is_heard_after_all() -> None:
+    """It learns of what it has missed from a number that is told again and again, or never."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = open_router([endpoint])
+    writer, reader = [await PlantSession.open(PlantSettings(endpoint)) for _ in range(2)]
+    reports = PlantReports(reader.zenoh)
+    reports.aim(range(BUCKETS))
+    reports.follow()
+    reporting = Reporting(writer, PlantKeys("s", "m1"), 0, lambda _key, _question, _reply: None)
+    last = -1
+
+    def say(times: int) -> None:
+        nonlocal last
+        for _ in range(times):
+            last = reporting.publish(report_of("m1")).sequence
+
+    async with asyncio.timeout(60.0), aclosing(aiter(reports)) as passing:
+        said = asyncio.create_task(_again_and_again(lambda: say(1)))
+        first = await _report(passing)  # those before may have found no reader
+        said.cancel()
+        found = [first.header.sequence]
+        router.close()
+        while reader.is_connected or writer.is_connected:
+            await asyncio.sleep(0.01)
+        say(5)
+        router = open_router([endpoint])
+        while found[-1] != last:
+            heard = await _report(passing)
+            found.append(heard.header.sequence)
+    assert found == list(range(found[0], last + 1))
+    assert heard.lost == 0
+    assert reports.counts()["missed"] == 0
+    reporting.close()
+    reports.close()
+    for each in (writer, reader):
+        await each.close()
+    router.close()
+
+
+async def test_a_reader_that_comes_later_begins_with_the_last_report() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = open_router([endpoint])
+    writer, reader = [await PlantSession.open(PlantSettings(endpoint)) for _ in range(2)]
+    reporting = Reporting(writer, PlantKeys("s", "m1"), 0, lambda _key, _question, _reply: None)
+    for _ in range(4):
+        reporting.publish(report_of("m1"))
+    async with asyncio.timeout(20.0):  # until the router knows the machine
+        while not list(reader.zenoh.liveliness().get(f"{key('m1')}/@adv/**", timeout=5.0)):
+            await asyncio.sleep(0.01)
+    reports = PlantReports(reader.zenoh)
+    found = await heard(reports, lambda: None, ("m1", 3))
+    assert found == [("m1", 3)]
+    reporting.close()
+    reports.close()
+    for each in (writer, reader):
+        await each.close()
+    router.close()
+
+
+async def _again_and_again(do: Callable[[], None]) -> None:
+    while True:
+        do()
+        await asyncio.sleep(0.02)
+
+
+async def _report(passing: AsyncIterator[Heard | Seen]) -> Heard:
+    while True:
+        each = await anext(passing)
+        if isinstance(each, Heard):
+            return each
 
 
 async def test_a_part_that_others_read_is_not_heard(session: zenoh.Session) -> None:

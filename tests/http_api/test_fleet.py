@@ -78,7 +78,7 @@ class Desk:
         return {"parts": 64.0}
 
     def refused(self) -> Mapping[tuple[str, str], int]:
-        return {("feeddrive/v1/@plant/1/s/m", "misplaced"): 2}
+        return {("feeddrive/plant/v1/1/s/m", "misplaced"): 2}
 
 
 @pytest.fixture

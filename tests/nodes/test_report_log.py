@@ -22,7 +22,7 @@ from ..messages.answers import answer, health_of
 from .conftest import heart, until
 
 PLENTY = 100_000_000
-KEY = "feeddrive/v1/@plant/1/s/m/@log"
+KEY = "feeddrive/plant/v1/1/s/m/@log"
 
 
 def report(number: int, axes: int = 1) -> MachineReport:

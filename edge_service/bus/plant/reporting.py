@@ -17,6 +17,11 @@ MOST_CACHED = 600
 """Reports that are kept for readers that have missed them; ten minutes of one a second."""
 _CACHE_BYTES, _AXIS_BYTES = 8e6, 1000
 _HEARTBEAT_S = 1.0
+"""Period of the last report's number, by which a reader learns what it has missed.
+
+Also while nothing new is reported: a number that is told once is lost with the router that was to
+pass it on, and with it all that was reported last before.
+"""
 
 
 class OversizedReportError(ValueError):
@@ -40,7 +45,7 @@ class Reporting:
             congestion_control=zenoh.CongestionControl.DROP,  # and recovered from the cache
             cache=ext.CacheConfig(max_samples=cached_reports(axes)),
             sample_miss_detection=ext.MissDetectionConfig(
-                heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+                heartbeat=_HEARTBEAT_S, sporadic_heartbeat=None
             ),
             publisher_detection=True,
         )

@@ -53,7 +53,8 @@ class PlantReports:
     """An asynchronous iterator of what is heard in the parts of the plant that are read.
 
     Reports that were lost on the way are asked for again, and the last ones of machines that were
-    there before come at once: both are Zenoh's (`AdvancedSubscriber`).
+    there before come at once: both are Zenoh's (`AdvancedSubscriber`). Of a machine that comes
+    later all is heard from the first report that arrives.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -114,7 +115,9 @@ class PlantReports:
             self._session,
             bucket_reports(bucket),
             zenoh.handlers.Callback(self._on_sample, indirect=False),
-            history=HistoryConfig(detect_late_publishers=True, max_samples=1),
+            # not detect_late_publishers: of a publisher that is back it would take the last report
+            # and give up those before it, which heartbeat fetches
+            history=HistoryConfig(max_samples=1),
             recovery=RecoveryConfig(heartbeat=True, periodic_queries=None),
         )
         listeners: list[Any] = [

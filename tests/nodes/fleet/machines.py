@@ -14,17 +14,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import zenoh
-from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
-
+from edge_service.bus.plant.reporting import Reporting
 from edge_service.bus.plant.session import PlantAwayError, PlantSession, PlantSettings
-from edge_service.bus.questions import Answering
 from edge_service.messages.advice import Headline, Level
 from edge_service.messages.estimate import EstimateStatus, Interval
-from edge_service.messages.header import Header
 from edge_service.messages.health import AxisCondition
 from edge_service.messages.plant import (
-    REPORT,
     AxisReport,
     LogAnswer,
     LoggedReport,
@@ -77,7 +72,7 @@ class SimulatedMachine:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        session: PlantSession,
         site: str,
         machine: str,
         axes: int,
@@ -89,17 +84,10 @@ class SimulatedMachine:
         self.keys = PlantKeys(site, machine)
         self._axes, self._period_s, self._log, self.worn = axes, period_s, log, worn
         self.first, self.last = 1, logged
-        self._epoch = time.time_ns()
-        self._sequence = 0
         self._seed = sum(map(ord, machine))
-        self._publisher = declare_advanced_publisher(
-            session,
-            self.keys.report,
-            cache=CacheConfig(max_samples=600),
-            sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=1.0),
-            publisher_detection=True,
-        )
-        self.answering = Answering(session, self.keys.log, self._answer)
+        self.sent = 0
+        """Reports so far."""
+        self._reporting = Reporting(session, self.keys, axes, self._answer)
 
     def report(self, now_ns: int, with_log: bool = True) -> MachineReport:
         """The report of a moment."""
@@ -127,15 +115,8 @@ class SimulatedMachine:
 
     def publish(self) -> None:
         """Put the next report."""
-        now_ns = time.time_ns()
-        header = Header(self._sequence, self._epoch, now_ns, time.monotonic_ns())
-        self._publisher.put(REPORT.encode(None, header, self.report(now_ns)))
-        self._sequence += 1
-
-    @property
-    def sent(self) -> int:
-        """Reports so far."""
-        return self._sequence
+        self._reporting.publish(self.report(time.time_ns()))
+        self.sent += 1
 
     def _answer(self, _key: str, question: bytes, reply: Callable[[bytes | None], None]) -> None:
         asked = LogQuestion.model_validate_json(question)
@@ -172,7 +153,7 @@ async def run(given: Any) -> None:
     session = await _opened(given.endpoint)
     machines = [
         SimulatedMachine(
-            session.zenoh,
+            session,
             f"{given.site}{k % given.sites}",
             f"{given.prefix}{k:04d}",
             given.axes,
