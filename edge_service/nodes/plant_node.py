@@ -81,10 +81,11 @@ class Telling:
         self._occasions = Occasions(plant.period_s, plant.log_period_s)
         self._published, self._oversized = 0, ""
 
-    @property
-    def axes(self) -> int:
-        """Number of axes in a report."""
-        return len(self._latest.axes)
+    def join(self, session: PlantSession) -> None:
+        """Report on this session from now on."""
+        self.session = session
+        axes = len(self._latest.axes)
+        self.reporting = Reporting(session, self.keys, axes, self._period_s, self.keeper.ask)
 
     @property
     def is_connected(self) -> bool:
@@ -139,8 +140,7 @@ async def _link(
     away = f"no router answers at {settings.endpoint}; reports wait for it"
     session = await _joined(settings, reporter, heart)
     try:
-        telling.session = session
-        telling.reporting = Reporting(session, telling.keys, telling.axes, telling.keeper.ask)
+        telling.join(session)
         while True:
             _show(reporter, "" if session.is_connected else away)
             await heart.sleep(LINK_PERIOD_S)

@@ -140,7 +140,9 @@ async def test_what_a_machine_said_before_it_fell_silent_is_heard_after_all() ->
     reports = PlantReports(reader.zenoh)
     reports.aim(range(BUCKETS))
     reports.follow()
-    reporting = Reporting(writer, PlantKeys("s", "m1"), 0, lambda _key, _question, _reply: None)
+    reporting = Reporting(
+        writer, PlantKeys("s", "m1"), 0, 1.0, lambda _key, _question, _reply: None
+    )
     last = -1
 
     def say(times: int) -> None:
@@ -175,7 +177,9 @@ async def test_a_reader_that_comes_later_begins_with_the_last_report() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = open_router([endpoint])
     writer, reader = [await PlantSession.open(PlantSettings(endpoint)) for _ in range(2)]
-    reporting = Reporting(writer, PlantKeys("s", "m1"), 0, lambda _key, _question, _reply: None)
+    reporting = Reporting(
+        writer, PlantKeys("s", "m1"), 0, 1.0, lambda _key, _question, _reply: None
+    )
     for _ in range(4):
         reporting.publish(report_of("m1"))
     async with asyncio.timeout(20.0):  # until the router knows the machine

@@ -91,7 +91,7 @@ class Reader:
             session.zenoh,
             bucket_reports(KEYS.bucket),
             self._take,
-            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+            history=ext.HistoryConfig(max_samples=1),
             recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
         )
 

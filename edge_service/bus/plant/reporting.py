@@ -16,11 +16,11 @@ from .session import PlantSession
 MOST_CACHED = 600
 """Reports that are kept for readers that have missed them; ten minutes of one a second."""
 _CACHE_BYTES, _AXIS_BYTES = 8e6, 1000
-_HEARTBEAT_S = 1.0
-"""Period of the last report's number, by which a reader learns what it has missed.
+HEARTBEAT_S = 10.0
+"""Period of the last report's number, or that of the reports if they are rarer, s.
 
-Also while nothing new is reported: a number that is told once is lost with the router that was to
-pass it on, and with it all that was reported last before.
+By it a reader learns what it has missed of a machine that rests. It is told again and again: told
+once, it is lost with the router that was to pass it on, and with it all that was reported before.
 """
 
 
@@ -33,10 +33,13 @@ class Reporting:
 
     Args:
         axes: number of axes in a report, by which the cache is bounded.
+        period_s: between the reports, s.
         answer: answers questions to the log.
     """
 
-    def __init__(self, session: PlantSession, keys: PlantKeys, axes: int, answer: Answer) -> None:
+    def __init__(
+        self, session: PlantSession, keys: PlantKeys, axes: int, period_s: float, answer: Answer
+    ) -> None:
         self._boot_epoch, self._numbers = now_ns(), count()
         self._publisher = ext.declare_advanced_publisher(
             session.zenoh,
@@ -45,7 +48,7 @@ class Reporting:
             congestion_control=zenoh.CongestionControl.DROP,  # and recovered from the cache
             cache=ext.CacheConfig(max_samples=cached_reports(axes)),
             sample_miss_detection=ext.MissDetectionConfig(
-                heartbeat=_HEARTBEAT_S, sporadic_heartbeat=None
+                heartbeat=max(HEARTBEAT_S, period_s), sporadic_heartbeat=None
             ),
             publisher_detection=True,
         )

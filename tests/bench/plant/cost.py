@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from edge_service.bus.plant.reporting import HEARTBEAT_S
+
 AXES_PER_MACHINE = 8
 DAY_S = 86_400.0
 
@@ -15,6 +17,7 @@ class Measured:
         read_us: processor of a fleet node for one axis of one report.
         table_us: processor of a fleet node for one axis of a table of the whole plant.
         router_us: processor of a router for one axis of one report.
+        number_us: processor of a router for one axis of one number of a last report.
         axis_kb: memory of a fleet node for one axis of the whole plant.
         node_mb: memory of a fleet node without machines.
         point_bytes: one axis of one logged report in a fleet node's store.
@@ -25,6 +28,7 @@ class Measured:
     read_us: float
     table_us: float
     router_us: float
+    number_us: float
     axis_kb: float
     node_mb: float
     point_bytes: float
@@ -68,11 +72,12 @@ def plant_cost(
     """
     machines = axes / AXES_PER_MACHINE
     reports_s = machines / period_s
+    router_us = measured.router_us / period_s + measured.number_us / max(period_s, HEARTBEAT_S)
     reading = axes / period_s / nodes * measured.read_us / 1e6
     return Cost(
         messages_s=reports_s,
         mb_s=reports_s * measured.report_bytes / 1e6,
-        router_cores=axes / period_s * measured.router_us / 1e6,
+        router_cores=axes * router_us / 1e6,
         node_cores=reading + axes / table_s * measured.table_us / 1e6,
         node_mb=measured.node_mb + axes * measured.axis_kb / 1e3,
         store_mb_day=axes * DAY_S / log_period_s * measured.point_bytes / 1e6,

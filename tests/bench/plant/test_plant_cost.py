@@ -29,6 +29,7 @@ def measured() -> Measured:
         read_us=figure("| report read by a fleet node |", "µs"),
         table_us=figure("whose page is looked at |", "µs"),
         router_us=figure("| report passed on by a router |", "µs"),
+        number_us=figure("| number of the last report passed on by a router |", "µs"),
         axis_kb=figure("| axis of the whole plant, on each node |", "kB"),
         node_mb=figure("of memory, beside", "MB"),
         point_bytes=figure("in the store of a fleet node |", "bytes"),
@@ -47,11 +48,11 @@ def test_what_a_plant_costs_follows_from_what_was_measured() -> None:
 
 
 def test_reading_is_shared_and_the_table_is_not() -> None:
-    figures = Measured(5000.0, 20.0, 30.0, 5.0, 10.0, 100.0, 100.0, 5000.0)
+    figures = Measured(5000.0, 20.0, 30.0, 5.0, 10.0, 10.0, 100.0, 100.0, 5000.0)
     two, four = plant_cost(8000, figures, 2), plant_cost(8000, figures, 4)
     assert two.messages_s == 1000.0
     assert two.mb_s == pytest.approx(5.0)
-    assert two.router_cores == pytest.approx(0.04)
+    assert two.router_cores == pytest.approx(0.048)
     assert two.node_cores == pytest.approx(0.08 + 0.24)
     assert four.node_cores == pytest.approx(0.04 + 0.24)
     assert two.node_mb == 180.0

@@ -87,7 +87,7 @@ class SimulatedMachine:
         self._seed = sum(map(ord, machine))
         self.sent = 0
         """Reports so far."""
-        self._reporting = Reporting(session, self.keys, axes, self._answer)
+        self._reporting = Reporting(session, self.keys, axes, period_s, self._answer)
 
     def report(self, now_ns: int, with_log: bool = True) -> MachineReport:
         """The report of a moment."""
