@@ -9,7 +9,7 @@ from .advice import Advice, Headline, PreloadFall
 from .alarm import Alarm
 from .components import check_component
 from .estimate import Frozen
-from .sentence import Sentence, is_none
+from .sentence import Code, Sentence, is_none
 from .trend import FrictionCurve, Trend, Use
 
 
@@ -86,7 +86,7 @@ class AxisHealth(Frozen):
         trend, use, friction, consistency: None where nobody keeps them.
         headline: the one statement from the worst of condition and alarms.
         advice: tasks for a person, the most urgent first; empty if there is nothing to do.
-        below: how far below a limit, for readers of any language; None unless it is.
+        below: how far below a limit, for readers of any language; None unless it is, or seems so.
         fall: the last sudden fall of the preload since a part was replaced.
     """
 
@@ -105,3 +105,8 @@ class AxisHealth(Frozen):
     advice: tuple[Advice, ...] = ()
     fall: PreloadFall | None = None
     below: Sentence | None = Field(None, exclude_if=is_none)
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Tell whether the preload may as well be above the limit that the condition rests on."""
+        return self.below is not None and self.below.code == Code.PRELOAD_MAY_BE_BELOW

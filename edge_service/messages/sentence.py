@@ -15,6 +15,7 @@ class Code(StrEnum):
     """Sentence; the codes never change."""
 
     PRELOAD_BELOW = "preload_below"
+    PRELOAD_MAY_BE_BELOW = "preload_may_be_below"
     PRELOAD_BACK = "preload_back"
     PRELOAD_LAST_KNOWN = "preload_last_known"
     PRELOAD_FALLING = "preload_falling"
@@ -48,6 +49,10 @@ ENGLISH = {
     Code.PRELOAD_BELOW: (
         "preload at {percent:.0f} % of the fresh screw's; limit {limit:.0f} %, cleared above "
         "{release:.0f} %"
+    ),
+    Code.PRELOAD_MAY_BE_BELOW: (
+        "preload at {percent:.0f} % of the fresh screw's, or at up to {high:.0f} %; limit "
+        "{limit:.0f} %, cleared above {release:.0f} %"
     ),
     Code.PRELOAD_BACK: "preload back at {percent:.0f} % of the fresh screw's",
     Code.PRELOAD_LAST_KNOWN: "preload when last known: {percent:.0f} % of the fresh screw's",

@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from edge_service.health.advice.headline import headline
+from edge_service.health.advice.tasks import advice
 from edge_service.health.settings import HealthSettings
+from edge_service.messages.advice import Task
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Severity
 from edge_service.messages.features import Fault
@@ -84,6 +87,28 @@ def test_doubtful_fault_needs_the_long_delay(scene):
     assert scene.condition is WARNING
     scene.estimate(2.8, half_width=1.0, steps=60)
     assert scene.condition is FAULT
+
+
+def test_a_limit_inside_the_interval_is_said_to_be_in_doubt(scene):
+    """The condition changes all the same, or a loss hid behind a wide interval for ever."""
+    scene.estimate(9.5, steps=10)
+    scene.estimate(5.5, half_width=4.0, steps=110)
+    health = scene.monitor.health(scene.now_ns)
+    assert health.condition is WARNING and health.is_in_doubt
+    assert health.below.code == "preload_may_be_below"
+    assert health.below.values == {"percent": 55.0, "high": 95.0, "limit": 60.0, "release": 65.0}
+    assert health.reasons == (
+        "below_warning: preload at 55 % of the fresh screw's, or at up to 95 %; limit 60 %, "
+        "cleared above 65 %",
+    )
+    assert headline(health).text == "The preload is low, or looks so."
+    assert [each.task for each in advice(health, None)] == [Task.CONFIRM_LOSS]
+    scene.estimate(5.5, half_width=0.4, steps=5)
+    health = scene.monitor.health(scene.now_ns)
+    assert health.condition is WARNING and not health.is_in_doubt
+    assert health.below.code == "preload_below"
+    assert headline(health).text == "The preload is low."
+    assert [each.task for each in advice(health, None)] == [Task.PLAN_NUT]
 
 
 def test_drop_shows_even_when_every_second_estimate_has_no_number(scene):

@@ -24,6 +24,7 @@ from edge_service.messages.health import (
     ComponentStatus,
     ConsistencyState,
 )
+from edge_service.messages.sentence import Code, Sentence
 from edge_service.models.motions.registry import MOTIONS, FiniteMotion
 
 from .conftest import show_tab
@@ -104,6 +105,10 @@ def test_english_words_are_those_of_the_service() -> None:
     for condition in AxisCondition:
         told = headline(AxisHealth(axis="X", condition=condition, since_time_ns=0))
         assert english[f"headline.{told.code}"] == told.text
+    below = Sentence(code=Code.PRELOAD_MAY_BE_BELOW)
+    for condition in (AxisCondition.WARNING, AxisCondition.FAULT):
+        told = headline(AxisHealth(axis="X", condition=condition, since_time_ns=0, below=below))
+        assert english[f"headline.{told.code}_in_doubt"] == told.text
 
 
 def unreadable(route: Any) -> None:

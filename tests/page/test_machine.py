@@ -84,6 +84,15 @@ def test_level_and_advice_are_what_the_service_says(
     assert page.locator("#answer .todo li").count() == 1
 
 
+def test_a_loss_that_is_to_be_confirmed_is_no_certain_one(
+    make_service: Any, open_page: Any
+) -> None:
+    page = open_page(make_service(**HEALTHY).address).page
+    doctored(page, SAYS % ("WARNING", "attention", "warning", "confirm_loss"))
+    page.wait_for_selector("#answer[data-level=attention] .todo:has-text('Confirm the loss')")
+    assert page.inner_text("#answer .headline") == "The preload is low, or looks so."
+
+
 SERVICE_DOWN = """(health) => ({
     ...health,
     alarms: [{

@@ -22,13 +22,18 @@ _TEXTS = {
     AxisCondition.FAULT: "The preload is lost, or nearly so",
     AxisCondition.UNAVAILABLE: "The preload is not known at present",
 }
+_TEXTS_IN_DOUBT = {
+    AxisCondition.WARNING: "The preload is low, or looks so",
+    AxisCondition.FAULT: "The preload is lost, or looks so",
+}
 
 
 def headline(health: AxisHealth) -> Headline:
     """Headline of an axis; where condition and alarm are as grave, the condition speaks."""
     condition = health.condition
+    texts = _TEXTS | (_TEXTS_IN_DOUBT if health.is_in_doubt else {})
     own = Headline(
-        level=_OF_CONDITION[condition], code=condition.value.lower(), text=_TEXTS[condition] + "."
+        level=_OF_CONDITION[condition], code=condition.value.lower(), text=texts[condition] + "."
     )
     alarms = [_of_alarm(alarm) for alarm in health.alarms if alarm.active]
     return max((own, *alarms), key=lambda each: _RANK.index(each.level))

@@ -89,7 +89,7 @@ def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Tas
         yield Task.INSPECT
     if doubt:
         yield Task.DIAGNOSE
-    yield from _of_preload(health, active, doubt)
+    yield from _of_preload(health, active, doubt or health.is_in_doubt)
     if AlarmKind.RATE in active:
         yield Task.FIND_WEAR
     if _wants_grease(estimate):

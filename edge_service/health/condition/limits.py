@@ -1,5 +1,6 @@
 """Condition from preload and its interval: two limits with hysteresis and delays."""
 
+import math
 from dataclasses import dataclass
 
 from ...messages.health import AxisCondition
@@ -81,7 +82,7 @@ class LimitTracker:
         self._first_ns: int | None = None
         self._last_ns = 0
         self._confirmed = False
-        self._value_percent = 0.0
+        self._bounds = PreloadBounds(0.0, 0.0, 0.0)
 
     def restart(self) -> None:
         """After an interruption: keep the states of the limits, ask for new evidence."""
@@ -104,7 +105,7 @@ class LimitTracker:
         if self._first_ns is None:
             self._first_ns = time_ns
         self._last_ns = time_ns
-        self._value_percent = bounds.value
+        self._bounds = bounds
         self._warning.update(bounds, time_ns)
         self._fault.update(bounds, time_ns)
         self._confirmed = self._confirmed or time_ns - self._first_ns >= self._delay_ns
@@ -128,16 +129,17 @@ class LimitTracker:
 
     @property
     def below(self) -> Told | None:
-        """Preload against the limit below which it is; None if it is not."""
+        """Preload against the limit below which it is, or seems to be; None if it is not."""
         if self.condition not in (AxisCondition.FAULT, AxisCondition.WARNING):
             return None
         latch = self._fault if self.condition is AxisCondition.FAULT else self._warning
         share = 100.0 / self._limits.fresh_percent
+        limit, release = share * latch.limit_percent, share * latch.release_percent
+        percent, high = share * self._bounds.value, share * self._bounds.high
+        if not limit <= high < math.inf:
+            return told(Code.PRELOAD_BELOW, percent=percent, limit=limit, release=release)
         return told(
-            Code.PRELOAD_BELOW,
-            percent=share * self._value_percent,
-            limit=share * latch.limit_percent,
-            release=share * latch.release_percent,
+            Code.PRELOAD_MAY_BE_BELOW, percent=percent, high=high, limit=limit, release=release
         )
 
 

@@ -25,7 +25,9 @@ const wordsOr = (key, text) => (has(key) ? { text: t(key) } : { text, lang: "en"
 
 export function headlineWords(state) {
   const headline = headlineOf(state);
-  return headline ? wordsOr(`headline.${headline.code}`, headline.text) : { text: t("todo.wait") };
+  if (!headline) return { text: t("todo.wait") };
+  const inDoubt = state.health.advice.some(({ task }) => task === "confirm_loss") ? `headline.${headline.code}_in_doubt` : "";
+  return wordsOr(has(inDoubt) ? inDoubt : `headline.${headline.code}`, headline.text);
 }
 
 export function whatToDo({ health, connected }) {
