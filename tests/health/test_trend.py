@@ -48,6 +48,21 @@ def test_a_loss_of_half_the_preload_in_a_shift_is_an_alarm_of_the_rate():
         assert slowest_loss(_rate_of_shift(percent)) < 0.0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_dip_that_its_own_interval_covers_is_no_alarm_of_the_rate(seed):
+    """As while new grease spreads: a jump of the last seconds, after minutes without scatter."""
+    rng = np.random.default_rng([7, seed])
+    time_s = np.arange(312.0)
+    percent = 6.8 + 0.08 * np.sin(time_s / 40.0 + seed) + 0.006 * rng.standard_normal(time_s.size)
+    half_width = np.full(time_s.size, 0.5)
+    percent[-10:-5] -= 0.1 + 0.08 * np.arange(5.0)
+    half_width[-10:-5] = 1.45
+    percent[-5:] -= 0.9
+    half_width[-5:] = 0.91
+    rate = preload_trend(time_s, percent, half_width, 0.1 * time_s, LIMITS).rate_percent_per_h
+    assert slowest_loss(rate) > 0.0
+
+
 def _trend(days: np.ndarray, percent: np.ndarray, distance_m: np.ndarray | None = None):
     unknown = np.full(days.size, np.nan)
     width = np.full(days.size, 0.1)

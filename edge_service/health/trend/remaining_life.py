@@ -114,7 +114,8 @@ def preload_trend(
         time_s, percent, distance_m = time_s[sure], percent[sure], distance_m[sure]
         half_width_percent = half_width_percent[sure]
     since_ns = round(float(time_s[0]) * NS_PER_S) if time_s.size else None
-    sigma = float(np.median(half_width_percent)) * _SIGMA_OF_HALF_WIDTH if time_s.size else 0.0
+    doubt = max(np.median(half_width_percent), half_width_percent[-1]) if time_s.size else 0.0
+    sigma = float(doubt) * _SIGMA_OF_HALF_WIDTH
     future = project_wear(time_s, distance_m, percent, sigma)
     if future is None:
         reason = "too little history for a trend yet"

@@ -135,6 +135,8 @@ def draw_trends(
     weights = np.exp(fits.evidence - evidence)
     which = np.repeat(np.arange(weights.size), rng.multinomial(_DRAWS, weights / weights.sum()))
     level, fall = fits.draw(which, s.size - 2, rng)
+    seen = float(np.ptp(percent))  # with correlated errors a jump at the end would be more
+    fall = np.clip(fall, -seen, seen)
     level = level + np.hypot(sigma_level, fits.scatter[which]) * rng.standard_normal(_DRAWS)
     law = which % laws.power.size
     slope = fall * laws.slope[law] * np.exp(_RATE_WANDER * rng.standard_normal(_DRAWS))
