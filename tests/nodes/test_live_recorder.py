@@ -1,6 +1,8 @@
 """Recording of an axis that a person asks for."""
 
 import asyncio
+import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +10,12 @@ import pytest
 
 from edge_service.http_api.jobs import RefusedError
 from edge_service.messages.samples import SampleFrame
+from edge_service.nodes.jobs import live_recorder
 from edge_service.nodes.jobs.live_recorder import LiveRecorder
 from edge_service.nodes.supervision.heartbeat import Heartbeat
+from edge_service.threads import Threads
 from edge_service.trace.reader import read_trace
+from edge_service.trace.writer import TraceWriter
 
 RATE_HZ, ROWS = 100.0, 50
 
@@ -64,3 +69,34 @@ async def test_it_ends_by_itself_though_the_samples_stop(tmp_path: Path, heard: 
 async def test_nothing_is_stopped_that_was_not_begun(tmp_path: Path) -> None:
     with pytest.raises(RefusedError, match="not being recorded"):
         LiveRecorder(tmp_path).stop("X")
+
+
+async def test_one_that_is_given_up_while_it_begins_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when the service ends: the file is opened in a thread that nobody waits for."""
+    begins, goes_on, ended = threading.Event(), threading.Event(), threading.Event()
+
+    class Slow(TraceWriter):
+        def __init__(self, path: Path, channels: Sequence[str]) -> None:
+            begins.set()
+            goes_on.wait(20.0)
+            super().__init__(path, channels)
+
+        def abort(self) -> None:
+            super().abort()
+            ended.set()
+
+    monkeypatch.setattr(live_recorder, "TraceWriter", Slow)
+    recorder = LiveRecorder(tmp_path)
+    recorder.start("X", "a.parquet", 60.0)
+    recorder.follow("X", frame(0))
+    work = asyncio.ensure_future(recorder.run(Heartbeat("live", 60.0, lambda: 0.0)))
+    async with asyncio.timeout(20.0):
+        while not begins.is_set():
+            await asyncio.sleep(0)
+    work.cancel()
+    await asyncio.gather(work, return_exceptions=True)
+    goes_on.set()
+    assert await Threads("waiting").run(ended.wait, 20.0)
+    assert list(tmp_path.iterdir()) == []

@@ -6,6 +6,7 @@ import shutil
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 
 from ...http_api.jobs import RefusedError
 from ...http_api.routes.motions import LiveRecordingAnswer
@@ -104,48 +105,74 @@ class LiveRecorder:
 
     async def run(self, heart: Heartbeat) -> None:
         """Write what comes until cancelled; the disk holds up no sample."""
-        writer: TraceWriter | None = None
+        output: _Output | None = None
         try:
             while True:
                 with heart.idle(lambda: not self._wake.is_set()):
                     await self._wake.wait()
                 self._wake.clear()
-                writer = await self._written(heart, writer)
+                now = self._now
+                if now is not None:
+                    output = output or _Output(self._folder / now.name)
+                    if await self._is_over(heart, now, output):
+                        self._now = output = None
         finally:
-            if writer is not None:
-                writer.abort()
+            if output is not None:
+                output.give_up()
 
-    async def _written(self, heart: Heartbeat, writer: TraceWriter | None) -> TraceWriter | None:
-        """Write all that waits; the writer while the recording goes on."""
-        now = self._now
-        if now is None:
-            return writer
+    async def _is_over(self, heart: Heartbeat, now: _Recording, output: "_Output") -> bool:
+        """Write all that waits; whether that was the end of the recording."""
         frames = [now.waiting.popleft() for _ in range(len(now.waiting))]
         is_over = now.ended
         try:
-            writer = await heart.in_thread(_write, self._folder / now.name, writer, frames, is_over)
+            await heart.in_thread(output.write, frames, is_over)
         except (TraceError, OSError) as error:
             log.warning("%s: the recording cannot be kept: %s", now.name, error)
-            writer, is_over = None, True
-        if is_over:
-            self._now = None
-        return writer
+            return True
+        return is_over
 
 
-def _write(
-    path: Path, writer: TraceWriter | None, frames: list[SampleFrame], is_over: bool
-) -> TraceWriter | None:
-    """Write frames, and put the file in place at its end; nothing is left of a failure."""
-    try:
-        if writer is None and frames:
-            writer = TraceWriter(path, tuple(frames[0].channels))
+class _Output:
+    """File of one recording: written in a thread, given up from anywhere without waiting."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._writer: TraceWriter | None = None
+        self._at_work = Lock()
+        self._given_up = False
+
+    def write(self, frames: list[SampleFrame], is_over: bool) -> None:
+        """Write frames, and put the file in place at its end; nothing is left of a failure.
+
+        Raises TraceError, OSError.
+        """
+        try:
+            with self._at_work:
+                self._write(frames, is_over)
+        except (TraceError, OSError):
+            self._given_up = True
+            raise
+        finally:
+            self._remove()
+
+    def give_up(self) -> None:
+        """Leave nothing of what is not in place yet; where a thread is at work, at its end."""
+        self._given_up = True
+        self._remove()
+
+    def _write(self, frames: list[SampleFrame], is_over: bool) -> None:
+        if self._writer is None and frames:
+            self._writer = TraceWriter(self._path, tuple(frames[0].channels))
         for frame in frames:
-            assert writer is not None
-            writer.write(frame)
-        if is_over and writer is not None:
-            writer.commit()
-    except (TraceError, OSError):
-        if writer is not None:
-            writer.abort()
-        raise
-    return None if is_over else writer
+            assert self._writer is not None
+            self._writer.write(frame)
+        if is_over and self._writer is not None:
+            self._writer.commit()
+
+    def _remove(self) -> None:
+        if self._given_up and self._at_work.acquire(blocking=False):
+            try:
+                if self._writer is not None:
+                    self._writer.abort()
+            finally:
+                self._at_work.release()
