@@ -145,6 +145,54 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
             assert count <= MOST_MODULES, place
 
 
+MOST_LINES = {
+    "adopt": 1687,
+    "bus": 4530,
+    "cli": 2344,
+    "config": 766,
+    "diagnose": 6517,
+    "downsample": 2290,
+    "drivers": 5118,
+    "estimate": 6329,
+    "fingerprint": 5844,
+    "health": 6841,
+    "http_api": 4699,
+    "messages": 2738,
+    "models": 6610,
+    "nodes": 8482,
+    "offline": 10361,
+    "trace": 4492,
+    "beside the rooms": 1659,
+    "tests": 74905,
+}
+"""Lines of Python that a room has at most. Numbers only fall."""
+MOST_FILES = 774
+"""Modules of the product."""
+
+
+def python_of(room: str) -> list[Path]:
+    """Python files of a room, of the tests, or of what lies beside the rooms."""
+    if room == "beside the rooms":
+        return list((ROOT / "edge_service").glob("*.py"))
+    return list((ROOT if room in TOP_LEVEL else ROOT / "edge_service").joinpath(room).rglob("*.py"))
+
+
+def test_every_room_has_a_size() -> None:
+    rooms = {path.parent.name for path in ROOT.glob("edge_service/*/__init__.py")}
+    assert set(MOST_LINES) == rooms | {"drivers", "tests", "beside the rooms"}
+
+
+@pytest.mark.parametrize("room", MOST_LINES)
+def test_no_room_grows(room: str) -> None:
+    size = sum(len(path.read_text("utf-8").splitlines()) for path in python_of(room))
+    assert size <= MOST_LINES[room]
+
+
+def test_the_product_has_no_more_files() -> None:
+    rooms = [room for room in MOST_LINES if room != "tests"]
+    assert sum(len(python_of(room)) for room in rooms) <= MOST_FILES
+
+
 def keys_of(model: type[BaseModel]) -> set[str]:
     keys = set()
     for name, field in model.model_fields.items():
