@@ -20,7 +20,7 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.stub_node import make_stub
-from edge_service.trace.writer import TraceWriter
+from edge_service.recordings.writer import TraceWriter
 
 from .drivers.bench import ROOT, free_port
 

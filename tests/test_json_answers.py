@@ -22,7 +22,7 @@ from edge_service.http_api.security.tokens import add_token
 from edge_service.nodes.outputs import trial
 
 from .offline.test_response import FREQUENCY, _response
-from .trace.tuning_files import tuning
+from .recordings.tuning_files import tuning
 
 WITHOUT = {
     "run": "serves until it is stopped",

@@ -12,10 +12,10 @@ from typing import ClassVar
 import numpy as np
 
 from edge_service.messages.samples import SampleFrame
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.reading_process import ReadingProcess
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
 from edge_service.threads import Threads
-from edge_service.trace.columns import TraceError
-from edge_service.trace.reading_process import ReadingProcess
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..frame_cutter import FrameCutter

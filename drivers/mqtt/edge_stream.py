@@ -9,15 +9,15 @@ import numpy as np
 from edge_service.messages.channels import TIME
 from edge_service.messages.quality import Quality
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.trace.block import Block, number_rows
-from edge_service.trace.columns import AxisError, ColumnLike, TraceError
-from edge_service.trace.reader import TraceReader, read_source
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
-from edge_service.trace.sinumerik.controller_signals import EDGE_CYCLE
-from edge_service.trace.sinumerik.cycle_clock import RESTART_GAP_S, WIDE
-from edge_service.trace.sinumerik.edge_context import EdgeContext
-from edge_service.trace.sinumerik.edge_rows import HEADER, PAYLOAD, SAMPLES, EdgeRows
-from edge_service.trace.sinumerik.edge_source import EdgeSource, edge_recording
+from edge_service.recordings.block import Block, number_rows
+from edge_service.recordings.columns import AxisError, ColumnLike, TraceError
+from edge_service.recordings.reader import TraceReader, read_source
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.controller_signals import EDGE_CYCLE
+from edge_service.recordings.sinumerik.cycle_clock import RESTART_GAP_S, WIDE
+from edge_service.recordings.sinumerik.edge_context import EdgeContext
+from edge_service.recordings.sinumerik.edge_rows import HEADER, PAYLOAD, SAMPLES, EdgeRows
+from edge_service.recordings.sinumerik.edge_source import EdgeSource, edge_recording
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from .order import Order

@@ -10,10 +10,14 @@ from typing import Any
 import numpy as np
 
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
-from edge_service.trace.sinumerik.controller_signals import EDGE_CYCLE, EDGE_SIGNALS, EDGE_UNITS
-from edge_service.trace.sinumerik.cycle_clock import PERIOD_S
-from edge_service.trace.sinumerik.edge_rows import HEADER, PAYLOAD, SAMPLES
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.controller_signals import (
+    EDGE_CYCLE,
+    EDGE_SIGNALS,
+    EDGE_UNITS,
+)
+from edge_service.recordings.sinumerik.cycle_clock import PERIOD_S
+from edge_service.recordings.sinumerik.edge_rows import HEADER, PAYLOAD, SAMPLES
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from ..stub import Fault, FaultKind, StubAxis

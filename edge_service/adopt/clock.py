@@ -4,7 +4,7 @@ import numpy as np
 
 from ..messages.channels import TIME
 from ..messages.samples import Floats
-from ..trace.columns import ROW_NUMBER
+from ..recordings.columns import ROW_NUMBER
 from .guess import Choice, Known, Understanding
 from .names import ColumnName, Quantity
 from .relations import changes, proportion, travelled

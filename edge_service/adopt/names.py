@@ -1,6 +1,6 @@
 """Meaning of a column's name: quantity, unit and axis, as loggers and controllers spell them.
 
-The words are those of SINUMERIK servo data and Industrial Edge (`trace/sinumerik`), of joint
+The words are those of SINUMERIK servo data and Industrial Edge (`recordings/sinumerik`), of joint
 states in ROS, and those that data loggers and laboratories write in English and German.
 """
 
@@ -22,7 +22,7 @@ from ..messages.channels import (
     TORQUE,
 )
 from ..messages.units import SI
-from ..trace.sinumerik.controller_signals import (
+from ..recordings.sinumerik.controller_signals import (
     EDGE_SIGNALS,
     SINUMERIK_SIGNALS,
     edge_signals,

@@ -74,7 +74,7 @@ def _is_bad_input(error: Exception) -> bool:
     from ..offline.diagnosis.sessions import DiagnosisError
     from ..offline.rollout.contents import RolloutError
     from ..offline.simulate import SimulationError
-    from ..trace.columns import TraceError
+    from ..recordings.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
     access = (CertificateError, TokenError, BackupError, RolloutError)

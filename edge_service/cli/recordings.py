@@ -173,7 +173,7 @@ def simulate(
     from ..config import load_machine
     from ..offline.simulate import SimulationSettings, simulate_session
     from ..offline.simulate import simulate as run_simulation
-    from ..trace.writer import TraceFormat
+    from ..recordings.writer import TraceFormat
 
     settings = SimulationSettings(
         motions[0], effects, duration_s, preload_percent, added_mass_kg, external_force_n, seed

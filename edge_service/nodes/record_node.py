@@ -8,7 +8,7 @@ from pathlib import Path
 from ..bus.session import Bus
 from ..config import ConfigError, EdgeConfig
 from ..messages.topics import RAW
-from ..trace.writer import TraceWriter
+from ..recordings.writer import TraceWriter
 from .wiring.bus_rights import reader_settings
 
 FIRST_FRAME_S = 5.0

@@ -21,8 +21,8 @@ from ..messages.topics import EVENT, RAW, VIB, WAVE
 from ..messages.vibration import VibrationFeatures
 from ..messages.waveform import Waveform
 from ..models.machine import Machine
-from ..trace.columns import TraceError
-from ..trace.writer import TraceWriter
+from ..recordings.columns import TraceError
+from ..recordings.writer import TraceWriter
 from .supervision.heartbeat import Heartbeat
 from .wiring.context import NodeContext, Reporter
 from .wiring.stages import load_machines

@@ -7,11 +7,11 @@ import numpy as np
 
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..trace.columns import TraceError
-from ..trace.reader import TraceReader
-from ..trace.signals.speed_check import SpeedCheck
-from ..trace.sinumerik.controller_axis import ControllerAxis
-from ..trace.writer import TraceFormat, TraceWriter, format_of
+from ..recordings.columns import TraceError
+from ..recordings.reader import TraceReader
+from ..recordings.signals.speed_check import SpeedCheck
+from ..recordings.sinumerik.controller_axis import ControllerAxis
+from ..recordings.writer import TraceFormat, TraceWriter, format_of
 from .recordings import Progress, open_recording, reported, silent
 
 _GAP_STEPS = 1.5
@@ -73,7 +73,7 @@ def convert(
     """Read a recording as the machine file says and write it in the form of the name `out`.
 
     Args:
-        source: in any form of `trace/forms`.
+        source: in any form of `recordings/forms`.
         out: ends in .csv, .parquet or .mcap; appears whole or not at all.
         machine: its [columns], and its lead where `axis` has none.
         axis: which axis of a controller's recording, and what its units need.

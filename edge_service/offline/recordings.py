@@ -5,8 +5,8 @@ from pathlib import Path
 
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..trace.reader import TraceReader, open_trace, read_trace
-from ..trace.sinumerik.controller_axis import ControllerAxis
+from ..recordings.reader import TraceReader, open_trace, read_trace
+from ..recordings.sinumerik.controller_axis import ControllerAxis
 
 Progress = Callable[[str], None]
 """Takes a line on what is being done."""

@@ -22,9 +22,9 @@ from ..fingerprint.response.control_response import (
 )
 from ..fingerprint.response.frequency_response import FrequencyResponse
 from ..fingerprint.result import Section, Status, examined
-from ..trace.columns import TraceError
-from ..trace.forms.registry import head_of, name_of
-from ..trace.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
+from ..recordings.columns import TraceError
+from ..recordings.forms.registry import head_of, name_of
+from ..recordings.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
 from .fingerprint import render
 from .report.documents import ResponseDocument
 from .report.fingerprint_figures import draw_sections

@@ -16,8 +16,8 @@ from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
 from ..models.motions.registry import MotionLimits, motion_limits
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
-from ..trace.columns import TraceError
-from ..trace.writer import TraceFormat, TraceWriter
+from ..recordings.columns import TraceError
+from ..recordings.writer import TraceFormat, TraceWriter
 from .commanded_motion import CommandedMotion, MotionWish
 from .document import Document
 

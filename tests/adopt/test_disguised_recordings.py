@@ -15,7 +15,7 @@ from edge_service.adopt.guess import Known
 from edge_service.config import load_machine
 from edge_service.offline.adopt.adopt import Request, adopt
 from edge_service.offline.recordings import read_recording
-from edge_service.trace.columns import TraceError
+from edge_service.recordings.columns import TraceError
 
 from ..foreign_plant import DIAGNOSIS, case, simulate
 

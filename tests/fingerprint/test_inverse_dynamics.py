@@ -25,7 +25,7 @@ from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move
-from edge_service.trace.reader import read_trace
+from edge_service.recordings.reader import read_trace
 
 from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, production_setpoints, setpoints_of
 

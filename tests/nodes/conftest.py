@@ -25,7 +25,7 @@ from edge_service.nodes.service import PIPELINE, run_nodes
 from edge_service.nodes.supervision.heartbeat import Heartbeat
 from edge_service.nodes.supervision.supervisor import Supervisor
 from edge_service.nodes.wiring.context import NodeContext
-from edge_service.trace.writer import TraceWriter
+from edge_service.recordings.writer import TraceWriter
 
 PATIENCE_S = 30.0
 RATE_HZ = 1000.0

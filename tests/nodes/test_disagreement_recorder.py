@@ -15,7 +15,7 @@ from edge_service.nodes.stores.disagreement_recorder import (
     MOST_KEPT,
     DisagreementRecorder,
 )
-from edge_service.trace.reader import read_trace
+from edge_service.recordings.reader import read_trace
 
 from .conftest import heart
 

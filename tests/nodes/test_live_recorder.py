@@ -13,9 +13,9 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.nodes.jobs import live_recorder
 from edge_service.nodes.jobs.live_recorder import LiveRecorder
 from edge_service.nodes.supervision.heartbeat import Heartbeat
+from edge_service.recordings.reader import read_trace
+from edge_service.recordings.writer import TraceWriter
 from edge_service.threads import Threads
-from edge_service.trace.reader import read_trace
-from edge_service.trace.writer import TraceWriter
 
 RATE_HZ, ROWS = 100.0, 50
 

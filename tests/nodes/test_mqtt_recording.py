@@ -22,13 +22,13 @@ from edge_service.messages.topics import PRELOAD
 from edge_service.nodes.stub_node import _driven
 from edge_service.offline.estimate import estimates
 from edge_service.offline.recordings import open_recording
-from edge_service.trace.reader import read_trace
+from edge_service.recordings.reader import read_trace
 
 from ..bus.mqtt.conftest import Broker, needs_broker
 from ..drivers.mqtt.bench import TOPIC
 from ..drivers.mqtt.test_driver import send
 from ..drivers.mqtt.test_edge_stream import messages
-from ..trace.form_files import EDGE_NAMES
+from ..recordings.form_files import EDGE_NAMES
 from .conftest import PATIENCE_S, config_of, running
 
 pytestmark = needs_broker

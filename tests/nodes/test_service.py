@@ -35,7 +35,7 @@ from edge_service.nodes.wiring.bus_rights import node_settings, reader_settings
 from edge_service.nodes.wiring.context import NodeContext
 from edge_service.offline.estimate import estimates
 from edge_service.offline.replay import replay_trace
-from edge_service.trace.reader import open_trace, read_trace
+from edge_service.recordings.reader import open_trace, read_trace
 
 from .conftest import config_of, running, until
 

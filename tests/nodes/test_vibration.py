@@ -16,7 +16,7 @@ from edge_service.messages.topics import EVENT, VIB, WAVE
 from edge_service.messages.vibration import VibrationFeatures
 from edge_service.messages.waveform import Waveform
 from edge_service.nodes.vibration_node import MOST_SENSORS, Sensors, orders_of
-from edge_service.trace.reader import open_trace
+from edge_service.recordings.reader import open_trace
 
 from .conftest import config_of, running
 

@@ -12,8 +12,8 @@ import pytest
 from edge_service.models.machine import Machine
 from edge_service.offline.convert import ConvertSummary, convert
 from edge_service.offline.recordings import controller_axis
-from edge_service.trace.columns import TraceError
-from edge_service.trace.reader import open_trace, read_trace
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.reader import open_trace, read_trace
 
 LEAD_M = 0.01
 SPEED_MM_S = 5.0
@@ -182,8 +182,8 @@ def test_a_cut_off_source_leaves_nothing_behind(tmp_path: Path) -> None:
 PEAK = """
 import re, sys
 from pathlib import Path
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
-from edge_service.trace.reader import open_trace
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.reader import open_trace
 with open_trace(Path(sys.argv[1]), axis=ControllerAxis(lead_m=0.01)) as reader:
     rows = sum(len(frame) for frame in reader)
 status = Path("/proc/self/status").read_text()

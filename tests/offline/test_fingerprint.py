@@ -17,9 +17,9 @@ from edge_service.offline.report import fingerprint_wording, quantities
 from edge_service.offline.report.fingerprint_wording import WORDING, plain
 from edge_service.offline.report.quantities import estimate
 from edge_service.offline.simulate import SimulationSettings, simulate, simulate_session
-from edge_service.trace.columns import TraceError
-from edge_service.trace.reader import read_trace
-from edge_service.trace.writer import TraceFormat
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.reader import read_trace
+from edge_service.recordings.writer import TraceFormat
 
 ROOT = Path(__file__).parents[2]
 BENCH = ROOT / "deploy" / "machine.toml"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
-from tests.trace.tuning_files import measurement, tuning
+from tests.recordings.tuning_files import measurement, tuning
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "sinumerik_ast" / "AST_AX7.xml"
 FREQUENCY = np.geomspace(1.0, 500.0, 300)

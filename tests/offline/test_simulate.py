@@ -18,7 +18,7 @@ from edge_service.offline.simulate import (
     simulate,
     simulate_session,
 )
-from edge_service.trace.columns import TraceError
+from edge_service.recordings.columns import TraceError
 
 SHORT = SimulationSettings(duration_s=3.0)
 

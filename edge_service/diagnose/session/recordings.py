@@ -18,8 +18,13 @@ from ...messages.channels import (
 )
 from ...messages.samples import Booleans, Floats, SampleFrame
 from ...models.effects.baseline import Baseline, Motion
-from ...trace.signals.conditioning import central_difference, low_pass, white_noise_rms, with_angle
-from ...trace.signals.screening import UniformRun, uniform_runs
+from ...recordings.signals.conditioning import (
+    central_difference,
+    low_pass,
+    white_noise_rms,
+    with_angle,
+)
+from ...recordings.signals.screening import UniformRun, uniform_runs
 from .clock import on_one_clock
 from .run import FILTER_ORDER, Filter, Run, is_slow
 

@@ -11,7 +11,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.compiled import compiled
 from ...models.effects.baseline import Motion
 from ...models.effects.effect import ACCELERATION_HZ
-from ...trace.signals.conditioning import low_pass
+from ...recordings.signals.conditioning import low_pass
 
 Integers = npt.NDArray[np.int64]
 SLOW_HZ = ACCELERATION_HZ

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats, SampleFrame
-from ...trace.signals.conditioning import (
+from ...recordings.signals.conditioning import (
     CUTOFF_SHARE,
     central_difference,
     low_pass,
     white_noise_rms,
 )
-from ...trace.signals.screening import UniformRun, uniform_runs
+from ...recordings.signals.screening import UniformRun, uniform_runs
 from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.linear import LinearFit, least_squares
 

@@ -7,7 +7,7 @@ import numpy as np
 from ...messages.channels import ANGLE
 from ...messages.samples import Floats, SampleFrame
 from ...models.machine import Machine
-from ...trace.signals.conditioning import with_angle
+from ...recordings.signals.conditioning import with_angle
 
 LEAST_RATE_HZ = 50.0
 RATE_SLACK = 0.05

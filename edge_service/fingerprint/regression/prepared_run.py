@@ -26,7 +26,7 @@ from ...messages.channels import (
     TORQUE,
 )
 from ...messages.samples import Booleans, Floats, SampleFrame
-from ...trace.signals.conditioning import (
+from ...recordings.signals.conditioning import (
     CUTOFF_SHARE,
     anti_alias,
     central_difference,
@@ -36,7 +36,7 @@ from ...trace.signals.conditioning import (
     white_noise_rms,
     with_angle,
 )
-from ...trace.signals.screening import UniformRun, uniform_runs
+from ...recordings.signals.screening import UniformRun, uniform_runs
 
 OPTIONAL = (TORQUE, ANGLE, TABLE_POSITION, SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
 _REACH_PERIODS = 2.0

@@ -11,8 +11,8 @@ from threading import Lock
 from ...http_api.jobs import RefusedError
 from ...http_api.routes.motions import LiveRecordingAnswer
 from ...messages.samples import SampleFrame
-from ...trace.columns import TraceError
-from ...trace.writer import TraceWriter
+from ...recordings.columns import TraceError
+from ...recordings.writer import TraceWriter
 from ..supervision.heartbeat import Heartbeat
 from .recordings import LEFT_FREE_BYTES
 

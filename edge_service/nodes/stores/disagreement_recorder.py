@@ -12,8 +12,8 @@ from ...clock import is_future, now_ns
 from ...downsample.sample_ring import SampleRing
 from ...messages.event import Event
 from ...messages.samples import SampleFrame
-from ...trace.columns import TraceError
-from ...trace.writer import TraceWriter
+from ...recordings.columns import TraceError
+from ...recordings.writer import TraceWriter
 from ..supervision.heartbeat import Heartbeat
 
 log = logging.getLogger(__name__)

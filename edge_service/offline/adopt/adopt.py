@@ -17,9 +17,9 @@ from ...config import ConfigError, load_machine
 from ...messages.channels import CHANNELS, TABLE_POSITION, TORQUE
 from ...messages.samples import SampleFrame
 from ...models.screw.ball_screw import transmission_ratio
-from ...trace.columns import ColumnMap, TraceError
-from ...trace.reader import read_trace
-from ...trace.sinumerik.controller_axis import ControllerAxis
+from ...recordings.columns import ColumnMap, TraceError
+from ...recordings.reader import read_trace
+from ...recordings.sinumerik.controller_axis import ControllerAxis
 from ..examination import examine
 from ..recordings import Progress, silent
 from .adopted import answer_of

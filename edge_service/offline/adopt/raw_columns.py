@@ -8,10 +8,10 @@ import numpy as np
 
 from ...adopt.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
 from ...messages.samples import Floats
-from ...trace.columns import TraceError
-from ...trace.forms.registry import open_source
-from ...trace.sinumerik.controller_axis import ControllerAxis
-from ...trace.sinumerik.edge_source import edge_recording
+from ...recordings.columns import TraceError
+from ...recordings.forms.registry import open_source
+from ...recordings.sinumerik.controller_axis import ControllerAxis
+from ...recordings.sinumerik.edge_source import edge_recording
 
 _MOST_ROWS = 500_000
 """Rows that the meaning of the columns is judged by."""

@@ -6,7 +6,7 @@ from itertools import count
 from pathlib import Path
 
 from ...config import ConfigError
-from ...trace.forms.registry import is_recording
+from ...recordings.forms.registry import is_recording
 
 
 @dataclass(frozen=True, slots=True)

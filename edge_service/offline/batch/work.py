@@ -14,7 +14,7 @@ from ... import exit_status
 from ...command_answer import Answer
 from ...config import DEFAULT_CONFIG, ConfigError, load_config
 from ...fingerprint.document import FingerprintError
-from ...trace.columns import TraceError
+from ...recordings.columns import TraceError
 from ..diagnosis.sessions import BadDataError, DiagnosisError
 from .cases import Case
 

@@ -19,7 +19,7 @@ from ...fingerprint.regression.prepared_run import PreparationSettings
 from ...messages.samples import SampleFrame
 from ...models.machine import Machine
 from ...models.screw.ball_screw import transmission_ratio
-from ...trace.columns import TraceError
+from ...recordings.columns import TraceError
 from ..examination import ExaminationError
 from ..recordings import Progress, open_recording, reported, silent
 from ..report.page import rendered

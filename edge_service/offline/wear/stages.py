@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ...messages.samples import Floats
-from ...trace.columns import TraceError
+from ...recordings.columns import TraceError
 
 LEAD_M = 0.008
 _MIN_PER_H = 60.0

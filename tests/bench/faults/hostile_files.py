@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.trace import form_files, tuning_files
+from tests.recordings import form_files, tuning_files
 
 _CHECKOUT = Path(__file__).parents[3]
 _DEPLOY = _CHECKOUT / "deploy"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.trace.form_files import RIGHT
+from tests.recordings.form_files import RIGHT
 
 from .files import KINDS, problem_of, spoil
 from .hostile_files import right_files, spoiled

@@ -11,7 +11,7 @@ from drivers.simulated import SimulatedConfig, SimulatedDriver
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.channels import CHANNELS
 from edge_service.messages.samples import SampleFrame
-from edge_service.trace.writer import TraceWriter
+from edge_service.recordings.writer import TraceWriter
 
 LIVE_FRAME_S = 0.1
 _RECORDED_FRAME_S = 1.0

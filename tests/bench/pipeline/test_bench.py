@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_service.config import load_config
-from edge_service.trace.reader import read_trace
+from edge_service.recordings.reader import read_trace
 
 from ..identification.simulated_axis import write_recording
 from ..table import Figure, PipelineBench, PipelineBenchError, number_text

@@ -19,8 +19,8 @@ from edge_service.messages.channels import CHANNELS
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.nodes.wiring.stages import make_estimator
-from edge_service.trace.reader import read_trace
-from edge_service.trace.writer import TraceWriter
+from edge_service.recordings.reader import read_trace
+from edge_service.recordings.writer import TraceWriter
 
 from ..estimator.axis import downsampled
 from .peer import bank

@@ -16,7 +16,7 @@ from drivers.folder import driver as driver_module
 from drivers.folder import ledger as ledger_module
 from drivers.folder.ledger import Ledger
 from edge_service.limited_process import ProcessLimits
-from edge_service.trace.reading_process import ReadingProcess
+from edge_service.recordings.reading_process import ReadingProcess
 
 from .test_folder import Watch, torques
 

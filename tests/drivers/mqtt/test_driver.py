@@ -19,11 +19,11 @@ from drivers.mqtt.link import MqttLink
 from drivers.stub import Fault, FaultKind
 from edge_service.certificates import make_certificates
 from edge_service.messages.samples import SampleFrame
-from edge_service.trace.reader import read_trace
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.reader import read_trace
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
 
 from ...bus.mqtt.conftest import MOSQUITTO, PATIENCE_S, Broker, needs_broker
-from ...trace.form_files import edge_json
+from ...recordings.form_files import edge_json
 from ..bench import CONTEXT, MACHINE, free_port
 from .bench import TOPIC, config_of, stub_of
 from .test_edge_stream import BLOCK, ROWS, joined, messages, recorded

@@ -15,11 +15,11 @@ from drivers.mqtt.order import MOST_LATE
 from drivers.mqtt.payload import MessageError, decode_object
 from edge_service.messages.quality import Quality, is_bad
 from edge_service.messages.samples import SampleFrame
-from edge_service.trace.reader import read_trace
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
-from edge_service.trace.sinumerik.cycle_clock import RESTART_GAP_S
+from edge_service.recordings.reader import read_trace
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.cycle_clock import RESTART_GAP_S
 
-from ...trace.form_files import EDGE_NAMES, edge_json
+from ...recordings.form_files import EDGE_NAMES, edge_json
 
 AXIS = ControllerAxis(number=1, lead_m=0.01)
 BLOCK = 10

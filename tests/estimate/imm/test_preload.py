@@ -305,7 +305,7 @@ EMPS = Path(__file__).parents[3].parent / "shared" / "data" / "emps"
 )
 def test_the_real_axis_has_its_published_drag(file: str, force_n: float) -> None:
     """Janot, Gautier, Brunot (2019): Coulomb friction 20.39 N at the table."""
-    from edge_service.trace.reader import open_trace
+    from edge_service.recordings.reader import open_trace
 
     machine = load_machine(Path(__file__).parents[3] / "deploy" / "emps.toml")
     ratio = machine.transmission_ratio_m_per_rad

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from edge_service.messages.samples import SampleFrame
-from edge_service.trace.columns import ColumnMap, TraceError
-from edge_service.trace.forms.text import BLOCK_BYTES
-from edge_service.trace.reader import open_trace, read_trace
+from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.forms.text import BLOCK_BYTES
+from edge_service.recordings.reader import open_trace, read_trace
 
 
 def _read(tmp_path: Path, content: bytes | str, **columns: ColumnMap) -> SampleFrame:

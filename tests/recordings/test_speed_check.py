@@ -5,7 +5,7 @@ import pytest
 
 from edge_service.messages.channels import ANGLE, MOTOR_SPEED, TABLE_POSITION, TABLE_SPEED
 from edge_service.messages.samples import SampleFrame
-from edge_service.trace.signals.speed_check import SpeedCheck
+from edge_service.recordings.signals.speed_check import SpeedCheck
 
 TIME_S = np.arange(5000) * 2e-3
 POSITION = 0.1 * np.sin(TIME_S)

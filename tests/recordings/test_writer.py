@@ -11,9 +11,9 @@ from hypothesis.extra.numpy import arrays
 
 from edge_service.messages.channels import ANGLE, CHANNELS, TEMPERATURE, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.trace.columns import TraceError
-from edge_service.trace.reader import open_trace, read_trace
-from edge_service.trace.writer import TraceFormat, TraceWriter
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.reader import open_trace, read_trace
+from edge_service.recordings.writer import TraceFormat, TraceWriter
 
 SUFFIXES = (".csv", ".parquet")
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)

@@ -8,10 +8,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from edge_service.trace.columns import ColumnMap, TraceError
-from edge_service.trace.reader import open_trace, read_trace
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
-from edge_service.trace.sinumerik.controller_signals import sinumerik_signal
+from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.reader import open_trace, read_trace
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.controller_signals import sinumerik_signal
 
 AXIS = ControllerAxis(number=1, lead_m=0.01)
 RAD_PER_MM = 2.0 * math.pi / 10.0

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.trace.columns import ColumnMap, TraceError
-from edge_service.trace.reader import open_trace, read_trace
+from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.reader import open_trace, read_trace
 
 VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.trace.columns import TraceError
-from edge_service.trace.sinumerik.base85 import doubles_from_base85
-from edge_service.trace.sinumerik.tuning import read_tuning
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.sinumerik.base85 import doubles_from_base85
+from edge_service.recordings.sinumerik.tuning import read_tuning
 
 from .tuning_files import base85, measurement, tuning
 

@@ -9,9 +9,9 @@ import pytest
 
 from edge_service.messages.channels import ANGLE, TORQUE
 from edge_service.messages.samples import SampleFrame
-from edge_service.trace.columns import TraceError
-from edge_service.trace.reader import open_trace
-from edge_service.trace.writer import TraceWriter
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.reader import open_trace
+from edge_service.recordings.writer import TraceWriter
 
 mcap_reader = pytest.importorskip("mcap.reader", reason="the extra 'mcap' is not installed")
 

@@ -8,11 +8,11 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.limited_process import ProcessLimits
-from edge_service.trace.columns import TraceError
-from edge_service.trace.forms.registry import HEAD_BYTES, all_forms, open_source
-from edge_service.trace.reader import open_trace
-from edge_service.trace.reading_process import ReadingProcess
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.forms.registry import HEAD_BYTES, all_forms, open_source
+from edge_service.recordings.reader import open_trace
+from edge_service.recordings.reading_process import ReadingProcess
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
 
 from .form_files import GREEDY, LYING, RIGHT
 
@@ -98,7 +98,7 @@ def test_a_length_beyond_the_file_takes_no_memory(name, tmp_path, capsys) -> Non
 def test_the_end_of_a_process_that_unpacks_is_one_line(memory_mb, tmp_path, monkeypatch) -> None:
     """Damage may end scipy's reader, and not only its process' limits."""
     limits = ProcessLimits(memory_mb=memory_mb, cpu_s=60.0)
-    monkeypatch.setattr("edge_service.trace.forms.matlab.LIMITS", limits)
+    monkeypatch.setattr("edge_service.recordings.forms.matlab.LIMITS", limits)
     path = tmp_path / "recording"
     path.write_bytes(RIGHT["MATLAB 5"]()[0])
     with pytest.raises(TraceError, match=r"a damaged MATLAB file \([^\n]*\)$"):

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from edge_service.trace.columns import TraceError
-from edge_service.trace.reader import open_trace
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.reader import open_trace
 
 
 def _csv() -> bytes:

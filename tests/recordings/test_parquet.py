@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from edge_service.trace.columns import ColumnMap, TraceError
-from edge_service.trace.reader import open_trace, read_trace
+from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.reader import open_trace, read_trace
 
 
 def test_types_nulls_and_unknown_columns(tmp_path: Path) -> None:

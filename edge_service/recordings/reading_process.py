@@ -190,7 +190,7 @@ def _request(
 
 
 def _started(request: str, limits: ProcessLimits) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "edge_service.trace.reading_process", request]
+    command = [sys.executable, "-m", "edge_service.recordings.reading_process", request]
     return subprocess.Popen(
         limited_command(command, limits, dies_with_caller=False),
         stdin=subprocess.DEVNULL,

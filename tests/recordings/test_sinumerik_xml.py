@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.trace.columns import ColumnMap, TraceError
-from edge_service.trace.reader import TraceReader, open_trace, read_trace
-from edge_service.trace.sinumerik.controller_axis import ControllerAxis
-from edge_service.trace.sinumerik.record_grid import BLOCK_ROWS
+from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.reader import TraceReader, open_trace, read_trace
+from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.record_grid import BLOCK_ROWS
 
 NAN = math.nan
 LEAD_M = 0.02

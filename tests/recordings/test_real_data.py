@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edge_service.models.machine import Machine
-from edge_service.trace.reader import read_trace
+from edge_service.recordings.reader import read_trace
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.trace.columns import ColumnMap, TraceError
-from edge_service.trace.direction_sign import DirectionSign
-from edge_service.trace.reader import read_trace
+from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.direction_sign import DirectionSign
+from edge_service.recordings.reader import read_trace
 
 
 @pytest.mark.parametrize("cut", range(9))

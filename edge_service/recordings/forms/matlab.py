@@ -54,7 +54,7 @@ class MatlabSource:
 
     def _unpack(self) -> dict[str, Any]:
         """Let a process write the columns; what it says of them. Raises TraceError and OSError."""
-        command = [sys.executable, "-m", "edge_service.trace.matlab_process", str(self.path)]
+        command = [sys.executable, "-m", "edge_service.recordings.matlab_process", str(self.path)]
         try:
             ended = subprocess.run(
                 limited_command(command, LIMITS, dies_with_caller=False),

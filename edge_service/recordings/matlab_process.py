@@ -1,6 +1,6 @@
 """Unpacks the table of a MATLAB file: a line of JSON, then its columns as doubles.
 
-python -m edge_service.trace.matlab_process FILE
+python -m edge_service.recordings.matlab_process FILE
 """
 
 import json

@@ -8,10 +8,10 @@ import pytest
 
 from edge_service.limited_process import ProcessLimits
 from edge_service.messages.channels import TIME, TORQUE
-from edge_service.trace import reading_process
-from edge_service.trace.columns import ColumnMap, TraceError
-from edge_service.trace.reader import read_trace
-from edge_service.trace.reading_process import ReadingProcess
+from edge_service.recordings import reading_process
+from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.reader import read_trace
+from edge_service.recordings.reading_process import ReadingProcess
 
 ROWS = 20_000
 
