@@ -22,10 +22,16 @@ from .service import backup, check_config, mtconnect_devices, node, replay, rest
 from .sources import doctor, stub
 from .upkeep.rollout import rollout
 
+GONE: dict[str, str] = {}
+"""Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status: 0 done, 2 bad input, 3 bad data, 1 a failure."""
     given = sys.argv[1:] if arguments is None else list(arguments)
+    gone = _gone(given)
+    if gone is not None:
+        return _complain(f"{gone}: {GONE[gone]}", BAD_INPUT, as_json=FLAG in given)
     try:
         status = cli.main(args=given, prog_name="edge-service", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -39,6 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # the outermost edge: no traceback reaches a user
         return _complain(*_explained(error), as_json=FLAG in given)
     return status if isinstance(status, int) else DONE
+
+
+def _gone(given: Sequence[str]) -> str | None:
+    """First command, word or option of a call that is gone; None without one."""
+    command, *rest = given or [""]
+    options = [each.partition("=")[0] for each in rest if each.startswith("--")]
+    keys = [command, " ".join(given[:2]), *(f"{command} {each}" for each in options), *options]
+    return next((key for key in keys if key in GONE), None)
 
 
 def _explained(error: Exception) -> tuple[str, int]:

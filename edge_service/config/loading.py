@@ -20,6 +20,7 @@ from ..config_tables import (
 from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
+from .gone import gone_key
 from .identity import identity_of, machine_file, state_in_place
 from .mistakes import ConfigError, explain
 from .plant import FleetNodeConfig
@@ -45,6 +46,9 @@ def load_config(path: Path) -> EdgeConfig:
     state = state_in_place(path)
     written = _read(path if state is None else state / path.name)
     content = _parsed(path, written)
+    gone = gone_key(content)
+    if gone is not None:
+        raise ConfigError(f"{path}: {gone}")
     for key in open_secrets(EdgeConfig, content, path):
         log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
     try:

@@ -1,0 +1,25 @@
+"""Keys of the configuration that are gone, and what to do instead."""
+
+from collections.abc import Mapping
+from typing import Any
+
+GONE: dict[str, str] = {}
+"""Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""
+
+
+def gone_key(content: object, gone: Mapping[str, str] = GONE) -> str | None:
+    """First gone key in a parsed configuration, as `key: what to do`; None without one."""
+    for key, advice in gone.items():
+        if _holds(content, key.split(".")):
+            return f"{key}: {advice}"
+    return None
+
+
+def _holds(content: object, names: list[str]) -> bool:
+    """Presence of a key; in an array of tables that of any of them."""
+    if isinstance(content, list):
+        return any(_holds(each, names) for each in content)
+    table: dict[str, Any] = content if isinstance(content, dict) else {}
+    if names[0] not in table:
+        return False
+    return len(names) == 1 or _holds(table[names[0]], names[1:])
