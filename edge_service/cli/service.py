@@ -39,10 +39,8 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
     Without CONFIG, run a simulated drive with the built-in default configuration.
     """
     from ..nodes.service import run_service
-    from ..nodes.wiring.memory import stay_small
 
     log_to_stderr()
-    stay_small()
     asyncio.run(run_service(configured(config, port, endpoint), announce))
 
 
@@ -57,10 +55,8 @@ def node(name: str, config: Path | None, port: int | None, endpoint: str | None)
     Nodes identify themselves by certificates (`edge-service certs`), unless the bus is open.
     """
     from ..nodes.service import run_node
-    from ..nodes.wiring.memory import stay_small
 
     log_to_stderr()
-    stay_small()
     settings = configured(config, port, endpoint)
     asyncio.run(run_node(settings, name, announce))
 
@@ -167,11 +163,9 @@ def replay(
     endpoint: str | None,
 ) -> Answer:
     """Play a recording through the whole service, and print the final answer."""
-    from ..nodes.wiring.memory import stay_small
     from ..offline.replay import replay_trace
 
     log_to_stderr()
-    stay_small()
     if speed < 0.0:
         raise InputError(f"--speed: {speed:g}, expected 0 or more")
     settings = configured(config, port, endpoint)

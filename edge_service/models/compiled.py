@@ -1,34 +1,27 @@
-"""Machine code for the numeric kernels, kept between runs where a folder allows it."""
+"""Machine code for the numeric kernels, kept between runs by numba's own cache."""
 
 import hashlib
 import os
-import tempfile
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 
-from .kernel_cache import KernelCache
-
 _Function = TypeVar("_Function", bound=Callable[..., object])
 _KERNEL_ROOMS = ("models", "downsample", "estimate")
+_ROOM_BYTES = 50_000_000
 
 
 def compiled(function: _Function) -> _Function:
     """Compile `function` with numba, on its first call for each set of argument types.
 
     Division by zero gives inf or nan, as in numpy. The plain Python function stays at hand as
-    `.py_func`. The machine code is kept on disk; where numba finds no folder to write to (a
-    read-only installation without a home) it is compiled anew in each process.
+    `.py_func`. Without a safe folder for machine code each process compiles anew.
     """
-    dispatcher = cast(Any, numba.njit)(error_model="numpy", nogil=True)(function)
-    try:
-        dispatcher._cache = KernelCache(function)
-    except RuntimeError as error:
-        if "cannot cache function" not in str(error):
-            raise
-    return cast(_Function, dispatcher)
+    kept = bool(cast(Any, numba.config).CACHE_DIR)
+    return cast(_Function, numba.njit(error_model="numpy", nogil=True, cache=kept)(function))
 
 
 def inlined(function: _Function) -> _Function:
@@ -40,27 +33,36 @@ def inlined(function: _Function) -> _Function:
     return cast(_Function, uncounted(function))
 
 
-def _use_cache_of_these_sources() -> None:
-    """Give numba a cache folder named after the kernels' sources.
+def cache_folder() -> Path | None:
+    """Folder for machine code that nobody but this user, or root, can change; None without one.
 
-    Numba's own check sees only the file of the function that is called first, not those of the
-    functions inside: an edit or an upgrade there would go on running the old code.
+    Numba unpickles what it finds there, so another user's file would be run. The folder is named
+    after the kernels' sources, because numba sees only changes of the function that is called
+    first, not of those inside.
     """
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
+    base = os.environ.get("CACHE_DIRECTORY") or os.path.expanduser("~/.cache/edge-service")  # noqa: PTH111
     package = Path(__file__).parent.parent
     sources = sorted(path for room in _KERNEL_ROOMS for path in (package / room).rglob("*.py"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
-    for base in (Path(home), Path(tempfile.gettempdir()) / f"edge-service-{os.getuid()}"):
-        folder = base / "edge-service" / f"kernels-{digest}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
-            cast(Any, numba.config).CACHE_DIR = str(folder)
-            return
+    try:
+        folder = Path(base).resolve() / f"kernels-{digest}"
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if not all(is_private(place) for place in (folder, *folder.parents)):
+            return None
+        for path in folder.rglob("*.nb?"):
+            if path.stat().st_size == 0:  # as a power cut leaves it; numba would stop there
+                path.unlink()
+        roomy = shutil.disk_usage(folder).free > _ROOM_BYTES  # numba fails on a full disk
+    except OSError:
+        return None
+    return folder if roomy and os.access(folder, os.W_OK) else None
 
 
-_use_cache_of_these_sources()
+def is_private(folder: Path) -> bool:
+    """Return whether this user or root owns the folder, and nobody else may write to it."""
+    status = folder.lstat()
+    return status.st_uid in {0, os.getuid()} and not status.st_mode & 0o022
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    cast(Any, numba.config).CACHE_DIR = str(cache_folder() or "")

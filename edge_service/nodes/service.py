@@ -28,7 +28,6 @@ from .supervision.watchdog import Watchdog
 from .wiring.bus_rights import node_settings, router_settings
 from .wiring.context import NodeContext
 from .wiring.http_rights import check_access
-from .wiring.kernels import COMPILER
 from .wiring.process import Process
 from .wiring.start_entry import end_entry, start_entry
 
@@ -128,7 +127,6 @@ async def run_nodes(
 
         def look(now_s: float) -> bool:
             process.look(now_s)
-            COMPILER.rest()
             return until_sources_end and all(source.done.is_set() for source in sources)
 
         await supervisor.run(stop, look)

@@ -1,10 +1,19 @@
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from edge_service.models import compiled as module
-from edge_service.models.compiled import compiled
+from edge_service.models.compiled import cache_folder, compiled, is_private
+
+KERNEL = """
+import numba
+from edge_service.models.screw.nut_law import nut_stiffness
+assert nut_stiffness(1.6e8, 10.0) == nut_stiffness.py_func(1.6e8, 10.0)
+print(numba.config.CACHE_DIR, sum(nut_stiffness.stats.cache_hits.values()))
+"""
 
 
 def double(x: float) -> float:
@@ -24,21 +33,27 @@ def test_division_by_zero_is_as_in_numpy() -> None:
     assert compiled(inverse)(0.0) == float("inf")
 
 
-def refusing(message: str) -> Callable[[Any], Any]:
-    def cache(_function: Any) -> Any:
-        raise RuntimeError(message)
-
-    return cache
-
-
-def test_works_without_a_folder_for_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    message = "cannot cache function 'double': no locator available"
-    monkeypatch.setattr(module, "KernelCache", refusing(message))
-    fast: Any = compiled(double)
-    assert (fast(1.5), fast.py_func) == (3.0, double)
+def test_machine_code_is_never_kept_where_others_may_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared = tmp_path / "shared"
+    for mode, private in ((0o700, True), (0o755, True), (0o775, False), (0o1777, False)):
+        shared.mkdir(exist_ok=True)
+        shared.chmod(mode)
+        assert is_private(shared) is private
+    monkeypatch.setenv("CACHE_DIRECTORY", str(shared / "mine"))
+    assert cache_folder() is None
 
 
-def test_other_errors_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "KernelCache", refusing("something else"))
-    with pytest.raises(RuntimeError, match="something else"):
-        compiled(double)
+def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:
+    def hits() -> list[str]:
+        run = subprocess.run(
+            [sys.executable, "-c", KERNEL],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return run.stdout.split()
+
+    assert [hits(), hits()] == [[str(tmp_path), "0"], [str(tmp_path), "1"]]
