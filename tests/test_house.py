@@ -158,15 +158,15 @@ MOST_LINES = {
     "health": 6841,
     "http_api": 4699,
     "messages": 2738,
-    "models": 6610,
-    "nodes": 8482,
+    "models": 6478,
+    "nodes": 8354,
     "offline": 10361,
     "recordings": 4492,
     "beside the rooms": 1659,
     "tests": 74960,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 775
+MOST_FILES = 772
 """Modules of the product."""
 
 
