@@ -101,13 +101,13 @@ def aside_name(path: Path) -> Path:
     return next((name for name in names if not os.path.lexists(name)), names[-1])
 
 
-def made_folder(folder: Path) -> None:
+def made_folder(folder: Path, mode: int = 0o777) -> None:
     """Make a folder with those above it, so that they outlive a power failure. OSError."""
     if folder.is_dir():
         return
     made_folder(folder.parent)
     with suppress(FileExistsError):
-        folder.mkdir()
+        folder.mkdir(mode)
     sync_folder(folder.parent)
 
 

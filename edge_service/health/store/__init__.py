@@ -1,0 +1,1 @@
+"""One SQLite file for all that outlives the process: events, states, history, outbox."""

@@ -1,0 +1,349 @@
+"""One SQLite file for all that outlives the process.
+
+Every transaction is on the disk when it ends. The file is checked when it is opened: a damaged one
+is set aside and a new one begun with what can be read of it; one that cannot be read now is waited
+for and never replaced.
+"""
+
+import fcntl
+import os
+import sqlite3
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from ...atomic import made_folder, sync_file, sync_folder
+from ...threads import Threads
+
+T = TypeVar("T")
+Given = ParamSpec("Given")
+FILE_NAME = "edge-service.sqlite"
+APPLICATION_ID = 0x65645376
+"""Mark in the header of the file."""
+_BUSY, _LOCKED, _CORRUPT, _FULL, _NO_ACCESS, _FOREIGN = 5, 6, 11, 13, 14, 26
+_BUSY_S = 2.0
+_WAL_BYTES = 4_000_000
+_FILE_MODE, _FOLDER_MODE = 0o640, 0o750
+
+
+class StoreFailedError(Exception):
+    """Reason why the file cannot be read or written now; another try may succeed."""
+
+
+class Store:
+    """The file, for any thread and for several processes.
+
+    Args:
+        path: of the file; its folder is made. None: the store lives in memory.
+
+    Attributes:
+        damages: files that were set aside, a line each.
+        problem: reason for which nothing can be kept now; empty if it can.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self.damages: list[str] = []
+        self.problem = ""
+        self._name = "the store" if path is None else str(path)
+        self._threads = Threads("store", 2)
+        self._schemas: list[str] = []
+        self._writing, self._reading = threading.RLock(), threading.RLock()
+        self._writer: sqlite3.Connection | None = None
+        self._reader: sqlite3.Connection | None = None
+        self._opened, self._opened_by_reader = 0, 0
+        self._check = "quick_check"
+        self._device = self._inode = -1
+
+    def define(self, schema: str) -> None:
+        """Add statements that make the tables of one owner; they run before the next use."""
+        with self._writing:
+            if schema not in self._schemas:
+                self._schemas.append(schema)
+                if self._writer is not None and self.path is None:
+                    self._writer.executescript(schema)
+                else:
+                    self._close_writer()
+
+    def write(self, work: Callable[[sqlite3.Connection], T]) -> T:
+        """Result of work in one transaction, on the disk when it returns. Raises StoreFailedError.
+
+        An error of the work itself undoes it and is raised as it is.
+        """
+        with self._writing:
+            file = self._open_writer()
+            try:
+                file.execute("BEGIN IMMEDIATE")
+                result = work(file)
+                file.execute("COMMIT")
+            except sqlite3.Error as error:
+                raise self._translated(error) from None
+            finally:
+                _roll_back(file)
+            self.problem = ""
+            return result
+
+    def read(self, work: Callable[[sqlite3.Connection], T]) -> T:
+        """Result of work that sees one state of the file. Raises StoreFailedError."""
+        if self.path is None:
+            with self._writing:
+                return work(self._open_writer())
+        with self._reading:
+            file = self._open_reader(self.path)
+            try:
+                file.execute("BEGIN")
+                return work(file)
+            except sqlite3.Error as error:
+                raise self._translated(error) from None
+            finally:
+                _roll_back(file)
+
+    async def run(self, work: Callable[Given, T], *args: Given.args, **kwargs: Given.kwargs) -> T:
+        """Result of work in a thread of the store: a disk that hangs holds up nothing else."""
+        return await self._threads.run(work, *args, **kwargs)
+
+    def copy_to(self, path: Path) -> None:
+        """Write a copy of the file as it is now. Raises StoreFailedError."""
+        with self._writing:
+            try:
+                self._open_writer().execute("VACUUM INTO ?", (str(path),))
+            except sqlite3.Error as error:
+                raise self._translated(error) from None
+
+    def close(self) -> None:
+        """Close the file; safe twice, and the next use opens it again."""
+        with self._reading, self._writing:
+            self._close_writer()
+            if self._reader is not None:
+                self._reader.close()
+            self._reader = None
+
+    def __del__(self) -> None:
+        self.close()
+
+    def _translated(self, error: Exception) -> Exception:
+        """StoreFailedError where the file failed; an error of the work as it is."""
+        if isinstance(error, OSError):
+            reason = f"{error.filename or self._name}: {error.strerror}"
+        elif type(error) in (sqlite3.DatabaseError, sqlite3.OperationalError):
+            reason = f"{self._name}: {error}"
+            code = _code(error)
+            if code in (_CORRUPT, _FOREIGN):
+                self._check = "integrity_check"
+            if code not in (_FULL, _BUSY, _LOCKED):
+                self._opened += 1
+        else:
+            return error
+        self.problem = reason
+        return StoreFailedError(reason)
+
+    def _open_writer(self) -> sqlite3.Connection:
+        try:
+            if self._writer is not None and (self._check or self._is_another()):
+                self._close_writer()
+            if self._writer is None:
+                self._writer = self._open()
+                self._opened += 1
+        except (sqlite3.Error, OSError) as error:
+            raise self._translated(error) from None
+        return self._writer
+
+    def _open_reader(self, path: Path) -> sqlite3.Connection:
+        if self._reader is None or self._opened_by_reader != self._opened or self._is_another():
+            if self._reader is not None:
+                self._reader.close()
+                self._reader = None
+            with self._writing:
+                self._open_writer()
+                try:
+                    self._reader = _connected(path)
+                    self._reader.execute("PRAGMA query_only = ON")
+                except sqlite3.Error as error:
+                    raise self._translated(error) from None
+                self._opened_by_reader = self._opened
+        return self._reader
+
+    def _is_another(self) -> bool:
+        """True when the file was replaced or removed meanwhile; in memory it never is."""
+        try:
+            return self.path is not None and self.path.stat().st_ino != self._inode
+        except FileNotFoundError:
+            return True
+
+    def _close_writer(self) -> None:
+        if self._writer is not None:
+            with suppress(sqlite3.Error):
+                self._writer.close()
+        if self.path is not None:
+            self._writer = None
+
+    def _open(self) -> sqlite3.Connection:
+        if self.path is None:
+            file = _connected(":memory:")
+        else:
+            self._make_folder(self.path.parent)
+            with _alone(self.path.parent):
+                self._make_whole(self.path)
+                file = _connected(self.path)
+                self._inode = self.path.stat().st_ino
+        try:
+            for schema in self._schemas:
+                file.executescript(schema)
+        except BaseException:
+            file.close()
+            raise
+        self._check = ""
+        return file
+
+    def _make_folder(self, folder: Path) -> None:
+        """Make the folder, unless the disk that it was on is away. Raises OSError."""
+        there = folder
+        while not os.path.lexists(there):
+            there = there.parent
+        device = there.stat().st_dev
+        if self._device not in (-1, device):
+            raise OSError(0, "its disk is away", str(folder))
+        made_folder(folder, _FOLDER_MODE)
+        self._device = device
+
+    def _make_whole(self, path: Path) -> None:
+        """Set a damaged file aside, and begin a new one where there is none."""
+        _finish(path)
+        was_known = self._inode != -1 or path.with_name(f"{path.name}-wal").exists()
+        if path.exists():
+            damage = _damage_of(path, self._check or "quick_check")
+        elif was_known:
+            damage = "it is gone"
+        else:
+            damage = ""
+        if damage or not path.exists():
+            self._begin_anew(path)
+            if damage:
+                aside = f", kept as {_set_aside(path)}" if path.exists() else ""
+                self.damages.append(f"{path}: {damage}{aside}; begun anew with what can be read")
+            _finish(path)
+
+    def _begin_anew(self, path: Path) -> None:
+        """Write a new file beside the old one, with what can be read of that."""
+        new = path.with_name(f".{path.name}.part")
+        for part in _parts(new):
+            part.unlink(missing_ok=True)
+        os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _FILE_MODE))
+        if os.geteuid() == 0:
+            owner = path.parent.stat()
+            os.chown(new, owner.st_uid, owner.st_gid)
+        with closing(sqlite3.connect(new, isolation_level=None)) as file:
+            file.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            for schema in self._schemas:
+                file.executescript(schema)
+            if path.is_file():
+                with suppress(sqlite3.Error), closing(sqlite3.connect(path)) as old:
+                    old.text_factory = _text
+                    _rescue(old, file)
+        sync_file(new)
+        new.replace(_new_of(path))
+
+
+def _rescue(old: sqlite3.Connection, new: sqlite3.Connection) -> None:
+    """Copy the rows of every table, from both ends up to what cannot be read."""
+    tables = "SELECT name, sql FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
+    for name, statement in old.execute(tables).fetchall():
+        with suppress(sqlite3.Error):
+            new.execute(statement)
+        quoted = '"' + name.replace('"', '""') + '"'
+        for order in ("ASC", "DESC"):
+            with suppress(sqlite3.Error):
+                rows = old.execute(f"SELECT * FROM {quoted} ORDER BY 1 {order}")
+                marks = ", ".join("?" * len(rows.description))
+                new.execute("BEGIN")
+                try:
+                    new.executemany(f"INSERT OR IGNORE INTO {quoted} VALUES ({marks})", rows)
+                finally:
+                    new.execute("COMMIT")
+
+
+def _connected(path: Path | str) -> sqlite3.Connection:
+    file = sqlite3.connect(path, _BUSY_S, isolation_level=None, check_same_thread=False)
+    file.text_factory = _text
+    try:
+        file.execute("PRAGMA journal_mode = WAL")
+        file.execute("PRAGMA synchronous = FULL")
+        file.execute(f"PRAGMA journal_size_limit = {_WAL_BYTES}")
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _damage_of(path: Path, check: str) -> str:
+    """Damage of a file; empty if there is none. Raises sqlite3.Error, OSError: unreadable now."""
+    try:
+        with closing(sqlite3.connect(path, _BUSY_S)) as file:
+            ((mark,),) = file.execute("PRAGMA application_id").fetchall()
+            if mark != APPLICATION_ID:
+                return "it is no store of this service"
+            ((said,),) = file.execute(f"PRAGMA {check}(1)").fetchall()
+            return "" if said == "ok" else str(said).splitlines()[-1]
+    except sqlite3.DatabaseError as error:
+        if _code(error) == _NO_ACCESS:
+            path.open("rb").close()  # says why
+        if _code(error) not in (_CORRUPT, _FOREIGN):
+            raise
+        return str(error)
+
+
+def _roll_back(file: sqlite3.Connection) -> None:
+    """Undo what was begun and not committed."""
+    if file.in_transaction:
+        with suppress(sqlite3.Error):
+            file.execute("ROLLBACK")
+
+
+def _text(content: bytes) -> str:
+    """Text, also where damage has made it none: the check of the row finds that."""
+    return content.decode(errors="replace")
+
+
+def _code(error: BaseException) -> int:
+    """SQLite's primary result code; 0 if there is none."""
+    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
+
+
+def _set_aside(path: Path) -> str:
+    """Name under which a damaged file is kept beside its place from now on."""
+    aside = path.with_name(f"{path.name}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
+    path.replace(aside)
+    sync_folder(path.parent)
+    return aside.name
+
+
+def _parts(path: Path) -> tuple[Path, ...]:
+    """All files of one database."""
+    return tuple(path.with_name(f"{path.name}{end}") for end in ("", "-wal", "-shm"))
+
+
+def _new_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.new")
+
+
+def _finish(path: Path) -> None:
+    """Put a new file into the place of one that was set aside, also after a crash in between."""
+    if _new_of(path).exists() and not path.exists():
+        for part in _parts(path):
+            part.unlink(missing_ok=True)  # a log of the old file must not meet the new one
+        _new_of(path).replace(path)
+        sync_folder(path.parent)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold off other processes while the file is checked, and perhaps replaced."""
+    handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
