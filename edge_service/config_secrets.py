@@ -1,15 +1,12 @@
 """Secrets of a configuration: which keys they are, and how they come from files of their own."""
 
 import stat
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, SecretStr
 
 from .secret_files import SecretError, read_secret, secret_path
-
-_ASSUMED, _ASSUMED_URL = "a secret that lies on the machine", "http://127.0.0.1/"
 
 
 def secret_keys(model: type[BaseModel]) -> tuple[str, ...]:
@@ -39,32 +36,19 @@ def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) 
     return content | read
 
 
-Filled = Callable[[type[BaseModel], dict[str, Any]], dict[str, Any]]
-
-
 def with_table_secrets(
     model: type[BaseModel], content: dict[str, Any], folder: Path
 ) -> dict[str, Any]:
     """The content of a file, its tables with the secrets that they name. Raises SecretError."""
-    return _filled(model, content, lambda table, part: with_secrets(table, part, folder))
-
-
-def with_assumed_secrets(model: type[BaseModel], content: dict[str, Any]) -> dict[str, Any]:
-    """The content of a file of another machine: something in place of the secrets that lie there.
-
-    Raises:
-        SecretError: a secret stands in the file itself; the text does not hold it.
-    """
-    return _filled(model, content, _assumed)
-
-
-def _filled(model: type[BaseModel], content: dict[str, Any], fill: Filled) -> dict[str, Any]:
     filled = {}
     for name, field in model.model_fields.items():
         part = content.get(name)
         for table in _tables_in(field.annotation):
             if isinstance(part, dict):
-                filled[name] = _named(name, table, part, fill)
+                try:
+                    filled[name] = with_secrets(table, part, folder)
+                except SecretError as error:
+                    raise SecretError(f"{name}.{error}") from None
     return content | filled
 
 
@@ -89,21 +73,6 @@ def _tables_in(annotation: Any) -> list[type[BaseModel]]:
         for each in (annotation, *get_args(annotation))
         if isinstance(each, type) and issubclass(each, BaseModel)
     ]
-
-
-def _named(name: str, table: type[BaseModel], part: dict[str, Any], fill: Filled) -> dict[str, Any]:
-    try:
-        return fill(table, part)
-    except SecretError as error:
-        raise SecretError(f"{name}.{error}") from None
-
-
-def _assumed(table: type[BaseModel], part: dict[str, Any]) -> dict[str, Any]:
-    for key in secret_keys(table):
-        if key in part:
-            raise SecretError(f"{key}: stands in the file itself; name a file of it by {key}_file")
-    named = [key for key in secret_keys(table) if isinstance(part.get(f"{key}_file"), str)]
-    return part | {key: _ASSUMED_URL if key == "url" else _ASSUMED for key in named}
 
 
 def _read(key: str, content: dict[str, Any], folder: Path) -> str:

@@ -351,7 +351,7 @@ def test_an_unknown_option_is_refused_before_anything_is_loaded() -> None:
     assert answered(["diagnose", "--unknown"]) == f"{BAD_INPUT}"
 
 
-@pytest.mark.parametrize("arguments", [["fleet"], ["rollout", "status", "missing.toml"]])
+@pytest.mark.parametrize("arguments", [["fleet"]])
 def test_a_mistake_is_told_without_rooms_that_the_command_has_not_used(
     arguments: list[str],
 ) -> None:

@@ -148,25 +148,25 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 MOST_LINES = {
     "adopt": 1687,
     "bus": 4530,
-    "cli": 2358,
-    "config": 795,
+    "cli": 2182,
+    "config": 649,
     "diagnose": 6522,
     "downsample": 2290,
     "drivers": 5122,
     "estimate": 6329,
     "fingerprint": 5844,
-    "health": 7400,
-    "http_api": 4699,
+    "health": 7382,
+    "http_api": 4693,
     "messages": 2738,
     "models": 6478,
-    "nodes": 8354,
-    "offline": 10361,
+    "nodes": 8352,
+    "offline": 8820,
     "recordings": 4492,
-    "beside the rooms": 1659,
-    "tests": 75298,
+    "beside the rooms": 1628,
+    "tests": 73978,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 776
+MOST_FILES = 762
 """Modules of the product."""
 
 

@@ -51,18 +51,6 @@ COMMANDS: dict[str, list[str]] = {
     "mtconnect-devices": ["mtconnect-devices", "--out", "{dir}/Devices.xml"],
     "backup": ["backup", "{dir}/service.toml", "--out", "{dir}/again.zip"],
     "restore": ["restore", "{dir}/backup.zip", "--config", "{dir}/new/service.toml"],
-    "rollout key": ["rollout", "key", "{dir}/new.key"],
-    "rollout pack": [
-        *("rollout", "pack", "{dir}/service.toml"),
-        *("--key", "{dir}/site.key", "--out", "{dir}/again.bundle"),
-    ],
-    "rollout show": ["rollout", "show", "{dir}/site.bundle", "--trust", "{dir}/site.pem"],
-    "rollout apply": [
-        *("rollout", "apply", "{dir}/site.bundle", "--trust", "{dir}/site.pem"),
-        *("--machine", "lfd", "{dir}/service.toml"),
-    ],
-    "rollout back": ["rollout", "back", "{dir}/service.toml"],
-    "rollout status": ["rollout", "status", "{dir}/service.toml"],
     "certs": ["certs", "--out", "{dir}/certificates"],
     "token add": ["token", "add", "kim", "--role", "viewer", "--file", "{dir}/tokens.json"],
     "token list": ["token", "list", "--file", "{dir}/given.json"],
@@ -94,9 +82,7 @@ COMMANDS: dict[str, list[str]] = {
 }
 """Each on the smallest input that it answers; a command with several answers more than once."""
 
-QUICK = {"mtconnect-devices", "token add", "token list", "token revoke", "motion --list"} | {
-    *("rollout key", "rollout show", "rollout back", "rollout status"),
-}
+QUICK = {"mtconnect-devices", "token add", "token list", "token revoke", "motion --list"}
 """Done before anybody wonders: they tell no progress."""
 
 
@@ -187,8 +173,6 @@ def prepare(
         config = folder / "service.toml"
         config.write_text('[[axes]]\nname = "X"\n')
         assert main(["backup", str(config), "--out", str(folder / "backup.zip")]) == DONE
-    if name.startswith("rollout"):
-        prepare_rollout(folder, in_place=name in ("rollout back", "rollout status"))
     if name == "fingerprint --baseline":
         assert main(["fingerprint", inputs["trace"], "--out", str(folder)]) == DONE
     if name == "record":
@@ -196,18 +180,6 @@ def prepare(
     if name == "send-test":
         taken = trial.Trial("mail.example:587", "")
         monkeypatch.setattr(trial, "try_output", AsyncMock(return_value=taken))
-
-
-def prepare_rollout(folder: Path, *, in_place: bool) -> None:
-    """Lay down a configuration, keys, and a bundle of it, which may be in place."""
-    config, bundle = folder / "service.toml", folder / "site.bundle"
-    config.write_text('[[axes]]\nname = "X"\n')
-    assert main(["rollout", "key", str(folder / "site.key")]) == DONE
-    line = ["--key", str(folder / "site.key"), "--out", str(bundle)]
-    assert main(["rollout", "pack", str(config), *line]) == DONE
-    if in_place:
-        line = ["--trust", str(folder / "site.pem"), "--machine", "lfd", str(config)]
-        assert main(["rollout", "apply", str(bundle), *line]) == DONE
 
 
 def without_unit(node: Any, path: tuple[str, ...] = ()) -> Iterator[str]:

@@ -20,9 +20,10 @@ from .recordings import convert, record, simulate
 from .security import audit, certs, token
 from .service import backup, check_config, mtconnect_devices, node, replay, restore, run, send_test
 from .sources import doctor, stub
-from .upkeep.rollout import rollout
 
-GONE: dict[str, str] = {}
+GONE: dict[str, str] = {
+    "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
+}
 """Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
 
 
@@ -86,12 +87,11 @@ def _is_bad_input(error: Exception) -> bool:
     from ..models.motions.registry import MotionError
     from ..offline.backup.contents import BackupError
     from ..offline.diagnosis.sessions import DiagnosisError
-    from ..offline.rollout.contents import RolloutError
     from ..offline.simulate import SimulationError
     from ..recordings.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    access = (CertificateError, TokenError, BackupError, RolloutError)
+    access = (CertificateError, TokenError, BackupError)
     twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
     return isinstance(error, (TraceError, *access, *bus, *twin))
 
@@ -119,7 +119,6 @@ for _command in (
         mtconnect_devices,
         backup,
         restore,
-        rollout,
         certs,
         token,
         audit,

@@ -1,12 +1,10 @@
 """The service's configuration and machine files: read, checked, every mistake told by its key."""
 
 from ..config_tables import AlarmsConfig, HistoryConfig, OpcuaConfig, Table
-from .identity import ConfigurationIdentity, configuration_digest
 from .loading import (
     DEFAULT_CONFIG,
     check_settings,
     load_config,
-    load_elsewhere,
     load_fleet,
     load_fleet_node,
     load_machine,
@@ -32,7 +30,6 @@ __all__ = [
     "AxisConfig",
     "BusConfig",
     "ConfigError",
-    "ConfigurationIdentity",
     "DownsampleConfig",
     "EdgeConfig",
     "EstimatorConfig",
@@ -44,10 +41,8 @@ __all__ = [
     "ServiceConfig",
     "Table",
     "check_settings",
-    "configuration_digest",
     "explain",
     "load_config",
-    "load_elsewhere",
     "load_fleet",
     "load_fleet_node",
     "load_machine",

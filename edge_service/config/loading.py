@@ -1,5 +1,7 @@
 """Configuration, machine and fleet files: read, checked, and their paths placed."""
 
+import hashlib
+import json
 import logging
 import re
 import tomllib
@@ -8,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ..config_secrets import open_secrets, with_assumed_secrets, with_secrets, with_table_secrets
+from ..config_secrets import open_secrets, with_secrets, with_table_secrets
 from ..config_tables import (
     EmailConfig,
     EventOutputConfig,
@@ -21,10 +23,9 @@ from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
 from .gone import gone_key
-from .identity import identity_of, machine_file, state_in_place
 from .mistakes import ConfigError, explain
 from .plant import FleetNodeConfig
-from .service import EdgeConfig, HttpConfig
+from .service import AxisConfig, EdgeConfig, HttpConfig
 
 log = logging.getLogger(__name__)
 DEFAULT_CONFIG = Path(__file__).parents[1] / "defaults" / "edge.toml"
@@ -43,8 +44,7 @@ def load_config(path: Path) -> EdgeConfig:
     Raises:
         ConfigError: one line with the file, the key, what was wrong and what was expected.
     """
-    state = state_in_place(path)
-    written = _read(path if state is None else state / path.name)
+    written = _read(path)
     content = _parsed(path, written)
     gone = gone_key(content)
     if gone is not None:
@@ -59,7 +59,7 @@ def load_config(path: Path) -> EdgeConfig:
     axes = tuple(
         axis.model_copy(
             update={
-                "machine": machine_file(path, state, axis.machine),
+                "machine": path.parent / axis.machine,
                 "settings": _anchored(axis.settings, path.parent),
             }
         ).of_file(path)
@@ -77,21 +77,19 @@ def load_config(path: Path) -> EdgeConfig:
         "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
-    machines = {axis.name: axis.machine for axis in axes}
-    return config.model_copy(update=placed).identified(identity_of(path, state, written, machines))
+    return config.model_copy(update=placed).of_digest(_digest(written, axes))
 
 
-def load_elsewhere(path: Path) -> EdgeConfig:
-    """Read and check a configuration of another machine; paths stay as they are written.
-
-    Secrets and other files of that machine are taken for granted. Raises ConfigError like
-    `load_config`, and where a secret stands in the file itself.
-    """
-    try:
-        content = with_assumed_secrets(EdgeConfig, _read_toml(path))
-    except SecretError as error:
-        raise ConfigError(f"{path}: {error}") from None
-    return _checked(EdgeConfig, content, path)
+def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
+    """Short digest of a configuration and the machine files of its axes."""
+    machines = {}
+    for axis in axes:
+        try:
+            machines[axis.name] = hashlib.sha256(axis.machine.read_bytes()).hexdigest()
+        except OSError:  # missing: told by whoever needs it
+            machines[axis.name] = ""
+    described = json.dumps([hashlib.sha256(config).hexdigest(), machines], sort_keys=True)
+    return hashlib.sha256(described.encode()).hexdigest()[:12]
 
 
 def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Table | None:

@@ -23,7 +23,6 @@ from ..estimate.registry import AUTO, ESTIMATORS
 from ..messages.addresses import Security, is_loopback, split_endpoint
 from ..messages.keys import MachineKeys
 from ..messages.names import check_part
-from .identity import ConfigurationIdentity
 
 DEFAULT_MACHINE = Path(__file__).parents[1] / "defaults" / "machine.toml"
 
@@ -214,7 +213,7 @@ class EdgeConfig(Table):
     history: HistoryConfig = HistoryConfig()
     jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
-    _identity: ConfigurationIdentity = PrivateAttr(ConfigurationIdentity())
+    _digest: str = PrivateAttr("")
 
     @model_validator(mode="after")
     def _unique_axes(self) -> "EdgeConfig":
@@ -231,15 +230,15 @@ class EdgeConfig(Table):
             raise ValueError("opcua.host: beyond loopback it needs the [http] tokens_file")
         return self
 
-    def identified(self, identity: ConfigurationIdentity) -> "EdgeConfig":
-        """The same configuration, which knows what it was read from."""
-        self._identity = identity
+    def of_digest(self, digest: str) -> "EdgeConfig":
+        """The same configuration, which knows the digest of what it was read from."""
+        self._digest = digest
         return self
 
     @property
-    def identity(self) -> ConfigurationIdentity:
-        """Digest of the files that it was read from, and the bundle that they came in."""
-        return self._identity
+    def digest(self) -> str:
+        """Short, hexadecimal, equal wherever the content of all files is equal; empty without."""
+        return self._digest
 
     @property
     def keys(self) -> MachineKeys:

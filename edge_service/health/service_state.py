@@ -23,7 +23,7 @@ from .history.buckets import Bucket
 from .history.rows import Rows
 from .model_watch.live_features import ChannelQuality, LivePoint
 from .settings import AxisLimits
-from .state_settings import Keeping, Running, StateSettings
+from .state_settings import Keeping, StateSettings
 from .stroke import StrokeModel
 
 _LATEST_NS = 3600 * NS_PER_S
@@ -72,13 +72,13 @@ class ServiceState:
         strokes: Mapping[str, StrokeModel | None] | None = None,
         place: MachineKeys | None = None,
         refused: Callable[[], Refused] = Counter,
-        running: Running | None = None,
+        configuration: str = "",
     ) -> None:
         settings, keeping = settings or StateSettings(), keeping or Keeping()
         self._started_ns = now_ns
         self.place = place or MachineKeys("", "")
         self.refused = refused
-        self.running = running or Running()
+        self.configuration = configuration
         self.keeping = keeping
         self._components = ComponentWatch(settings.component_silent_after_s)
         self._axes = {

@@ -26,19 +26,6 @@ class StateSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Running:
-    """Configuration that a service was started with.
-
-    Attributes:
-        configuration: short digest; empty if it was read from no file.
-        bundle: number of the bundle that it came in; None if it came in none.
-    """
-
-    configuration: str = ""
-    bundle: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Keeping:
     """Data that outlive the process; by default none do.
 

@@ -288,9 +288,6 @@ class ServiceAnswer(Answer):
     configuration: str = Field(
         description="Digest of the configuration that it was started with; empty without a file."
     )
-    bundle: int | None = Field(
-        description="Number of the bundle that the configuration came in; null if it came in none."
-    )
     components: list[ComponentHealth] = Field(description="Components that serve all axes.")
     axes: list[HealthAnswer]
 

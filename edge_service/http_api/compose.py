@@ -66,8 +66,7 @@ def service_answer(state: ServiceState, now_ns: int) -> ServiceAnswer:
         ready=not reasons,
         reasons=list(reasons),
         version=__version__,
-        configuration=state.running.configuration,
-        bundle=state.running.bundle,
+        configuration=state.configuration,
         components=list(state.components(now_ns)),
         axes=[health_answer(state, axis, now_ns) for axis in state.axes],
     )

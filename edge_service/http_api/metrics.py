@@ -151,14 +151,12 @@ class ServiceCollector(StateCollector):
 
     def _build(self) -> Metric:
         """Versions, as labels."""
-        running = self._state.running
         build = gauges(
             "build_info",
             "Always 1; its labels name versions of program and configuration",
-            *("version", "configuration", "bundle"),
+            *("version", "configuration"),
         )
-        bundle = "" if running.bundle is None else str(running.bundle)
-        _add(build, (__version__, running.configuration, bundle), 1.0)
+        _add(build, (__version__, self._state.configuration), 1.0)
         return build
 
 

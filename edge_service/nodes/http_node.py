@@ -13,7 +13,6 @@ from ..health.condition.refusal_watch import RefusalWatch
 from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
-from ..health.state_settings import Running
 from ..http_api.app import create_app
 from ..http_api.limits.settings import HttpLimits
 from ..http_api.serve import serve
@@ -74,7 +73,7 @@ async def run(context: NodeContext) -> None:
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
         refused=context.bus.refused,
-        running=Running(config.identity.digest, config.identity.bundle),
+        configuration=config.digest,
     )
     answers = partial(answer_of, state, config.health)
     outputs = await context.heart.patiently(OutputDesk.open(context, answers))

@@ -76,7 +76,7 @@ class Telling:
         self.reporting: Reporting | None = None
         self.session: PlantSession | None = None
         self.keeper, self._latest = keeper, latest
-        self._page, self._configuration = plant.page, config.identity.words
+        self._page, self._configuration = plant.page, config.digest
         self._period_s = plant.period_s
         self._occasions = Occasions(plant.period_s, plant.log_period_s)
         self._published, self._oversized = 0, ""

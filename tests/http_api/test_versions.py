@@ -1,40 +1,54 @@
 """The service tells which program and which configuration it runs."""
 
+from pathlib import Path
+
 import httpx
 import pytest
 
 from edge_service import __version__
+from edge_service.config import load_config
 from edge_service.health.service_state import ServiceState
-from edge_service.health.state_settings import Running
 from edge_service.http_api.app import create_app
 
-RUNNING = Running("37ef462efa36", 7)
+from ..documents import ROOT
+
+CONFIG = '[service]\nmachine = "mill"\n[[axes]]\nname = "X"\nmachine = "machines/x.toml"\n'
 
 
-async def answered(running: Running | None, path: str) -> httpx.Response:
-    app = create_app(ServiceState({"X": None}, 0, running=running), lambda: 0)
+async def answered(configuration: str, path: str) -> httpx.Response:
+    app = create_app(ServiceState({"X": None}, 0, configuration=configuration), lambda: 0)
     transport = httpx.ASGITransport(app)
     async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
         return await client.get(path)
 
 
-@pytest.mark.parametrize(
-    ("running", "configuration", "bundle"),
-    [
-        (RUNNING, "37ef462efa36", 7),
-        (Running("37ef462efa36"), "37ef462efa36", None),
-        (None, "", None),
-    ],
-)
-async def test_health_tells_version_digest_and_bundle(
-    running: Running | None, configuration: str, bundle: int | None
-) -> None:
-    told = (await answered(running, "/api/v1/health")).json()
-    assert told["version"] == __version__
-    assert (told["configuration"], told["bundle"]) == (configuration, bundle)
-
-
-async def test_the_metric_has_them_as_labels() -> None:
-    text = (await answered(RUNNING, "/metrics")).text
-    labels = f'bundle="7",configuration="37ef462efa36",version="{__version__}"'
+async def test_health_and_metric_tell_version_and_digest() -> None:
+    told = (await answered("37ef462efa36", "/api/v1/health")).json()
+    assert (told["version"], told["configuration"]) == (__version__, "37ef462efa36")
+    text = (await answered("37ef462efa36", "/metrics")).text
+    labels = f'configuration="37ef462efa36",version="{__version__}"'
     assert f"edge_service_build_info{{{labels}}} 1.0" in text.splitlines()
+
+
+def installed(folder: Path, name: str = "edge.toml") -> Path:
+    """A configuration and its machine file."""
+    (folder / "machines").mkdir(parents=True)
+    (folder / "machines/x.toml").write_text((ROOT / "deploy" / "machine.toml").read_text())
+    (folder / name).write_text(CONFIG)
+    return folder / name
+
+
+def test_equal_files_have_equal_digests_wherever_they_lie(tmp_path: Path) -> None:
+    one = load_config(installed(tmp_path / "a"))
+    other = load_config(installed(tmp_path / "b", "mill.toml"))
+    assert one.digest == other.digest == one.model_copy(update={"axes": ()}).digest
+    assert len(one.digest) == 12
+
+
+@pytest.mark.parametrize("name", ["edge.toml", "machines/x.toml"])
+def test_a_changed_file_changes_the_digest(tmp_path: Path, name: str) -> None:
+    config = installed(tmp_path)
+    before = load_config(config).digest
+    with (tmp_path / name).open("a") as file:
+        file.write("# changed\n")
+    assert load_config(config).digest != before

@@ -164,7 +164,7 @@ def with_member(payload: bytes) -> bytes:
 
 @pytest.mark.parametrize("name", sorted(set(TOPICS) - BLOCKS))
 def test_nodes_of_one_machine_refuse_members_that_they_do_not_know(name: str) -> None:
-    """So the nodes of one machine are upgraded together, as the guide to roll-outs says."""
+    """So the nodes of one machine are upgraded together, as the operators' guide says."""
     axis = None if name == "status" else "X"
     written = TOPICS[name].encode(axis, HEADER, PAYLOADS[name])
     with pytest.raises(CodecError):
@@ -179,7 +179,7 @@ def test_a_plant_leaves_unread_what_it_does_not_know() -> None:
             "machine": "mill-1",
             "time_ns": 1,
             "version": "0.9.0",
-            "configuration": "37ef462efa36 (bundle 7)",
+            "configuration": "37ef462efa36",
             "axes": [{"axis": "X", "condition": "NORMAL", "status": "estimated"}],
         }
     )

@@ -15,10 +15,10 @@ export function renderService(state, service) {
   renderRows(root.querySelector("tbody"), [...(state?.health?.components ?? []), ...service.components]);
 }
 
-function versionWords({ version, configuration, bundle }) {
+function versionWords({ version, configuration }) {
   if (!version) return "";
   if (!configuration) return t("parts.version", { version });
-  return bundle === null ? t("parts.version_configured", { version, configuration }) : t("parts.version_bundle", { version, configuration, bundle: String(bundle) });
+  return t("parts.version_configured", { version, configuration });
 }
 
 function renderRows(body, components) {

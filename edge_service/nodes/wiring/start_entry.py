@@ -29,8 +29,7 @@ def start_entry(config: EdgeConfig, names: tuple[str, ...]) -> AuditEntry:
         outcome="done",
         data={
             "version": __version__,
-            "bundle": config.identity.bundle,
-            "configuration_digest": config.identity.digest,
+            "configuration_digest": config.digest,
             "configuration": text[:_MOST],
             "configuration_sha256": hashlib.sha256(text.encode()).hexdigest(),
         },

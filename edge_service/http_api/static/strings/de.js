@@ -526,7 +526,6 @@ export const de = {
   "parts.not_ready": "Nicht bereit:",
   "parts.version": "edge-service {version}",
   "parts.version_configured": "edge-service {version}, Konfiguration {configuration}",
-  "parts.version_bundle": "edge-service {version}, Konfiguration {configuration} aus Bündel {bundle}",
   "parts.of_axis": "{part}, Achse {axis}",
   "part.starting": "startet",
   "part.ok": "läuft",

@@ -526,7 +526,6 @@ export const en = {
   "parts.not_ready": "Not ready:",
   "parts.version": "edge-service {version}",
   "parts.version_configured": "edge-service {version}, configuration {configuration}",
-  "parts.version_bundle": "edge-service {version}, configuration {configuration} of bundle {bundle}",
   "parts.of_axis": "{part}, axis {axis}",
   "part.starting": "starting",
   "part.ok": "works",

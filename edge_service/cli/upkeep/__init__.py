@@ -1,1 +1,0 @@
-"""Commands that look after what a service is made of: backups, roll-outs."""
