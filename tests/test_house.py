@@ -146,27 +146,28 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "adopt": 1687,
     "bus": 4530,
+    "checks": 2703,
     "cli": 2182,
     "config": 649,
     "diagnose": 6522,
     "downsample": 2290,
     "drivers": 5122,
     "estimate": 6329,
-    "fingerprint": 5844,
+    "fingerprint": 3513,
     "health": 7382,
     "http_api": 4693,
     "messages": 2738,
     "models": 6478,
     "nodes": 8352,
-    "offline": 8820,
+    "offline": 8819,
     "recordings": 4492,
+    "regression": 1197,
     "beside the rooms": 1628,
-    "tests": 73978,
+    "tests": 73969,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 762
+MOST_FILES = 755
 """Modules of the product."""
 
 

@@ -69,7 +69,7 @@ def adopt(
 
     At a terminal it asks for what recordings cannot show; Enter leaves a question open.
     """
-    from ..adopt.guess import Known
+    from ..checks.columns.guess import Known
     from ..offline.adopt.adopt import Request
     from ..offline.adopt.adopt import adopt as run
     from ..offline.adopt.machine_text import DataSheet

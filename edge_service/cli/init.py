@@ -64,7 +64,7 @@ def init(
     HOST, which is asked what it is) or recordings of the axis, which `adopt` then reads. Without
     SOURCE this computer is searched. At a terminal it asks for what is missing.
     """
-    from ..adopt.guess import Known
+    from ..checks.columns.guess import Known
     from ..offline.adopt.adopt import Request as Recordings
     from ..offline.adopt.adopt import adopt as run_adopt
     from ..offline.adopt.machine_text import DataSheet

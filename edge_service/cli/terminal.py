@@ -13,7 +13,7 @@ import click
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from ..adopt.guess import Question
+    from ..checks.columns.guess import Question
 
 BURST = 20
 PER_S = 0.2

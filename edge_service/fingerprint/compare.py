@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile
 from .fingerprint import AxisFingerprint
-from .regression.interval_estimate import IntervalEstimate, around, normal_quantile
 from .result import Status
 
 FALSE_DISCOVERY_RATE = 0.01

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..messages.arrays import finite_or_none
+from ..regression.interval_estimate import IntervalEstimate
 from .fingerprint import AxisFingerprint
-from .regression.interval_estimate import IntervalEstimate
 from .result import Curve, Section, Status
 
 SCHEMA = "fingerprint/1"

@@ -6,17 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from ..checks.sampling import TOO_SLOW, clock_of
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from .checks.sampling import TOO_SLOW, is_slow, sampling_period_s
+from ..regression.interval_estimate import IntervalEstimate, undetermined
+from ..regression.inverse_dynamics import identify_inverse_dynamics
+from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
 from .friction.cruise_tests import measure_equability, measure_signature
 from .friction.curve import measure_friction
 from .friction.points import FrictionPoint, friction_points
 from .friction.runs import measure_friction_runs
-from .regression.interval_estimate import IntervalEstimate, undetermined
-from .regression.inverse_dynamics import identify_inverse_dynamics
-from .regression.prepared_run import PreparationSettings, PreparedRun, prepare
 from .result import Contents, Section, Status, examined
 from .transmission.reversal_error import measure_reversal_error
 from .transmission.sections import (
@@ -117,9 +117,9 @@ def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Content
     )
     fit = identify_inverse_dynamics(with_torque, settings)
     inertia = fit.parameters["inertia"]
-    period_s = sampling_period_s(with_torque)
-    if is_slow(period_s):
-        inertia = undetermined(inertia.unit, TOO_SLOW.format(1.0 / period_s))
+    clock = clock_of([frame.time_s for frame in with_torque])
+    if clock.is_slow:
+        inertia = undetermined(inertia.unit, TOO_SLOW.format(clock.rate_hz))
     figures = {
         "inertia_kg_m2": inertia,
         "rigid_coulomb_nm": fit.parameters["coulomb"],

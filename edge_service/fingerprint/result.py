@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from ..messages.samples import Floats
-from .regression.interval_estimate import IntervalEstimate, normal_quantile, student_quantile
+from ..regression.interval_estimate import IntervalEstimate, normal_quantile, student_quantile
 
 SPEED_DIGITS = 2
 """Speeds that agree in so many digits are one speed."""

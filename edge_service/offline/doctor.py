@@ -10,11 +10,11 @@ import numpy as np
 
 from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableError
 
+from ..checks.examination import check_plausibility
+from ..checks.finding import Finding, Verdict
 from ..command_answer import Answer
 from ..config import AxisConfig, ConfigError, EdgeConfig, load_machine
 from ..exit_status import DONE
-from ..fingerprint.checks.check_result import CheckResult, Verdict
-from ..fingerprint.checks.plausibility import check_plausibility
 from ..messages.arrays import finite_or_none
 from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
@@ -42,7 +42,7 @@ class Number(Document):
     expected: float | None
 
 
-class Finding(Document):
+class FindingDocument(Document):
     """One check."""
 
     name: str
@@ -58,7 +58,7 @@ class Examined(Document):
 
     axis: str
     source: str
-    findings: list[Finding]
+    findings: list[FindingDocument]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Examination:
 
     axis: str
     source: str
-    findings: tuple[CheckResult, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def doubts(self) -> int:
@@ -126,7 +126,7 @@ async def _examine(axis: AxisConfig, seconds: float) -> Examination:
         probe = await driver.probe()
         frames = await _listen(driver, seconds)
     except DriverUnavailableError as error:
-        lost = CheckResult("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
+        lost = Finding("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
         return Examination(axis.name, axis.driver, (lost,))
     except DriverMisconfiguredError as error:
         raise ConfigError(f"{axis.place}.settings.{error}") from None
@@ -149,14 +149,13 @@ async def _listen(driver: Driver, seconds: float) -> list[SampleFrame]:
 
 def _findings(
     machine: Machine, driver: Driver, frames: Sequence[SampleFrame]
-) -> tuple[CheckResult, ...]:
+) -> tuple[Finding, ...]:
     if not frames:
-        return (CheckResult("connection", Verdict.DOUBTFUL, "no samples came"),)
+        return (Finding("connection", Verdict.DOUBTFUL, "no samples came"),)
     rows = sum(map(len, frames))
-    fine = CheckResult("connection", Verdict.FITS, f"{rows} samples")
     readings = ", ".join(f"{name} {value:g}" for name, value in driver.readings.items())
-    if readings:
-        fine = CheckResult("connection", Verdict.FITS, f"{rows} samples; {readings}")
+    said = f"{rows} samples; {readings}" if readings else f"{rows} samples"
+    fine = Finding("connection", Verdict.FITS, said)
     whole = SampleFrame(
         np.concatenate([frame.time_s for frame in frames]),
         {
@@ -167,8 +166,8 @@ def _findings(
     return (fine, _quality(frames), *check_plausibility(machine, [whole]))
 
 
-def _quality(frames: Sequence[SampleFrame]) -> CheckResult:
-    """CheckResult on the channels that had samples that were not good, and why."""
+def _quality(frames: Sequence[SampleFrame]) -> Finding:
+    """Channels that had samples that were not good, and why."""
     said, most = [], 0.0
     for name in frames[0].channels:
         codes = np.concatenate(
@@ -181,17 +180,17 @@ def _quality(frames: Sequence[SampleFrame]) -> CheckResult:
             reasons = ", ".join(sorted({Quality(int(code)).name.lower() for code in set(wrong)}))
             said.append(f"{name} {100.0 * share:.2g} % ({reasons})")
     if not said:
-        return CheckResult("quality", Verdict.FITS, "every sample is good")
+        return Finding("quality", Verdict.FITS, "every sample is good")
     verdict = Verdict.FITS if most <= FEW else Verdict.DOUBTFUL
-    return CheckResult("quality", verdict, "not good: " + "; ".join(said))
+    return Finding("quality", verdict, "not good: " + "; ".join(said))
 
 
-def _against(finding: CheckResult) -> str:
+def _against(finding: Finding) -> str:
     said = "" if finding.figure is None else against(finding.figure, finding.expected)
     return f" [{said}]" if said else ""
 
 
-def _finding(found: CheckResult) -> Finding:
+def _finding(found: Finding) -> FindingDocument:
     figure = found.figure
     number = None
     if figure is not None:
@@ -202,7 +201,7 @@ def _finding(found: CheckResult) -> Finding:
             unit=figure.unit,
             expected=found.expected,
         )
-    return Finding(
+    return FindingDocument(
         name=found.name,
         verdict=found.verdict,
         sentence=found.sentence,

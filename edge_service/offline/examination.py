@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..checks.examination import check_plausibility
+from ..checks.finding import Finding
 from ..config import ConfigError
-from ..fingerprint.checks.check_result import CheckResult
-from ..fingerprint.checks.plausibility import check_plausibility
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from .recordings import Progress, open_recording, reported, silent
@@ -20,9 +20,7 @@ class ExaminationError(ConfigError):
     """Recordings that contradict the machine file, so that no answer is right; one line."""
 
 
-def examine(
-    machine: Machine, traces: Sequence[Path], progress: Progress = silent
-) -> list[CheckResult]:
+def examine(machine: Machine, traces: Sequence[Path], progress: Progress = silent) -> list[Finding]:
     """Every check that these files allow; errors as `open_trace`."""
     frames: list[SampleFrame] = []
     unread: dict[str, None] = {}
@@ -38,7 +36,7 @@ def require_sound(
     traces: Sequence[Path],
     strict: Collection[str] = (),
     progress: Progress = silent,
-) -> list[CheckResult]:
+) -> list[Finding]:
     """Examine recordings and go on only where an answer can be right; returns the findings.
 
     Args:

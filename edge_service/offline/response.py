@@ -12,7 +12,6 @@ from ..command_answer import Answer
 from ..fingerprint.compare import compare_fingerprints
 from ..fingerprint.document import FingerprintError, read_fingerprint, to_document
 from ..fingerprint.fingerprint import AxisFingerprint
-from ..fingerprint.regression.interval_estimate import IntervalEstimate, undetermined
 from ..fingerprint.response.control_response import (
     LOWEST_HZ,
     Mode,
@@ -25,6 +24,7 @@ from ..fingerprint.result import Section, Status, examined
 from ..recordings.columns import TraceError
 from ..recordings.forms.registry import head_of, name_of
 from ..recordings.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
+from ..regression.interval_estimate import IntervalEstimate, undetermined
 from .fingerprint import render
 from .report.documents import ResponseDocument
 from .report.fingerprint_figures import draw_sections

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.adopt.guess import Known
+from edge_service.checks.columns.guess import Known
 from edge_service.config import load_machine
 from edge_service.offline.adopt.adopt import Request, adopt
 from edge_service.offline.recordings import read_recording

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.adopt.guess import Known
+from edge_service.checks.columns.guess import Known
 from edge_service.config import load_machine
 from edge_service.offline.adopt.adopt import Request, adopt
 

@@ -2,15 +2,15 @@
 
 import pytest
 
+from edge_service.checks.finding import Finding
+from edge_service.checks.finding import Verdict as Check
 from edge_service.diagnose.pipeline import Verdict, diagnose_session
-from edge_service.fingerprint.checks.check_result import CheckResult
-from edge_service.fingerprint.checks.check_result import Verdict as Check
 from edge_service.models.machine import Machine
 from edge_service.offline.diagnosis.doubts import beside_doubts, doubts
 
 from .conftest import frame_of, recorded, runs, session_of
 
-LAG = CheckResult("encoder_lag", Check.DOUBTFUL, "linear encoder lags rotary by 0.45 ms")
+LAG = Finding("encoder_lag", Check.DOUBTFUL, "linear encoder lags rotary by 0.45 ms")
 
 
 def test_an_encoder_that_lags_is_found_by_both(machine: Machine) -> None:

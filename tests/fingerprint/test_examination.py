@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.checks.check_result import CheckResult, Verdict
-from edge_service.fingerprint.checks.plausibility import CHECKS, check_plausibility
+from edge_service.checks.examination import CHECKS, check_plausibility
+from edge_service.checks.finding import Finding, Verdict
 from edge_service.messages.channels import (
     ANGLE,
     MOTOR_SPEED,
@@ -37,7 +37,7 @@ def healthy() -> SampleFrame:
 
 def examined(
     machine: Machine, frame: SampleFrame, unread: tuple[str, ...] | None = None
-) -> dict[str, CheckResult]:
+) -> dict[str, Finding]:
     return {each.name: each for each in check_plausibility(machine, [frame], unread)}
 
 

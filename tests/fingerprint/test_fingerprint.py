@@ -16,8 +16,6 @@ from edge_service.fingerprint.document import (
 )
 from edge_service.fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
 from edge_service.fingerprint.friction.cruise_tests import measure_signature
-from edge_service.fingerprint.regression.interval_estimate import around
-from edge_service.fingerprint.regression.prepared_run import PreparationSettings, PreparedRun
 from edge_service.fingerprint.result import Section, Status, mean_of, rounded_rpm
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
@@ -27,6 +25,8 @@ from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Dwell, Move, Segment, motion_limits
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.ball_screw import ball_pass_orders
+from edge_service.regression.interval_estimate import around
+from edge_service.regression.prepared_run import PreparationSettings, PreparedRun
 
 from .conftest import FRESH, run_axis, setpoints_of
 

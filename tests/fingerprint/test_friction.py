@@ -9,12 +9,12 @@ from scipy import stats
 
 from edge_service.fingerprint.friction.fit import fit_friction
 from edge_service.fingerprint.friction.points import FrictionPoint, friction_points
-from edge_service.fingerprint.regression.prepared_run import PreparationSettings, prepare
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move
 from edge_service.models.screw.friction import exponential_friction
+from edge_service.regression.prepared_run import PreparationSettings, prepare
 
 from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, setpoints_of
 

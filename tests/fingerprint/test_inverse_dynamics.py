@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.regression.interval_estimate import IntervalEstimate
-from edge_service.fingerprint.regression.inverse_dynamics import (
-    InverseDynamics,
-    fit_inverse_dynamics,
-    identify_inverse_dynamics,
-)
-from edge_service.fingerprint.regression.prepared_run import (
-    PreparationSettings,
-    PreparedRun,
-    prepare,
-)
-from edge_service.fingerprint.regression.regressors import DIRECTIONAL, SYMMETRIC, regression_rows
 from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move
 from edge_service.recordings.reader import read_trace
+from edge_service.regression.interval_estimate import IntervalEstimate
+from edge_service.regression.inverse_dynamics import (
+    InverseDynamics,
+    fit_inverse_dynamics,
+    identify_inverse_dynamics,
+)
+from edge_service.regression.prepared_run import (
+    PreparationSettings,
+    PreparedRun,
+    prepare,
+)
+from edge_service.regression.regressors import DIRECTIONAL, SYMMETRIC, regression_rows
 
 from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, production_setpoints, setpoints_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.regression.nonlinear import Unknown, fit_profiled
+from edge_service.regression.nonlinear import Unknown, fit_profiled
 
 
 @pytest.mark.parametrize("jump", [30.0, 1e10])

@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from edge_service.checks.channel_regression import regress_channel
+from edge_service.checks.examination import check_plausibility
+from edge_service.checks.finding import Finding, Verdict
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.fingerprint.checks.channel_regression import regress_channel
-from edge_service.fingerprint.checks.check_result import CheckResult, Verdict
-from edge_service.fingerprint.checks.plausibility import check_plausibility
 from edge_service.messages.channels import (
     ANGLE,
     MOTOR_SPEED,
@@ -46,11 +46,11 @@ def changed(frame: SampleFrame, channel: str, how: Callable[[Floats], Floats]) -
     return SampleFrame(frame.time_s, {**frame.channels, channel: how(frame.channels[channel])})
 
 
-def found(frame: SampleFrame, machine: Machine = MACHINE) -> dict[str, CheckResult]:
+def found(frame: SampleFrame, machine: Machine = MACHINE) -> dict[str, Finding]:
     return {finding.name: finding for finding in check_plausibility(machine, [frame])}
 
 
-def doubts(findings: dict[str, CheckResult]) -> dict[str, str]:
+def doubts(findings: dict[str, Finding]) -> dict[str, str]:
     return {
         name: each.sentence for name, each in findings.items() if each.verdict is Verdict.DOUBTFUL
     }

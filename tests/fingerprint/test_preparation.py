@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.regression.prepared_run import (
-    PreparationSettings,
-    derivative_noise_rms,
-    prepare,
-)
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.recordings.signals.conditioning import central_difference, white_noise_rms
 from edge_service.recordings.signals.screening import uniform_runs
+from edge_service.regression.prepared_run import (
+    PreparationSettings,
+    derivative_noise_rms,
+    prepare,
+)
 
 RATIO = 0.02 / (2.0 * math.pi)
 HZ = 3.0

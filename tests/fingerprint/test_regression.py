@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from edge_service.fingerprint.regression import interval_estimate
-from edge_service.fingerprint.regression.interval_estimate import around, undetermined
-from edge_service.fingerprint.regression.linear import (
+from edge_service.messages.samples import Floats
+from edge_service.regression import interval_estimate
+from edge_service.regression.interval_estimate import around, undetermined
+from edge_service.regression.linear import (
     correlation_time,
     effective_size,
     instrumental_variables,
     least_squares,
     total_least_squares,
 )
-from edge_service.messages.samples import Floats
 
 NAMES = ("slope", "level")
 

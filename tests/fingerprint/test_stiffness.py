@@ -7,12 +7,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.regression.interval_estimate import around, undetermined
-from edge_service.fingerprint.regression.prepared_run import (
-    PreparationSettings,
-    PreparedRun,
-    prepare,
-)
 from edge_service.fingerprint.transmission.nut_preload import preload_from_stiffness
 from edge_service.fingerprint.transmission.stiffness_fit import StiffnessFit, fit_stiffness
 from edge_service.fingerprint.transmission.stiffness_point import StiffnessPoint, backlash
@@ -22,6 +16,12 @@ from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.nut_law import nut_stiffness
+from edge_service.regression.interval_estimate import around, undetermined
+from edge_service.regression.prepared_run import (
+    PreparationSettings,
+    PreparedRun,
+    prepare,
+)
 
 from .conftest import FRESH, GUIDE_FORCE_N, production_setpoints, run_axis
 

@@ -10,7 +10,6 @@ import pytest
 
 from edge_service.config import load_machine
 from edge_service.fingerprint.document import FingerprintError, read_fingerprint
-from edge_service.fingerprint.regression.interval_estimate import IntervalEstimate
 from edge_service.messages.channels import SETPOINT
 from edge_service.offline.fingerprint import fingerprint
 from edge_service.offline.report import fingerprint_wording, quantities
@@ -20,6 +19,7 @@ from edge_service.offline.simulate import SimulationSettings, simulate, simulate
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import read_trace
 from edge_service.recordings.writer import TraceFormat
+from edge_service.regression.interval_estimate import IntervalEstimate
 
 ROOT = Path(__file__).parents[2]
 BENCH = ROOT / "deploy" / "machine.toml"

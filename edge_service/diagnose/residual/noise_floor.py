@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from ...fingerprint.regression.linear import effective_size
 from ...messages.samples import Floats
+from ...regression.linear import effective_size
 from ..session.session import Rows, Session, rms
 from .folds import block_s, fold_of
 from .structure import predicted_structure

@@ -16,9 +16,9 @@ import numpy as np
 from scipy import stats
 
 from ...messages.samples import Floats
+from ...regression.interval_estimate import LEVEL, IntervalEstimate
+from ...regression.linear import effective_size
 from ..compare import LEAST_MATERIAL, REPEATABILITY
-from ..regression.interval_estimate import LEVEL, IntervalEstimate
-from ..regression.linear import effective_size
 from .moves import FOLLOWING_M, SPREAD_NM, STRETCH_M, TEMPERATURE_C, TORQUE_NM, Move
 from .sections import Section, common_sections, mean_temperature
 

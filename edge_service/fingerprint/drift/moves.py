@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TEMPERATURE, TORQUE
 from ...messages.samples import Floats, SampleFrame
-from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
+from ...regression.prepared_run import PreparationSettings, PreparedRun, prepare
 
 CUTOFF_HZ = 20.0
 _REST_SHARE = 0.02

@@ -11,9 +11,9 @@ from scipy import signal
 from ...messages.channels import ANGLE, TORQUE
 from ...messages.samples import Floats
 from ...models.screw.ball_screw import BallPassOrders
-from ..regression.interval_estimate import IntervalEstimate, undetermined
-from ..regression.linear import effective_size
-from ..regression.prepared_run import PreparedRun
+from ...regression.interval_estimate import IntervalEstimate, undetermined
+from ...regression.linear import effective_size
+from ...regression.prepared_run import PreparedRun
 from ..result import Contents, Curve, mean_of, rounded_rpm
 from .points import CruiseSettings, cruises
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.screw.friction import exponential_friction
-from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
+from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ..result import Contents, Curve, mean_of, rounded_rpm
 from .fit import LEAST_ERROR_SHARE, fit_friction
 from .points import FrictionPoint

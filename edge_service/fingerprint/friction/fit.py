@@ -11,8 +11,8 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.screw.friction import exponential_friction
-from ..regression.interval_estimate import IntervalEstimate, undetermined
-from ..regression.nonlinear import Unknown, best_values, fit_profiled, unexplained_share
+from ...regression.interval_estimate import IntervalEstimate, undetermined
+from ...regression.nonlinear import Unknown, best_values, fit_profiled, unexplained_share
 from .points import FrictionPoint
 
 LEAST_ERROR_SHARE = 1e-3

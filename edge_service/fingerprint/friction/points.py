@@ -10,8 +10,8 @@ from scipy import ndimage
 from ...messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
 from ...messages.samples import Booleans, Floats
 from ...recordings.signals.conditioning import central_difference, low_pass
-from ..regression.linear import correlation_time
-from ..regression.prepared_run import PreparedRun
+from ...regression.linear import correlation_time
+from ...regression.prepared_run import PreparedRun
 
 TREND_HZ = 10.0
 """Slower than the ripple of a revolution at feed speeds, faster than a ramp."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..regression.interval_estimate import IntervalEstimate
+from ...regression.interval_estimate import IntervalEstimate
 from ..result import Contents, Curve, mean_of
 from .curve import (
     FRICTION_LABELS,

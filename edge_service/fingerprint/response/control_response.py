@@ -17,7 +17,7 @@ import numpy as np
 from scipy import signal
 
 from ...messages.samples import Floats
-from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
+from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ..result import Contents, Curve
 from .frequency_response import FrequencyResponse
 from .segment_spectra import Complexes

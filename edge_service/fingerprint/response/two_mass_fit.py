@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
-from ..regression.interval_estimate import IntervalEstimate, undetermined
-from ..regression.nonlinear import Residual, Unknown, best_values, fit_profiled, unexplained_share
+from ...regression.interval_estimate import IntervalEstimate, undetermined
+from ...regression.nonlinear import Residual, Unknown, best_values, fit_profiled, unexplained_share
 from .frequency_response import FrequencyResponse
 from .segment_spectra import Complexes
 from .two_mass_model import Sight, TwoMasses

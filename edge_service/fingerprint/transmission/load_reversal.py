@@ -14,8 +14,8 @@ from scipy import ndimage
 
 from ...messages.samples import Booleans, Floats
 from ...recordings.signals.conditioning import low_pass
-from ..regression.linear import effective_size
-from ..regression.prepared_run import PreparedRun
+from ...regression.linear import effective_size
+from ...regression.prepared_run import PreparedRun
 
 SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 """First candidates for the force at which the flank turns, over the greatest load against the

@@ -4,7 +4,7 @@ import math
 
 from ...models.machine import Quantity
 from ...models.screw.nut_law import preload_ratio
-from ..regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
+from ...regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
 
 
 def preload_from_stiffness(

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
-from ..regression.interval_estimate import IntervalEstimate, undetermined
-from ..regression.prepared_run import PreparedRun
+from ...regression.interval_estimate import IntervalEstimate, undetermined
+from ...regression.prepared_run import PreparedRun
 from ..result import Contents, mean_of
 
 SLOW_M_S = 0.02

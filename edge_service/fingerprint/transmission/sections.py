@@ -8,8 +8,8 @@ import numpy as np
 
 from ...messages.samples import SampleFrame
 from ...models.machine import Machine, Quantity
-from ..regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
-from ..regression.prepared_run import PreparedRun
+from ...regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
+from ...regression.prepared_run import PreparedRun
 from ..response.frequency_response import (
     FrequencyResponse,
     drive_response,

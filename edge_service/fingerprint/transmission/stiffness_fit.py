@@ -20,9 +20,9 @@ import numpy as np
 from ...messages.channels import ANGLE, EXTERNAL_FORCE, TABLE_POSITION
 from ...messages.samples import Floats
 from ...models.machine import Quantity
-from ..regression.interval_estimate import LEVEL, IntervalEstimate, normal_quantile, undetermined
-from ..regression.linear import LinearFit, least_squares
-from ..regression.prepared_run import PreparedRun, derivative_noise_rms
+from ...regression.interval_estimate import LEVEL, IntervalEstimate, normal_quantile, undetermined
+from ...regression.linear import LinearFit, least_squares
+from ...regression.prepared_run import PreparedRun, derivative_noise_rms
 from .load_reversal import find_load_reversal
 from .stiffness_point import MASS_UNKNOWN, StiffnessPoint, locked_resonance, stiffness_of
 

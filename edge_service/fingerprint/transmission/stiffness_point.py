@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ...models.machine import Quantity
-from ..regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
+from ...regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
 
 MASS_UNKNOWN = "needs the table's mass (model.table_mass_kg)"
 

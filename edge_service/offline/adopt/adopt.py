@@ -6,12 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ...adopt.answers import Ability, abilities
-from ...adopt.guess import Choice, Known, Question, Understanding
-from ...adopt.mechanics import Mechanics, identify_mechanics, steady_friction
-from ...adopt.names import Quantity
-from ...adopt.understand import understand
 from ...atomic import replaced_file
+from ...checks.columns.guess import Choice, Known, Question, Understanding
+from ...checks.columns.mechanics import (
+    Ability,
+    Mechanics,
+    abilities,
+    identify_mechanics,
+    steady_friction,
+)
+from ...checks.columns.names import Quantity
+from ...checks.columns.understand import understand
 from ...command_answer import Answer
 from ...config import ConfigError, load_machine
 from ...messages.channels import CHANNELS, TABLE_POSITION, TORQUE

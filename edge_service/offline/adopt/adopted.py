@@ -3,13 +3,12 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ...adopt.answers import Ability
-from ...adopt.guess import Guess, Question, Understanding
-from ...adopt.mechanics import Mechanics
+from ...checks.columns.guess import Guess, Question, Understanding
+from ...checks.columns.mechanics import Ability, Mechanics
+from ...checks.finding import Finding
 from ...command_answer import Answer
-from ...fingerprint.checks.check_result import CheckResult
-from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...messages.arrays import finite_or_none
+from ...regression.interval_estimate import IntervalEstimate
 from ..document import Document
 
 
@@ -61,7 +60,7 @@ def answer_of(
     picture: Path | None,
     understood: Understanding,
     mechanics: Mechanics | None,
-    findings: Sequence[CheckResult] | None,
+    findings: Sequence[Finding] | None,
     able: Sequence[Ability],
 ) -> Answer:
     """Words and document; without findings nothing could be examined."""

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ...adopt.guess import Choice, Guess, Question, Understanding
-from ...adopt.mechanics import Mechanics
-from ...fingerprint.regression.interval_estimate import IntervalEstimate
+from ...checks.columns.guess import Choice, Guess, Question, Understanding
+from ...checks.columns.mechanics import Mechanics
+from ...regression.interval_estimate import IntervalEstimate
 
 _LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-4, 10.0
 
@@ -30,8 +30,6 @@ _UNKNOWN = {
     "nut_stiffness_n_per_m": "the nut's data sheet; without it intervals are wider",
     "table_mass_kg": "the table with what is on it; without it, it is guessed to 50 %",
 }
-
-
 SHEET_QUESTIONS = {
     "dynamic_load_rating_n": Question(
         "--load-rating", "Dynamic load rating of the screw, N", "preload in percent"

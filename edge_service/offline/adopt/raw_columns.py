@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...adopt.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
+from ...checks.columns.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
 from ...messages.samples import Floats
 from ...recordings.columns import TraceError
 from ...recordings.forms.registry import open_source

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ...checks.examination import check_plausibility
+from ...checks.finding import Finding
+from ...checks.finding import Verdict as Check
 from ...diagnose.pipeline import Diagnosis, NamedEffect, Verdict
 from ...diagnose.session.run import Run
-from ...fingerprint.checks.check_result import CheckResult
-from ...fingerprint.checks.check_result import Verdict as Check
-from ...fingerprint.checks.plausibility import check_plausibility
 from ...messages.channels import ANGLE, TABLE_POSITION
 from ...messages.samples import SampleFrame
 from ...models.effects.registry import effects, get_effect
@@ -17,7 +17,7 @@ _TRUST = 0.5
 """Of the probability of an effect, where one that it resembles is seen and not among the causes."""
 
 
-def doubts(machine: Machine, runs: Sequence[Run]) -> list[CheckResult]:
+def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
     """Findings of `doctor` about the two encoders that are no good ones."""
     ratio = machine.transmission_ratio_m_per_rad
     frames = [
@@ -37,7 +37,7 @@ def doubts(machine: Machine, runs: Sequence[Run]) -> list[CheckResult]:
     return [each for each in found if each.verdict is Check.DOUBTFUL and each.name != "rate"]
 
 
-def beside_doubts(found: Diagnosis, doubted: Sequence[CheckResult]) -> Diagnosis:
+def beside_doubts(found: Diagnosis, doubted: Sequence[Finding]) -> Diagnosis:
     """The diagnosis that names what `doctor` sees by itself with what it may pass for.
 
     Where `doctor` sees an effect, such as a lag of an encoder, and the causes lack it, effects that

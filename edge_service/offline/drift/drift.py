@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from ...atomic import replaced_file
+from ...checks.torque import judge_sign
 from ...command_answer import Answer
 from ...config import ConfigError, load_machine
-from ...fingerprint.checks.torque_sign import judge_sign
 from ...fingerprint.drift.changes import SectionDrift, compare_moves
 from ...fingerprint.drift.moves import CUTOFF_HZ, Move, by_context, find_moves
 from ...fingerprint.drift.sections import most_frequent
-from ...fingerprint.regression.interval_estimate import LEVEL
-from ...fingerprint.regression.prepared_run import PreparationSettings
 from ...messages.samples import SampleFrame
 from ...models.machine import Machine
 from ...models.screw.ball_screw import transmission_ratio
 from ...recordings.columns import TraceError
+from ...regression.interval_estimate import LEVEL
+from ...regression.prepared_run import PreparationSettings
 from ..examination import ExaminationError
 from ..recordings import Progress, open_recording, reported, silent
 from ..report.page import rendered

@@ -6,7 +6,7 @@ from pathlib import Path
 import tomlkit
 from tomlkit.items import AoT
 
-from ...adopt.guess import Question
+from ...checks.columns.guess import Question
 from ...config import DEFAULT_CONFIG
 from .source import Source
 

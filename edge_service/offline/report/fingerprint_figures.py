@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ...fingerprint.fingerprint import AxisFingerprint
-from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...fingerprint.result import Curve
 from ...messages.samples import Floats
+from ...regression.interval_estimate import IntervalEstimate
 from .pictures import ESTIMATE, MUTED, STYLE, TRUTH
 
 PANEL_INCHES = (7.6, 3.1)

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...fingerprint.result import Section
+from ...regression.interval_estimate import IntervalEstimate
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,8 @@
 import math
 
 from ...diagnose.estimation.estimates import Interval
-from ...fingerprint.regression.interval_estimate import IntervalEstimate
 from ...models.machine import Quantity
+from ...regression.interval_estimate import IntervalEstimate
 
 SHOWN_UNITS = {
     "m": ("µm", 1e6),

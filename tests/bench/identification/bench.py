@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from edge_service.fingerprint.regression.interval_estimate import LEVEL
+from edge_service.regression.interval_estimate import LEVEL
 
 from ..pool import Progress, in_processes
 from ..table import aligned

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from edge_service.cli.entry import main
-from edge_service.fingerprint.regression.interval_estimate import around, undetermined
+from edge_service.regression.interval_estimate import around, undetermined
 
 from .bench import IdentificationBench, Recovery, run, share_interval
 from .cases import Recovered, recoveries

@@ -1,0 +1,1 @@
+"""Questions that are asked of a channel, recorded or live, each once."""

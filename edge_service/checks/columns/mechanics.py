@@ -1,0 +1,203 @@
+"""Inertia and friction of an axis whose torque's sign nobody has said, and what they answer."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ...messages.samples import SampleFrame
+from ...regression.interval_estimate import IntervalEstimate, around, undetermined
+from ...regression.inverse_dynamics import identify_inverse_dynamics
+from ...regression.prepared_run import PreparationSettings, prepare
+from ..channel_regression import CUTOFF_HZ
+from ..sampling import TOO_SLOW, clock_of
+from .guess import Choice
+
+_STEADY_SHARE = 0.7
+"""Of the top speed of a run: faster than this it is not starting or stopping."""
+_LEAST_ROWS, _LEAST_PASSAGES = 5, 3
+_RESPONSE_HZ = 200.0
+_NO_TORQUE = "no column is known as a torque in N m", ""
+_NO_MOTION = "the travel per revolution is unknown, or too little moves", ""
+
+
+@dataclass(frozen=True, slots=True)
+class Mechanics:
+    """Parameters of torque = J a + D v + F sgn(v) + offset, at the motor.
+
+    Attributes:
+        is_inverted: the torque counts against the motion; the parameters are already turned.
+        most_inertia: kg m2 that explain all of the torque; the inertia is less.
+        seconds: of motion behind it.
+        sign_is_told: inertia or friction shows which way the torque counts.
+    """
+
+    inertia: IntervalEstimate
+    viscous: IntervalEstimate
+    coulomb: IntervalEstimate
+    offset: IntervalEstimate
+    is_inverted: bool
+    most_inertia: float
+    seconds: float
+    sign_is_told: bool = True
+
+
+def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
+    """Friction alone, from steady motion: for a torque that has its sign from the direction.
+
+    Half the difference of the torque between both directions; its interval comes from the scatter
+    between passages. How it parts into dry and viscous friction is not told.
+
+    Raises:
+        ValueError: one line; too little motion, or no clock.
+    """
+    settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
+    means: dict[float, list[float]] = {1.0: [], -1.0: []}
+    seconds = 0.0
+    for frame in frames:
+        for run in prepare(frame, settings):
+            speed = run.speed_rad_s
+            top = float(np.percentile(np.abs(speed), 98.0))
+            for sign, found in means.items():
+                steady = sign * speed > _STEADY_SHARE * top
+                if np.count_nonzero(steady) >= _LEAST_ROWS:
+                    found.append(float(np.mean(run.channels[TORQUE][steady])))
+                    seconds += run.period_s * np.count_nonzero(steady)
+    ahead, back = (np.array(means[sign]) for sign in (1.0, -1.0))
+    why = "a torque without a sign is wrong while the axis brakes"
+    nothing = undetermined("kg m^2", why), undetermined("N m s/rad", why)
+    most = _most_inertia(frames, settings)
+    if min(len(ahead), len(back)) < _LEAST_PASSAGES:
+        unknown = undetermined("N m", "too little steady motion both ways")
+        return Mechanics(*nothing, unknown, unknown, False, most, seconds)
+    sigma = 0.5 * float(
+        np.hypot(np.std(ahead) / len(ahead) ** 0.5, np.std(back) / len(back) ** 0.5)
+    )
+    passages = float(min(len(ahead), len(back)))
+    level = around(0.5 * float(ahead.mean() - back.mean()), sigma, "N m", passages)
+    load = around(0.5 * float(ahead.mean() + back.mean()), sigma, "N m", passages)
+    return Mechanics(*nothing, level, load, False, most, seconds)
+
+
+def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
+    """Identify the parameters, and whether the torque is inverted.
+
+    Raises:
+        ValueError: one line; too little motion, or no clock.
+    """
+    settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
+    fit = identify_inverse_dynamics(frames, settings)
+    names = ("inertia", "viscous", "coulomb", "offset")
+    inertia, viscous, coulomb, offset = (fit.parameters[name] for name in names)
+    clock = clock_of([frame.time_s for frame in frames])
+    if clock.is_slow:
+        inertia = undetermined(inertia.unit, TOO_SLOW.format(clock.rate_hz))
+    sign_is_told = not (inertia.holds(0.0) and coulomb.holds(0.0))
+    telling = coulomb if inertia.holds(0.0) else inertia
+    inverted = sign_is_told and telling.value < 0.0
+    if inverted:
+        inertia, viscous, coulomb, offset = (
+            each.scaled(-1.0, each.unit) for each in (inertia, viscous, coulomb, offset)
+        )
+    most = _most_inertia(frames, settings)
+    told = sign_is_told
+    return Mechanics(inertia, viscous, coulomb, offset, inverted, most, fit.seconds, told)
+
+
+def _most_inertia(frames: Sequence[SampleFrame], settings: PreparationSettings) -> float:
+    """Inertia with which the strongest acceleration would take the largest torque, kg m2."""
+    torque, acceleration = [], []
+    for frame in frames:
+        for run in prepare(frame, settings):
+            torque.append(np.abs(run.channels[TORQUE][run.moving]))
+            acceleration.append(np.abs(run.acceleration_rad_s2[run.moving]))
+    strong = float(np.percentile(np.concatenate(acceleration), 99.0))
+    return float(np.percentile(np.concatenate(torque), 99.0)) / strong if strong > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ability:
+    """One thing that a user asks for.
+
+    Attributes:
+        what: in the user's words.
+        reason: why not; empty if it can be answered.
+        motion: of `edge-service motion`, which would answer it; empty if none would.
+    """
+
+    what: str
+    reason: str
+    motion: str = ""
+
+    def as_text(self) -> str:
+        """One line."""
+        if not self.reason:
+            return f"{self.what}: yes"
+        remedy = f"; record `edge-service motion {self.motion}`" if self.motion else ""
+        return f"{self.what}: no, {self.reason}{remedy}"
+
+
+def abilities(
+    columns: Mapping[str, Choice], mechanics: Mechanics | None, rate_hz: float, *, has_rating: bool
+) -> list[Ability]:
+    """Answers that these recordings allow or not, in the order in which people ask."""
+    return [
+        Ability("friction and its change", *_friction(columns, mechanics)),
+        Ability("inertia", *_inertia(columns, mechanics)),
+        Ability("preload in percent", *_preload(columns, mechanics, has_rating)),
+        Ability("stretch, play and stiffness between two encoders", *_stretch(columns)),
+        Ability("frequency response, if the motion shakes the axis", *_response(columns, rate_hz)),
+    ]
+
+
+def _friction(columns: Mapping[str, Choice], mechanics: Mechanics | None) -> tuple[str, str]:
+    if TORQUE not in columns:
+        return _NO_TORQUE
+    if mechanics is None:
+        return _NO_MOTION
+    if not mechanics.coulomb.determined:
+        return "too little steady motion both ways", "friction"
+    if mechanics.coulomb.low <= 0.0:
+        return "it is not told from none", "friction"
+    return "", ""
+
+
+def _inertia(columns: Mapping[str, Choice], mechanics: Mechanics | None) -> tuple[str, str]:
+    if TORQUE not in columns:
+        return _NO_TORQUE
+    if columns[TORQUE].direction:
+        return "a torque without a sign is wrong while the axis brakes", ""
+    if mechanics is None:
+        return _NO_MOTION
+    if not mechanics.inertia.determined:
+        return mechanics.inertia.note, ""
+    if mechanics.inertia.low <= 0.0:
+        return "too little acceleration", "acceleration"
+    return "", ""
+
+
+def _preload(
+    columns: Mapping[str, Choice], mechanics: Mechanics | None, has_rating: bool
+) -> tuple[str, str]:
+    why, motion = _friction(columns, mechanics)
+    if why:
+        return why, motion
+    if not has_rating:
+        return "dynamic_load_rating_n and preload_n of the data sheet are missing", ""
+    return "the machine file is not commissioned yet (`edge-service commission`)", "production"
+
+
+def _stretch(columns: Mapping[str, Choice]) -> tuple[str, str]:
+    missing = [name for name in (ANGLE, TABLE_POSITION) if name not in columns]
+    if missing:
+        return f"there is no {' and no '.join(missing)}", ""
+    return "the ends of travel are unknown: set axis.stroke_m in the machine file", "acceleration"
+
+
+def _response(columns: Mapping[str, Choice], rate_hz: float) -> tuple[str, str]:
+    if TORQUE not in columns:
+        return _NO_TORQUE
+    if rate_hz < _RESPONSE_HZ:
+        return f"{rate_hz:.3g} samples/s are too few", ""
+    return "", ""

@@ -1,0 +1,153 @@
+"""Understanding of a recording: the stages in their order, and its torque."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...messages.channels import EXTERNAL_FORCE, SETPOINT, TABLE_POSITION, TEMPERATURE, TORQUE
+from ...messages.samples import Floats
+from ...messages.units import SI
+from .clock import find_clock
+from .guess import Choice, Known, Understanding
+from .motion import Motion
+from .names import ColumnName, Quantity
+from .relations import follows, is_unsigned
+from .unnamed import with_quantities
+
+_PLAIN = ((Quantity.TEMPERATURE, TEMPERATURE, "degC"), (Quantity.FORCE, EXTERNAL_FORCE, "N"))
+_CURRENT_A = {"A": 1.0, "mA": 1e-3}
+_MOST_A = 300.0
+_FRICTION = 0.3
+"""Share of an unnamed effort that must follow the direction."""
+
+
+def understand(
+    names: Sequence[ColumnName], values: Mapping[str, Floats], known: Known
+) -> Understanding:
+    """Find what the columns of one axis are.
+
+    Args:
+        names: columns of the axis, and those of no axis.
+        values: column -> values as they stand in the file, shape (n,) each.
+        known: what the owner says; it comes first.
+    """
+    found = Understanding(lead_m=known.lead_m)
+    columns, table = list(with_quantities(names, values)), dict(values)
+    _tell_unnamed(names, columns, found)
+    time_s = find_clock(columns, table, known, found)
+    if time_s is None:
+        return found
+    motion = Motion(columns, table, time_s, known, found)
+    motion.find()
+    _find_effort(columns, table, motion.speed(), known, found)
+    _plain_channels(columns, found)
+    return found
+
+
+def _tell_unnamed(
+    names: Sequence[ColumnName], columns: Sequence[ColumnName], found: Understanding
+) -> None:
+    for before, after in zip(names, columns, strict=True):
+        if before.quantity is not after.quantity:
+            words = f"{after.name!r} moves like a {after.quantity.value}"
+            found.say("columns", words, assumed=True)
+
+
+def _plain_channels(columns: Sequence[ColumnName], found: Understanding) -> None:
+    for quantity, channel, unit in _PLAIN:
+        for each in columns:
+            if each.quantity is quantity and channel not in found.columns:
+                known_unit = each.unit if SI.get(each.unit, (0.0, ""))[1] == unit else ""
+                if known_unit or quantity is Quantity.TEMPERATURE:
+                    found.columns[channel] = Choice(each.name, SI[known_unit or unit][0])
+                    found.say(channel, f"{each.name!r} in {known_unit or unit}")
+
+
+def _find_effort(
+    names: list[ColumnName],
+    values: dict[str, Floats],
+    speed: Floats | None,
+    known: Known,
+    found: Understanding,
+) -> None:
+    """Choose the torque channel; says and asks what there is to it."""
+    column = _best_effort(names, values, speed)
+    if column is None:
+        found.say(TORQUE, "no column holds a torque or a current: friction cannot be judged")
+        return
+    effort = values[column.name]
+    scale, words = _effort_scale(column, effort, known, found)
+    direction = _direction(column.name, effort, speed, found)
+    if scale is not None:
+        found.columns[TORQUE] = Choice(column.name, scale, direction=direction)
+        found.say(TORQUE, words)
+
+
+def _best_effort(
+    names: list[ColumnName], values: dict[str, Floats], speed: Floats | None
+) -> ColumnName | None:
+    """A torque, else a current that follows the direction, else whatever does so."""
+    for quantity in (Quantity.TORQUE, Quantity.CURRENT):
+        able = [
+            each
+            for each in names
+            if each.quantity is quantity and np.nanstd(values[each.name]) > 0.0
+        ]
+        if able:
+            return min(able, key=lambda each: (each.rank, -_share(values[each.name], speed)))
+    volts = [each for each in names if each.quantity is Quantity.OTHER and each.unit in ("V", "%")]
+    shares = {each.name: _share(values[each.name], speed) for each in volts}
+    able = [each for each in volts if shares[each.name] > _FRICTION]
+    return max(able, key=lambda each: shares[each.name], default=None)
+
+
+def _share(effort: Floats, speed: Floats | None) -> float:
+    return 0.0 if speed is None else abs(follows(effort, speed))
+
+
+def _current_unit(column: ColumnName, values: Floats, found: Understanding) -> str:
+    """A or mA: no feed drive takes hundreds of amperes."""
+    if column.unit in _CURRENT_A:
+        return column.unit
+    unit = "A" if float(np.nanpercentile(np.abs(values), 99.0)) < _MOST_A else "mA"
+    found.say(TORQUE, f"{column.name!r} is taken as a current in {unit}", assumed=True)
+    return unit
+
+
+def _effort_scale(
+    column: ColumnName, values: Floats, known: Known, found: Understanding
+) -> tuple[float | None, str]:
+    """Factor to N m at the motor, with words; None where it is not known."""
+    if SI.get(column.unit, (0.0, ""))[1] == "N m":
+        return SI[column.unit][0], f"{column.name!r} in {column.unit} (by its name)"
+    unit, per_unit = column.unit or "unit", 1.0
+    if column.quantity is Quantity.CURRENT:
+        unit, per_unit = "A", _CURRENT_A[_current_unit(column, values, found)]
+    if known.torque_constant is not None:
+        scale = per_unit * known.torque_constant
+        return scale, f"{column.name!r} times {known.torque_constant:g} N m/{unit}, as given"
+    if column.quantity is Quantity.TORQUE and not column.unit:
+        found.say(TORQUE, f"{column.name!r} is taken as N m: its name gives no unit", assumed=True)
+        return 1.0, f"{column.name!r}"
+    what = "current" if column.quantity is Quantity.CURRENT else "effort"
+    found.say(TORQUE, f"{column.name!r} is the drive's {what}; N m per {unit} are not known")
+    found.ask(
+        "--torque-constant",
+        f"Torque of the motor per {unit} of {column.name!r}, N m",
+        "inertia and friction in N m need it",
+    )
+    return None, ""
+
+
+def _direction(name: str, effort: Floats, speed: Floats | None, found: Understanding) -> str:
+    """Column whose direction an effort without a sign takes; empty where it has one."""
+    if speed is None or not is_unsigned(effort, speed):
+        return ""
+    channel = SETPOINT if SETPOINT in found.columns else TABLE_POSITION
+    found.say(
+        TORQUE,
+        f"{name!r} has no sign: it is positive both ways. It gets the sign of the direction, which "
+        "is right in steady motion and wrong while the axis brakes",
+        assumed=True,
+    )
+    return found.columns[channel].column if channel in found.columns else ""

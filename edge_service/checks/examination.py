@@ -1,0 +1,213 @@
+"""Examination of recordings: every check that holds them against the machine file and each other.
+
+Commands that learn from a recording or judge it ask this before they answer; `doctor` prints it.
+Every finding is a number with an interval, held against the machine file, in one sentence:
+"torque sign looks inverted", "lead looks like 10 mm, not 20".
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..messages.channels import (
+    ANGLE,
+    MOTOR_SPEED,
+    SETPOINT,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    TEMPERATURE,
+    TORQUE,
+)
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from .clock import check_clock
+from .finding import Finding, Verdict
+from .positions import (
+    check_encoder_lag,
+    check_lead,
+    check_motor_speed,
+    check_setpoint,
+    check_table_speed,
+    forget_encoders,
+)
+from .ranges import check_limits, check_stroke, check_temperature
+from .signals import check_columns, check_signals
+from .torque import check_torque
+
+SLACK_S = 1.0
+"""Shorter halves of a recording are not asked whether they show a mistake as well."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One entry of the registry.
+
+    Attributes:
+        needed: channels without which there is nothing to check.
+        compared: what is held against what.
+        remedy: what to do where it doubts.
+    """
+
+    name: str
+    needed: frozenset[str]
+    compared: str
+    remedy: str
+    run: Callable[[Machine, Sequence[SampleFrame]], Finding]
+
+
+def _check(
+    name: str,
+    run: Callable[[Machine, Sequence[SampleFrame]], Finding],
+    compared: str,
+    remedy: str,
+    *needed: str,
+) -> Check:
+    return Check(name, frozenset(needed), compared, remedy, run)
+
+
+CHECKS: tuple[Check, ...] = (
+    _check(
+        "rate",
+        check_clock,
+        "steps of time_s; speeds and inertia that would need another unit of time",
+        "give the unit in columns.time_s, as in { column = ..., scale = 1e-3 }",
+    ),
+    _check(
+        "signals",
+        check_signals,
+        "every channel against its own first value",
+        "check that the device is switched on and the right channel is recorded",
+    ),
+    _check(
+        "lead",
+        check_lead,
+        "table_position_m over motor_angle_rad against axis.lead_m",
+        "check axis.lead_m, and the scales of columns.motor_angle_rad and .table_position_m",
+        ANGLE,
+        TABLE_POSITION,
+    ),
+    _check(
+        "encoder_lag",
+        check_encoder_lag,
+        "times of table_position_m and motor_angle_rad",
+        "record both encoders at the same instant",
+        ANGLE,
+        TABLE_POSITION,
+    ),
+    _check(
+        "setpoint",
+        check_setpoint,
+        "position against position_setpoint_m, in motion and at rest",
+        "check axis.lead_m and the scales of the position and of columns.position_setpoint_m",
+        SETPOINT,
+    ),
+    _check(
+        "motor_speed",
+        check_motor_speed,
+        "motor_speed_rad_s against the rate of motor_angle_rad",
+        "check the scale of columns.motor_speed_rad_s",
+        ANGLE,
+        MOTOR_SPEED,
+    ),
+    _check(
+        "table_speed",
+        check_table_speed,
+        "table_speed_m_s against the rate of table_position_m",
+        "check the scale of columns.table_speed_m_s",
+        TABLE_POSITION,
+        TABLE_SPEED,
+    ),
+    _check(
+        "torque",
+        check_torque,
+        "torque_command_nm against acceleration and direction, and model.inertia_kg_m2",
+        "check sign and scale of columns.torque_command_nm, axis.lead_m and model.inertia_kg_m2, "
+        "or whether it needs faster samples",
+        TORQUE,
+    ),
+    _check(
+        "limits",
+        check_limits,
+        "greatest speed and torque against axis.max_speed_rad_s and axis.max_torque_nm",
+        "check the scales of the columns, or the limits in the machine file",
+    ),
+    _check(
+        "stroke",
+        check_stroke,
+        "range of table_position_m against axis.stroke_m",
+        "check the zero and the scale of columns.table_position_m, and axis.stroke_m",
+        TABLE_POSITION,
+    ),
+    _check(
+        "temperature",
+        check_temperature,
+        "range of temperature_c against what a machine can have",
+        "check the scale and the offset of columns.temperature_c",
+        TEMPERATURE,
+    ),
+)
+"""Checks in the order in which they are told: what spoils the others comes first."""
+
+
+def check_plausibility(
+    machine: Machine, recordings: Sequence[SampleFrame], unread: Sequence[str] | None = None
+) -> list[Finding]:
+    """Every check that the channels allow, in a fixed order.
+
+    Args:
+        recordings: of one axis; a longer one may come in pieces.
+        unread: columns of the files that are no channel; None where there are no files.
+    """
+    channels = {name for frame in recordings for name in frame.channels}
+    found = [] if unread is None else [check_columns(channels, unread)]
+    found += [
+        _lasting(check, machine, recordings)
+        for check in CHECKS
+        if check.needed <= channels and _applies(check, machine)
+    ]
+    forget_encoders()
+    return found
+
+
+def _applies(check: Check, machine: Machine) -> bool:
+    limits = (machine.axis.max_speed_rad_s, machine.axis.max_torque_nm)
+    return check.name != "limits" or any(limits)
+
+
+def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Finding of a check; a mistake of unit or sign is in the first half and in the second.
+
+    What comes or goes in between is a fault of the machine or of a sensor, and for the answer.
+    """
+    found = _judged(check, machine, recordings)
+    if not found.forbids:
+        return found
+    halves = [_judged(check, machine, half) for half in _halves(recordings)]
+    return replace(found, forbids=all(each.verdict is not Verdict.FITS for each in halves))
+
+
+def _halves(recordings: Sequence[SampleFrame]) -> list[list[SampleFrame]]:
+    """First and second halves of the rows of every recording; none of short ones."""
+    long = [frame for frame in recordings if np.ptp(frame.time_s) > 2.0 * SLACK_S]
+    if not long:
+        return []
+    return [
+        [_rows(frame, slice(0, len(frame) // 2)) for frame in long],
+        [_rows(frame, slice(len(frame) // 2, None)) for frame in long],
+    ]
+
+
+def _rows(frame: SampleFrame, rows: slice) -> SampleFrame:
+    channels = {name: values[rows] for name, values in frame.channels.items()}
+    return SampleFrame(frame.time_s[rows], channels)
+
+
+def _judged(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    try:
+        found = check.run(machine, recordings)
+    except ValueError as error:
+        sentence = f"cannot tell: {' '.join(str(error).split())}"
+        found = Finding(check.name, Verdict.UNKNOWN, sentence)
+    remedy = check.remedy if found.is_doubtful and not found.remedy else found.remedy
+    return replace(found, name=check.name, compared=check.compared, remedy=remedy)

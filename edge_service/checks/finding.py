@@ -1,0 +1,96 @@
+"""A number held against what it should be, and the usual mistakes of unit and sign, in words."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..regression.interval_estimate import IntervalEstimate
+
+FACTOR_TOLERANCE = 0.02
+"""No lead, encoder or speed is further off its nominal value than this without a mistake."""
+_KNOWN_FACTORS = {
+    1e3: "thousandths instead of whole units, such as mm instead of m",
+    1e-3: "whole units instead of thousandths",
+    1e6: "millionths instead of whole units, such as um instead of m",
+    180.0 / math.pi: "degrees instead of radians",
+    math.pi / 180.0: "radians instead of degrees",
+    1.0 / (2.0 * math.pi): "revolutions instead of radians",
+    2.0 * math.pi: "radians instead of revolutions",
+    60.0 / (2.0 * math.pi): "rev/min instead of rad/s",
+    60.0: "per minute instead of per second",
+    1.0 / 60.0: "per second instead of per minute",
+    100.0: "percent instead of a fraction",
+    0.01: "a fraction instead of percent",
+}
+"""Value over truth -> the usual mistake."""
+
+
+class Verdict(StrEnum):
+    """Verdict of a check."""
+
+    FITS = "fits"
+    DOUBTFUL = "doubtful"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Finding of one check.
+
+    Attributes:
+        name: of the check.
+        sentence: what it found, for people.
+        figure: the number behind it; None where there is none.
+        expected: what the machine file says, in the figure's unit.
+        compared: what was held against what.
+        remedy: what to do about a doubt.
+        forbids: no answer can be right while this is so, in a unit or a sign for instance.
+    """
+
+    name: str
+    verdict: Verdict
+    sentence: str
+    figure: IntervalEstimate | None = None
+    expected: float | None = None
+    compared: str = ""
+    remedy: str = ""
+    forbids: bool = False
+
+    @property
+    def is_doubtful(self) -> bool:
+        """True if something is wrong, or may be."""
+        return self.verdict is Verdict.DOUBTFUL
+
+
+def judge_factor(
+    name: str, factor: IntervalEstimate, expected: float, said: str, channel: str = ""
+) -> Finding:
+    """Hold a factor against what is expected of it."""
+    if not factor.determined:
+        return Finding(name, Verdict.UNKNOWN, f"cannot tell: {factor.note}", factor, expected)
+    low, high = sorted((factor.low / expected, factor.high / expected))
+    if low > 1.0 + FACTOR_TOLERANCE or high < 1.0 - FACTOR_TOLERANCE:
+        ratio = factor.value / expected
+        sentence = f"{channel or name} looks {wrongly(ratio)}" + usual_mistake(abs(ratio), channel)
+        return Finding(name, Verdict.DOUBTFUL, sentence, factor, expected)
+    if high - low > 2.0 * FACTOR_TOLERANCE:
+        return Finding(name, Verdict.UNKNOWN, "too little motion to tell", factor, expected)
+    return Finding(name, Verdict.FITS, said, factor, expected)
+
+
+def wrongly(ratio: float) -> str:
+    """Value over truth in words."""
+    size = abs(ratio)
+    inverted = "inverted" if ratio < 0.0 else ""
+    if abs(size - 1.0) <= FACTOR_TOLERANCE:
+        return inverted
+    words = f"{size:.4g} times too large" if size > 1.0 else f"{1.0 / size:.4g} times too small"
+    return f"{inverted} and {words}" if inverted else words
+
+
+def usual_mistake(ratio: float, what: str) -> str:
+    """The usual mistake that makes such a ratio, if there is one."""
+    for known, reason in _KNOWN_FACTORS.items():
+        if ratio > 0.0 and abs(math.log(ratio / known)) < math.log(1.1):
+            return f" ({reason} in {what}?)"
+    return ""

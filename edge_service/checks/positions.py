@@ -1,0 +1,186 @@
+"""Checks of positions and speeds: lead, sign and time of both encoders, setpoint, derivatives."""
+
+import functools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TABLE_SPEED
+from ..messages.samples import Floats, SampleFrame
+from ..models.machine import Machine
+from ..regression.interval_estimate import IntervalEstimate
+from ..regression.linear import least_squares
+from .channel_regression import ChannelRegression, regress_channel
+from .finding import Finding, Verdict, judge_factor, usual_mistake, wrongly
+
+LEAST_LAG_S = 1e-4
+"""A shorter lag between the encoders shows in no result."""
+FOLLOWED = (0.2, 5.0)
+"""Travel over that of the setpoint: beyond it no lag and no overshoot explains it, a unit does."""
+LEAST_ROWS = 20
+"""Rows of an unchanged setpoint that may be a rest: a cubic and its noise fill fewer."""
+LAST_SHARE = 0.25
+"""Of a rest: its end, when the axis has settled."""
+SETTLED_SHARE = 0.01
+"""Of the whole travel: what moves by more in that last part does not rest."""
+LEAST_RESTS = 4
+"""Rests for a factor, an offset and a scatter."""
+LONGEST_FILTER_S = 2e-3
+"""Drives filter their speed by 0.3 to 1 ms."""
+
+
+def check_lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Hold the travel of the table per turn against the stated lead."""
+    lead = _encoders(recordings).factor.scaled(2e3 * math.pi, "mm")
+    expected = 1e3 * machine.axis.lead_m
+    found = judge_factor("lead", lead, expected, f"lead is {lead.value:.6g} mm")
+    if found.verdict is not Verdict.DOUBTFUL:
+        return found
+    ratio = lead.value / expected
+    blamed = _misread_angle(ratio) if _table_is_right(machine, recordings) else ""
+    if blamed:
+        sentence = blamed
+    elif ratio < 0.0:
+        sentence = f"{TABLE_POSITION} runs against {ANGLE}: one of the signs looks inverted"
+    else:
+        sentence = f"lead looks like {lead.value:.4g} mm, not {expected:.4g}"
+        sentence += usual_mistake(ratio, f"{TABLE_POSITION} over {ANGLE}")
+    return Finding("lead", found.verdict, sentence, lead, expected, forbids=True)
+
+
+def angle_is_misread(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
+    """True if the rotary encoder contradicts a linear one that agrees with the setpoints."""
+    try:
+        return check_lead(machine, recordings).sentence.startswith(ANGLE)
+    except ValueError:
+        return False
+
+
+def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Hold the clock of one encoder against that of the other."""
+    lag = _encoders(recordings).lag.scaled(1e3, "ms")
+    name, least_ms = "encoder_lag", 1e3 * LEAST_LAG_S
+    if not lag.determined:
+        return Finding(name, Verdict.UNKNOWN, f"cannot tell: {lag.note}", lag, 0.0)
+    if lag.low > least_ms:
+        sentence = f"linear encoder lags rotary by {lag.value:.2g} ms"
+        return Finding(name, Verdict.DOUBTFUL, sentence, lag, 0.0)
+    if lag.high < -least_ms:
+        sentence = f"linear encoder leads rotary by {-lag.value:.2g} ms"
+        return Finding(name, Verdict.DOUBTFUL, sentence, lag, 0.0)
+    if lag.high - lag.low > 10.0 * least_ms:
+        return Finding(name, Verdict.UNKNOWN, "too little motion to tell", lag, 0.0)
+    return Finding(name, Verdict.FITS, "both encoders are read at the same time", lag, 0.0)
+
+
+def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Hold the position against its setpoint, and where it lags or overshoots, at rest."""
+    has_table = any(TABLE_POSITION in frame.channels for frame in recordings)
+    position = TABLE_POSITION if has_table else ANGLE
+    unit = 1.0 if position == TABLE_POSITION else machine.transmission_ratio_m_per_rad
+    factor = regress_channel(recordings, position, SETPOINT).factor.scaled(unit, "")
+    found = judge_factor("setpoint", factor, 1.0, f"{position} follows {SETPOINT}", position)
+    if found.verdict is Verdict.FITS:
+        return found
+    beyond = not FOLLOWED[0] < factor.value < FOLLOWED[1]
+    at_rest = factor_at_rest(recordings, position, SETPOINT)
+    if at_rest is not None:
+        said = f"{position} reaches {SETPOINT} at rest, and is late or overshoots in motion"
+        rested = judge_factor("setpoint", at_rest.scaled(unit, ""), 1.0, said, position)
+        return replace(rested, forbids=rested.is_doubtful and beyond)
+    if not found.is_doubtful or beyond:
+        return replace(found, forbids=found.is_doubtful)
+    sentence = f"cannot tell: {position} lags behind or overshoots, and never rests twice"
+    return Finding("setpoint", Verdict.UNKNOWN, sentence, factor, 1.0)
+
+
+def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
+    return _encoders_of(tuple(recordings))
+
+
+@functools.lru_cache(maxsize=1)
+def _encoders_of(recordings: tuple[SampleFrame, ...]) -> ChannelRegression:
+    """Regression of both encoders, which three checks of one examination ask for."""
+    return regress_channel(recordings, TABLE_POSITION, ANGLE, mechanics=True)
+
+
+def forget_encoders() -> None:
+    """Let go of the recordings that were asked about last."""
+    _encoders_of.cache_clear()
+
+
+def _misread_angle(ratio: float) -> str:
+    """Description of the angle's error if the table is right; nothing where it may be the lead."""
+    reason = usual_mistake(abs(1.0 / ratio), ANGLE)
+    if ratio > 0.0 and not reason:
+        return ""
+    return f"{ANGLE} looks {wrongly(1.0 / ratio)}{reason}"
+
+
+def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
+    """True if the linear encoder agrees with the setpoints."""
+    if not any(SETPOINT in frame.channels for frame in recordings):
+        return False
+    try:
+        return check_setpoint(machine, recordings).verdict is Verdict.FITS
+    except ValueError:
+        return False
+
+
+def factor_at_rest(
+    recordings: Sequence[SampleFrame], position: str, setpoint: str
+) -> IntervalEstimate | None:
+    """Factor of the position over its setpoint from where both rest; None without such rests."""
+    able = [frame for frame in recordings if {position, setpoint} <= frame.channels.keys()]
+    pairs = np.array(
+        [
+            pair
+            for frame in able
+            for pair in _rests(frame.channels[position], frame.channels[setpoint])
+        ]
+    ).reshape(-1, 2)
+    if len(pairs) < LEAST_RESTS or np.ptp(pairs[:, 1]) == 0.0:
+        return None
+    around = pairs - pairs.mean(axis=0)
+    fit = least_squares(("factor",), around[:, 1:], around[:, 0])
+    return fit.interval_estimate("factor", "")
+
+
+def _rests(position: Floats, setpoint: Floats) -> Iterator[tuple[float, float]]:
+    """Position and setpoint of each rest, in their units."""
+    known = np.isfinite(position) & np.isfinite(setpoint)
+    position, setpoint = position[known], setpoint[known]
+    if not len(position):
+        return
+    settled = SETTLED_SHARE * float(np.ptp(position))
+    edges = np.flatnonzero(np.diff(setpoint)) + 1
+    for stretch in np.split(np.arange(len(setpoint)), edges):
+        if len(stretch) < LEAST_ROWS:
+            continue
+        last = position[stretch[-max(round(LAST_SHARE * len(stretch)), 2) :]]
+        if float(np.ptp(last)) <= settled:
+            yield float(last.mean()), float(setpoint[stretch[0]])
+
+
+def check_motor_speed(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Hold the motor's speed against its angle."""
+    return _speed(recordings, MOTOR_SPEED, ANGLE)
+
+
+def check_table_speed(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Hold the table's speed against its position."""
+    return _speed(recordings, TABLE_SPEED, TABLE_POSITION)
+
+
+def _speed(recordings: Sequence[SampleFrame], speed: str, position: str) -> Finding:
+    name = speed.removesuffix("_rad_s").removesuffix("_m_s")
+    relation = regress_channel(recordings, speed, position, derivative=1)
+    said = f"{speed} is the derivative of {position}"
+    found = judge_factor(name, relation.factor, 1.0, said, speed)
+    lag = relation.lag
+    if found.verdict is Verdict.FITS and lag.determined and lag.low > LONGEST_FILTER_S:
+        sentence = f"{speed} comes {1e3 * lag.value:.2g} ms later than {position}"
+        return Finding(name, Verdict.DOUBTFUL, sentence, lag.scaled(1e3, "ms"), 0.0)
+    return found

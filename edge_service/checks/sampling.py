@@ -1,0 +1,92 @@
+"""Clock and speed of recordings: they decide what is slow, and what is not seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.channels import ANGLE
+from ..messages.row_faults import CLOCK_RESET_S
+from ..messages.samples import Floats, SampleFrame
+from ..models.machine import Machine
+from ..recordings.signals.conditioning import with_angle
+
+LEAST_RATE_HZ = 50.0
+RATE_SLACK = 0.05
+"""A source that is asked at 50 Hz answers at 49.7."""
+TOO_SLOW = "{:.3g} samples/s do not show what a machine does while it accelerates"
+STEPS = 10
+"""Samples between two angles: longer than the noise of an encoder, shorter than a move."""
+_GAP_PERIODS = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Clock of one or several recordings.
+
+    Attributes:
+        period_s: median step.
+        gaps: steps in which a row or more is missing.
+        longest_s: step of all.
+        jitter: 95th percentile of a step's distance from the median, as its share.
+        restarts: steps back from which the clock starts anew.
+        backwards: others that repeat a time or lead back.
+    """
+
+    period_s: float
+    gaps: int
+    longest_s: float
+    jitter: float
+    restarts: int
+    backwards: int
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the median step."""
+        return 1.0 / self.period_s
+
+    @property
+    def is_slow(self) -> bool:
+        """Samples between which a machine accelerates and is done."""
+        return self.rate_hz < (1.0 - RATE_SLACK) * LEAST_RATE_HZ
+
+    def as_text(self) -> str:
+        """Rate and faults in words."""
+        longest = f", the longest of {self.longest_s:.3g} s" if self.gaps else ""
+        words = f"{self.rate_hz:.4g} samples/s, {self.gaps} gaps{longest}"
+        words += f", jitter {100.0 * self.jitter:.2g} %"
+        if self.restarts:
+            words += f", starts anew {self.restarts} times"
+        if self.backwards:
+            words += f", {self.backwards} times repeated or running backwards"
+        return words
+
+
+def clock_of(times_s: Sequence[Floats]) -> Clock:
+    """Clock of recordings with these times, (n,) each. Raises ValueError: it stands."""
+    steps = np.concatenate([np.diff(time_s) for time_s in times_s])
+    forward = steps[steps > 0.0]
+    if forward.size == 0:
+        raise ValueError("time_s never increases")
+    period_s = float(np.median(forward))
+    return Clock(
+        period_s,
+        gaps=int(np.count_nonzero(forward > _GAP_PERIODS * period_s)),
+        longest_s=float(forward.max()),
+        jitter=float(np.percentile(np.abs(forward - period_s), 95.0)) / period_s,
+        restarts=int(np.count_nonzero(steps < -CLOCK_RESET_S)),
+        backwards=int(np.count_nonzero((steps <= 0.0) & (steps >= -CLOCK_RESET_S))),
+    )
+
+
+def motion_speeds(machine: Machine, recordings: Sequence[SampleFrame]) -> Floats:
+    """Speeds of the motor over some samples each, without rests of the clock, rad/s, (n,)."""
+    found = [np.empty(0)]
+    for frame in with_angle(recordings, machine.transmission_ratio_m_per_rad):
+        if ANGLE in frame.channels:
+            time_s, angle_rad = frame.time_s[::STEPS], frame.channels[ANGLE][::STEPS]
+            step_s = np.diff(time_s)
+            forward = step_s > 0.0
+            found.append(np.diff(angle_rad)[forward] / step_s[forward])
+    speeds: Floats = np.concatenate(found)
+    return speeds[np.isfinite(speeds)]

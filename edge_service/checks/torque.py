@@ -1,0 +1,197 @@
+"""Check of the torque: that it has a sign, the right one, and the size that the motion needs."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ..messages.samples import Floats, SampleFrame
+from ..models.machine import Machine, Quantity
+from ..regression.interval_estimate import IntervalEstimate
+from ..regression.inverse_dynamics import InverseDynamics, identify_inverse_dynamics
+from ..regression.prepared_run import PreparationSettings, prepare
+from .channel_regression import CUTOFF_HZ, STANDSTILL_SHARE
+from .finding import Finding, Verdict, usual_mistake, wrongly
+from .positions import angle_is_misread
+from .sampling import clock_of, motion_speeds
+
+INERTIA_FACTOR = 2.0
+"""A load changes the inertia by less than this factor; beyond it the torque's unit is another."""
+OTHER_UNIT_FACTOR = 5.0
+"""No load, and no machine file that was written for this axis, is off by as much; a unit is."""
+SIGMAS = 3.0
+"""Of the stated inertia, whose tolerance may be wide."""
+SLOW_SHARE = 0.1
+"""Quantile of the speeds in motion below which an axis is slow, for itself."""
+ONE_SIDE = 0.05
+"""Share of the greatest torque that the other side may reach by noise and an offset."""
+CLEARLY = 0.8
+"""Squared residual over that of the rival, from which on one model is the better one.
+
+A load that hangs may keep torque on one side, but then it still follows the signed acceleration and
+friction; a magnitude follows their absolute values.
+"""
+LEAST_ROWS = 40
+_BORROWED_SIGN = Finding(
+    "torque",
+    Verdict.DOUBTFUL,
+    "torque has the sign of the direction, which is wrong while the axis brakes",
+    remedy="needs a torque or current with a sign of its own; without one compare the friction of "
+    "the same moves, then and now (`edge-service drift`)",
+    forbids=True,
+)
+
+
+def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Hold the torque against the direction, the acceleration and the stated inertia."""
+    if TORQUE in machine.columns and machine.columns[TORQUE].direction:
+        return _BORROWED_SIGN
+    able, settings = _readable(machine, recordings)
+    by_sign = judge_sign(able, settings)
+    if by_sign is not None:
+        return by_sign
+    fit = identify_inverse_dynamics(able, settings)
+    inertia = fit.parameters["inertia"]
+    expected = machine.model.inertia_kg_m2.value
+    if not inertia.determined or inertia.holds(0.0):
+        return _judged_drag(machine, able, fit) or Finding(
+            "torque", Verdict.UNKNOWN, "cannot tell: too little acceleration", inertia, expected
+        )
+    return (
+        _judged_inertia(fit, machine.model.inertia_kg_m2, able)
+        or _judged_drag(machine, able, fit)
+        or Finding(
+            "torque",
+            Verdict.FITS,
+            "torque has the sign and the size that the inertia needs",
+            inertia,
+            expected,
+        )
+    )
+
+
+def measured_inertia(machine: Machine, recordings: Sequence[SampleFrame]) -> IntervalEstimate:
+    """Inertia of the whole axis that the torque shows, kg m2. Raises ValueError: no motion."""
+    return identify_inverse_dynamics(*_readable(machine, recordings)).parameters["inertia"]
+
+
+def _judged_inertia(
+    fit: InverseDynamics, stated: Quantity, recordings: Sequence[SampleFrame]
+) -> Finding | None:
+    """Finding on an inertia that contradicts the machine file, or that slow samples hide."""
+    inertia, coulomb = fit.parameters["inertia"], fit.parameters["coulomb"]
+    expected = stated.value
+    both = coulomb.determined and coulomb.high < 0.0
+    if clock_of([frame.time_s for frame in recordings]).is_slow and not (
+        both and inertia.high < 0.0
+    ):
+        sentence = "cannot tell: samples too slow for the acceleration"
+        return Finding("torque", Verdict.UNKNOWN, sentence, inertia, expected)
+    if inertia.high < 0.0:
+        sentence = "torque sign looks inverted: " + (
+            "inertia and friction read negative" if both else "inertia reads negative"
+        )
+        return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected, forbids=True)
+    if _apart(inertia, stated, INERTIA_FACTOR):
+        ratio = inertia.value / expected
+        reason = usual_mistake(ratio, TORQUE)
+        if not reason and not any(TABLE_POSITION in frame.channels for frame in recordings):
+            reason = usual_mistake(1.0 / ratio, ANGLE)
+        sentence = f"torque looks {wrongly(ratio)}{reason}"
+        forbids = _apart(inertia, stated, OTHER_UNIT_FACTOR)
+        return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected, forbids=forbids)
+    return None
+
+
+def _apart(inertia: IntervalEstimate, stated: Quantity, factor: float) -> bool:
+    """True if the whole interval is further off than a factor, and than what is stated."""
+    reach = SIGMAS * stated.sigma
+    high = max(factor * stated.value, stated.value + reach)
+    low = min(stated.value / factor, stated.value - reach)
+    return inertia.low > high or inertia.high < low
+
+
+def _judged_drag(
+    machine: Machine, recordings: Sequence[SampleFrame], fit: InverseDynamics
+) -> Finding | None:
+    """Finding on a friction that drives the axis at its own slow speeds; not by extrapolation."""
+    coulomb, viscous = fit.parameters["coulomb"], fit.parameters["viscous"]
+    if not coulomb.determined or coulomb.high >= 0.0:
+        return None
+    speeds = np.abs(motion_speeds(machine, recordings))
+    moving = speeds[speeds > STANDSTILL_SHARE * speeds.max(initial=0.0)]
+    slow = float(np.quantile(moving, SLOW_SHARE)) if moving.size else 0.0
+    if viscous.determined and coulomb.high + viscous.value * slow >= 0.0:
+        return None
+    sentence = (
+        f"friction {coulomb.value:.2g} N m reads negative: sign of torque or motion, or a load "
+        "that pulls"
+    )
+    return Finding("torque", Verdict.DOUBTFUL, sentence, coulomb, 0.0, forbids=True)
+
+
+def _readable(
+    machine: Machine, recordings: Sequence[SampleFrame]
+) -> tuple[list[SampleFrame], PreparationSettings]:
+    """Recordings with a torque, without an angle that is misread, and how to prepare them.
+
+    A standstill is slow for this axis: 0.1 rad/s or a share of its greatest speed.
+    """
+    able = [frame for frame in recordings if TORQUE in frame.channels]
+    if angle_is_misread(machine, able):
+        able = [_without_angle(frame) for frame in able]
+    settings = PreparationSettings.sampled(machine.transmission_ratio_m_per_rad, able, CUTOFF_HZ)
+    speeds = np.abs(motion_speeds(machine, able))
+    top_rad_s = float(np.quantile(speeds, 0.99)) if speeds.size else 0.0
+    still = min(settings.standstill_rad_s, STANDSTILL_SHARE * top_rad_s)
+    return able, replace(settings, standstill_rad_s=still)
+
+
+def _without_angle(frame: SampleFrame) -> SampleFrame:
+    channels = {name: values for name, values in frame.channels.items() if name != ANGLE}
+    return SampleFrame(frame.time_s, channels)
+
+
+def judge_sign(recordings: Sequence[SampleFrame], settings: PreparationSettings) -> Finding | None:
+    """Finding on a torque that stays on one side both ways; None of one that does not."""
+    torque, speed, acceleration = _rows(recordings, settings)
+    way = np.sign(speed)
+    if len(torque) < LEAST_ROWS or not {-1.0, 1.0} <= set(way.tolist()):
+        return None
+    low, high = (float(each) for each in np.quantile(torque, (0.02, 0.98)))
+    nearest, furthest = sorted((low, high), key=abs)
+    if nearest * np.sign(furthest) < -ONE_SIDE * abs(furthest):
+        return None
+    one = np.ones_like(torque)
+    signed = _left(torque, np.column_stack([way, acceleration, speed, one]))
+    amount = _left(torque, np.column_stack([one, way * acceleration, np.abs(speed), way]))
+    if signed < CLEARLY * amount:
+        return None
+    sure = amount < CLEARLY * signed
+    what = "a magnitude, not a load that hangs" if sure else "a magnitude, or a load that hangs"
+    sentence = (
+        f"{TORQUE} stays on one side both ways ({low:.3g} to {high:.3g} N m) and does not follow "
+        f"the signed acceleration: {what}"
+    )
+    remedy = f"needs signed torque or current in columns.{TORQUE}, and moves that accelerate"
+    return Finding("torque", Verdict.DOUBTFUL, sentence, remedy=remedy, forbids=sure)
+
+
+def _rows(
+    recordings: Sequence[SampleFrame], settings: PreparationSettings
+) -> tuple[Floats, Floats, Floats]:
+    """Torque, speed and acceleration in motion, (n,) each."""
+    runs = [run for frame in recordings for run in prepare(frame, settings)]
+    found = [np.empty((0, 3))]
+    for run in runs:
+        columns = np.column_stack([run.channels[TORQUE], run.speed_rad_s, run.acceleration_rad_s2])
+        found.append(columns[run.moving][:: settings.decimation])
+    torque, speed, acceleration = np.concatenate(found).T
+    return torque, speed, acceleration
+
+
+def _left(target: Floats, columns: Floats) -> float:
+    """Residual sum of squares, and what rounding leaves of any."""
+    value = np.linalg.lstsq(columns, target, rcond=None)[0]
+    return float(np.sum((target - columns @ value) ** 2) + 1e-12 * np.sum(target**2))

@@ -1,1 +1,0 @@
-"""Checks of a source: signs, units, factors between channels, stuck channels."""

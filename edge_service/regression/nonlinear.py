@@ -1,0 +1,291 @@
+"""Nonlinear least squares with several starts, and intervals by profile likelihood."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from ..messages.samples import Floats
+from .interval_estimate import IntervalEstimate, student_quantile
+
+_MOST_SEARCHED = 60
+"""Evaluations from one start; one that has not found its valley by then is in none that counts."""
+_FIRST_STEP = 2.0**-8
+"""Of a bracket, in coordinates, where the curvature at the optimum says nothing."""
+_LEAST_STEP = 1e-9
+"""Of a bracket: below it the numbers themselves are as coarse, and a search would never end."""
+_BOUND_SHARE = 2e-3
+"""Accuracy of a bound over its distance from the value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """One parameter of a nonlinear model.
+
+    Attributes:
+        low, high: hard bounds, finite.
+        unit: of the parameter.
+        logarithmic: searched in its logarithm, for scales of speed or stiffness; low is then
+            greater than 0. A bound that the data does not rule out stands for 0 or infinity.
+        floor: what the lower bound stands for, where it is not logarithmic and means "none".
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    logarithmic: bool = False
+    floor: float = -math.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NonlinearFit:
+    """The best fit of all starts.
+
+    Attributes:
+        values: (p,), in the units of the unknowns.
+        parameters: by name, with their intervals.
+        residual: weighted, (n,).
+        reduced_chi2: mean square of the weighted residual per degree of freedom.
+    """
+
+    values: Floats
+    parameters: dict[str, IntervalEstimate]
+    residual: Floats
+    reduced_chi2: float
+
+
+Residual = Callable[[Floats], Floats]
+"""Values of the unknowns (p,) -> residual in standard deviations (n,)."""
+
+
+def fit_profiled(
+    residual: Residual,
+    unknowns: Sequence[Unknown],
+    starts: Sequence[Floats],
+    n_effective: float | None = None,
+) -> NonlinearFit:
+    """Bounded least squares from several starts; intervals by profile likelihood.
+
+    A bound of an interval is where the sum of squares, minimised over all other unknowns, exceeds
+    the least one by the square of Student's quantile (Bates and Watts, 1988). If it never does
+    within the hard bounds, the data sets no bound. A residual larger than its standard deviations
+    widens the intervals; one that is smaller does not narrow them.
+
+    Args:
+        residual: in standard deviations.
+        unknowns: p of them.
+        starts: values (p,) each; at least one.
+        n_effective: independent residuals; all of them if not given.
+
+    Raises:
+        ValueError: fewer residuals than unknowns.
+    """
+    search = _Search(residual, unknowns)
+    count = len(residual(starts[0]))
+    independent = count if n_effective is None else n_effective
+    _require_points(count, len(unknowns))
+    optima = [search.minimise(search.inward(start), most=_MOST_SEARCHED) for start in starts]
+    best = min(optima, key=lambda optimum: optimum.cost)
+    chi2 = 2.0 * float(best.cost)
+    reduced = chi2 / (count - len(unknowns))
+    share = independent / count
+    limit = student_quantile(max(independent - len(unknowns), 1.0)) ** 2 * max(reduced, 1.0) / share
+    elsewhere = _other_valleys(best.x, [each.x for each in optima if each.cost < best.cost + limit])
+    curvature = np.asarray(best.jac).T @ np.asarray(best.jac)
+    profile = _Profile(
+        search, best.x, elsewhere, chi2, limit, independent, np.linalg.pinv(curvature, rcond=1e-12)
+    )
+    values = search.outward(best.x)
+    parameters = {unknown.name: profile.interval_estimate(k) for k, unknown in enumerate(unknowns)}
+    return NonlinearFit(values, parameters, residual(values), reduced)
+
+
+def best_values(
+    residual: Residual, unknowns: Sequence[Unknown], starts: Sequence[Floats]
+) -> Floats:
+    """Values with the least sum of squares, (p,), without intervals; arguments as below.
+
+    Raises:
+        ValueError: fewer residuals than unknowns.
+    """
+    search = _Search(residual, unknowns)
+    _require_points(len(residual(starts[0])), len(unknowns))
+    optima = [search.minimise(search.inward(start), most=_MOST_SEARCHED) for start in starts]
+    return search.outward(min(optima, key=lambda optimum: float(optimum.cost)).x)
+
+
+def _require_points(count: int, parameters: int) -> None:
+    if count <= parameters:
+        raise ValueError(f"{count} points cannot determine {parameters} parameters; record more")
+
+
+def unexplained_share(misfit: Floats, error: Floats, size: Floats, parameters: int) -> float:
+    """Scatter of points beyond their errors, as a share of their size; 0 where there is none.
+
+    The s with sum(misfit^2 / (error^2 + (s size)^2)) = n - p (Paule and Mandel, 1982): what a model
+    leaves out adds to every point, so that the surest points do not decide alone.
+
+    Args:
+        misfit, error, size: (n,) each, in one unit.
+        parameters: p of the model.
+    """
+    freedom = len(misfit) - parameters
+
+    def excess(share: float) -> float:
+        return float(np.sum(misfit**2 / (error**2 + (share * size) ** 2))) - freedom
+
+    if freedom <= 0 or excess(0.0) <= 0.0:
+        return 0.0
+    greatest = 2.0 * float(np.sqrt(np.sum((misfit / np.maximum(size, 1e-300)) ** 2) / freedom))
+    return float(optimize.brentq(excess, 0.0, greatest)) if excess(greatest) < 0.0 else greatest
+
+
+def _other_valleys(best: Floats, optima: Sequence[Floats]) -> list[Floats]:
+    """Optima that differ from the best and from each other, in coordinates (p,)."""
+    valleys = [best]
+    for optimum in optima:
+        if all(np.max(np.abs(optimum - valley)) > 1e-2 for valley in valleys):
+            valleys.append(optimum)
+    return valleys[1:]
+
+
+class _Search:
+    """Minimisation in coordinates that run from 0 to 1 between the hard bounds."""
+
+    def __init__(self, residual: Residual, unknowns: Sequence[Unknown]) -> None:
+        self.unknowns = unknowns
+        self._residual = residual
+        self._log = np.array([unknown.logarithmic for unknown in unknowns])
+        low = np.array([unknown.low for unknown in unknowns])
+        high = np.array([unknown.high for unknown in unknowns])
+        self._low = np.where(self._log, np.log(np.where(self._log, low, 1.0)), low)
+        self._span = np.where(self._log, np.log(np.where(self._log, high, math.e)), high)
+        self._span -= self._low
+
+    def inward(self, values: Floats) -> Floats:
+        """Values -> coordinates, clipped to the bounds."""
+        logged = np.where(self._log, np.log(np.where(self._log, values, 1.0)), values)
+        return np.clip((logged - self._low) / self._span, 0.0, 1.0)
+
+    def outward(self, coordinates: Floats) -> Floats:
+        """Coordinates -> values."""
+        plain = self._low + self._span * coordinates
+        return np.where(self._log, np.exp(np.where(self._log, plain, 0.0)), plain)
+
+    def minimise(
+        self, start: Floats, fixed: int | None = None, at: float = 0.0, most: int | None = None
+    ) -> optimize.OptimizeResult:
+        """Least squares over all coordinates, or over all but one that is held."""
+        free = np.array([k for k in range(len(self.unknowns)) if k != fixed], dtype=np.int64)
+
+        def residual(part: Floats) -> Floats:
+            whole = np.full(len(self.unknowns), at)
+            whole[free] = part
+            return self._residual(self.outward(whole))
+
+        inside = np.clip(start[free], 1e-6, 1.0 - 1e-6)
+        return optimize.least_squares(
+            residual, inside, bounds=(0.0, 1.0), x_scale="jac", max_nfev=most
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Profile:
+    """The sum of squares around the optimum; `spread` is its inverse curvature, (p, p)."""
+
+    search: _Search
+    best: Floats
+    elsewhere: Sequence[Floats]
+    chi2: float
+    limit: float
+    n_effective: float
+    spread: Floats
+
+    def interval_estimate(self, index: int) -> IntervalEstimate:
+        """The unknown with the interval of its profile."""
+        unknown = self.search.unknowns[index]
+        low, high = self._bound(index, -1.0), self._bound(index, 1.0)
+        value = float(self.search.outward(self.best)[index])
+        bottom = 0.0 if unknown.logarithmic else unknown.floor
+        note = ""
+        if low is None and high is None:
+            value, note = math.nan, "any value fits the data"
+        elif low is None or high is None:
+            note = "bounded on one side only"
+        return IntervalEstimate(
+            value,
+            bottom if low is None else low,
+            math.inf if high is None else high,
+            unknown.unit,
+            self.n_effective,
+            note,
+        )
+
+    def _bound(self, index: int, direction: float) -> float | None:
+        """Point at which the profile leaves the limit on one side; None if it never does."""
+        start, end = float(self.best[index]), 1.0 if direction > 0.0 else 0.0
+        root = math.sqrt(self.limit)
+
+        def beyond(at: float) -> float:
+            """Nearly linear in the distance, and 0 at the bound."""
+            return math.sqrt(max(self._excess(index, at), 0.0)) - root
+
+        inside, below = start, -root
+        guess = math.sqrt(max(self.limit * float(self.spread[index, index]), 0.0))
+        step = min(guess, 1.0) if guess > _LEAST_STEP else _FIRST_STEP
+        while inside != end:
+            trial = min(max(start + direction * step, 0.0), 1.0)
+            above = beyond(trial)
+            if above > 0.0:
+                at = _crossing(beyond, inside, below, trial, above, _BOUND_SHARE * step)
+                whole = self.best.copy()
+                whole[index] = at
+                return float(self.search.outward(whole)[index])
+            inside, below, step = trial, above, 2.0 * step
+        return None
+
+    def _excess(self, index: int, at: float) -> float:
+        """Rise of the sum of squares when one coordinate is held.
+
+        Where the best fit's surroundings rise beyond the limit, the other valleys that the starts
+        have found and that fit nearly as well are tried too: a profile may pass into one.
+        """
+        least = math.inf
+        for start in (self._predicted(index, at), *self.elsewhere):
+            rise = 2.0 * float(self.search.minimise(start, index, at).cost) - self.chi2
+            least = min(least, rise)
+            if least <= self.limit:
+                break
+        return least
+
+    def _predicted(self, index: int, at: float) -> Floats:
+        """Predicted minimum with one coordinate held, by the curvature at the optimum."""
+        own = float(self.spread[index, index])
+        if not own > 0.0:
+            return self.best
+        moved = self.best + self.spread[:, index] / own * (at - self.best[index])
+        inside: Floats = np.clip(moved, 0.0, 1.0)
+        return inside
+
+
+def _crossing(
+    function: Callable[[float], float],
+    inside: float,
+    below: float,
+    outside: float,
+    above: float,
+    accuracy: float,
+) -> float:
+    """Zero of a function that rises from `below` to `above` (regula falsi, Illinois)."""
+    while True:
+        at = (inside * above - outside * below) / (above - below)
+        value = function(at)
+        if abs(outside - inside) <= accuracy or abs(value) <= 1e-3:
+            return at
+        if value > 0.0:
+            outside, above, below = at, value, 0.5 * below
+        else:
+            inside, below, above = at, value, 0.5 * above

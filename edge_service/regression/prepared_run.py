@@ -1,0 +1,227 @@
+"""Motion and torque of a recording as a regression can use them.
+
+All channels pass the same zero-phase low-pass, speeds and accelerations are central differences of
+the filtered position (Gautier, 1997; Janot et al., 2014): what the filter does to one side of the
+equation it does to the other. The drive's own speed channel is not used, for it lags.
+
+At rest the torque is undetermined within the friction, a residual hundreds of times that of motion,
+and every filter carries it into the motion beside it. Rows within the reach of the low-pass are
+therefore not used, and the filter before decimation gets zeros for rest, on both sides of the
+equation.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ..messages.channels import (
+    ANGLE,
+    EXTERNAL_FORCE,
+    SETPOINT,
+    TABLE_POSITION,
+    TEMPERATURE,
+    TORQUE,
+)
+from ..messages.samples import Booleans, Floats, SampleFrame
+from ..recordings.signals.conditioning import (
+    CUTOFF_SHARE,
+    anti_alias,
+    central_difference,
+    decimate,
+    low_pass,
+    mean_of_held,
+    white_noise_rms,
+    with_angle,
+)
+from ..recordings.signals.screening import UniformRun, uniform_runs
+
+OPTIONAL = (TORQUE, ANGLE, TABLE_POSITION, SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
+_REACH_PERIODS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class PreparationSettings:
+    """Settings for the filtering of recordings.
+
+    Attributes:
+        ratio_m_per_rad: R_t of (4.3.5); a recording without a rotary encoder gets x / R_t.
+        cutoff_hz: of the low-pass, run forwards and backwards.
+        order: of the Butterworth filter in each direction.
+        decimation: every how many samples one row of a regression is taken.
+        edge_s: cut from both ends of a run, where the filters have no past or no future.
+        standstill_rad_s: motor speed below which friction is undetermined.
+        torque_delay_s: by how much the middle of a torque's action lies after its time stamp; half
+            a period for a command that is held until the next. 0 takes it as a continuous signal.
+    """
+
+    ratio_m_per_rad: float
+    cutoff_hz: float = 100.0
+    order: int = 4
+    decimation: int = 10
+    edge_s: float = 0.02
+    standstill_rad_s: float = 0.1
+    torque_delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("ratio_m_per_rad", "cutoff_hz", "order", "decimation"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be finite and greater than 0, got {value:g}")
+        for name in ("edge_s", "standstill_rad_s"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and not negative, got {value:g}")
+
+    @classmethod
+    def sampled(
+        cls, ratio_m_per_rad: float, frames: Sequence[SampleFrame], cutoff_hz: float
+    ) -> "PreparationSettings":
+        """Settings for recordings of a torque that is held from sample to sample.
+
+        Args:
+            cutoff_hz: of the low-pass; less where the samples are too far apart for it.
+
+        Raises:
+            ValueError: a clock that stands.
+        """
+        steps = np.concatenate([np.diff(frame.time_s) for frame in frames])
+        forward = steps[steps > 0.0]
+        if forward.size == 0:
+            raise ValueError("time_s never increases; a recording needs a clock")
+        period_s = float(np.median(forward))
+        return cls(
+            ratio_m_per_rad,
+            cutoff_hz=min(cutoff_hz, CUTOFF_SHARE / period_s),
+            torque_delay_s=0.5 * period_s,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedRun:
+    """One unbroken run: low-passed channels and the motion that follows from them.
+
+    Attributes:
+        start_s, period_s: of the samples, before decimation, s.
+        channels: low-passed, shape (n,); the angle is always there.
+        speed_rad_s, acceleration_rad_s2: of the motor, (n,).
+        moving: samples not at, nor within the reach of the low-pass of, a standstill, (n,).
+        noise_rms: white noise of the raw position channels, by channel.
+        settings: what it was prepared with.
+    """
+
+    start_s: float
+    period_s: float
+    channels: Mapping[str, Floats]
+    speed_rad_s: Floats
+    acceleration_rad_s2: Floats
+    moving: Booleans
+    noise_rms: Mapping[str, float]
+    settings: PreparationSettings
+
+    def __len__(self) -> int:
+        return len(self.speed_rad_s)
+
+    @property
+    def time_s(self) -> Floats:
+        """Shape (n,)."""
+        return self.start_s + self.period_s * np.arange(len(self), dtype=np.float64)
+
+    def rate(self, name: str, times: int = 1) -> Floats:
+        """Central difference of a channel, `times` times over, per s^times, (n,)."""
+        values = self.channels[name]
+        for _ in range(times):
+            values = central_difference(values, self.period_s)
+        return values
+
+    def decimated(self, values: Floats) -> Floats:
+        """Every `decimation`th value behind a zero-phase filter, (n,) or (n, p) -> fewer rows."""
+        factor = self.settings.decimation
+        if factor == 1:
+            return values
+        return decimate(values, factor)
+
+    def moving_rows(self, values: Floats) -> Floats:
+        """Decimated rows of motion; rest beside it counts as zero, (n,) or (n, p) -> fewer rows."""
+        moving = self.moving if values.ndim == 1 else self.moving[:, None]
+        rows = self.decimated(np.where(moving, values, 0.0))
+        return rows[self.moving[:: self.settings.decimation]]
+
+
+def prepare(
+    frames: Iterable[SampleFrame] | SampleFrame,
+    settings: PreparationSettings,
+    required: tuple[str, ...] = (TORQUE,),
+) -> Iterator[PreparedRun]:
+    """Clean, filter and differentiate one recording, run by run, in bounded memory.
+
+    Args:
+        frames: one recording in its order.
+        settings: filters.
+        required: channels that every row must have, beside a position of motor or table.
+
+    Raises:
+        ValueError: one line; a channel is missing, or the low-pass lies above half of the
+            sampling rate.
+    """
+    for run in uniform_runs(
+        with_angle(frames, settings.ratio_m_per_rad), (ANGLE, *required), optional=OPTIONAL
+    ):
+        prepared = _prepared(run, settings)
+        if prepared is not None:
+            yield prepared
+
+
+def derivative_noise_rms(run: PreparedRun, name: str, times: int) -> float:
+    """Noise that a channel's white noise leaves in its decimated `times`-fold rate.
+
+    It is the noise's standard deviation times the norm of the impulse response of the whole chain.
+    """
+    settings, period_s = run.settings, run.period_s
+    reach = max(round(8.0 / (settings.cutoff_hz * period_s)), 20 * settings.decimation)
+    response = np.zeros(2 * reach + 1)
+    response[reach] = 1.0
+    response = low_pass(response, settings.cutoff_hz, settings.order, period_s)
+    for _ in range(times):
+        response = central_difference(response, period_s)
+    if settings.decimation > 1:
+        response = anti_alias(response, settings.decimation)
+    return run.noise_rms.get(name, 0.0) * float(np.linalg.norm(response))
+
+
+def _prepared(run: UniformRun, settings: PreparationSettings) -> PreparedRun | None:
+    """Filter one run; None where nothing is left between its edges."""
+    edge = math.ceil(settings.edge_s / run.period_s)
+    if len(run) < 2 * edge + 10 * settings.decimation:
+        return None
+    raw = dict(run.channels)
+    if settings.torque_delay_s != 0.0 and TORQUE in raw:
+        raw[TORQUE] = mean_of_held(raw[TORQUE], settings.torque_delay_s / run.period_s)
+    smooth = {
+        name: low_pass(values, settings.cutoff_hz, settings.order, run.period_s)
+        for name, values in raw.items()
+    }
+    speed = central_difference(smooth[ANGLE], run.period_s)
+    acceleration = central_difference(speed, run.period_s)
+    inside = slice(edge, len(run) - edge)
+    positions = (ANGLE, TABLE_POSITION)
+    return PreparedRun(
+        start_s=run.start_s + edge * run.period_s,
+        period_s=run.period_s,
+        channels={name: values[inside] for name, values in smooth.items()},
+        speed_rad_s=speed[inside],
+        acceleration_rad_s2=acceleration[inside],
+        moving=_moving(speed, settings, run.period_s)[inside],
+        noise_rms={name: white_noise_rms(raw[name]) for name in positions if name in raw},
+        settings=settings,
+    )
+
+
+def _moving(speed_rad_s: Floats, settings: PreparationSettings, period_s: float) -> Booleans:
+    """False at rest, and within two periods of the cutoff around it: there e^-5 of rest is left."""
+    at_rest = np.abs(speed_rad_s) < settings.standstill_rad_s
+    reach = 2 * math.ceil(_REACH_PERIODS / (settings.cutoff_hz * period_s)) + 1
+    moving: Booleans = ~ndimage.maximum_filter1d(at_rest, reach, mode="nearest")
+    return moving
