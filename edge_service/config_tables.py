@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
-from .messages.addresses import check_plant_endpoint, is_http_url, is_loopback, service_address
+from .messages.addresses import is_http_url, is_loopback, service_address
 from .messages.event import Severity
 from .messages.signing_key import signing_key
 
@@ -137,62 +137,6 @@ class MtconnectConfig(Table):
                 f"{self.host!r} is not a loopback address: anyone may read there; needs allow_plain"
             )
         return self
-
-
-class PlantAccess(Table):
-    """Way to a router of the plant's bus.
-
-    Attributes:
-        endpoint: `tls/host:port`, or `tcp/host:port` on loopback.
-        ca_certificate: of the authority that signed the router's certificate and ours.
-        client_certificate, client_key: ours; routers of a plant let in whom they can check.
-        allow_plain: TCP also beyond loopback, where others may read along and pass for us.
-    """
-
-    endpoint: str
-    ca_certificate: Path | None = None
-    client_certificate: Path | None = None
-    client_key: Path | None = None
-    allow_plain: bool = False
-
-    @model_validator(mode="after")
-    def _reached(self) -> "PlantAccess":
-        files = {
-            name: getattr(self, name)
-            for name in ("ca_certificate", "client_certificate", "client_key")
-        }
-        missing = [name for name, path in files.items() if path is None]
-        if missing and len(missing) < len(files):
-            raise ValueError(f"{missing[0]}: missing; the three files of TLS go together")
-        if not missing and self.endpoint.startswith("tcp/"):
-            raise ValueError("ca_certificate: has no effect, the endpoint is one of tcp")
-        check_plant_endpoint(
-            self.endpoint, has_certificates=not missing, allow_plain=self.allow_plain
-        )
-        return self
-
-
-class PlantConfig(PlantAccess):
-    """`[plant]`: the plant that is told how all axes are; nothing is told without it.
-
-    Attributes:
-        period_s: a report in this time, and one at once where a condition or headline changes.
-        page: address at which people of the plant reach our page; empty if they cannot.
-        log_period_s: a report in this time goes into the log as well, and each change of condition.
-        log_mb: how much the log holds; then the oldest go.
-    """
-
-    period_s: float = Field(1.0, ge=0.1, le=3600.0)
-    page: str = ""
-    log_period_s: float = Field(600.0, ge=1.0, le=86_400.0)
-    log_mb: float = Field(100.0, gt=0.0)
-
-    @field_validator("page")
-    @classmethod
-    def _http(cls, value: str) -> str:
-        if value and not is_http_url(value):
-            raise ValueError("expected http://HOST[:PORT][/PATH] or https://...")
-        return value
 
 
 class VibrationConfig(Table):

@@ -146,28 +146,28 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 4530,
+    "bus": 3835,
     "checks": 2703,
-    "cli": 2182,
-    "config": 649,
+    "cli": 2083,
+    "config": 570,
     "diagnose": 6522,
     "downsample": 2290,
     "drivers": 5122,
     "estimate": 6329,
     "fingerprint": 3513,
-    "health": 7382,
-    "http_api": 4693,
-    "messages": 2738,
+    "health": 6901,
+    "http_api": 4290,
+    "messages": 2389,
     "models": 6478,
-    "nodes": 8352,
-    "offline": 8819,
+    "nodes": 6925,
+    "offline": 8758,
     "recordings": 4492,
     "regression": 1197,
-    "beside the rooms": 1628,
-    "tests": 73969,
+    "beside the rooms": 1572,
+    "tests": 70865,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 755
+MOST_FILES = 722
 """Modules of the product."""
 
 

@@ -30,8 +30,6 @@ PUTS: dict[str, tuple[Topic[Any], ...]] = {
     **dict.fromkeys(NODES, ()),
 }
 """Topics that each role may put; nodes also report on themselves and their tasks."""
-FLEET = "fleet"
-"""Name of a fleet node's certificate; it has no rights on the bus of a machine."""
 _PARTS = {HTTP: ("history", *OF_HTTP)}
 """Further components that a role reports on."""
 

@@ -11,7 +11,7 @@ from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPT
 from .adopt import adopt
 from .bench import bench
 from .diagnosis import diagnose, drift, fingerprint, gap, reproduce, response
-from .fleet import fleet, plant
+from .fleet import fleet
 from .init import init
 from .motion import motion
 from .options import FLAG, InputError, error_document
@@ -22,6 +22,8 @@ from .service import backup, check_config, mtconnect_devices, node, replay, rest
 from .sources import doctor, stub
 
 GONE: dict[str, str] = {
+    "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
+    "plant": "gone; run zenohd with deploy/zenoh-router.json5, then edge-service fleet tcp/ROUTER",
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
 }
 """Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
@@ -142,7 +144,6 @@ for _command in (
         drift,
         reproduce,
         fleet,
-        plant,
         bench,
     ),
 ):

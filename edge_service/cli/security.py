@@ -82,16 +82,16 @@ class RevokedToken:
 @HISTORY
 @answering
 def certs(out: Path, names: tuple[str, ...], days: int, history: Path | None) -> Answer:
-    """Create certificates: a local authority, the server, each role on the bus, a fleet node.
+    """Create certificates: a local authority, the server, each role on the bus.
 
-    The server's is for the page and the bus, and for a router of a plant.
+    The server's is for the page and the bus.
 
     An authority that is already in the folder is used again, so nobody has to trust a new one.
     """
-    from ..bus.access import FLEET, PUTS, client_name
+    from ..bus.access import PUTS, client_name
     from ..certificates import expiry, make_certificates
 
-    clients = {role: client_name(role) for role in (*PUTS, FLEET)}
+    clients = {role: client_name(role) for role in PUTS}
     progress("making keys")
     with noted(history, "make_certificates", " ".join((str(out), *names))):
         made = make_certificates(out, names, clients, days)

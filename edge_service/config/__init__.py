@@ -6,11 +6,9 @@ from .loading import (
     check_settings,
     load_config,
     load_fleet,
-    load_fleet_node,
     load_machine,
 )
 from .mistakes import ConfigError, explain
-from .plant import FleetNodeConfig
 from .service import (
     DEFAULT_MACHINE,
     AxisConfig,
@@ -33,7 +31,6 @@ __all__ = [
     "DownsampleConfig",
     "EdgeConfig",
     "EstimatorConfig",
-    "FleetNodeConfig",
     "HealthConfig",
     "HistoryConfig",
     "HttpConfig",
@@ -44,6 +41,5 @@ __all__ = [
     "explain",
     "load_config",
     "load_fleet",
-    "load_fleet_node",
     "load_machine",
 ]

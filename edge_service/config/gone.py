@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-GONE: dict[str, str] = {}
+GONE: dict[str, str] = {
+    "plant": "gone; state the router in [bus] zenoh_file (deploy/zenoh-router.json5)",
+}
 """Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""
 
 

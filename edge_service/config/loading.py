@@ -16,7 +16,6 @@ from ..config_tables import (
     EventOutputConfig,
     FleetConfig,
     OpcuaConfig,
-    PlantAccess,
     Table,
 )
 from ..messages.outputs import OF_HTTP
@@ -24,7 +23,6 @@ from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
 from .gone import gone_key
 from .mistakes import ConfigError, explain
-from .plant import FleetNodeConfig
 from .service import AxisConfig, EdgeConfig, HttpConfig
 
 log = logging.getLogger(__name__)
@@ -71,7 +69,6 @@ def load_config(path: Path) -> EdgeConfig:
         "history": _placed(config.history, folder, "folder"),
         **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
-        "plant": config.plant and _with_client_key(config.plant, folder),
         "bus": _placed(config.bus, folder, "certificates"),
         "http": _with_key(config.http, folder, "certificate", "tokens_file"),
         "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),
@@ -96,13 +93,6 @@ def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Tabl
     """Paths of the files that let people in; the key may be among systemd's credentials."""
     key = table.private_key and secret_path(folder, table.private_key)
     return _placed(table.model_copy(update={"private_key": key}), folder, *keys)
-
-
-def _with_client_key(table: PlantAccess, folder: Path) -> Table | None:
-    """Paths of the files by which others know us; the key may be among systemd's credentials."""
-    key = table.client_key and secret_path(folder, table.client_key)
-    placed = table.model_copy(update={"client_key": key})
-    return _placed(placed, folder, "ca_certificate", "client_certificate")
 
 
 def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputConfig:
@@ -141,18 +131,6 @@ def load_fleet(path: Path) -> FleetConfig:
     files = ("token_file", "ca_certificate")
     services = tuple(_placed(each, path.parent, *files) for each in fleet.services)
     return fleet.model_copy(update={"services": services})
-
-
-def load_fleet_node(path: Path) -> FleetNodeConfig:
-    """Read and check the configuration of a fleet node. Raises ConfigError like `load_config`."""
-    config = _checked(FleetNodeConfig, _read_toml(path), path)
-    folder = path.parent
-    placed = {
-        "plant": _with_client_key(config.plant, folder),
-        "http": _with_key(config.http, folder, "certificate", "tokens_file"),
-        "history": _placed(config.history, folder, "folder"),
-    }
-    return config.model_copy(update=placed)
 
 
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:

@@ -14,7 +14,6 @@ from ..config_tables import (
     MqttConfig,
     MtconnectConfig,
     OpcuaConfig,
-    PlantConfig,
     Table,
     VibrationConfig,
     WebhookConfig,
@@ -205,7 +204,6 @@ class EdgeConfig(Table):
     mqtt: MqttConfig | None = None
     opcua: OpcuaConfig | None = None
     mtconnect: MtconnectConfig | None = None
-    plant: PlantConfig | None = None
     vibration: VibrationConfig | None = None
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()

@@ -33,28 +33,6 @@ def split_endpoint(endpoint: str) -> tuple[str, int]:
     return host, int(port)
 
 
-_PLANT = re.compile(r"(tcp|tls)/([^\s/?#;]+):(\d{1,5})")
-
-
-def check_plant_endpoint(endpoint: str, *, has_certificates: bool, allow_plain: bool) -> None:
-    """Check an endpoint of a plant's bus, for which TLS needs certificates. Raises ValueError.
-
-    Args:
-        allow_plain: whether TCP may leave this machine.
-    """
-    found = _PLANT.fullmatch(endpoint)
-    if found is None or not 0 < int(found[3]) < 65536:
-        raise ValueError(f"{endpoint!r} is not an endpoint of the form tls/plant.example:7447")
-    if found[1] == "tls" and not has_certificates:
-        raise ValueError(
-            f"{endpoint!r} needs ca_certificate, and a certificate of our own with its key"
-        )
-    if found[1] == "tcp" and not (allow_plain or is_loopback(found[2])):
-        raise ValueError(
-            f"{endpoint!r} leaves this machine unencrypted: it needs tls, or allow_plain"
-        )
-
-
 def is_http_url(address: str) -> bool:
     """Tell whether `address` names a host by HTTP or HTTPS, as text without blanks."""
     try:

@@ -26,7 +26,6 @@ _TABLE = (
     Output("mqtt", "mqtt", keeps=True),
     Output("opcua", "opcua", keeps=False),
     Output("mtconnect", "mtconnect", keeps=False),
-    Output("plant", "plant", keeps=False),
 )
 OUTPUTS = {output.name: output for output in _TABLE}
 OF_HTTP = tuple(output.name for output in _TABLE if output.node == HTTP)

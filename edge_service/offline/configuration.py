@@ -10,7 +10,6 @@ from ..command_answer import Answer
 from ..config import EdgeConfig, load_config
 from ..nodes.outputs.mail.output import check_email
 from ..nodes.outputs.opcua_rights import opcua_settings
-from ..nodes.outputs.plant.access import plant_settings
 from ..nodes.service import check_service
 from ..nodes.wiring.bus_certificates import check_bus
 from ..nodes.wiring.http_rights import check_access
@@ -43,13 +42,6 @@ class ServedMtconnect(Document):
     port: int
 
 
-class ToldPlant(Document):
-    """The router of a plant that is told how the axes are."""
-
-    endpoint: str
-    encrypted: bool
-
-
 class CheckedConfiguration(Document):
     """A configuration that is right; sources that do not answer now are `not_reachable`."""
 
@@ -62,7 +54,6 @@ class CheckedConfiguration(Document):
     bus_access: str
     opcua: ServedOpcua | None
     mtconnect: ServedMtconnect | None
-    plant: ToldPlant | None
     history_folder: str | None
     history_budget_mb: float
     drivers_installed: list[str]
@@ -83,7 +74,6 @@ def check_configuration(path: Path) -> Answer:
         bus_access=check_bus(settings.bus),
         opcua=_opcua(settings),
         mtconnect=_mtconnect(settings),
-        plant=_plant(settings),
         history_folder=None if settings.history.folder is None else str(settings.history.folder),
         history_budget_mb=settings.history.budget_mb,
         drivers_installed=list(driver_names()),
@@ -121,13 +111,6 @@ def _mtconnect(settings: EdgeConfig) -> ServedMtconnect | None:
     return None if served is None else ServedMtconnect(host=served.host, port=served.port)
 
 
-def _plant(settings: EdgeConfig) -> ToldPlant | None:
-    if settings.plant is None:
-        return None
-    told = plant_settings(settings.plant)
-    return ToldPlant(endpoint=told.endpoint, encrypted=told.certificates is not None)
-
-
 def _lines(checked: CheckedConfiguration) -> Iterator[str]:
     for each in checked.axes:
         missing = each.missing_for_percent
@@ -143,9 +126,6 @@ def _lines(checked: CheckedConfiguration) -> Iterator[str]:
         yield f"opcua {checked.opcua.host}:{checked.opcua.port}, {channel}, for {users}"
     if checked.mtconnect is not None:
         yield f"mtconnect {checked.mtconnect.host}:{checked.mtconnect.port}, open, for anybody"
-    if checked.plant is not None:
-        channel = "encrypted" if checked.plant.encrypted else "open"
-        yield f"reports to the plant at {checked.plant.endpoint}, {channel}"
     yield _history(checked)
     yield f"drivers installed: {', '.join(checked.drivers_installed)}"
 

@@ -275,23 +275,6 @@ def bench_speed(quick: bool, only: tuple[str, ...], as_json: bool) -> None:
     click.echo(json.dumps(table.as_dict(), indent=2) if as_json else table.as_text())
 
 
-@bench.command("plant", epilog="Example: edge-service bench plant --seconds 600")
-@click.option(
-    "--seconds",
-    type=click.FloatRange(6.0),
-    default=20.0,
-    show_default=True,
-    help="Time for which machines report while two routers are killed.",
-)
-@JSON
-def bench_plant(seconds: float, as_json: bool) -> None:
-    """Measure a plant: what is lost when routers are killed, and what an axis costs."""
-    from .plant.bench import PlantBenchSettings, run_plant_bench
-
-    figures = run_plant_bench(PlantBenchSettings(seconds=seconds), progress)
-    click.echo(json.dumps(figures.as_dict(), indent=2) if as_json else figures.as_text())
-
-
 @bench.command("drivers", epilog="Example: edge-service bench drivers --quick")
 @QUICK
 @JSON

@@ -19,7 +19,6 @@ import pytest
 
 from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.features import PHASES, Fault, FeatureBlock, Phase
-from edge_service.messages.plant import REPORT, MachineReport
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import FEAT, RAW, TOPICS
 from edge_service.messages.waveform import Waveform
@@ -169,23 +168,3 @@ def test_nodes_of_one_machine_refuse_members_that_they_do_not_know(name: str) ->
     written = TOPICS[name].encode(axis, HEADER, PAYLOADS[name])
     with pytest.raises(CodecError):
         TOPICS[name].decode(with_member(written))
-
-
-def test_a_plant_leaves_unread_what_it_does_not_know() -> None:
-    """So machines are upgraded one by one."""
-    report = MachineReport.model_validate(
-        {
-            "site": "hall",
-            "machine": "mill-1",
-            "time_ns": 1,
-            "version": "0.9.0",
-            "configuration": "37ef462efa36",
-            "axes": [{"axis": "X", "condition": "NORMAL", "status": "estimated"}],
-        }
-    )
-    written = REPORT.encode(None, HEADER, report)
-    assert REPORT.decode(written)[2] == report
-    assert REPORT.decode(with_member(written))[2] == report
-    deeper = json.loads(written)
-    deeper["axes"][0]["later"] = [{"more": 1}]
-    assert REPORT.decode(json.dumps(deeper).encode())[2] == report

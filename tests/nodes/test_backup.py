@@ -18,7 +18,6 @@ from edge_service.messages.event import Event, Severity
 from edge_service.messages.topics import PRELOAD
 from edge_service.nodes.stores.diary_store import DIARY
 from edge_service.nodes.stores.history_store import open_history
-from edge_service.nodes.stores.report_log import FILE, ReportLog
 from edge_service.offline.backup import backup
 from edge_service.offline.backup.contents import KeptFile
 from edge_service.offline.backup.restore import restore
@@ -113,19 +112,6 @@ async def test_a_service_answers_what_it_answered(config: Path, tmp_path: Path) 
     settings = load_config(config)
     async with running(settings, nodes) as service, client_of(await service.address) as client:
         assert await answers(client, at_ns) == before
-
-
-def test_the_log_of_reports_is_in_no_backup_so_no_number_means_two_reports(
-    config: Path, tmp_path: Path
-) -> None:
-    file, history = tmp_path / "backup.zip", tmp_path / "history"
-    with closing(ReportLog(history / FILE, 1_000_000)) as kept:
-        before = kept.state().log
-        backup.back_up(config, file)
-    shutil.rmtree(history)
-    restore(file, None, history)
-    with closing(ReportLog(history / FILE, 1_000_000)) as kept:
-        assert kept.state().log != before
 
 
 def test_what_was_written_before_a_backup_is_in_it_while_more_is_written(

@@ -21,7 +21,6 @@ from edge_service.config_tables import (
     MqttConfig,
     MtconnectConfig,
     OpcuaConfig,
-    PlantConfig,
     VibrationConfig,
     WebhookConfig,
 )
@@ -145,7 +144,6 @@ async def test_nodes_on_sessions_of_their_own_work_alike(
         mqtt=MqttConfig.model_validate(away),
         opcua=OpcuaConfig(port=0),
         mtconnect=MtconnectConfig(port=0),
-        plant=PlantConfig(endpoint="tcp/127.0.0.1:1"),
         vibration=VibrationConfig(),
         webhook=WebhookConfig(
             url="http://127.0.0.1:1/", secret="s" * 16, buffer=tmp_path / "events"

@@ -37,7 +37,6 @@ _KEPT = (
     "diary_failing",
     "diary_kept",
     "state_damaged",
-    "plant_log_damaged",
     "history_damaged",
     "history_failing",
     "history_kept",

@@ -19,7 +19,6 @@ from ... import __version__
 from ...atomic import PART, PRIVATE, replaced_bytes
 from ...command_answer import Answer
 from ...config import load_config
-from ...nodes.stores.report_log import FILE as REPORT_LOG
 from ..document import Document
 from .contents import (
     CONFIG,
@@ -32,7 +31,7 @@ from .contents import (
 )
 
 _RECORDINGS = "@recordings"
-_LEFT_OUT = {LOCK, "@diary.copy.sqlite", "@bus", REPORT_LOG}
+_LEFT_OUT = {LOCK, "@diary.copy.sqlite", "@bus"}
 """Names in a history folder that the next start makes anew."""
 _DATABASE = ".sqlite"
 _ELSEWHERE = ("-wal", "-shm", "-journal", ".lock", PART)

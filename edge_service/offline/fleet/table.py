@@ -7,7 +7,6 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from ...health.fleet.plant_rows import FleetNodeState, PlantTable
 from ...health.fleet.rows import WORST_FIRST, FleetRow, worst
 from ...messages.health import AxisCondition
 from ...messages.printed import printed
@@ -59,24 +58,6 @@ def terminal_table(rows: Sequence[FleetRow], now: datetime | None = None) -> Gro
         shown = [*(cells[name] for name in _ON_TERMINAL), headline, row.task or "-"]
         table.add_row(*map(Text, shown), style=_STYLES[row.condition])
     return Group(_summary(rows), table, *map(Text, _faster(rows)))
-
-
-class Plant(Document):
-    """Every axis of a plant: the condition of the whole, and what part of it is not shown."""
-
-    condition: AxisCondition | None
-    missing: list[str]
-    nodes: list[FleetNodeState]
-    rows: list[FleetRow]
-
-    @classmethod
-    def of(cls, plant: PlantTable) -> "Plant":
-        """The document of a table."""
-        rows = list(plant.rows)
-        condition = worst(rows) if rows else None
-        return cls(
-            condition=condition, missing=list(plant.missing), nodes=list(plant.nodes), rows=rows
-        )
 
 
 class Fleet(Document):

@@ -29,7 +29,6 @@ from ..conftest import PATIENCE_S, config_of, running, until
 
 UNLIMITED = {
     "edge_service/nodes/wiring/context.py": 1,  # a node whose tasks do the work
-    "edge_service/nodes/fleet/backfill.py": 1,  # a fleet node that keeps no past
     "edge_service/nodes/acquire_node.py": 2,  # the same, and a machine, which may be silent
 }
 """Places that may wait for ever while there is something to do, and why nothing is lost by it."""

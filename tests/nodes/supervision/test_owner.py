@@ -27,9 +27,6 @@ WAITED_FOR = {
     "bus/mqtt/delivery.py": {"ensure_future", "gather"},
     "bus/spool/disk_thread.py": {"Thread"},
     "bus/opcua/server.py": {"ensure_future"},
-    "bus/plant/session.py": {"ensure_future"},
-    "nodes/fleet/backfill.py": {"ensure_future", "gather"},
-    "nodes/fleet/reader.py": {"ensure_future"},
     "nodes/outputs/post.py": {"gather"},
 }
 """Begun and waited for within a supervised task or a request, that of another fleet node included;

@@ -1,1 +1,0 @@
-"""Reports of a machine to its plant, over Zenoh routers."""

@@ -1,1 +1,0 @@
-"""Interface and page of a fleet node: every axis of a plant."""

@@ -1,1 +1,0 @@
-"""Fleet node: one of several processes that read a plant between them."""
