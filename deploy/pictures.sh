@@ -1,6 +1,6 @@
 #!/bin/sh
 # Draws the pictures of the documents anew: the page of a machine (with Chromium), the motions, the healthy axis, its warm-up, the
-# puzzle, the real screw's wear where its recording is there, and the rows of the estimator's bench.
+# puzzle, and the real screw's wear where its recording is there.
 set -eu
 cd "$(dirname "$0")/.."
 sh deploy/setup.sh dev
@@ -24,7 +24,6 @@ edge-service fingerprint --machine m.toml healthy/*.parquet --pictures healthy -
 edge-service simulate --machine m.toml --motion friction $again $again $again $again \
     $thin $cold --format parquet --out runs
 edge-service fingerprint --machine m.toml runs/*.parquet --pictures runs --out runs
-edge-service bench estimator --pictures estimator
 edge-service reproduce puzzle --out puzzle
 
 cd "$OLDPWD"
@@ -37,5 +36,4 @@ if [ -f "$wear" ]; then
     edge-service reproduce wear "$wear" --out "$scratch/wear"
     cp "$scratch/wear/wear.png" deploy/pictures/wear.png
 fi
-cp "$scratch/runs/friction_runs.png" "$scratch/motions.png" "$scratch/puzzle/puzzle.png" \
-    "$scratch/estimator/estimator.png" deploy/pictures/
+cp "$scratch/runs/friction_runs.png" "$scratch/motions.png" "$scratch/puzzle/puzzle.png" deploy/pictures/

@@ -164,7 +164,7 @@ MOST_LINES = {
     "recordings": 4492,
     "regression": 1197,
     "beside the rooms": 1572,
-    "tests": 70865,
+    "tests": 68654,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 722

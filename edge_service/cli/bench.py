@@ -17,11 +17,11 @@ _NONE = "it needs a checkout of the project, and this is an installed package"
     "bench",
     context_settings={"ignore_unknown_options": True},
     add_help_option=False,
-    epilog="Example: edge-service bench identification",
+    epilog="Example: edge-service bench estimator --quick --only life",
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def bench(arguments: tuple[str, ...]) -> object:
-    """Measure speed, size and accuracy; needs a checkout of the project."""
+    """Measure speed, memory and accuracy (in a checkout)."""
     return benchmarks(CHECKOUT).main(
         list(arguments), prog_name="edge-service bench", standalone_mode=False
     )

@@ -3,9 +3,7 @@
 import math
 from collections.abc import Container, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
-
-from .estimator.scores import Track
+from typing import Any, Protocol
 
 MISSING = "-"
 _HEADINGS = ("figure", "value", "unit", "aim", "met")
@@ -34,14 +32,6 @@ def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table in Markdown."""
     body = [f"| {' | '.join(row)} |" for row in rows]
     return [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *body]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
-    """A picture to be drawn: truth, estimate and interval over time."""
-
-    title: str
-    track: Track
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +102,16 @@ def mean_of(values: Sequence[float]) -> float:
     return sum(finite) / len(finite) if finite else math.nan
 
 
+class Figures(Protocol):
+    """Figures of one run."""
+
+    def as_text(self) -> str:
+        """Aligned tables, for a terminal."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able values."""
+
+
 class PipelineBenchError(Exception):
     """A measurement that could not be made; the text is one line."""
 
@@ -164,7 +164,7 @@ class PipelineBench:
     def as_dict(self) -> dict[str, Any]:
         """JSON-able values."""
         return {
-            "schema": "pipeline_bench/1",
+            "schema": "drivers-bench/1",
             "figures": [asdict(figure) | {"met": figure.met} for figure in self.figures],
             "notes": list(self.notes),
         }

@@ -24,7 +24,6 @@ from ... import foreign_plant as plant
 from ..pool import in_processes
 from .cases import BenchCase, BenchError, baseline_machine, diagnosed, recorded, session_of_frames
 from .overlap import overlap
-from .pictures import draw_bench
 from .rows import LARGE, BenchRow, read_rows, write_rows
 from .table import as_text
 
@@ -152,16 +151,12 @@ def run_diagnose_bench(
     out: Path | None = None,
     workers: int = 2,
     seed: int = 0,
-    pictures: Path | None = None,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> str:
     """Run a mixture of `count` cases and return the table.
 
     Rows go to `out`, a JSON line each, as they are done; cases that it holds already are not run
     again.
-
-    Args:
-        pictures: folder for the reliability diagram and the confusion matrix.
 
     Raises:
         BenchError: no truth generator is at hand.
@@ -175,5 +170,4 @@ def run_diagnose_bench(
         if out is not None:
             write_rows([row], out, "a")
     rows = [known[case] for case in planned]
-    files = draw_bench(rows, pictures) if pictures is not None else []
-    return "\n".join([as_text(rows), *map(str, files)])
+    return as_text(rows)

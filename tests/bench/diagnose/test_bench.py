@@ -6,21 +6,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 
-from edge_service.diagnose.experiment.proposal import CandidateMotion
 from edge_service.diagnose.localisation.places import Place
-from edge_service.models.motions.registry import motion_limits
 
-from ...foreign_plant import MOTIONS
 from .bench import plan_cases
-from .cases import BenchCase, BenchError, baseline_machine
+from .cases import BenchCase, BenchError
 from .confusion import NOTHING, UNKNOWN, by_strength, confusion, confusion_matrix
-from .overlap import overlap, raised
-from .pictures import draw_bench
+from .overlap import overlap
 from .rows import BenchRow, is_place_right, read_rows, write_rows
 from .table import as_text, figures_of, reliability
-from .ties import POOR_MOTIONS, TieRow, is_resolved, plan_ties, positions_m, ties_as_text
 
 CASE = BenchCase(("backlash",), 1.0, "full", 5)
 ROW = BenchRow(
@@ -115,17 +109,8 @@ def test_the_confusion_counts_each_answer_once_where_it_belongs() -> None:
     assert by_strength(rows) == [f"{'backlash':<26} x1 1 of 1", f"{'drag_error':<26} x1 1 of 3"]
 
 
-def test_pictures_of_a_bench(tmp_path: Path) -> None:
+def test_reliability_counts_what_was_true() -> None:
     assert reliability([ROW, WRONG]) == [(pytest.approx(0.95), 0.5, 2)]
-    files = draw_bench([ROW, WRONG, HEALTHY], tmp_path)
-    assert [file.name for file in files] == ["diagnosis_reliability.png", "diagnosis_confusion.png"]
-    for file in files:
-        assert imread(file).std() > 0.02
-
-
-def test_cells_are_raised_above_the_middle_of_high_and_low() -> None:
-    level = np.array([1.0, 1.2, 9.0, 10.0, 8.0, 0.8])
-    assert raised(level).tolist() == [False, False, True, True, True, False]
 
 
 @pytest.mark.parametrize(
@@ -150,49 +135,3 @@ def test_the_overlap_is_of_what_the_cause_adds(low: float, high: float, expected
     assert overlap([place], ailing, healthy, right) == pytest.approx(expected, abs=0.06)
     assert overlap([place], ailing, healthy, frozenset({"time_s"})) is None
     assert overlap([], ailing, healthy, right) is None
-
-
-def test_a_tie_is_resolved_when_the_cause_stands_alone() -> None:
-    def answer(*named: tuple[str, float, tuple[str, ...]]) -> SimpleNamespace:
-        return SimpleNamespace(
-            effects=[SimpleNamespace(name=n, probability=p, tied=tied) for n, p, tied in named]
-        )
-
-    tied = ["backlash", "compliance"]
-    alone = ("backlash", 0.9, ("backlash",))
-    assert is_resolved(CASE, tied, answer(alone))
-    assert is_resolved(CASE, tied, answer(alone, ("stribeck", 0.8, ("stribeck",))))
-    assert not is_resolved(CASE, tied, answer(alone, ("compliance", 0.8, ("compliance",))))
-    assert not is_resolved(CASE, tied, answer(("backlash", 0.9, ("backlash", "compliance"))))
-    assert not is_resolved(CASE, tied, answer(("backlash", 0.3, ("backlash",))))
-    assert not is_resolved(CASE, tied, answer())
-
-
-def test_ties_are_counted_among_the_cases_that_have_one() -> None:
-    tied = ["backlash", "compliance"]
-    rows = [
-        TieRow(CASE, [], "", 0.0, {}, resolved=False),
-        TieRow(CASE, tied, "acceleration", 24.0, {"backlash": ["backlash"]}, resolved=True),
-        TieRow(CASE, tied, "acceleration", 24.0, {}, resolved=False),
-    ]
-    first, *lines = ties_as_text(rows).splitlines()
-    assert "1 of 2 (aim 95 %); 1 of 3 cases had no tie" in first
-    assert len(lines) == 2
-
-
-def test_a_tie_case_is_a_single_cause_on_a_motion_that_the_plant_knows() -> None:
-    cases = plan_ties(60, seed=2)
-    assert len(set(cases)) == 60
-    assert {case.motion for case in cases} == set(POOR_MOTIONS) <= MOTIONS.keys()
-    assert all(len(case.causes) == 1 for case in cases)
-
-
-def test_a_proposed_motion_reaches_the_plant_within_its_stroke() -> None:
-    machine = baseline_machine()
-    positions = positions_m(machine, CandidateMotion("standstill", 18.0, None))
-    limits = motion_limits(machine)
-    assert len(positions) == 18_000
-    assert limits.low_m <= positions.min() < positions.max() <= limits.high_m
-    speed = np.abs(np.diff(positions)) / 1e-3
-    assert speed.max() <= limits.speed_m_s * (1.0 + 1e-6)
-    assert np.mean(speed < 1e-9) > 0.2

@@ -2,6 +2,6 @@
 
 TABLE = ("own", "foreign", "thesis", "spoiled")
 """Parts whose rows make the table with aims."""
-PARTS = (*TABLE, "speed", "life", "rates", "healthy", "second-plant", "ablation")
+PARTS = (*TABLE, "life", "rates", "healthy", "second-plant")
 FIRST_SEED = 3
 PROCESSES = 2

@@ -1,9 +1,9 @@
 """Rows of the estimator's bench: their aims, and whether they are met."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from ..table import aligned, cell, plain
 from .aims import AIMS, Aim
@@ -65,10 +65,9 @@ class BenchTable:
         wrong = sum(round(each.wrong * each.answered) for each in scores if each.wrong > 0.0)
         return f"confidently wrong: {wrong} of {answered} numbers in {_cases(scores)} cases"
 
-    def as_json(self) -> str:
+    def as_dict(self) -> dict[str, Any]:
         """For a program; what is not a number is null."""
-        rows = plain([asdict(row) for row in self.rows])
-        return json.dumps({"schema": "estimator-bench/1", "rows": rows}, indent=2, allow_nan=False)
+        return {"rows": plain([asdict(row) for row in self.rows])}
 
 
 def table_of(parts: Sequence[Part]) -> BenchTable:

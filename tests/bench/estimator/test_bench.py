@@ -93,7 +93,7 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
     assert "MISSED" in lines[row]
     assert "no data" in lines["closed loop: full drop"]
     assert set(AIMS) <= set(lines)
-    json.loads(table_of([Part(row, bad)]).as_json())
+    json.dumps(table_of([Part(row, bad)]).as_dict(), allow_nan=False)
 
 
 def test_the_table_counts_each_confidently_wrong_number_once() -> None:
@@ -107,7 +107,7 @@ def test_the_table_counts_each_confidently_wrong_number_once() -> None:
 
 def test_parts_and_axes_are_chosen() -> None:
     every = tasks_of(BenchSettings(quick=True))
-    assert {task.part for task in every} == {*PARTS} - {"speed", "second-plant", "ablation"}
+    assert {task.part for task in every} == {*PARTS} - {"second-plant"}
     few = tasks_of(BenchSettings(quick=True, parts=("rates",), seed=7, seeds=2))
     assert [task.name for task in few] == [
         f"wear axis {axis}, {state}" for state in ("cold", "warming up") for axis in (7, 8)

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-from ..pipeline.process_meter import ServiceProcess, Usage
+from ..speed.process_meter import ServiceProcess, Usage
 
 START_PATIENCE_S = 120.0
 KERNELS = Path(tempfile.gettempdir()) / "edge-service-bench-kernels"

@@ -13,7 +13,7 @@ from edge_service.estimate.interface import PreloadEstimator
 from edge_service.offline.estimate import UNKNOWN_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
-from ..table import Drawn, Section, mean_of
+from ..table import Section, mean_of
 from .cases import SHAPES, Life, draw_life
 from .plants import LifePlant, plant_of
 from .scores import LifeScore, joined, life_score
@@ -135,13 +135,6 @@ def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[str, tupl
         silent = sum(each.answered == 0 for each in scores)
         counted = (rows.wrong, rows.answered, axes, len(scores), silent, None, None, rows.mae, None)
         yield f"{label} {start}", (*counted, rows.coverage, rows.interval_score, *[None] * 3)
-
-
-def life_pictures(parts: Sequence[LifePart]) -> list[Drawn]:
-    """Every life, its sessions one after another."""
-    return [
-        Drawn(f"life {p.plant} {p.life.axis_seed}: {p.life.shape}, {p.way}", p.track) for p in parts
-    ]
 
 
 def _seeds(parts: Sequence[LifePart]) -> str:

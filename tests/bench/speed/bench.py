@@ -13,20 +13,22 @@ from typing import Any
 
 import numpy as np
 
-from ..estimator.speed.speed import measure_estimator_speed
 from ..identification.simulated_axis import write_recording
-from ..pipeline.live_load import INTERVAL_S
-from ..pipeline.plant_speed import AXIS_TIME_S, plant_figures
-from ..pipeline.process_meter import ServiceProcess, read_stolen_s
-from ..pipeline.replay_speed import measure_replay
 from ..table import aligned, number_text
+from .bank import measure_estimator_speed
 from .paced import MOSQUITTO, Paced, measure_paced, service
 from .page import CHROMIUM, page_times_ms
 from .parts import estimator_us, history_us, ivp_s_per_axis_s, recorder_us
 from .parts_of import SPEED_PARTS
+from .plant_speed import AXIS_TIME_S, plant_figures
+from .process_meter import ServiceProcess, read_stolen_s
+from .replay_speed import measure_replay
 from .requests import request_costs_us
+from .sample_delay import PreloadPoller, first_sightings, interval_delays_s, sample_delays_s
 
 _PATIENCE_S = 120.0
+INTERVAL_S, SAMPLE_PERIOD_S = 0.1, 0.001
+_POLL_PERIOD_S = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,6 +318,30 @@ class SpeedBench:
             Speed("first_s", "start to the first `estimated`", float(np.median(first)), "s"),
         ]
 
+    def _delay(self) -> list[Speed]:
+        """Time from a sample until `/preload` rests on it."""
+        figures = []
+        for axes in (1, 8):
+            with service(self._folder, self._kernels, self._recording, axes) as process:
+                host, port = process.wait_for_address(_PATIENCE_S)
+                time.sleep(self._settings.warm_up_s)
+                poller, sightings = PreloadPoller(host, port, "A1"), []
+                until_s = time.monotonic() + self._settings.window_s
+                while time.monotonic() < until_s:
+                    sightings.append(poller.ask())
+                    time.sleep(_POLL_PERIOD_S)
+                poller.close()
+            newest_s = interval_delays_s(first_sightings(sightings), INTERVAL_S)
+            delays_s = sample_delays_s(newest_s, INTERVAL_S, SAMPLE_PERIOD_S)
+            name = f"sample to `/preload`, {axes} {'axis' if axes == 1 else 'axes'}"
+            figures += [
+                Speed(f"delay_{axes}_{percent}_ms", f"{name}: {percent}th percentile", value, "ms")
+                for percent, value in (
+                    (each, 1e3 * float(np.percentile(delays_s, each))) for each in (50, 99)
+                )
+            ]
+        return figures
+
     def _page(self) -> list[Speed]:
         """Figures of a browser; none without Chromium."""
         if CHROMIUM is None:
@@ -350,8 +376,6 @@ class SpeedBench:
 
 
 def _first_answer_s(process: ServiceProcess, host: str, port: int) -> float:
-    from ..pipeline.sample_delay import PreloadPoller
-
     poller = PreloadPoller(host, port, "A1")
     while process.since_start_s() < _PATIENCE_S:
         if poller.ask().status == "estimated":

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from drivers.replay import LOOP_GAP_S
 
-from ..pipeline.process_meter import ServiceProcess
 from ..table import PipelineBenchError
+from .process_meter import ServiceProcess
 from .tree import TreeUsage, usage_of
 
 RATE_HZ = 1000.0

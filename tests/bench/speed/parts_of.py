@@ -10,6 +10,7 @@ SPEED_PARTS = (
     "history",
     "requests",
     "start",
+    "delay",
     "page",
     "diagnosis",
 )

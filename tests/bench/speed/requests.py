@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ..pipeline.process_meter import ServiceProcess, read_usage
+from .process_meter import ServiceProcess, read_usage
 
 IDLE_S = 3.0
 PATH = "/api/v1/axes/A1/preload"

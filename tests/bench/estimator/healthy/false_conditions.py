@@ -23,7 +23,7 @@ from edge_service.messages.header import Header
 from edge_service.messages.health import AxisCondition
 from edge_service.models.machine import Machine
 
-from ...table import Drawn, Section
+from ...table import Section
 from ..scores import Score, Track, follow, pooled, score
 from .production_cases import draw_shift, produced
 
@@ -160,11 +160,6 @@ def healthy_section(parts: Sequence[ShiftPart]) -> Section:
             *(_complaint(part) for part in parts if _false(part) or part.count.alarms),
         ),
     )
-
-
-def healthy_pictures(parts: Sequence[ShiftPart]) -> list[Drawn]:
-    """Every shift."""
-    return [Drawn(f"healthy {part.plant} {part.axis_seed}", part.track) for part in parts]
 
 
 def _false(part: ShiftPart) -> int:

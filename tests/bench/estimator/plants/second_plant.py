@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ...pool import Progress
-from ...table import Drawn, Section, mean_of
+from ...table import Section, mean_of
 from ..scores import Track
 
 BESIDE = Path(__file__).parents[4].parent / "shared" / "bench"
@@ -192,19 +192,6 @@ def _failure(part: PlantPart) -> str:
     """Account of what became of a recording without answers, in one line."""
     where = f"seed {part.seed}, machine {part.row['machine']}, {part.row['scenario']}"
     return f"  failed: {where}: {' '.join(str(part.row['state']).split())}"
-
-
-def plant_pictures(parts: Sequence[PlantPart]) -> list[Drawn]:
-    """Every recording with a number."""
-    return [
-        Drawn(
-            f"second plant {p.seed}-{p.row['machine']}: {p.row['scenario']}"
-            + (", data sheet" if p.sheet else ""),
-            p.track,
-        )
-        for p in parts
-        if p.track is not None
-    ]
 
 
 def figures_of(parts: Sequence[PlantPart]) -> tuple[object, ...]:

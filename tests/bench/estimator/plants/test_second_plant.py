@@ -1,16 +1,11 @@
 """A second plant beside the checkout: its commands are run, its answers read."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-
-from edge_service.cli.entry import cli
-from edge_service.cli.options import InputError
 
 from ..bench import run_estimator_bench
 from ..tasks import BenchSettings
@@ -20,7 +15,6 @@ from .second_plant import (
     SecondPlantError,
     figures_of,
     has_second_plant,
-    plant_pictures,
     plant_section,
     run_second_plant,
 )
@@ -66,7 +60,6 @@ def test_its_commands_are_run_with_and_without_a_data_sheet(tmp_path: Path) -> N
     assert track.truth == pytest.approx([5.8, 5.6])
     assert track.motion_s == pytest.approx([1.0, 2.0])
     assert np.isnan(track.percent[1])
-    assert len(plant_pictures(parts)) == 2
     text = plant_section(parts).as_text()
     assert "slow loss, no sheet" in text
     assert "slow loss, sheet" in text
@@ -105,27 +98,12 @@ def test_figures_are_means_but_the_worst_of_false_changes() -> None:
     assert math.isnan(row["rise"])
 
 
-def test_a_folder_without_it_is_refused_in_one_line(tmp_path: Path) -> None:
-    command = ["bench", "estimator", "--only", "second-plant", "--second-plant", str(tmp_path)]
-    done = CliRunner().invoke(cli, command)
-    assert isinstance(done.exception, InputError)
-    assert "preload_make.py" in str(done.exception)
-
-
-def test_the_parts_end_up_in_one_document(tmp_path: Path) -> None:
-    command = ["bench", "estimator", "--only", "second-plant", "--quick", "--json", "--seed", "9"]
-    folders = ["--second-plant", str(benchmark(tmp_path)), "--plots", str(tmp_path / "plots")]
-    done = CliRunner().invoke(cli, [*command, *folders], catch_exceptions=False)
-    document = json.loads(done.stdout)
+def test_the_rows_end_up_in_one_document(tmp_path: Path) -> None:
+    settings = BenchSettings(True, ("second-plant",), 9, second_plant=benchmark(tmp_path))
+    document = run_estimator_bench(settings).as_dict()
     assert set(document) == {"schema", "unmeasured", "second-plant"}
     assert document["unmeasured"] == []
     assert document["second-plant"]["rows"][0]["wrong"] == pytest.approx(0.75)
-    drawn = {file.name for file in (tmp_path / "plots").iterdir()}
-    assert drawn == {
-        "second-plant.png",
-        "second_plant_9_0_slow_loss.png",
-        "second_plant_9_0_slow_loss_data_sheet.png",
-    }
 
 
 def test_what_cannot_be_measured_beside_others_is_reported(tmp_path: Path) -> None:
@@ -133,7 +111,7 @@ def test_what_cannot_be_measured_beside_others_is_reported(tmp_path: Path) -> No
     found = run_estimator_bench(settings)
     assert found.sections == ()
     assert "second plant: not measured" in found.as_text()
-    assert json.loads(found.as_json())["unmeasured"] == list(found.unmeasured)
+    assert found.as_dict()["unmeasured"] == list(found.unmeasured)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from edge_service.messages.samples import Floats
 
 from .... import foreign_plant as plant
 from ...life.plants import foreign_machine
-from ...table import Drawn, Section, mean_of
+from ...table import Section, mean_of
 from ..plants.foreign import recorded
 from ..scores import Score, Track, follow, pooled, score
 
@@ -156,11 +156,6 @@ def rate_section(parts: Sequence[RatePart]) -> Section:
             "axes on which it did while nothing was lost",
         ),
     )
-
-
-def rate_pictures(parts: Sequence[RatePart]) -> list[Drawn]:
-    """Every session."""
-    return [Drawn(f"wear axis {part.axis_seed}: {part.row}", part.track) for part in parts]
 
 
 def _figures(parts: Sequence[RatePart]) -> tuple[object, ...]:

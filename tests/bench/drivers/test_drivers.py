@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from .drivers import DriversBenchSettings, run_drivers_bench
+from .bench import DriversBenchSettings, run_drivers_bench
 from .modbus import make_driver, poll_figures, responders
 
 

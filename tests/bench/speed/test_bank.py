@@ -1,6 +1,6 @@
 import pytest
 
-from .speed import measure_estimator_speed
+from .bank import measure_estimator_speed
 
 
 @pytest.mark.slow

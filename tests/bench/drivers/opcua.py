@@ -10,8 +10,8 @@ from drivers.registry import load_driver
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.channels import CHANNELS
 
+from ..speed.process_meter import ServiceProcess
 from ..table import Figure, PipelineBenchError
-from .process_meter import ServiceProcess
 
 SESSIONS = 8
 """Of the ten that the stub has."""

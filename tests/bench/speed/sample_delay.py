@@ -113,16 +113,3 @@ def sample_delays_s(interval_delay_s: Floats, interval_s: float, period_s: float
     """
     before_end_s = period_s * np.arange(1, round(interval_s / period_s) + 1)
     return np.asarray((interval_delay_s[:, np.newaxis] + before_end_s).ravel())
-
-
-def stamp_lateness_s(firsts: Sequence[tuple[int, int]], interval_s: float) -> Floats:
-    """Lag of each `measured_at` behind the typical one of a steady clock, s, shape (n,).
-
-    The service stamps a sample when the driver hands it over; what it is late by then does not
-    show in the other delays. The typical phase within an interval is the mean direction on its
-    circle; a quarter of an interval early to three quarters late can be read.
-    """
-    interval_ns = round(interval_s * _NS_PER_S)
-    phase = np.array([measured_ns % interval_ns for measured_ns, _ in firsts]) / interval_ns
-    typical = np.angle(np.exp(2j * np.pi * phase).mean()) / (2.0 * np.pi)
-    return np.asarray(((phase - typical + 0.25) % 1.0 - 0.25) * interval_s)
