@@ -92,53 +92,6 @@ class MqttConfig(BrokerAccess):
         return self
 
 
-class OpcuaConfig(Table):
-    """`[opcua]`: where answers are served by OPC UA; nothing is served without it.
-
-    Attributes:
-        certificate, private_key: of the server, in PEM: encrypted with them, and only then.
-        sessions: how many clients there may be at once.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = Field(4840, ge=0, le=65535)
-    certificate: Path | None = None
-    private_key: Path | None = None
-    sessions: int = Field(20, ge=1, le=200)
-
-    @model_validator(mode="after")
-    def _pair(self) -> "OpcuaConfig":
-        if (self.certificate is None) != (self.private_key is None):
-            lone = "private_key" if self.private_key is None else "certificate"
-            raise ValueError(f"{lone}: missing; certificate and private_key are needed together")
-        if self.certificate is None and not is_loopback(self.host):
-            raise ValueError(f"{self.host!r} is not a loopback address: it needs certificate")
-        return self
-
-
-class MtconnectConfig(Table):
-    """`[mtconnect]`: where agents of MTConnect are told answers; nothing is told without it.
-
-    Attributes:
-        allow_plain: also beyond loopback, where others may read along; the protocol has neither
-            encryption nor login.
-        clients: how many agents there may be at once.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = Field(7878, ge=0, le=65535)
-    allow_plain: bool = False
-    clients: int = Field(10, ge=1, le=200)
-
-    @model_validator(mode="after")
-    def _guarded(self) -> "MtconnectConfig":
-        if not (self.allow_plain or is_loopback(self.host)):
-            raise ValueError(
-                f"{self.host!r} is not a loopback address: anyone may read there; needs allow_plain"
-            )
-        return self
-
-
 class VibrationConfig(Table):
     """`[vibration]`: fast sensors reduced to features; without it their signals are dropped.
 

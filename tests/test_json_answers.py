@@ -48,7 +48,6 @@ KNOWN = PURE | BESIDE
 COMMANDS: dict[str, list[str]] = {
     "check-config": ["check-config"],
     "send-test": ["send-test", "email"],
-    "mtconnect-devices": ["mtconnect-devices", "--out", "{dir}/Devices.xml"],
     "backup": ["backup", "{dir}/service.toml", "--out", "{dir}/again.zip"],
     "restore": ["restore", "{dir}/backup.zip", "--config", "{dir}/new/service.toml"],
     "certs": ["certs", "--out", "{dir}/certificates"],
@@ -82,7 +81,7 @@ COMMANDS: dict[str, list[str]] = {
 }
 """Each on the smallest input that it answers; a command with several answers more than once."""
 
-QUICK = {"mtconnect-devices", "token add", "token list", "token revoke", "motion --list"}
+QUICK = {"token add", "token list", "token revoke", "motion --list"}
 """Done before anybody wonders: they tell no progress."""
 
 

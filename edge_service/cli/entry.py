@@ -18,11 +18,12 @@ from .options import FLAG, InputError, error_document
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
 from .security import audit, certs, token
-from .service import backup, check_config, mtconnect_devices, node, replay, restore, run, send_test
+from .service import backup, check_config, node, replay, restore, run, send_test
 from .sources import doctor, stub
 
 GONE: dict[str, str] = {
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
+    "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
     "plant": "gone; run zenohd with deploy/zenoh-router.json5, then edge-service fleet tcp/ROUTER",
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
 }
@@ -118,7 +119,6 @@ for _command in (
         node,
         check_config,
         send_test,
-        mtconnect_devices,
         backup,
         restore,
         certs,

@@ -6,11 +6,8 @@ from pathlib import Path
 
 import click
 
-from ..atomic import replaced_file
-from ..clock import now_ns
 from ..command_answer import Answer
 from ..exit_status import DONE, INTERNAL_FAILURE
-from ..messages.components import NODES
 from ..messages.outputs import OF_HTTP
 from .options import (
     AXIS_NUMBER,
@@ -45,12 +42,14 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 
 
 @click.command(epilog="Example: edge-service node bus edge.toml & edge-service node http edge.toml")
-@click.argument("name", type=click.Choice(["bus", *sorted(NODES)]))
+@click.argument("name")
 @CONFIG
 @PORT
 @BUS
 def node(name: str, config: Path | None, port: int | None, endpoint: str | None) -> None:
-    """Run a single node. `bus` is the router that all others connect to.
+    """Run a single node: bus, acquire, downsample, estimate, health, http or an output.
+
+    `bus` is the router that all others connect to.
 
     Nodes identify themselves by certificates (`edge-service certs`), unless the bus is open.
     """
@@ -101,36 +100,6 @@ def send_test(output: str, config: Path | None) -> Answer:
         click.echo(f"{output}: {trial.place}: {trial.problem}", err=True)
         return Answer("", sent, INTERNAL_FAILURE)
     return Answer(f"{output}: {trial.place} has taken a test message", sent, DONE)
-
-
-@dataclass(frozen=True, slots=True)
-class WrittenDevices:
-    """Description of the machine that was written, and the axes in it."""
-
-    out: str
-    axes: list[str]
-
-
-@click.command(
-    "mtconnect-devices",
-    epilog="Example: edge-service mtconnect-devices edge.toml --out Devices.xml",
-)
-@CONFIG
-@out_option("File to write.")
-@answering
-def mtconnect_devices(config: Path | None, out: Path) -> Answer:
-    """Write the description of the machine that an agent of MTConnect needs."""
-    from ..bus.mtconnect.devices import devices_xml
-
-    settings = configured(config)
-    axes = [axis.name for axis in settings.axes]
-    service = settings.service
-    try:
-        with replaced_file(out) as file:
-            file.write(devices_xml(service.site, service.machine, axes, now_ns()))
-    except OSError as error:
-        raise InputError(f"{out}: {error.strerror}") from None
-    return Answer(f"{out}: axes {', '.join(axes)}", WrittenDevices(out=str(out), axes=axes))
 
 
 @click.command(

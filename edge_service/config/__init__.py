@@ -1,6 +1,6 @@
 """The service's configuration and machine files: read, checked, every mistake told by its key."""
 
-from ..config_tables import AlarmsConfig, HistoryConfig, OpcuaConfig, Table
+from ..config_tables import AlarmsConfig, HistoryConfig, Table
 from .loading import (
     DEFAULT_CONFIG,
     check_settings,
@@ -34,7 +34,6 @@ __all__ = [
     "HealthConfig",
     "HistoryConfig",
     "HttpConfig",
-    "OpcuaConfig",
     "ServiceConfig",
     "Table",
     "check_settings",

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 GONE: dict[str, str] = {
+    "opcua": "now [outputs.opcua], with endpoint for host and port",
+    "mtconnect": "now [outputs.mtconnect], with endpoint for host and port",
     "plant": "gone; state the router in [bus] zenoh_file (deploy/zenoh-router.json5)",
 }
 """Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""

@@ -15,7 +15,6 @@ from ..config_tables import (
     EmailConfig,
     EventOutputConfig,
     FleetConfig,
-    OpcuaConfig,
     Table,
 )
 from ..messages.outputs import OF_HTTP
@@ -71,10 +70,10 @@ def load_config(path: Path) -> EdgeConfig:
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "certificates"),
         "http": _with_key(config.http, folder, "certificate", "tokens_file"),
-        "opcua": config.opcua and _with_key(config.opcua, folder, "certificate"),
+        "outputs": {name: _anchored(table, folder) for name, table in config.outputs.items()},
         "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
-    return config.model_copy(update=placed).of_digest(_digest(written, axes))
+    return config.model_copy(update=placed).of_digest(_digest(written, axes)).of_file(path)
 
 
 def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
@@ -89,7 +88,7 @@ def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
     return hashlib.sha256(described.encode()).hexdigest()[:12]
 
 
-def _with_key(table: HttpConfig | OpcuaConfig, folder: Path, *keys: str) -> Table | None:
+def _with_key(table: HttpConfig, folder: Path, *keys: str) -> Table | None:
     """Paths of the files that let people in; the key may be among systemd's credentials."""
     key = table.private_key and secret_path(folder, table.private_key)
     return _placed(table.model_copy(update={"private_key": key}), folder, *keys)

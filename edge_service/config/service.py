@@ -12,14 +12,13 @@ from ..config_tables import (
     HistoryConfig,
     JobsConfig,
     MqttConfig,
-    MtconnectConfig,
-    OpcuaConfig,
     Table,
     VibrationConfig,
     WebhookConfig,
 )
 from ..estimate.registry import AUTO, ESTIMATORS
 from ..messages.addresses import Security, is_loopback, split_endpoint
+from ..messages.components import check_component
 from ..messages.keys import MachineKeys
 from ..messages.names import check_part
 
@@ -202,8 +201,7 @@ class EdgeConfig(Table):
     estimator: EstimatorConfig = EstimatorConfig()
     health: HealthConfig = HealthConfig()
     mqtt: MqttConfig | None = None
-    opcua: OpcuaConfig | None = None
-    mtconnect: MtconnectConfig | None = None
+    outputs: dict[str, dict[str, Any]] = {}
     vibration: VibrationConfig | None = None
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()
@@ -212,6 +210,7 @@ class EdgeConfig(Table):
     jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
     _digest: str = PrivateAttr("")
+    _file: Path | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _unique_axes(self) -> "EdgeConfig":
@@ -221,12 +220,21 @@ class EdgeConfig(Table):
                 raise ValueError(f"axes: two axes are named {name!r}")
         return self
 
-    @model_validator(mode="after")
-    def _guarded(self) -> "EdgeConfig":
-        opcua = self.opcua
-        if opcua and not is_loopback(opcua.host) and self.http.tokens_file is None:
-            raise ValueError("opcua.host: beyond loopback it needs the [http] tokens_file")
+    @field_validator("outputs")
+    @classmethod
+    def _names(cls, value: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        for name in value:
+            check_component(name)
+        return value
+
+    def of_file(self, path: Path) -> "EdgeConfig":
+        """The same configuration, which knows where it was read."""
+        self._file = path
         return self
+
+    def place(self, table: str) -> str:
+        """A table after the file that it was read from: for mistakes in it."""
+        return table if self._file is None else f"{self._file}: {table}"
 
     def of_digest(self, digest: str) -> "EdgeConfig":
         """The same configuration, which knows the digest of what it was read from."""
@@ -241,4 +249,4 @@ class EdgeConfig(Table):
     @property
     def keys(self) -> MachineKeys:
         """Keys of this machine on the bus."""
-        return MachineKeys(self.service.site, self.service.machine)
+        return MachineKeys(self.service.site, self.service.machine, tuple(self.outputs))

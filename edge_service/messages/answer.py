@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from .advice import Advice
 from .estimate import EstimateStatus, Interval, PreloadEstimate
+from .header import Header
 from .health import AxisHealth
 
 
@@ -19,6 +20,8 @@ class AxisAnswer:
         fresh_percent: preload of the fresh screw, percent of the load rating; None if not known.
         warning_of_fresh, fault_of_fresh: limits of the condition, percent of fresh.
         is_heard: whether estimates and conditions come in at all.
+        method: estimator that the estimate is of.
+        header: of the estimate's message; None before the first.
     """
 
     axis: str
@@ -29,6 +32,8 @@ class AxisAnswer:
     warning_of_fresh: float
     fault_of_fresh: float
     is_heard: bool
+    method: str = ""
+    header: Header | None = None
 
     @property
     def of_fresh(self) -> Interval | None:
@@ -54,6 +59,13 @@ class AxisAnswer:
         if first.now:
             return self.health.since_time_ns
         return None if first.due is None else first.due.likely_ns or first.due.earliest_ns
+
+    @property
+    def next_limit_ns(self) -> int | None:
+        """Earliest UNIX time at which a limit is reached, ns; None if no date can be named."""
+        crossings = () if self.health.trend is None else self.health.trend.crossings
+        times_ns = [each.earliest_ns for each in crossings if each.earliest_ns is not None]
+        return min(times_ns, default=None)
 
 
 def reasons_together(earlier: Sequence[str], present: Sequence[str]) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ class ComponentHealth(Frozen):
     """Status of one component, with the counters worth looking at.
 
     Attributes:
-        component: one of `COMPONENTS`.
+        component: one of `COMPONENTS`, or an output.
         axis: the axis it works for, or None if it serves all.
         counters: monotonic counts since start, e.g. `samples`, `lost_payloads`, `ring_overruns`.
         readings: values that it wants seen, e.g. the simulated drive's `true_preload_percent`.

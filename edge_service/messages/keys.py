@@ -34,10 +34,11 @@ def axis_of(key: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class MachineKeys:
-    """The keys of one machine at one site."""
+    """The keys of one machine at one site, and the names of its outputs."""
 
     site: str
     machine: str
+    outputs: tuple[str, ...] = ()
 
     @property
     def root(self) -> str:
@@ -68,9 +69,10 @@ class MachineKeys:
 
     def of_components(self, axes: Iterable[str], topic: "Topic[Any]") -> frozenset[str]:
         """Keys of the reports that components make, on themselves or on some axes."""
+        own = (f"{output}{kind}" for output in self.outputs for kind in ("", "_process"))
         return frozenset(
             self.component(component, axis, topic)
-            for component in COMPONENTS
+            for component in (*COMPONENTS, *own)
             for axis in (None, *axes)
         )
 

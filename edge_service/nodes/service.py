@@ -17,8 +17,7 @@ from ..bus.settings import BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..http_api.serve import AddressError
-from ..messages.outputs import NODES as OUTPUT_NODES
-from . import acquire_node, downsample_node, estimate_node, health_node, http_node
+from . import acquire_node, downsample_node, estimate_node, health_node, http_node, output_node
 from .supervision.heartbeat import Heartbeat
 from .supervision.signals import install_stop
 from .supervision.supervisor import START_S
@@ -32,7 +31,7 @@ from .wiring.process import Process
 from .wiring.start_entry import end_entry, start_entry
 
 log = logging.getLogger(__name__)
-OPTIONAL = (*OUTPUT_NODES, "vibration")
+OPTIONAL = ("mqtt", "vibration")
 """Nodes that run where their table stands in the configuration."""
 PIPELINE = ("http", "health", "estimate", "downsample", "acquire")
 Run = Callable[[NodeContext], Coroutine[Any, Any, None]]
@@ -50,12 +49,15 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     check_access(config.http)
     bus = await Bus.open(router_settings(config))
     optional = (name for name in OPTIONAL if getattr(config, name) is not None)
-    names = (*optional, *PIPELINE)
+    names = (*optional, *config.outputs, *PIPELINE)
     await _run_on(bus, config, names, on_http_ready)
 
 
 async def run_node(config: EdgeConfig, name: str, on_http_ready: Callable[[str], None]) -> None:
     """One node alone: `bus` is the router, every other node waits for it and joins it."""
+    there = ("bus", *PIPELINE, *OPTIONAL, *config.outputs)
+    if name not in there:
+        raise ConfigError(f"no node {name!r}; there are {', '.join(sorted(there))}")
     await check_service(config)
     settings = node_settings(config, name)
     if name == "http":
@@ -149,6 +151,8 @@ def _begin(context: NodeContext, tasks: Tasks, names: tuple[str, ...]) -> list[S
         if name in OPTIONAL:
             run: Run = partial(_optional_node, name=name)
             tasks.start(name, _life(context, run))
+        elif name in context.config.outputs:
+            tasks.start(name, _life(context, partial(output_node.run, name=name)))
         elif name in _RUNS:
             tasks.start(name, _life(context, _RUNS[name]), vital=True)
     return [
@@ -196,6 +200,8 @@ async def check_service(config: EdgeConfig) -> tuple[str, ...]:
 
     Raises ConfigError.
     """
+    for name in config.outputs:
+        output_node.make_output(config, name)
     unreachable = []
     for axis in config.axes:
         driver = acquire_node.make_driver(axis)

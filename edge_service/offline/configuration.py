@@ -3,13 +3,13 @@
 import asyncio
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from drivers.registry import driver_names
 
 from ..command_answer import Answer
 from ..config import EdgeConfig, load_config
 from ..nodes.outputs.mail.output import check_email
-from ..nodes.outputs.opcua_rights import opcua_settings
 from ..nodes.service import check_service
 from ..nodes.wiring.bus_certificates import check_bus
 from ..nodes.wiring.http_rights import check_access
@@ -26,22 +26,6 @@ class ConfiguredAxis(Document):
     missing_for_percent: str | None
 
 
-class ServedOpcua(Document):
-    """The OPC UA server that others read from."""
-
-    host: str
-    port: int
-    encrypted: bool
-    needs_token: bool
-
-
-class ServedMtconnect(Document):
-    """The adapter of MTConnect, which asks nobody who they are."""
-
-    host: str
-    port: int
-
-
 class CheckedConfiguration(Document):
     """A configuration that is right; sources that do not answer now are `not_reachable`."""
 
@@ -52,8 +36,7 @@ class CheckedConfiguration(Document):
     http_access: str
     bus_endpoint: str
     bus_access: str
-    opcua: ServedOpcua | None
-    mtconnect: ServedMtconnect | None
+    outputs: list[str]
     history_folder: str | None
     history_budget_mb: float
     drivers_installed: list[str]
@@ -72,8 +55,7 @@ def check_configuration(path: Path) -> Answer:
         http_access=check_access(settings.http),
         bus_endpoint=settings.bus.endpoint,
         bus_access=check_bus(settings.bus),
-        opcua=_opcua(settings),
-        mtconnect=_mtconnect(settings),
+        outputs=[_output(name, table) for name, table in settings.outputs.items()],
         history_folder=None if settings.history.folder is None else str(settings.history.folder),
         history_budget_mb=settings.history.budget_mb,
         drivers_installed=list(driver_names()),
@@ -94,21 +76,10 @@ def _axes(settings: EdgeConfig) -> list[ConfiguredAxis]:
     ]
 
 
-def _opcua(settings: EdgeConfig) -> ServedOpcua | None:
-    if settings.opcua is None:
-        return None
-    served = opcua_settings(settings)
-    return ServedOpcua(
-        host=served.host,
-        port=served.port,
-        encrypted=served.certificate is not None,
-        needs_token=served.knows is not None,
-    )
-
-
-def _mtconnect(settings: EdgeConfig) -> ServedMtconnect | None:
-    served = settings.mtconnect
-    return None if served is None else ServedMtconnect(host=served.host, port=served.port)
+def _output(name: str, table: dict[str, Any]) -> str:
+    """An output in words: its kind, and where it is if a table says so."""
+    kind, place = table.get("kind", name), table.get("endpoint")
+    return " ".join([name, *([f"({kind})"] if kind != name else []), *([place] if place else [])])
 
 
 def _lines(checked: CheckedConfiguration) -> Iterator[str]:
@@ -120,12 +91,8 @@ def _lines(checked: CheckedConfiguration) -> Iterator[str]:
         yield f"not reachable now: {line}"
     yield f"bus {checked.bus_endpoint}, http {checked.http_host}:{checked.http_port}"
     yield f"access: {checked.http_access}; {checked.bus_access}"
-    if checked.opcua is not None:
-        channel = "encrypted" if checked.opcua.encrypted else "open"
-        users = "whoever has a token" if checked.opcua.needs_token else "anybody"
-        yield f"opcua {checked.opcua.host}:{checked.opcua.port}, {channel}, for {users}"
-    if checked.mtconnect is not None:
-        yield f"mtconnect {checked.mtconnect.host}:{checked.mtconnect.port}, open, for anybody"
+    for output in checked.outputs:
+        yield f"output {output}"
     yield _history(checked)
     yield f"drivers installed: {', '.join(checked.drivers_installed)}"
 

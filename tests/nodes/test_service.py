@@ -19,8 +19,6 @@ from edge_service.certificates import make_certificates
 from edge_service.config import DEFAULT_MACHINE, BusConfig, load_machine
 from edge_service.config_tables import (
     MqttConfig,
-    MtconnectConfig,
-    OpcuaConfig,
     VibrationConfig,
     WebhookConfig,
 )
@@ -142,8 +140,10 @@ async def test_nodes_on_sessions_of_their_own_work_alike(
         {"path": str(trace_path), "speed": 50.0},
         bus=bus_config,
         mqtt=MqttConfig.model_validate(away),
-        opcua=OpcuaConfig(port=0),
-        mtconnect=MtconnectConfig(port=0),
+        outputs={
+            "opcua": {"endpoint": "opc.tcp://127.0.0.1:0"},
+            "mtconnect": {"endpoint": "tcp://127.0.0.1:0"},
+        },
         vibration=VibrationConfig(),
         webhook=WebhookConfig(
             url="http://127.0.0.1:1/", secret="s" * 16, buffer=tmp_path / "events"

@@ -27,6 +27,19 @@ def doorkeeper_of(http: HttpConfig) -> Doorkeeper:
     return Doorkeeper(tokens)
 
 
+def knows_of(http: HttpConfig) -> Callable[[str, str], bool] | None:
+    """Answers whether a user's name and token fit; None where there are no tokens. ConfigError."""
+    if http.tokens_file is None:
+        return None
+    doorkeeper = doorkeeper_of(http)
+
+    def knows(user: str, password: str) -> bool:
+        name = doorkeeper.identify(f"Bearer {password}", "").name
+        return name is not None and name == user
+
+    return knows
+
+
 def tls_files(http: HttpConfig) -> tuple[Path, Path] | None:
     """Certificate and key of the server, which fit each other. Raises ConfigError."""
     return server_files("http", http.certificate, http.private_key)

@@ -26,7 +26,7 @@ WAITED_FOR = {
     "bus/session.py": {"to_thread"},
     "bus/mqtt/delivery.py": {"ensure_future", "gather"},
     "bus/spool/disk_thread.py": {"Thread"},
-    "bus/opcua/server.py": {"ensure_future"},
+    "outputs/opcua.py": {"ensure_future"},
     "nodes/outputs/post.py": {"gather"},
 }
 """Begun and waited for within a supervised task or a request, that of another fleet node included;

@@ -11,10 +11,13 @@ from pathlib import Path
 import pytest
 from asyncua import Client, ua
 
-from edge_service.bus.opcua.application import OpcuaSettings
-from edge_service.bus.opcua.server import AnswerServer
 from edge_service.messages.answer import AxisAnswer
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.health import AxisCondition
+from edge_service.outputs import opcua as module
+from edge_service.outputs.base import OutputContext
+from edge_service.outputs.opcua import OpcuaConfig, OpcuaOutput
+from edge_service.outputs.opcua_nodes import FIELDS, HEALTH, data_values
 
 from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
 
@@ -23,15 +26,17 @@ PATIENCE_S = 60.0
 
 
 @asynccontextmanager
-async def serving(
-    settings: OpcuaSettings, *answers: AxisAnswer
-) -> AsyncIterator[tuple[AnswerServer, str]]:
-    server = await asyncio.to_thread(AnswerServer.built, settings, answers)
-    await server.start()
+async def serving(*answers: AxisAnswer) -> AsyncIterator[tuple[OpcuaOutput, str]]:
+    axes = tuple(each.axis for each in answers)
+    context = OutputContext("opcua", "hall", "mill", axes)
+    output = OpcuaOutput(OpcuaConfig(endpoint="opc.tcp://127.0.0.1:0"), context)
+    await output.open()
+    for each in answers:
+        await output.take(each)
     try:
-        yield server, f"opc.tcp://127.0.0.1:{server.port}/edge-service/"
+        yield output, f"opc.tcp://127.0.0.1:{output.port}/edge-service/"
     finally:
-        await server.stop()
+        await output.close()
 
 
 @asynccontextmanager
@@ -55,12 +60,14 @@ async def line_of(process: asyncio.subprocess.Process) -> dict:
         return json.loads(await process.stdout.readline())
 
 
-async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_nothing() -> None:
+async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "SESSIONS", 2)
     worn = answer(
         "Y", preload_percent=1.0, low=0.5, high=1.5, health=health_of(AxisCondition.FAULT)
     )
-    settings = OpcuaSettings("127.0.0.1", 0, "hall/mill", sessions=2)
-    async with serving(settings, answer("X"), worn) as (server, url), foreign(url) as process:
+    async with serving(answer("X"), worn) as (server, url), foreign(url) as process:
         found = await line_of(process)
         assert found["machine"] == ["hall/mill"]
         assert found["health"] == {"X": [0, "Good"], "Y": [1, "Good"]}
@@ -77,21 +84,23 @@ async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_not
         assert found["writes_refused"]
         heard = sorted([(await line_of(process))["health"] for _ in range(2)])
         assert heard == [0, 1]
-        await server.show([answer("X", health=health_of(AxisCondition.WARNING)), worn])
+        await server.take(answer("X", health=health_of(AxisCondition.WARNING)))
         assert await line_of(process) == {"health": 4, "status": "Good"}
-        await server.show([SILENT, worn])
+        await server.take(SILENT)
         assert await line_of(process) == {"health": None, "status": "BadNoCommunication"}
 
         async with Client(url):
-            assert server.sessions == 2
+            assert server.readings == {"sessions": 2.0}
             with pytest.raises(ua.UaStatusCodeError) as caught:
                 await Client(url).connect()
             assert caught.value.code == ua.StatusCodes.BadTooManySessions
 
 
-async def test_who_leaves_unread_or_sends_without_end_is_cut_off() -> None:
-    settings = OpcuaSettings("127.0.0.1", 0, "m", sessions=2)
-    async with serving(settings, answer()) as (server, _):
+async def test_who_leaves_unread_or_sends_without_end_is_cut_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "SESSIONS", 2)
+    async with serving(answer()) as (server, _):
         reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
         writer.write(b"MSGF" + (2**31).to_bytes(4, "little"))
         with pytest.raises(ConnectionError):
@@ -110,23 +119,31 @@ async def test_who_leaves_unread_or_sends_without_end_is_cut_off() -> None:
         reader.feed_eof()
 
 
-async def test_a_start_that_is_cancelled_when_it_listens_leaves_no_socket(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    server = await asyncio.to_thread(
-        AnswerServer.built, OpcuaSettings("127.0.0.1", 0, "m", sessions=2), [answer()]
-    )
-    starting = asyncio.ensure_future(server.start())
-    listening: list[socket.socket] = []
-    begin = asyncio.Server._start_serving  # type: ignore[attr-defined]
+NUMBERS = ("Preload", "PreloadLow", "PreloadHigh")
 
-    def cancelled(self: asyncio.Server) -> None:
-        begin(self)
-        listening.extend(self._sockets)  # type: ignore[attr-defined]
-        starting.cancel()
 
-    monkeypatch.setattr(asyncio.Server, "_start_serving", cancelled)
-    with pytest.raises(asyncio.CancelledError):
-        await starting
-    await server.stop()
-    assert [each.fileno() for each in listening] == [-1]
+def test_a_number_is_percent_of_fresh_with_its_interval_and_time() -> None:
+    values = data_values(answer(preload_percent=3.0, low=2.5, high=4.0, fresh_percent=5.0))
+    assert [values[name].Value.Value for name in NUMBERS] == pytest.approx([60, 50, 80])
+    for name in NUMBERS:
+        assert values[name].StatusCode.is_good()
+        assert values[name].SourceTimestamp.timestamp() == pytest.approx(1_790_000_000.0)
+
+
+@pytest.mark.parametrize("status", [s for s in EstimateStatus if s is not EstimateStatus.ESTIMATED])
+def test_without_a_number_each_is_null_and_bad(status: EstimateStatus) -> None:
+    values = data_values(answer(estimate=PreloadEstimate(time_s=1.0, status=status)))
+    for name in NUMBERS:
+        assert values[name].Value.Value is None
+        assert values[name].StatusCode.is_bad()
+    assert values["Status"].Value.Value == status.value
+
+
+def test_every_variable_has_a_value_or_a_bad_status() -> None:
+    for said in (answer(), answer(fresh_percent=None), SILENT):
+        values = data_values(said)
+        assert values.keys() == FIELDS.keys()
+        for value in values.values():
+            assert (value.Value.Value is None) == value.StatusCode.is_bad()
+    for name in (*NUMBERS, HEALTH):
+        assert data_values(SILENT)[name].StatusCode.name == "BadNoCommunication"

@@ -14,14 +14,14 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import NameOID
 
-from edge_service.bus.opcua.application import URI
 from edge_service.cli.entry import cli
 from edge_service.config import ConfigError, load_config
 from edge_service.http_api.security.tokens import add_token, revoke_token
-from edge_service.nodes.outputs.opcua_rights import opcua_settings
+from edge_service.nodes.output_node import make_output
+from edge_service.outputs.opcua import URI
 
-from ..drivers.bench import free_port
-from .conftest import PIPELINE, running, until
+from ...drivers.bench import free_port
+from ...nodes.conftest import PIPELINE, running, until
 
 AXIS = '[[axes]]\nname = "X"\n'
 
@@ -50,7 +50,8 @@ def write_pair(folder: Path, name: str, uri: str | None = URI) -> tuple[Path, Pa
 def configured(folder: Path, opcua: str, http: str = "") -> Path:
     path = folder / "edge.toml"
     path.write_text(
-        f'[bus]\nendpoint = "tcp/127.0.0.1:0"\n[http]\nport = 0\n{http}\n[opcua]\n{opcua}\n{AXIS}'
+        f'[bus]\nendpoint = "tcp/127.0.0.1:0"\n[http]\nport = 0\n{http}\n'
+        f"[outputs.opcua]\n{opcua}\n{AXIS}"
     )
     path.chmod(0o600)
     return path
@@ -59,19 +60,22 @@ def configured(folder: Path, opcua: str, http: str = "") -> Path:
 @pytest.mark.parametrize(
     ("opcua", "complaint"),
     [
-        ('host = "192.168.1.2"', "opcua: '192.168.1.2' is not a loopback address: it needs"),
-        ('certificate = "a.pem"', "opcua: private_key: missing"),
+        ('endpoint = "opc.tcp://192.168.1.2"', "outputs.opcua.endpoint: '192.168.1.2' is not a"),
+        ('certificate = "a.pem"', "outputs.opcua.private_key: missing"),
         (
-            'host = "10.0.0.1"\ncertificate = "a.pem"\nprivate_key = "a.key.pem"',
-            "opcua.host: beyond loopback it needs the [http] tokens_file",
+            'endpoint = "opc.tcp://10.0.0.1"\ncertificate = "a.pem"\nprivate_key = "a.key.pem"',
+            "outputs.opcua.endpoint: beyond loopback it needs a token",
         ),
-        ("sessions = 0", "opcua.sessions: "),
+        ('endpoint = "http://127.0.0.1"', "expected an address of the form opc.tcp://127.0.0.1"),
+        ("sessions = 1", "outputs.opcua.sessions: unknown key"),
     ],
 )
 def test_what_would_be_open_to_all_is_refused(opcua: str, complaint: str, tmp_path: Path) -> None:
+    config = load_config(configured(tmp_path, opcua))
     with pytest.raises(ConfigError, match=r"^[^\n]*$") as caught:
-        load_config(configured(tmp_path, opcua))
+        make_output(config, "opcua")
     assert complaint in str(caught.value)
+    assert str(caught.value).startswith(f"{tmp_path / 'edge.toml'}: ")
 
 
 @pytest.mark.parametrize("wrong", ["no uri", "missing", "another's", "open"])
@@ -101,7 +105,8 @@ async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_toke
     port = free_port()
     path = configured(
         tmp_path,
-        f'port = {port}\ncertificate = "server.pem"\nprivate_key = "server.key.pem"',
+        f'endpoint = "opc.tcp://127.0.0.1:{port}"\n'
+        'certificate = "server.pem"\nprivate_key = "server.key.pem"',
         'tokens_file = "tokens.json"',
     )
     url = f"opc.tcp://127.0.0.1:{port}/edge-service/"
@@ -154,9 +159,3 @@ async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_toke
             revoke_token(tokens, "scada")
             with pytest.raises(ua.UaError):
                 await (await client("scada", secret)).connect()
-
-
-def test_without_tokens_anybody_of_this_machine_may_look(tmp_path: Path) -> None:
-    settings = opcua_settings(load_config(configured(tmp_path, "port = 0")))
-    assert settings.knows is None
-    assert settings.certificate is None

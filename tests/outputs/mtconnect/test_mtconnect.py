@@ -4,28 +4,36 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from datetime import UTC, datetime
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_service.bus.mtconnect import adapter as module
-from edge_service.bus.mtconnect.adapter import HEARTBEAT_S, Adapter
-from edge_service.bus.mtconnect.devices import devices_xml
-from edge_service.bus.mtconnect.shdr import changes, field, lines, values_of
 from edge_service.messages.alarm import Alarm, AlarmKind
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Severity
 from edge_service.messages.health import AxisCondition
+from edge_service.outputs import mtconnect as module
+from edge_service.outputs.base import OutputContext
+from edge_service.outputs.mtconnect import (
+    HEARTBEAT_S,
+    MtconnectConfig,
+    MtconnectOutput,
+    changes,
+    devices_xml,
+    field,
+    lines,
+    values_of,
+)
 
 from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
 from ...nodes.conftest import until
-from .agent import Agent, ProtocolError, connected, item_types, tokens
+from .agent import Agent, connected, item_types, tokens
 
 NOW_NS = MEASURED_NS + 5_000_000
-DEVICES = devices_xml("hall", "mill", ["X", "Y_Z", "1.b"], NOW_NS)
+CONTEXT = OutputContext("mtconnect", "hall", "mill", ("X", "Y_Z", "1.b"))
+DEVICES = devices_xml(CONTEXT, NOW_NS)
 NUMBERS = ("preload_X", "preloadLow_X", "preloadHigh_X", "preloadForce_X", "dragTorque_X")
 
 
@@ -55,22 +63,21 @@ class Clock:
 
 
 @asynccontextmanager
-async def serving(
-    clients: int = 5, clock: Callable[[], float] | None = None
-) -> AsyncIterator[Adapter]:
-    adapter = Adapter(clients, clock or Clock())
-    adapter.show([answer()], NOW_NS)
-    await adapter.start("127.0.0.1", 0)
+async def serving(clock: Callable[[], float] | None = None) -> AsyncIterator[MtconnectOutput]:
+    config = MtconnectConfig(endpoint="tcp://127.0.0.1:0")
+    output = MtconnectOutput(config, CONTEXT, clock or Clock())
+    await output.open()
+    await output.take(answer())
     try:
-        yield adapter
+        yield output
     finally:
-        adapter.stop()
+        await output.close()
         await asyncio.sleep(0)
 
 
-async def nobody(adapter: Adapter) -> None:
+async def nobody(adapter: MtconnectOutput) -> None:
     async def gone() -> bool:
-        return adapter.clients == 0
+        return adapter.readings["clients"] == 0
 
     await until(gone)
 
@@ -142,7 +149,7 @@ def test_whatever_a_text_holds_it_stays_one_field_on_one_line(text: str) -> None
 
 async def test_a_foreign_agent_that_connects_is_told_all_and_then_what_changes() -> None:
     async with serving() as adapter, connected(adapter.port, DEVICES) as agent:
-        adapter.show([answer(), answer("Y_Z", health=health_of(AxisCondition.WARNING))], NOW_NS)
+        await adapter.take(answer("Y_Z", health=health_of(AxisCondition.WARNING)))
 
         async def knows() -> bool:
             return "condition_Y_Z" in agent.conditions and agent.seconds > 0.0
@@ -153,7 +160,7 @@ async def test_a_foreign_agent_that_connects_is_told_all_and_then_what_changes()
         assert agent.seconds == HEARTBEAT_S
         assert {"* shdrVersion: 2.0", "* mtconnectVersion: 2.0"} < set(agent.commands)
         lost = health_of(AxisCondition.FAULT, alarms=(alarm(AlarmKind.PRELOAD_LOST),))
-        adapter.show([answer(health=lost)], NOW_NS)
+        await adapter.take(answer(health=lost))
 
         async def lost_now() -> bool:
             return agent.level("condition_X") == "FAULT"
@@ -213,7 +220,7 @@ async def test_who_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
         _, writer = await asyncio.open_connection("127.0.0.1", adapter.port, limit=1)
 
         async def both() -> bool:
-            return adapter.clients == 2
+            return adapter.readings["clients"] == 2
 
         await until(both)
         count = 0
@@ -223,9 +230,9 @@ async def test_who_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
             for _ in range(200):
                 count += 1
                 texts = alarm(AlarmKind.RATE, said=f"{count} " + "x" * 5000)
-                adapter.show([answer(health=health_of(AxisCondition.FAULT, alarms=(texts,)))], 1)
+                await adapter.take(answer(health=health_of(AxisCondition.FAULT, alarms=(texts,))))
                 await asyncio.sleep(0)
-            return adapter.clients == 1
+            return adapter.readings["clients"] == 1
 
         await until(cut_off)
         assert adapter.cut_off == 1
@@ -237,8 +244,11 @@ async def test_who_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
         writer.close()
 
 
-async def test_no_more_clients_than_allowed_and_a_place_is_free_again() -> None:
-    async with serving(clients=2) as adapter:
+async def test_no_more_clients_than_allowed_and_a_place_is_free_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "CLIENTS", 2)
+    async with serving() as adapter:
         first, second = [await asyncio.open_connection("127.0.0.1", adapter.port) for _ in "ab"]
         for reader, _ in (first, second):
             assert (await reader.readline()).startswith(b"* adapterVersion: ")
@@ -248,11 +258,11 @@ async def test_no_more_clients_than_allowed_and_a_place_is_free_again() -> None:
                 assert await reader.read() == b""
                 raise ConnectionError
             writer.close()
-        assert adapter.clients == 2
+        assert adapter.readings["clients"] == 2
         second[1].close()
 
         async def one() -> bool:
-            return adapter.clients == 1
+            return adapter.readings["clients"] == 1
 
         await until(one)
         async with connected(adapter.port, DEVICES) as agent:
@@ -266,7 +276,7 @@ async def test_no_more_clients_than_allowed_and_a_place_is_free_again() -> None:
 
 async def test_who_has_given_signs_of_life_and_is_silent_is_cut_off() -> None:
     clock = Clock()
-    async with serving(clock=clock) as adapter:
+    async with serving(clock) as adapter:
         reader, writer = await asyncio.open_connection("127.0.0.1", adapter.port)
         _, quiet = await asyncio.open_connection("127.0.0.1", adapter.port)
         writer.write(b"* PING\n")
@@ -274,36 +284,8 @@ async def test_who_has_given_signs_of_life_and_is_silent_is_cut_off() -> None:
             pass
         for now_s, clients in ((1.9 * HEARTBEAT_S, 2), (2.1 * HEARTBEAT_S, 1)):
             clock.now_s = now_s
-            adapter.show([answer()], NOW_NS)
+            await adapter.take(answer())
             await asyncio.sleep(0.01)
-            assert adapter.clients == clients  # who never gave one is not asked for it
+            assert adapter.readings["clients"] == clients  # who never gave one is not asked for it
         writer.close()
         quiet.close()
-
-
-def test_the_agent_of_these_tests_refuses_what_the_specification_does(
-    bad: Any = ("2026-01-01T00:00:00.000000Z|preload_X", "x|preload_X|1", '|"a', "now|other|1"),
-) -> None:
-    for line in bad:
-        with pytest.raises((ProtocolError, ValueError)):
-            Agent(item_types(DEVICES)).take(line)
-
-
-async def test_a_start_that_is_cancelled_when_it_listens_leaves_no_socket(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    adapter = Adapter(2)
-    starting = asyncio.ensure_future(adapter.start("127.0.0.1", 0))
-    listening: list[Any] = []
-    begin = asyncio.Server._start_serving  # type: ignore[attr-defined]
-
-    def cancelled(self: asyncio.Server) -> None:
-        begin(self)
-        listening.extend(self._sockets)  # type: ignore[attr-defined]
-        starting.cancel()
-
-    monkeypatch.setattr(asyncio.Server, "_start_serving", cancelled)
-    with pytest.raises(asyncio.CancelledError):
-        await starting
-    adapter.stop()
-    assert [each.fileno() for each in listening] == [-1]

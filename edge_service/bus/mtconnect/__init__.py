@@ -1,1 +1,0 @@
-"""Answers for agents of MTConnect: an adapter of the SHDR protocol, and its description."""

@@ -1,0 +1,178 @@
+"""The one protocol between the service and whoever it tells, and the registry of outputs.
+
+An output mirrors a driver: a class in a file of its own, found by its name in the entry-point group
+`edge_service.outputs`. It is handed messages and knows nothing else: not the bus, no other output.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, ClassVar
+from urllib.parse import urlsplit
+
+from ..config_tables import Table
+from ..messages.answer import AxisAnswer
+from ..messages.event import Event
+
+ENTRY_POINT_GROUP = "edge_service.outputs"
+OPTIONAL = {"mqtt": "mqtt", "opcua": "opcua", "notify": "notify"}
+"""Outputs whose library comes with an extra, by the name of the output."""
+
+
+class OutputUnavailableError(Exception):
+    """The other side cannot be reached now; trying again later may help. One line, no secret."""
+
+
+class OutputMisconfiguredError(Exception):
+    """The configuration is wrong; trying again will not help.
+
+    Args:
+        key: the key of the output's table that is wrong.
+        problem: what is wrong with it and what was expected.
+    """
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(f"{key}: {problem}")
+
+
+class RefusedError(Exception):
+    """The other side does not take this message, and never will; others it may. No secret."""
+
+
+class UnknownOutputError(Exception):
+    """No output of that name is installed, or it cannot be loaded."""
+
+
+class OutputConfig(Table):
+    """Base of the tables `[outputs.NAME]`: unknown keys are refused."""
+
+    kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputContext:
+    """Facts that an output may need of the service.
+
+    Attributes:
+        name: of its table.
+        axes: names of all axes.
+        folder: state folder; None without.
+        page: address at which people reach the page; empty if they cannot.
+        knows: tells whether a user's name and token fit; None lets anybody look.
+        is_test: whether it sends one test message while the service may be running beside it.
+    """
+
+    name: str
+    site: str
+    machine: str
+    axes: tuple[str, ...] = ()
+    folder: Path | None = None
+    page: str = ""
+    knows: Callable[[str, str], bool] | None = None
+    is_test: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Events:
+    """Events from the outbox for one receiver, the oldest first: a single one unless gathered."""
+
+    receiver: str
+    events: tuple[Event, ...]
+
+
+Message = AxisAnswer | Events
+"""An axis' answer as it holds now, whose newest supersedes all earlier; or events, never lost."""
+
+
+class Output(ABC):
+    """One system outside that is told about all axes.
+
+    `open`, `take` and `close` may be called in any order and twice; `open` does nothing while it is
+    open. Each raises OutputUnavailableError while the other side is away; `take` raises it before
+    `open` as well, and RefusedError for events that the other side will never take.
+
+    Args:
+        config: its table.
+        context: see above. Raises OutputMisconfiguredError.
+
+    Attributes:
+        takes_answers: whether it is handed answers, each as it changes and at least every second.
+        receivers: names of those whom events are sent to, each with a queue of its own.
+    """
+
+    config_model: ClassVar[type[OutputConfig]]
+    open_s: ClassVar[float] = 10.0
+    """Longest time that opening takes, s."""
+    gather_s: ClassVar[float] = 0.0
+    """Events of this time go together, s."""
+    most_per_hour: ClassVar[int | None] = None
+    """Messages with events in an hour; then events wait, and go together."""
+    takes_answers: bool = True
+    receivers: tuple[str, ...] = ()
+
+    def __init__(self, config: Any, context: OutputContext) -> None:
+        self.config, self.context = config, context
+
+    @property
+    def kinds(self) -> frozenset[str] | None:
+        """Kinds of the events that it takes; None takes all."""
+        return None
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """Values worth seeing, e.g. the number of clients; may be empty."""
+        return {}
+
+    @abstractmethod
+    async def open(self) -> None:
+        """Connect, or listen."""
+
+    @abstractmethod
+    async def take(self, message: Message) -> None:
+        """Pass a message on; returns once the other side has it."""
+
+    @abstractmethod
+    async def close(self) -> None:
+        """Say goodbye and let go of everything; raises nothing."""
+
+
+def host_and_port(url: str, scheme: str, port: int) -> tuple[str, int]:
+    """Host and port of `scheme://host:port`; `port` where it names none. Raises ValueError."""
+    try:
+        parts = urlsplit(url)
+        host, given = parts.hostname, parts.port
+    except ValueError:
+        host, given = None, None
+    rest = (parts.path.strip("/"), parts.query, parts.username) if host else ()
+    if not host or parts.scheme != scheme or any(rest):
+        raise ValueError(f"{url!r}: expected an address of the form {scheme}://127.0.0.1:{port}")
+    return host, port if given is None else given
+
+
+def output_names() -> list[str]:
+    """Names of the installed outputs."""
+    return sorted(_entries())
+
+
+def load_output(name: str) -> type[Output]:
+    """The class of an output; UnknownOutputError says what there is instead."""
+    entries = _entries()
+    if name not in entries:
+        there = ", ".join(sorted(entries))
+        raise UnknownOutputError(f"no output {name!r}; there are {there}")
+    try:
+        found: type[Output] = entries[name].load()
+    except ModuleNotFoundError as error:
+        extra = f"; does `pip install edge-service[{name}]` help?" if name in OPTIONAL else ""
+        raise UnknownOutputError(f"output {name!r} cannot be loaded: {error}{extra}") from error
+    except (ImportError, AttributeError) as error:
+        raise UnknownOutputError(f"output {name!r} cannot be loaded: {error}") from error
+    return found
+
+
+@cache
+def _entries() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}

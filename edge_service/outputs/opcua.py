@@ -1,0 +1,324 @@
+"""OPC UA: a server that shows all axes, read-only, and that nobody can make grow."""
+
+import asyncio
+import logging
+from pathlib import Path
+from typing import Any
+
+from asyncua import ua
+from asyncua.common.connection import TransportLimits
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import USER_TYPES, SimpleRoleRuleset, User, UserRole
+from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.server import Server
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds
+from asyncua.ua.status_codes import StatusCodes
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPublicKey
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from pydantic import model_validator
+
+from ..messages.addresses import is_loopback
+from ..messages.answer import AxisAnswer
+from ..secret_files import SecretError, expanded, read_secret
+from ..threads import Threads
+from .base import (
+    Message,
+    Output,
+    OutputConfig,
+    OutputContext,
+    OutputMisconfiguredError,
+    OutputUnavailableError,
+    host_and_port,
+)
+from .opcua_nodes import AddressSpace, Nodes, data_values, load_nodesets
+
+URI = "urn:edge-service"
+SESSIONS = 20
+"""Clients that there may be at once."""
+_MESSAGE_BYTES, _CHUNK_BYTES = 1_000_000, 65_535
+_UNREAD_BYTES = 4_000_000
+"""Bytes that may wait for a client that does not read; then it is cut off."""
+_NOBODY = User(role=UserRole.Anonymous)
+_REFUSED = (
+    ObjectIds.WriteRequest_Encoding_DefaultBinary,
+    ObjectIds.CallRequest_Encoding_DefaultBinary,
+    ObjectIds.HistoryReadRequest_Encoding_DefaultBinary,
+)
+_ENCRYPTED = [
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+]
+_BUILDERS = Threads("opcua")
+logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it would write all that clients do wrong
+
+
+class OpcuaConfig(OutputConfig):
+    """`[outputs.opcua]`.
+
+    Attributes:
+        endpoint: where clients connect.
+        certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both
+            are needed beyond loopback.
+    """
+
+    endpoint: str = "opc.tcp://127.0.0.1:4840"
+    certificate: Path | None = None
+    private_key: Path | None = None
+
+    @model_validator(mode="after")
+    def _guarded(self) -> "OpcuaConfig":
+        host, _ = self.place
+        if (self.certificate is None) != (self.private_key is None):
+            lone = "private_key" if self.private_key is None else "certificate"
+            raise ValueError(f"{lone}: missing; certificate and private_key are needed together")
+        if self.certificate is None and not is_loopback(host):
+            raise ValueError(
+                f"endpoint: {host!r} is not a loopback address: it needs certificate and"
+                " private_key"
+            )
+        return self
+
+    @property
+    def place(self) -> tuple[str, int]:
+        """Host and port."""
+        return host_and_port(self.endpoint, "opc.tcp", 4840)
+
+
+class OpcuaOutput(Output):
+    """One machine in an address space; nobody can change anything in it."""
+
+    config_model = OpcuaConfig
+    open_s = 120.0  # in which the address space is there, on a slow and busy machine
+
+    def __init__(self, config: OpcuaConfig, context: OutputContext) -> None:
+        super().__init__(config, context)
+        if context.knows is None and not is_loopback(config.place[0]):
+            raise OutputMisconfiguredError(
+                "endpoint", "beyond loopback it needs a token (edge-service token)"
+            )
+        self._uri = URI
+        if config.certificate is not None and config.private_key is not None:
+            self._uri = application_uri(config.certificate, config.private_key)
+        self._server: BoundedServer | None = None
+        self._nodes: dict[str, Nodes] = {}
+        self._space: AddressSpace | None = None
+        self._limited: set[str] = set()
+
+    @property
+    def port(self) -> int:
+        """The port at which it listens; 0 before."""
+        listener = None if self._server is None else self._server.bserver
+        return 0 if listener is None else int(listener.port)
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """Clients that are let in now."""
+        if self._server is None:
+            return {"sessions": 0.0}
+        return {"sessions": float(len(self._server.iserver._external_sessions))}
+
+    async def open(self) -> None:
+        """Build the address space, in a thread as it takes seconds, and listen."""
+        if self._server is None:
+            server = BoundedServer(self)
+            await _BUILDERS.run(asyncio.run, self._build(server))
+            self._server = server
+        if self._server.bserver is not None:
+            return
+        starting = asyncio.ensure_future(self._server.start())
+        try:
+            await asyncio.shield(starting)
+        except OSError as error:
+            host, port = self.config.place
+            raise OutputUnavailableError(f"{host}:{port}: {error.strerror}") from None
+        except asyncio.CancelledError:  # the library would lose the socket at which it listens
+            await asyncio.wait([starting])
+            raise
+
+    async def take(self, message: Message) -> None:
+        """Put an answer into the address space; subscribers hear of what has changed."""
+        if self._server is None or self._server.bserver is None or self._space is None:
+            raise OutputUnavailableError("not open")
+        assert isinstance(message, AxisAnswer)
+        if message.axis not in self._limited:
+            await self._space.set_limits(message)
+            self._limited.add(message.axis)
+        write = self._server.iserver.aspace.write_attribute_value
+        for name, value in data_values(message).items():
+            for node in self._nodes[message.axis][name]:
+                await write(node, AttributeIds.Value, value)
+
+    async def close(self) -> None:
+        """End all sessions."""
+        server, self._server = self._server, None
+        self._limited.clear()
+        if server is None:
+            return
+        for transport in server.iserver.asyncio_transports:
+            transport.abort()  # closing would wait for whoever does not read
+        if server.bserver is not None:
+            await server.stop()
+
+    async def _build(self, server: "BoundedServer") -> None:
+        await server.init()
+        host, port = self.config.place
+        shown = f"[{host}]" if ":" in host else host
+        server.set_endpoint(f"opc.tcp://{shown}:{port}/edge-service/")
+        server.set_server_name("edge-service")
+        await server.set_application_uri(self._uri)
+        policies = [ua.SecurityPolicyType.NoSecurity]
+        if self.config.certificate is not None:
+            await server.load_certificate(self.config.certificate, format="pem")
+            await server.load_private_key(expanded(self.config.private_key), format="pem")
+            policies = _ENCRYPTED
+        server.set_security_policy(policies, ReadOnly())
+        anybody = self.context.knows is None
+        server.set_identity_tokens(
+            [ua.AnonymousIdentityToken if anybody else ua.UserNameIdentityToken]
+        )
+        self._space = AddressSpace(server, await load_nodesets(server))
+        machine = f"{self.context.site}/{self.context.machine}"
+        self._nodes = await self._space.build(machine, self.context.axes)
+
+    def get_user(
+        self,
+        _server: object,
+        username: str | None = None,
+        password: str | bytes | None = None,
+        certificate: object = None,
+    ) -> User | None:
+        """The user, None for somebody who is not let in; asked by the library."""
+        if self.config.certificate is not None and certificate is None:
+            return None  # by the channel that is there to find the encrypted ones
+        secret = password.decode("utf-8", "replace") if isinstance(password, bytes) else password
+        knows = self.context.knows
+        if knows is not None and not knows(username or "", secret or ""):
+            return None
+        return User(role=UserRole.User, name=username)
+
+
+def application_uri(certificate: Path, private_key: Path) -> str:
+    """Name of the server that its certificate states. Raises OutputMisconfiguredError."""
+    try:
+        key = load_pem_private_key(read_secret(private_key).encode(), None)
+    except SecretError as error:
+        raise OutputMisconfiguredError("private_key", str(error)) from None
+    except (ValueError, TypeError):
+        problem = f"{private_key}: expected a key in PEM, without a password"
+        raise OutputMisconfiguredError("private_key", problem) from None
+    try:
+        held = x509.load_pem_x509_certificate(certificate.read_bytes())
+        names = held.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        uris = names.get_values_for_type(x509.UniformResourceIdentifier)
+    except OSError as error:
+        problem = f"{certificate}: cannot be read ({error.strerror})"
+        raise OutputMisconfiguredError("certificate", problem) from None
+    except ValueError:
+        problem = f"{certificate}: contains no certificate"
+        raise OutputMisconfiguredError("certificate", problem) from None
+    except x509.ExtensionNotFound:
+        uris = []
+    if not uris or not isinstance(held.public_key(), RSAPublicKey):
+        problem = f"{certificate}: expected an RSA key and in subjectAltName a URI, such as {URI}"
+        raise OutputMisconfiguredError("certificate", problem)
+    if key.public_key() != held.public_key():
+        problem = f"{certificate}: belongs to another key than {private_key}"
+        raise OutputMisconfiguredError("certificate", problem)
+    return str(uris[0])
+
+
+class ReadOnly(SimpleRoleRuleset):
+    """Rights of whoever is let in: to look."""
+
+    def __init__(self) -> None:
+        self._allowed = {ua.NodeId(ua.Int32(each)) for each in USER_TYPES if each not in _REFUSED}
+
+    def check_validity(self, user: User, action_type_id: ua.NodeId, body: Any) -> bool:
+        """Answer of the library's question whether a request is allowed."""
+        return action_type_id in self._allowed
+
+
+class _Protocol(OPCUAProtocol):
+    """A connection that is cut off when it sends or leaves unread too much."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        transport.set_write_buffer_limits(high=_UNREAD_BYTES)
+        super().connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if len(self._buffer) > _MESSAGE_BYTES and self.transport is not None:
+            self.transport.abort()
+
+    def pause_writing(self) -> None:
+        if self.transport is not None:
+            self.transport.abort()
+
+
+class _Listener(BinaryServer):
+    def _make_protocol(self) -> OPCUAProtocol:
+        return _Protocol(
+            self.iserver, self._policies, self.clients, self.closing_tasks, self.limits
+        )
+
+
+class _Sessions(InternalServer):
+    def __init__(self, user_manager: Any) -> None:
+        super().__init__(user_manager)
+        self.max_connections = 2 * SESSIONS
+        self.max_pending_activation_seconds = 10.0
+        self.max_pending_messages_per_connection = 50
+        self.max_subscriptions = 4 * SESSIONS
+        self.max_monitored_item_queue_size = 100
+        self.max_unacked_messages_per_subscription = 100
+        self.allow_remote_admin = False
+
+    def create_session(
+        self, name: str, user: User = _NOBODY, external: bool = False
+    ) -> InternalSession:
+        """A session, unless there are too many. Raises ServiceError."""
+        if external and len(self._external_sessions) >= SESSIONS:
+            raise ServiceError(StatusCodes.BadTooManySessions)
+        return super().create_session(name, user, external)
+
+    def register_server(self, server: Any, conf: Any = None) -> None:
+        """Refuse: it is no discovery server, and would keep whatever it is told."""
+        raise ServiceError(StatusCodes.BadServiceUnsupported)
+
+    def register_server2(self, params: Any) -> None:
+        """Refuse as well."""
+        raise ServiceError(StatusCodes.BadServiceUnsupported)
+
+
+class BoundedServer(Server):
+    """Server with bounded sessions, messages and buffers.
+
+    Args:
+        user_manager: answers who is let in.
+    """
+
+    def __init__(self, user_manager: Any) -> None:
+        super().__init__(_Sessions(user_manager))
+        chunks = _MESSAGE_BYTES // _CHUNK_BYTES + 1
+        self.limits = TransportLimits(_CHUNK_BYTES, _CHUNK_BYTES, chunks, _MESSAGE_BYTES)
+
+    async def start(self) -> None:
+        """Listen. Raises OSError."""
+        if not self._policies:  # or a second try would offer all twice
+            await self._setup_server_nodes()
+        await self.iserver.start()
+        host, port = self.endpoint.hostname, self.endpoint.port
+        self.bserver = _Listener(self.iserver, host or "", port or 0, self.limits)
+        self.bserver.set_policies(self._policies)
+        try:
+            await self.bserver.start()
+        except OSError:
+            await self.iserver.stop()
+            self.bserver = None
+            raise

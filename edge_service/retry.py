@@ -1,0 +1,30 @@
+"""Pauses between tries to reach what is away: the one backoff of the service."""
+
+import random
+from collections.abc import Callable
+
+SHORTENED = 0.25
+"""Share by which a pause may be shorter, so that many services do not return at one moment."""
+
+
+class Retry:
+    """Pauses that double from `first_s` to `cap_s`, s, each a little shorter by chance.
+
+    Args:
+        chance: number from 0 to 1.
+    """
+
+    def __init__(
+        self, first_s: float, cap_s: float, chance: Callable[[], float] = random.random
+    ) -> None:
+        self._first_s, self._cap_s, self._chance = first_s, cap_s, chance
+        self._next_s = first_s
+
+    def pause_s(self) -> float:
+        """The next pause, s."""
+        pause_s, self._next_s = self._next_s, min(2.0 * self._next_s, self._cap_s)
+        return pause_s * (1.0 - SHORTENED * self._chance())
+
+    def reset(self) -> None:
+        """Begin with the shortest again: it was reached."""
+        self._next_s = self._first_s

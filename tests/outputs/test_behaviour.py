@@ -1,0 +1,178 @@
+"""Behaviour of every output; one enrols by being installed.
+
+Its folder here has a `bench.py` with one function, `bench(folder)`: an asynchronous context manager
+that yields an `OutputBench`.
+"""
+
+import asyncio
+import importlib
+import logging
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+from pydantic import ValidationError
+
+from edge_service.nodes.output_node import within
+from edge_service.outputs.base import (
+    ENTRY_POINT_GROUP,
+    Events,
+    Message,
+    Output,
+    OutputUnavailableError,
+    RefusedError,
+    load_output,
+    output_names,
+)
+
+from ..messages.answers import SILENT, answer
+from .bench import SECRET, OutputBench, event
+
+PATIENCE_S = 30.0
+TOLD = [name for name in output_names() if name != "metrics"]
+"""Outputs with another side."""
+
+
+@pytest_asyncio.fixture(params=TOLD)
+async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[OutputBench]:
+    module = importlib.import_module(f".{request.param}.bench", __package__)
+    async with module.bench(tmp_path) as built:
+        yield built
+
+
+def messages(output: Output) -> list[Message]:
+    """One message of each kind that an output is handed."""
+    events = [Events(receiver, (event(),)) for receiver in output.receivers]
+    return [*([answer()] if output.takes_answers else []), *events]
+
+
+async def eventually(bench: OutputBench) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not await bench.heard():
+            await asyncio.sleep(0.01)
+
+
+async def test_the_other_side_hears_and_what_is_closed_opens_again(bench: OutputBench) -> None:
+    output = bench.make()
+    for _life in range(2):
+        await output.open()
+        await output.open()
+        for message in messages(output):
+            await output.take(message)
+        await eventually(bench)
+        if output.takes_answers:
+            await output.take(SILENT)
+        await output.close()
+        await output.close()
+
+
+async def test_what_is_not_open_takes_nothing(bench: OutputBench) -> None:
+    output = bench.make()
+    await output.close()
+    for message in messages(output):
+        with pytest.raises(OutputUnavailableError):
+            await output.take(message)
+
+
+async def test_who_is_away_is_told_once_back(
+    bench: OutputBench, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    output = bench.make()
+    await bench.lose()
+    try:
+        with pytest.raises(OutputUnavailableError) as caught:
+            async with asyncio.timeout(PATIENCE_S):
+                await output.open()
+                for message in messages(output):
+                    await output.take(message)
+        assert "\n" not in str(caught.value)
+        assert SECRET not in str(caught.value) + caplog.text
+        await bench.bring_back()
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                try:
+                    await output.open()
+                    for message in messages(output):
+                        await output.take(message)
+                    break
+                except OutputUnavailableError:
+                    await asyncio.sleep(0.05)
+        await eventually(bench)
+    finally:
+        await output.close()
+
+
+async def test_who_hangs_is_left(bench: OutputBench) -> None:
+    if bench.hanging is None:
+        pytest.skip("nobody is asked for anything")
+    output = bench.hanging()
+    try:
+        with pytest.raises(OutputUnavailableError) as caught:
+            await within(0.2, output.open())
+            for message in messages(output):
+                await within(0.2, output.take(message))
+        assert SECRET not in str(caught.value)
+    finally:
+        await output.close()
+
+
+async def test_who_refuses_an_event_holds_up_no_other(
+    bench: OutputBench, caplog: pytest.LogCaptureFixture
+) -> None:
+    if bench.refusing is None:
+        pytest.skip("nobody refuses")
+    caplog.set_level(logging.DEBUG)
+    output = bench.refusing()
+    try:
+        await output.open()
+        for receiver in output.receivers:
+            with pytest.raises(RefusedError) as caught:
+                await output.take(Events(receiver, (event(f"a message with {SECRET}"),)))
+            assert "\n" not in str(caught.value)
+        assert SECRET not in str(caught.value) + caplog.text
+    finally:
+        await output.close()
+
+
+@pytest.mark.parametrize("name", output_names())
+def test_what_no_output_knows_is_refused(name: str) -> None:
+    with pytest.raises(ValidationError):
+        load_output(name).config_model.model_validate({"no_such_key": 1})
+
+
+HIDING = """
+import importlib.abc, sys
+class Hide(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == {hidden!r}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Hide())
+import pkgutil, importlib, edge_service
+hidden = {hidden!r}
+for each in pkgutil.walk_packages(edge_service.__path__, "edge_service."):
+    if each.name != hidden and not each.name.endswith("__main__"):
+        importlib.import_module(each.name)
+from edge_service.outputs.base import UnknownOutputError, load_output, output_names
+for name in output_names():
+    try:
+        load_output(name)
+    except UnknownOutputError:
+        assert name == {name!r}
+    else:
+        assert name != {name!r}
+"""
+
+
+@pytest.mark.parametrize("name", output_names())
+def test_without_its_file_everything_else_is_there(name: str) -> None:
+    (entry,) = entry_points(group=ENTRY_POINT_GROUP, name=name)
+    script = HIDING.format(hidden=entry.module, name=name)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
