@@ -1,10 +1,9 @@
 #!/bin/sh
-# Everything that must hold: formatting, lint, types, the rules of the house, all tests.
-# `deploy/check.sh fast` leaves the slow tests out.
+# Everything that must hold: formatting, lint, types, the rules of the house, tests.
+# Without a word the fast tests and a smoke test of each slow kind; `deploy/check.sh all` runs every test.
 set -eu
 cd "$(dirname "$0")/.."
-sh deploy/setup.sh dev
-bin=.venv/bin
+step() { echo "check: $*" >&2; "$@"; }
 
 # What the tests use besides: a browser for the page, a Prometheus that scrapes, a Modbus device and
 # an MQTT broker that nobody here wrote, what looks at the Debian package, two reverse proxies. Without
@@ -14,40 +13,30 @@ complete() {
   [ -e /usr/include/modbus/modbus.h ] && [ -x /usr/sbin/mosquitto ] &&
     [ -x /usr/sbin/nginx ] && [ -x /usr/bin/caddy ]
 }
-if ! complete && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
-  echo "check: installing chromium, prometheus, libmodbus, mosquitto, lintian, nginx and caddy for the tests" >&2
-  { apt-get update -qq && RUNLEVEL=1 DEBIAN_FRONTEND=noninteractive apt-get install -y -qq \
-    --no-install-recommends chromium fonts-dejavu-core prometheus gcc libc6-dev libmodbus-dev \
-    mosquitto lintian python3-venv nginx-light caddy curl; } >/dev/null 2>&1 ||
-    echo "check: they cannot all be installed; the tests of what is missing are skipped" >&2
-fi
-
-$bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
-  -r deploy/requirements-browser.lock
+install_tools() {
+  complete || [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null 2>&1 || {
+    echo "check: installing chromium, prometheus, libmodbus, mosquitto, lintian, nginx and caddy" >&2
+    apt-get update -qq && RUNLEVEL=1 DEBIAN_FRONTEND=noninteractive apt-get install -y -qq \
+      --no-install-recommends chromium fonts-dejavu-core prometheus gcc libc6-dev libmodbus-dev \
+      mosquitto lintian python3-venv nginx-light caddy curl
+  } >/dev/null 2>&1 || echo "check: they cannot all be installed; tests of what is missing are skipped" >&2
+}
+install_tools & # while packages are fetched
+tools=$!
+sh deploy/setup.sh dev
+bin=.venv/bin
 # A reader of Sparkplug that nobody here wrote. It asks for paho-mqtt 1, but its codec needs none.
 $bin/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes \
   -r deploy/requirements-sparkplug.lock
-
-# A tester of the interface by its schema, that nobody here wrote. Its test is not skipped here.
-$bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
-  -r deploy/requirements-schema.lock
-export EDGE_SERVICE_CHECK=1
-
-# The builder of the Debian package, and the linter of the Containerfile.
-$bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
-  -r deploy/requirements-package.lock
-
-step() { echo "check: $*" >&2; "$@"; }
+wait $tools
+export EDGE_SERVICE_CHECK=1 # the schema's tester is here: its test is not skipped
 
 step $bin/ruff format --check --quiet .
 step $bin/ruff check --quiet .
 step $bin/mypy --no-error-summary
 step $bin/lint-imports --no-logo
+chosen="not slow or smoke"
+[ "${1:-}" != all ] || chosen="slow or not slow"
 # A process per core: no test shares a port, a cache or a folder with another.
-parallel="-n auto --dist worksteal"
-if [ "${1:-all}" = fast ]; then
-  step $bin/python -m pytest -q $parallel -m "not slow"
-else
-  step $bin/python -m pytest -q $parallel
-fi
+step $bin/python -m pytest -q -n auto --dist worksteal --durations=50 -m "$chosen"
 echo "check: all good" >&2

@@ -32,11 +32,12 @@ python=$(find_python) || fail "no Python 3.11 to 3.13 found"
 locks="-r deploy/requirements.lock"
 purpose=run
 if [ "${1:-run}" = dev ]; then
-  locks="$locks -r deploy/requirements-dev.lock"
+  locks="$locks -r deploy/requirements-dev.lock -r deploy/requirements-package.lock"
   purpose=dev
 fi
 stamp=.venv/.installed
-wanted=$(cat deploy/requirements.lock deploy/requirements-dev.lock pyproject.toml | cksum)
+wanted=$(cat deploy/requirements.lock deploy/requirements-dev.lock deploy/requirements-package.lock \
+  pyproject.toml | cksum)
 
 is_there() { # what is set up for development serves for running too
   [ -x .venv/bin/edge-service ] || return 1

@@ -8,7 +8,7 @@ import pytest
 
 from tests.documents import ROOT
 
-LOCKED = ("pyproject.toml", "deploy/requirements.lock", "deploy/requirements-dev.lock")
+LOCKS = tuple(f"deploy/requirements{name}.lock" for name in ("", "-dev", "-package"))
 SCRIPTS = ("deploy/demo.sh", "deploy/setup.sh")
 COMMAND = """#!/bin/sh
 if [ "$1" = --version ]; then echo "edge-service, version 7.8.9"; else echo "$@"; fi
@@ -18,7 +18,7 @@ if [ "$1" = --version ]; then echo "edge-service, version 7.8.9"; else echo "$@"
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """Checkout that is set up for running, with a command that repeats what it is asked for."""
-    for file in (*LOCKED, *SCRIPTS):
+    for file in ("pyproject.toml", *LOCKS, *SCRIPTS):
         (tmp_path / file).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / file, tmp_path / file)
     command = tmp_path / ".venv" / "bin" / "edge-service"
@@ -31,7 +31,7 @@ def checkout(tmp_path: Path) -> Path:
 
 def mark(checkout: Path, purpose: str) -> None:
     """State that the checkout is set up for a purpose, as `setup.sh` does."""
-    locked = "cat deploy/requirements.lock deploy/requirements-dev.lock pyproject.toml | cksum"
+    locked = f"cat {' '.join(LOCKS)} pyproject.toml | cksum"
     said = f'echo "{purpose} $({locked})" >.venv/.installed'
     subprocess.run(["sh", "-c", said], cwd=checkout, check=True)
 
