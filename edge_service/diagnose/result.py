@@ -1,15 +1,18 @@
-"""Result of a diagnosis: a verdict, the gap, where it lives, and the effects that cause it."""
+"""Result of a diagnosis: the document `diagnosis/1`, and the series behind its pictures."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Literal
 
+from pydantic import ConfigDict, Field, InstanceOf
+from pydantic.json_schema import SkipJsonSchema
+
+from ..messages.arrays import finite_or_none
+from ..messages.estimate import Frozen
 from ..messages.samples import Floats
-from .estimation.estimates import Interval
-from .localisation.places import Place
-from .validation.replay import Replay
-from .validation.shrink import Shrink
+from ..models.effects.registry import effects_where
 
 SURE = 0.9
 
@@ -24,90 +27,231 @@ class Verdict(StrEnum):
     BAD_DATA = "bad_data"
 
 
-@dataclass(frozen=True, slots=True)
-class NamedEffect:
+class Document(Frozen):
+    """Part of the document; where its key is no name of Python's, another name stands for it."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+
+class Shrink(Document):
+    """Shrinkage 1 - RMS after / RMS before, with its 90 % interval."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+class ParameterValue(Document):
+    """Value of a parameter with its 90 % interval, in `unit`.
+
+    Attributes:
+        low, high: None where the data sets no bound.
+    """
+
+    value: float
+    low: float | None
+    high: float | None
+    unit: str
+
+    @classmethod
+    def bounded(cls, value: float, low: float, high: float, unit: str) -> "ParameterValue":
+        """Value between bounds that may be infinite."""
+        return cls(value=value, low=finite_or_none(low), high=finite_or_none(high), unit=unit)
+
+
+class Place(Document):
+    """Interval of a variable in which a gap lives.
+
+    Attributes:
+        share: of the gap's energy that a function of the variable explains.
+        energy: of the gap's energy that lies in the interval.
+    """
+
+    channel: str
+    variable: str
+    low: float = Field(alias="from")
+    high: float = Field(alias="to")
+    unit: str
+    share: float
+    energy: float = Field(alias="energy_share")
+
+
+class NamedEffect(Document):
     """Named cause of the gap.
 
     Attributes:
-        entries: values of the effect, one set for each time that it is there.
+        tied: itself and what this data cannot tell from it.
+        shrink: expected on other motion.
+        replay: in the simulated axis on held-out motion; None where nothing was simulated.
         parameters: of its strongest entry.
+        entries: values of the effect, one set for each time that it is there.
     """
 
     name: str
     channel: str
     probability: float
-    tied: tuple[str, ...]
+    tied: tuple[str, ...] = Field(alias="class")
     shrink: Shrink
-    parameters: Mapping[str, Interval]
-    entries: tuple[Mapping[str, float], ...]
+    replay: Shrink | None = None
+    parameters: dict[str, ParameterValue]
+    entries: tuple[dict[str, float], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelGap:
-    """Root mean squares of one channel.
+class ReplayedGap(Document):
+    """Root mean squares of measured less simulated, held-out blocks.
 
     Attributes:
-        noise_floor: what no model could explain.
-        tolerance: what nobody needs to know the cause of, beyond the floor.
-        floor_source: `recording`, or `reference` where healthy recordings tell it.
+        unexplained: beyond the floor.
     """
 
     before: float
     after: float
-    noise_floor: float
-    tolerance: float
-    floor_source: str
+    unexplained: float
+    shrink: Shrink
+
+
+class ChannelGap(Document):
+    """Root mean squares of one channel, in `unit`.
+
+    Attributes:
+        noise_floor: what no model could explain.
+        floor_source: `recording`, or `reference` where healthy recordings tell it.
+        tolerance: what nobody needs to know the cause of, beyond the floor.
+    """
+
+    before: float
+    after: float
+    noise_floor: float | None
+    floor_source: str | None = None
+    tolerance: float | None = None
     unit: str
+    replayed: ReplayedGap | None = None
+
+    @property
+    def floor(self) -> float:
+        """Noise floor; 0 where the data forbid a diagnosis."""
+        return self.noise_floor or 0.0
 
     @property
     def beyond(self) -> float:
         """Part of the gap as it is that is not the floor's."""
-        return math.sqrt(max(self.before**2 - self.noise_floor**2, 0.0))
+        return math.sqrt(max(self.before**2 - self.floor**2, 0.0))
 
     @property
     def matters(self) -> bool:
         """True if the gap exceeds its floor by more than the tolerance."""
-        return self.beyond > self.tolerance
+        return self.beyond > (self.tolerance or 0.0)
+
+
+class Unexplained(Document):
+    """Remainder of the gap.
+
+    Attributes:
+        share: greatest share of a channel's energy above the floor that is left.
+        nearest: effect that comes nearest to a cause that nobody knows; None where all are known.
+    """
+
+    share: float | None
+    nearest: str | None
+
+
+class WaterfallStep(Document):
+    """Root mean square that is left with an effect, and all before it."""
+
+    effect: str
+    rms: float
+
+
+class ReplayStatus(Document):
+    """Possibility of simulating the recordings; `reason` is why there is no replay."""
+
+    possible: bool
+    reason: str | None
+
+
+class Suspect(Document):
+    """Structure that an effect left which was named at first; null where it cannot be told."""
+
+    structure: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Diagnosis:
-    """Result of the diagnosis of a session.
+class ReplayedSeries:
+    """Gap of one channel, measured less simulated, without and with all effects, (n,) each."""
+
+    time_s: Floats
+    before: Floats
+    after: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Series by channel behind the pictures of a diagnosis.
 
     Attributes:
-        gap, left, waterfall: by channel; `left` is the residual of the named effects, (n,).
+        left: residual of the named effects, (n,).
+        loss: how far a loss of preload that was known before shrinks the gap in the plant.
+    """
+
+    left: Mapping[str, Floats] = field(default_factory=dict)
+    replayed: Mapping[str, ReplayedSeries] = field(default_factory=dict)
+    loss: Shrink | None = None
+
+
+class Diagnosis(Document):
+    """Diagnosis of a session, content of diagnosis.json.
+
+    Attributes:
+        gap, waterfall: by channel.
         where, where_after: places of the gap, and of what the named effects leave of it.
         effects: the most probable first.
-        unexplained: greatest share of a channel's energy above the floor that is left.
-        nearest: effect that comes nearest to a cause that nobody knows; None where all are known.
+        not_judged: effects that the recording cannot show, and why.
+        withheld: named effects that are a fault, or may be one: no model is to learn them.
         caveats: what bounds the verdict, one line each: a floor that hides what matters, a
             remainder beside the causes.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
-        suspects: effects that were named at first, and the structure that each left.
     """
 
+    schema_: Literal["diagnosis/1"] = Field("diagnosis/1", alias="schema")
     verdict: Verdict
-    gap: Mapping[str, ChannelGap]
-    where: tuple[Place, ...]
-    where_after: tuple[Place, ...]
-    effects: tuple[NamedEffect, ...]
-    unexplained: float
-    next_motion: str | None
-    left: Mapping[str, Floats]
-    waterfall: Mapping[str, Sequence[tuple[str, float]]]
-    nearest: str | None
-    replay: Replay
-    caveats: tuple[str, ...]
-    is_blind: bool
-    suspects: Mapping[str, float]
+    gap: dict[str, ChannelGap]
+    where: tuple[Place, ...] = ()
+    effects: tuple[NamedEffect, ...] = ()
+    unexplained: Unexplained = Unexplained(share=None, nearest=None)
+    next_motion: str | None = None
+    where_after: tuple[Place, ...] = ()
+    waterfall: dict[str, tuple[WaterfallStep, ...]] = {}
+    not_judged: tuple[str, ...] = ()
+    not_judged_reasons: dict[str, str] = {}
+    reasons: tuple[str, ...] = ()
+    withheld: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+    replay: ReplayStatus
+    suspects: dict[str, Suspect] = {}
+    reference: tuple[str, ...] = ()
+    is_blind: SkipJsonSchema[bool] = Field(False, exclude=True)
+    series: SkipJsonSchema[InstanceOf[Series]] = Field(Series(), exclude=True)
+
+    def with_effects(
+        self, effects: Sequence[NamedEffect], verdict: Verdict, *caveats: str
+    ) -> "Diagnosis":
+        """Diagnosis with other effects, another verdict and further caveats."""
+        changes = {
+            "effects": tuple(effects),
+            "verdict": verdict,
+            "caveats": (*self.caveats, *caveats),
+        }
+        return self.model_copy(update=changes)
 
 
-def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
-    """Verdict on some causes, none or more."""
-    if is_unknown:
-        return Verdict.UNKNOWN
-    if not found:
-        return Verdict.NO_GAP
-    if any(each.probability < SURE or len(each.tied) > 1 for each in found):
-        return Verdict.AMBIGUOUS
-    return Verdict.EXPLAINED
+def withheld(found: Diagnosis) -> tuple[str, ...]:
+    """Names of the effects that are a fault, or may be one: no model is to learn them."""
+    faults = effects_where(lambda effect: effect.is_fault)
+    return tuple(each.name for each in found.effects if faults & {each.name, *each.tied})
+
+
+def learnable(found: Diagnosis) -> tuple[NamedEffect, ...]:
+    """Effects that the model may learn."""
+    kept_out = withheld(found)
+    return tuple(each for each in found.effects if each.name not in kept_out)

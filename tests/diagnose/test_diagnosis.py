@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.diagnose.pipeline import Diagnosis, Verdict, diagnose_session
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.result import Diagnosis, Verdict
 from edge_service.diagnose.session.session import Session
 from edge_service.diagnose.validation.assessment import SUREST
 from edge_service.models.effects.registry import effects, get_effect
@@ -47,7 +48,7 @@ def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
     assert found.verdict is Verdict.EXPLAINED
     assert [each.name for each in found.effects] == [cause]
     assert 0.9 < found.effects[0].probability <= SUREST
-    assert found.suspects[cause] < 0.05
+    assert found.suspects[cause].structure < 0.05
 
 
 @pytest.mark.slow
@@ -98,7 +99,7 @@ def test_what_is_left_is_the_gap_less_the_entries(machine: Machine) -> None:
     found, session = diagnosed(machine, ("torque_ripple",), seed=3)
     for name, gap in found.gap.items():
         assert gap.before == pytest.approx(session.channels[name].rms)
-        assert gap.after == pytest.approx(float(np.sqrt(np.mean(found.left[name] ** 2))))
+        assert gap.after == pytest.approx(float(np.sqrt(np.mean(found.series.left[name] ** 2))))
         assert gap.after <= gap.before * (1.0 + 1e-9)
 
 

@@ -4,9 +4,10 @@ import pytest
 
 from edge_service.checks.finding import Finding
 from edge_service.checks.finding import Verdict as Check
-from edge_service.diagnose.pipeline import Verdict, diagnose_session
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.result import Verdict
 from edge_service.models.machine import Machine
-from edge_service.offline.diagnosis.doubts import beside_doubts, doubts
+from edge_service.offline.diagnosis.witnesses import beside_doubts, doubts
 
 from .conftest import frame_of, recorded, runs, session_of
 

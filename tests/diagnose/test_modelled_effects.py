@@ -2,7 +2,8 @@
 
 import pytest
 
-from edge_service.diagnose.pipeline import Verdict, diagnose_session
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.result import Verdict
 from edge_service.diagnose.session.twin import healthy_session
 from edge_service.models.machine import EffectConfig, Machine
 

@@ -8,8 +8,13 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.diagnose.experiment.isolability import DECISIVE, Separation, least_strength
-from edge_service.diagnose.experiment.proposal import candidates, propose
+from edge_service.diagnose.experiment import (
+    DECISIVE,
+    Separation,
+    candidates,
+    least_strength,
+    propose,
+)
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, motion_limits
 

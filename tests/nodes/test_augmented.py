@@ -11,10 +11,9 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, AxisConfig, load_machine
-from edge_service.diagnose.pipeline import NamedEffect
-from edge_service.diagnose.validation.shrink import Shrink
+from edge_service.diagnose.result import NamedEffect, Shrink
 from edge_service.models.effects.registry import effect_names, get_effect
-from edge_service.offline.report.diagnosis_document import augmented_toml
+from edge_service.offline.diagnosis.diagnose import augmented_toml
 
 from .conftest import config_of, running, until
 
@@ -22,7 +21,15 @@ from .conftest import config_of, running, until
 def named(name: str) -> NamedEffect:
     """A typical fault, with numbers as a fit has them."""
     values = {key: np.float64(each) for key, each in get_effect(name).complete({}).items()}
-    return NamedEffect(name, "torque_nm", 1.0, (name,), Shrink(0.5, 0.4, 0.6), {}, (values,))
+    return NamedEffect(
+        name=name,
+        channel="torque_nm",
+        probability=1.0,
+        tied=(name,),
+        shrink=Shrink(estimate=0.5, low=0.4, high=0.6),
+        parameters={},
+        entries=(values,),
+    )
 
 
 @pytest.fixture

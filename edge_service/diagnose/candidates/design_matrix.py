@@ -1,22 +1,23 @@
-"""Design matrix of a session: the columns of all candidates, and their normal equations."""
+"""Design matrix of a session: the columns of all candidates beside what a healthy axis may have."""
 
 import concurrent.futures
 import itertools
 import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
-from ...models.effects.effect import Effect
+from ...models.effects.effect import Effect, Kind, Role
+from ...models.effects.registry import effects, get_effect
+from ...models.machine import Machine
 from ..session.session import Integers, Session
-from .empirical_shapes import empirical_shapes
-from .healthy_prior import HealthyPrior
+from ..session.twin import parameter_tolerances
 from .normal_equations import Columns, NormalEquations
-from .regressor import CandidateRegressor, regressors_of
+from .regressors import CandidateRegressor, EntryRegressor, entry_regressor
 
 _MOST_OF_GAP = 10.0
 """Coefficients are held where their column makes up to so many times the gap of its channel: two
@@ -25,6 +26,44 @@ _LEAST_OF_FAMILY = 1e-8
 """Energy of a regressor over that of the strongest of its family, below which it is not there."""
 _STRICT_SIGMA = 0.05
 """Of the strength, about 1, of an effect whose column holds the measured torque."""
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyPrior:
+    """Nuisance effect of a healthy axis: its coefficient is normal with `mean` and `sigma`."""
+
+    regressor: EntryRegressor
+    mean: float
+    sigma: float
+
+    @property
+    def is_parameter(self) -> bool:
+        """True if its amount is all that its effect has."""
+        return not self.regressor.shape and len(self.regressor.effect.parameters) == 1
+
+
+def healthy_priors(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[HealthyPrior]:
+    """Parameters within their tolerance, and traces of what no axis is free of."""
+
+    def regressor(effect: Effect, shape: Mapping[str, float]) -> EntryRegressor:
+        amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT]
+        return entry_regressor(effect, amounts[0] if amounts else "", shape)
+
+    def order(effect: Effect) -> tuple[bool, int, str]:
+        """Parameters first: on the order of columns depend the last digits of an answer."""
+        return effect.term is None, list(Kind).index(effect.kind), effect.name
+
+    known = [
+        HealthyPrior(regressor(get_effect(name), {}), 0.0, sigma)
+        for name, sigma in parameter_tolerances(machine).items()
+        if sigma > 0.0
+    ]
+    traces = [
+        HealthyPrior(regressor(effect, effect.trace.shape), *prior(period_s, coulomb_nm))
+        for effect in sorted(effects().values(), key=order)
+        if (prior := effect.trace.prior)
+    ]
+    return known + traces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,22 +94,16 @@ class DesignMatrix:
         cls,
         session: Session,
         prior: Sequence[HealthyPrior],
-        library: Sequence[Effect],
+        entries: Sequence[CandidateRegressor] = (),
         more: Sequence[CandidateRegressor] = (),
     ) -> Self:
-        """Build the matrix of a session from the entries that may explain its gap.
+        """Build the matrix of a session from what may explain its gap.
 
         Args:
             prior: nuisances and the distributions of their amounts.
-            more: candidates behind those of the library.
+            entries: candidates of the library; those of one name and form compete.
+            more: candidates beside them; those of one name compete.
         """
-        names, count = {effect.name for effect in library}, len(prior)
-        strict = {effect.name for effect in library if effect.follows_own_torque}
-        entries: list[CandidateRegressor] = [
-            each for effect in library for each in regressors_of(effect, session)
-        ]
-        if names:
-            entries += [shape for shape in empirical_shapes(session) if shape.name in names]
         regressors = [*(each.regressor for each in prior), *entries, *more]
         columns = {name: _columns(regressors, session, name) for name in session.channels}
         equations = {
@@ -78,20 +111,33 @@ class DesignMatrix:
             for name, each in columns.items()
         }
         first = np.cumsum([0, *(each.size for each in regressors)]).astype(np.int64)
-        mean, precision = np.zeros(int(first[-1])), _bounding(session, equations)
+        mean, count = np.zeros(int(first[-1])), len(prior)
+        precision = np.max(
+            [
+                np.diag(each.gram)
+                / max(_MOST_OF_GAP**2 * float(np.sum(session.channels[name].gap ** 2)), 1e-300)
+                for name, each in equations.items()
+            ],
+            axis=0,
+        )
         mean[:count] = [each.mean for each in prior]
         precision[:count] = [each.sigma**-2 for each in prior]
+        strict = {name for name, effect in effects().items() if effect.follows_own_torque}
         for k, regressor in enumerate(regressors[count:], start=count):
             if regressor.name in strict:
                 mean[first[k]], precision[first[k]] = 1.0, _STRICT_SIGMA**-2
-        alternatives = (*(1 for _ in prior), *_alternatives(entries, more))
+        shapes = Counter((each.name, each.form) for each in entries)
+        forms = Counter(each.name for each in more)
+        alternatives = (
+            *(1 for _ in prior),
+            *(shapes[each.name, each.form] for each in entries),
+            *(forms[each.name] for each in more),
+        )
         return cls(
             tuple(regressors), count, mean, precision, first, columns, equations, alternatives
         )
 
-    def restricted(
-        self, count: int, session: Session, kept: Mapping[str, Booleans]
-    ) -> "DesignMatrix":
+    def restricted(self, count: int, session: Session, kept: Mapping[str, Booleans]) -> Self:
         """Restrict to the first `count` regressors and to some rows of each channel, (n,)."""
         end = int(self.first[count])
         return replace(
@@ -120,10 +166,6 @@ class DesignMatrix:
         """Number of leading columns that are those of the nuisances."""
         return int(self.first[self.nuisances])
 
-    def of_effects(self, names: Collection[str]) -> list[int]:
-        """Candidates that bear one of some names."""
-        return [k for k in self.candidates if self.regressors[k].name in names]
-
     @property
     def candidates(self) -> list[int]:
         """Regressors that are no nuisances, and that show."""
@@ -133,37 +175,26 @@ class DesignMatrix:
         for regressor, each in zip(self.regressors, energy_of.tolist(), strict=True):
             family = regressor.name, regressor.form
             strongest[family] = max(strongest.get(family, 0.0), each)
-        return [
-            k
-            for k in range(self.nuisances, len(self.regressors))
-            for regressor in (self.regressors[k],)
-            if energy_of[k] > _LEAST_OF_FAMILY * strongest[regressor.name, regressor.form]
-        ]
+        found = []
+        for k, regressor in enumerate(self.regressors[self.nuisances :], start=self.nuisances):
+            if energy_of[k] > _LEAST_OF_FAMILY * strongest[regressor.name, regressor.form]:
+                found.append(k)
+        return found
+
+    def of_effects(self, names: Collection[str]) -> list[int]:
+        """Candidates that bear one of some names."""
+        return [k for k in self.candidates if self.regressors[k].name in names]
+
+    def by_name(self) -> dict[str, list[int]]:
+        """Candidates of each name."""
+        found: dict[str, list[int]] = {}
+        for k in self.candidates:
+            found.setdefault(self.regressors[k].name, []).append(k)
+        return found
 
     def modelled(self, channel: str, regressors: Sequence[int], coefficients: Floats) -> Floats:
         """Gap in a channel as regressors model it, (n,)."""
         return self.columns[channel][:, self.indices(regressors)].astype(np.float64) @ coefficients
-
-
-def _alternatives(
-    entries: Sequence[CandidateRegressor], more: Sequence[CandidateRegressor]
-) -> Iterator[int]:
-    """Number of regressors that compete with each: of its name and form, or of its name."""
-    shapes = Counter((each.name, each.form) for each in entries)
-    forms = Counter(each.name for each in more)
-    yield from (shapes[each.name, each.form] for each in entries)
-    yield from (forms[each.name] for each in more)
-
-
-def _bounding(session: Session, equations: Mapping[str, NormalEquations]) -> Floats:
-    """Precision of the coefficient of each column that bounds it by the gap, (p,)."""
-    held = [
-        np.diag(each.gram) / max(_MOST_OF_GAP**2 * float(np.sum(rows.gap**2)), 1e-300)
-        for name, each in equations.items()
-        for rows in (session.channels[name],)
-    ]
-    found: Floats = np.max(held, axis=0)
-    return found
 
 
 def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel: str) -> Columns:

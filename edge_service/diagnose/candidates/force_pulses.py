@@ -1,16 +1,17 @@
 """Force pulses on the table, found where the torque has a mean of its own for a while."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
-from ...models.effects.baseline import Baseline, Motion
+from ...models.effects.baseline import Motion
 from ...models.effects.registry import disturbance
 from ..session.session import TORQUE_GAP, Session
 
 _DISTURBED_S = 0.2
+_MOST_PULSES = 10
 FORCE = disturbance()
 """Effect that no motion predicts: what the motion predicts is no force."""
 
@@ -35,7 +36,13 @@ class ForcePulse:
         """Torque per N, (n, 1)."""
         if channel != TORQUE_GAP:
             return np.zeros((len(session.channels[channel].gap), 1))
-        return session.torque_column(lambda motion: self._torque(motion, session.baseline))[:, None]
+
+        def torque_nm(motion: Motion) -> Floats:
+            inside = (motion.time_s >= self.start_s) & (motion.time_s < self.end_s)
+            way = motion.direction if self.against_motion else np.ones(len(motion))
+            return np.where(inside, -session.baseline.ratio_m_per_rad * way, 0.0)
+
+        return session.torque_column(torque_nm)[:, None]
 
     def covers(self, time_s: Floats) -> Booleans:
         """Mask of the times that it disturbs, with the controller's answer to its end, (n,)."""
@@ -44,24 +51,21 @@ class ForcePulse:
         )
         return inside
 
-    def _torque(self, motion: Motion, baseline: Baseline) -> Floats:
-        inside = (motion.time_s >= self.start_s) & (motion.time_s < self.end_s)
-        way = motion.direction if self.against_motion else np.ones(len(motion))
-        return np.where(inside, -baseline.ratio_m_per_rad * way, 0.0)
 
-
-def force_pulses(
-    time_s: Floats, direction: Floats, left: Floats, most: int = 10
-) -> Iterator[ForcePulse]:
+def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:
     """Spans of time in which what is left of the torque has a mean of its own, strongest first.
 
     Args:
-        time_s, direction, left: of the rows of one unbroken clock, (n,).
+        left: residual of the session's torque, N m, (n,).
     """
+    rows = session.channels[TORQUE_GAP]
+    order = np.argsort(rows.variables["time_s"], kind="stable")
+    time_s, left = rows.variables["time_s"][order], left[order]
+    direction = np.sign(rows.variables["direction"][order])
     cells = np.floor((time_s - time_s[0]) / 0.1).astype(int)
     count = np.bincount(cells).astype(float)
     remaining = {False: left.copy(), True: left * direction}
-    for _ in range(most):
+    for _ in range(_MOST_PULSES):
         spans = [
             (*_strongest_span(np.bincount(cells, values).astype(np.float64), count), against)
             for against, values in remaining.items()
@@ -91,20 +95,3 @@ def _strongest_span(sums: Floats, count: Floats) -> tuple[int, int, float]:
         if energy[k] > best[2]:
             best = (k, k + int(length), float(energy[k]))
     return best
-
-
-def pulses_of_session(session: Session, left: Floats) -> Sequence[ForcePulse]:
-    """Force pulses of a session.
-
-    Args:
-        left: residual of its torque, N m, (n,).
-    """
-    rows = session.channels[TORQUE_GAP]
-    order = np.argsort(rows.variables["time_s"], kind="stable")
-    return list(
-        force_pulses(
-            rows.variables["time_s"][order],
-            np.sign(rows.variables["direction"][order]),
-            left[order],
-        )
-    )

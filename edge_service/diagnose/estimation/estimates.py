@@ -1,31 +1,32 @@
-"""Values of the entries of a diagnosis, with their intervals."""
+"""Values of the entries of a diagnosis, with their intervals.
+
+Amounts have the interval of the fit, phases that of their amplitude, and shapes that of the profile
+likelihood: all other values follow as the shape is moved.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...messages.samples import Floats
-from ...models.effects.effect import Role, Term
+from ...models.effects.effect import Parameter, Role, Term
 from ...models.effects.registry import error_of, get_effect
-from ..candidates.regressor import EntryRegressor
+from ..result import ParameterValue
 from ..session.session import TORQUE_GAP
-from .least_squares import WeightedLeastSquares
-from .profile_likelihood import Slopes, joined, misfit, profile_interval, slopes_of
+from .least_squares import Entries, WeightedLeastSquares
 
 Z_90 = 1.645
+RISE_90 = 2.706
+"""Rise of twice the negative log-likelihood at the ends of a 90 % interval (Wilks, 1938)."""
 _GAIN = error_of(Term.GAIN)
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """Value with its 90 % interval."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
+_SLOPE_STEP = 0.02
+_FIRST_STEP = 0.01
+_DOUBLINGS = 11
+_HALVINGS = 5
+Slopes = Mapping[str, Mapping[str, Floats]]
+"""Shape -> channel -> (n, 1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,75 +36,72 @@ class Estimates:
     Attributes:
         healthy: parameter effect -> mean and spread of its amount on a healthy axis, in the order
             of the fixed columns.
+        beta: of the nuisances and the entries, (p,).
         square: weighted square that the fit leaves.
     """
 
     healthy: Mapping[str, tuple[float, float]]
-    system: WeightedLeastSquares
-    regressors: tuple[EntryRegressor, ...]
-    columns: tuple[Mapping[str, Floats], ...]
+    fitted: Entries
     beta: Floats
-    covariance: Floats
     square: float
 
     @property
     def names(self) -> tuple[str, ...]:
         """Effects in the order of their first entries."""
-        return tuple(dict.fromkeys(each.name for each in self.regressors))
+        return tuple(dict.fromkeys(each.name for each in self.fitted.regressors))
 
     def of_effect(self, name: str) -> list[int]:
         """Entries of an effect."""
-        return [k for k, each in enumerate(self.regressors) if each.name == name]
+        return [k for k, each in enumerate(self.fitted.regressors) if each.name == name]
 
     def contribution(self, name: str, channel: str) -> Floats:
         """Contribution of an effect to a channel's gap, (n,)."""
-        found = np.zeros(len(self.system.session.channels[channel].gap))
+        found = np.zeros(len(self.fitted.system.session.channels[channel].gap))
         for k in self.of_effect(name):
-            found += self.columns[k][channel] @ self.coefficients(k)
+            found += self.fitted.columns[k][channel] @ self.coefficients(k)
         return found
 
     def shown(self, name: str) -> set[str]:
         """Channels that an effect shows in."""
         return set().union(*(self._shown(k) for k in self.of_effect(name)))
 
-    def _place(self, k: int) -> slice:
-        start = len(self.system.mean) + sum(regressor.size for regressor in self.regressors[:k])
-        return slice(start, start + self.regressors[k].size)
+    def _shown(self, k: int) -> set[str]:
+        return {name for name, column in self.fitted.columns[k].items() if np.any(column)}
 
     def coefficients(self, k: int) -> Floats:
         """Coefficients of one entry, bounded as the library bounds its amount."""
-        found = self.beta[self._place(k)].copy()
-        regressor = self.regressors[k]
+        found = self.beta[self.fitted.place(k)].copy()
+        regressor = self.fitted.regressors[k]
         if regressor.name in self.healthy:
             found[0] += self.beta[tuple(self.healthy).index(regressor.name)]
-        bound = next((p for p in regressor.effect.parameters if p.name == regressor.amount), None)
+        bound = regressor.bound
         if bound is not None and regressor.size == 1:
             found = np.clip(found, bound.low, bound.high)
         return found
 
     def is_at_bound(self, name: str) -> bool:
-        """Tell whether a shape of an effect has gone as far up as the library lets it."""
+        """True if a shape of an effect has gone as far up as the library lets it."""
         highest = {p.name: p.high for p in get_effect(name).parameters if not p.whole}
         return any(
             value >= 0.99 * highest.get(shape, math.inf)
             for k in self.of_effect(name)
-            for shape, value in self.regressors[k].shape
+            for shape, value in self.fitted.regressors[k].shape
         )
 
     def entries(self, name: str) -> tuple[dict[str, float], ...]:
         """Complete values of an effect, once for each time it is there."""
-        return tuple(self.regressors[k].values(self.coefficients(k)) for k in self.of_effect(name))
+        regressors = self.fitted.regressors
+        return tuple(regressors[k].values(self.coefficients(k)) for k in self.of_effect(name))
 
-    def parameters(self, name: str) -> dict[str, Interval]:
-        """Values of the strongest entry with 90 % intervals: amounts as the fit has them, phases
-        by their amplitude, shapes by the profile likelihood."""
+    def parameters(self, name: str) -> dict[str, ParameterValue]:
+        """Values of the strongest entry with 90 % intervals."""
         mine = self.of_effect(name)
         if not mine:
             return {}
         k = max(mine, key=self._weight)
-        regressor = self.regressors[k]
-        values = regressor.values(self.coefficients(k))
-        slopes = slopes_of(self.system, regressor, self.coefficients(k))
+        regressor, coefficients = self.fitted.regressors[k], self.coefficients(k)
+        values = regressor.values(coefficients)
+        slopes = slopes_of(self.fitted, k, coefficients)
         sigma = self._sigma(k, slopes)
         moved = {shape for shape, _ in regressor.shape}
         shown = {}
@@ -114,9 +112,7 @@ class Estimates:
             if parameter.name == regressor.amount:
                 low, high = self._amount_interval(k, value, sigma)
             elif parameter.name in moved:
-                low, high = profile_interval(
-                    self.system, self.regressors, self.columns, k, parameter, slopes
-                )
+                low, high = _profile_interval(self.fitted, k, parameter, slopes)
             elif parameter.role is Role.PHASE and regressor.size == 2:
                 reach = min(Z_90 * sigma / max(abs(values[regressor.amount]), 1e-300), math.pi)
                 low, high = value - reach, value + reach
@@ -124,14 +120,15 @@ class Estimates:
                 low, high = parameter.low, parameter.high
             else:
                 continue
-            shown[parameter.name] = Interval(value, low, high, parameter.unit)
+            shown[parameter.name] = ParameterValue.bounded(value, low, high, parameter.unit)
         return shown
 
     def _weight(self, k: int) -> float:
         """Contribution of an entry to the gap, in the channel where it is greatest."""
+        weights = self.fitted.system.weights
         return max(
-            float(np.mean((column @ self.coefficients(k)) ** 2)) * self.system.weights[name] ** 2
-            for name, column in self.columns[k].items()
+            float(np.mean((column @ self.coefficients(k)) ** 2)) * weights[name] ** 2
+            for name, column in self.fitted.columns[k].items()
         )
 
     def _amount_interval(self, k: int, value: float, sigma: float) -> tuple[float, float]:
@@ -142,18 +139,97 @@ class Estimates:
         A torque is read through a gain that is known to its tolerance alone, and with the amount
         what the model has of it already, whose own tolerance stands for that of the product.
         """
-        mean, spread = self.healthy.get(self.regressors[k].name, (0.0, 0.0))
+        mean, spread = self.healthy.get(self.fitted.regressors[k].name, (0.0, 0.0))
         gain = self.healthy.get(_GAIN, (0.0, 0.0))[1] if TORQUE_GAP in self._shown(k) else 0.0
         reach = Z_90 * math.hypot(sigma, spread, gain * value, spread if gain else 0.0)
         return value - max(mean, 0.0) - reach, value - min(mean, 0.0) + reach
 
-    def _shown(self, k: int) -> set[str]:
-        """Channels that a regressor shows in."""
-        return {name for name, column in self.columns[k].items() if np.any(column)}
-
     def _sigma(self, k: int, slopes: Slopes) -> float:
         """Standard deviation of the amount of one regressor whose shapes are not known either."""
-        beside = joined(self.system, slopes)
-        covariance = self.system.solve_beside(self.regressors, self.columns, beside)[1]
-        variance = max(float(np.diag(covariance)[self._place(k)].max()), 0.0)
-        return math.sqrt(misfit(self.system, self.square) * variance)
+        system = self.fitted.system
+        covariance = self.fitted.solve(joined(system, slopes)).covariance
+        variance = max(float(np.diag(covariance)[self.fitted.place(k)].max()), 0.0)
+        return math.sqrt(system.misfit(self.square) * variance)
+
+
+def slopes_of(entries: Entries, k: int, coefficients: Floats) -> Slopes:
+    """Sensitivity of an entry to each of its shapes, per relative change of the shape."""
+    entry, found = entries.regressors[k], {}
+    for parameter in entry.effect.parameters:
+        value = dict(entry.shape).get(parameter.name, 0.0)
+        step = _SLOPE_STEP * value
+        if parameter.whole or value == 0.0 or not parameter.low < value < parameter.high:
+            continue
+        more, less = (
+            entries.system.columns(entry.with_shape(parameter.name, value + way * step))
+            for way in (1.0, -1.0)
+        )
+        found[parameter.name] = {
+            name: ((more[name] - less[name]) @ coefficients / (2.0 * _SLOPE_STEP))[:, None]
+            for name in more
+        }
+    return found
+
+
+def joined(system: WeightedLeastSquares, slopes: Slopes, but: str = "") -> Mapping[str, Floats]:
+    """Slopes of all shapes but one as columns, by channel, (n, m)."""
+    kept = [each for name, each in slopes.items() if name != but]
+    return {
+        name: np.hstack([np.empty((len(rows.gap), 0)), *(each[name] for each in kept)])
+        for name, rows in system.session.channels.items()
+    }
+
+
+def _profile_interval(
+    entries: Entries, k: int, parameter: Parameter, slopes: Slopes
+) -> tuple[float, float]:
+    """90 % interval of one shape of entry `k`, within the bounds of the library.
+
+    Its other shapes follow, as far as their slopes at the fit tell.
+    """
+    value = dict(entries.regressors[k].shape)[parameter.name]
+    beside = joined(entries.system, slopes, parameter.name)
+
+    def square(wanted: float) -> float:
+        return entries.with_shape(k, parameter.name, wanted).solve(beside).square
+
+    least = square(value)
+    scale = entries.system.misfit(least)
+
+    def rise(wanted: float) -> float:
+        return (square(wanted) - least) / scale
+
+    if parameter.whole:
+        ends = []
+        for way in (-1.0, 1.0):
+            end = value
+            while parameter.low <= end + way <= parameter.high and rise(end + way) <= RISE_90:
+                end += way
+            ends.append(end)
+        return ends[0], ends[1]
+    unit = abs(value) if value != 0.0 else 0.1 * abs(parameter.faulty)
+    return _end(rise, value, -unit, parameter), _end(rise, value, unit, parameter)
+
+
+def _end(rise: Callable[[float], float], value: float, unit: float, parameter: Parameter) -> float:
+    """Value at which the rise reaches `RISE_90` on one side: steps that double, then halve."""
+
+    def at(steps: float) -> float:
+        return float(np.clip(value + steps * unit, parameter.low, parameter.high))
+
+    inside, step = 0.0, _FIRST_STEP
+    for _ in range(_DOUBLINGS):
+        if at(step) == at(inside):
+            return at(inside)
+        if rise(at(step)) > RISE_90:
+            break
+        inside, step = step, 2.0 * step
+    else:
+        return at(math.inf)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + step)
+        if rise(at(middle)) > RISE_90:
+            step = middle
+        else:
+            inside = middle
+    return at(step)

@@ -1,27 +1,29 @@
-"""Weighted least squares over all channels, with columns of entries that come and go."""
+"""Weighted least squares over all channels, with entries of the library that come and go."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
 from ..candidates.normal_equations import inverted
-from ..candidates.regressor import EntryRegressor
+from ..candidates.regressors import EntryRegressor
 from ..selection.problem import Fit, SelectionProblem
 from ..session.session import Session
 
 CHANGE_SIGMA = 1.0
 """Relative change of a shape that is thinkable, for what a slope says of it."""
+LEANING = 4.0
+"""Variance factor: an approximate entry leaves bias, not noise, and it pulls the values along."""
 _HELD = 1e9
 """Precision of the nuisances, over that of their prior."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightedLeastSquares:
-    """Weighted least squares over both channels, with columns that come and go.
+    """Rows of all channels with their weights, and the nuisances beside whatever is fitted.
 
     Attributes:
         weights: one over the noise, by channel.
@@ -38,9 +40,9 @@ class WeightedLeastSquares:
     observations: float
 
     @classmethod
-    def of_fit(cls, session: Session, problem: SelectionProblem, best: Fit) -> Self:
+    def of_fit(cls, problem: SelectionProblem, best: Fit) -> Self:
         """Least squares with the noise that a fit leaves and its nuisances held."""
-        design = problem.design
+        session, design = problem.session, problem.design
         index = design.indices(range(design.nuisances))
         effective, weights = problem.noise.effective, {}
         for name, rows in session.channels.items():
@@ -59,62 +61,87 @@ class WeightedLeastSquares:
         """Columns of one entry, by channel."""
         return {name: regressor.columns(self.session, name) for name in self.session.channels}
 
+    def misfit(self, square: float) -> float:
+        """Variance of a fit over that of its weights, 1 or more, with what it leans by.
+
+        Args:
+            square: weighted square that the fit leaves.
+        """
+        return LEANING * max(square / self.observations, 1.0)
+
+
+class Solution(NamedTuple):
+    """Coefficients of the nuisances and the entries, (p,), and their covariance, (p, p).
+
+    Attributes:
+        square: weighted square that is left.
+    """
+
+    beta: Floats
+    covariance: Floats
+    square: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entries:
+    """Entries of the library that are fitted together, with their columns by channel."""
+
+    system: WeightedLeastSquares
+    regressors: tuple[EntryRegressor, ...]
+    columns: tuple[Mapping[str, Floats], ...]
+
+    @classmethod
+    def of(cls, system: WeightedLeastSquares, regressors: Sequence[EntryRegressor]) -> Self:
+        """Entries with columns at the rows of a system."""
+        return cls(system, tuple(regressors), tuple(system.columns(each) for each in regressors))
+
+    def with_shape(self, k: int, name: str, value: float) -> Self:
+        """Entries of which one has another value of one shape."""
+        changed = self.regressors[k].with_shape(name, value)
+        regressors = (*self.regressors[:k], changed, *self.regressors[k + 1 :])
+        columns = (*self.columns[:k], self.system.columns(changed), *self.columns[k + 1 :])
+        return type(self)(self.system, regressors, columns)
+
+    def without(self, k: int) -> Self:
+        """Entries but for one."""
+        regressors = (*self.regressors[:k], *self.regressors[k + 1 :])
+        return type(self)(self.system, regressors, (*self.columns[:k], *self.columns[k + 1 :]))
+
+    def place(self, k: int) -> slice:
+        """Coefficients of one entry among those of a solution."""
+        start = len(self.system.mean) + sum(each.size for each in self.regressors[:k])
+        return slice(start, start + self.regressors[k].size)
+
     def solve(
-        self, regressors: Sequence[EntryRegressor], columns: Sequence[Mapping[str, Floats]]
-    ) -> tuple[Floats, Floats, float]:
-        """Solve for coefficients of fixed and free columns; with covariance and weighted square."""
-        return self._solved(columns, strict_columns(regressors), None)
-
-    def solve_beside(
         self,
-        regressors: Sequence[EntryRegressor],
-        columns: Sequence[Mapping[str, Floats]],
-        slopes: Mapping[str, Floats],
-    ) -> tuple[Floats, Floats, float]:
-        """Solve while shapes may change too, whose relative changes have the columns `slopes`."""
-        ones = strict_columns(regressors)
-        moved = next(iter(slopes.values())).shape[1]
-        known = np.concatenate((np.zeros(len(ones)), np.full(moved, CHANGE_SIGMA**-2)))
-        ones = np.concatenate((ones, np.zeros(moved, dtype=np.bool_)))
-        return self._solved([*columns, slopes], ones, None, known)
+        slopes: Mapping[str, Floats] | None = None,
+        rows: Mapping[str, Booleans] | None = None,
+    ) -> Solution:
+        """Solve for the nuisances and the entries; one without an amount keeps its strength of 1.
 
-    def solve_rows(
-        self,
-        columns: Sequence[Mapping[str, Floats]],
-        ones: Booleans,
-        rows: Mapping[str, Booleans],
-    ) -> Floats:
-        """Coefficients of fixed and free columns from some rows of each channel."""
-        return self._solved(columns, ones, rows)[0]
-
-    def _solved(
-        self,
-        columns: Sequence[Mapping[str, Floats]],
-        ones: Booleans,
-        rows: Mapping[str, Booleans] | None,
-        known: Floats | float = 0.0,
-    ) -> tuple[Floats, Floats, float]:
-        mean = np.concatenate((self.mean, np.where(ones, 1.0, 0.0)))
-        precision = np.concatenate((self.precision, np.where(ones, 1e12, known)))
+        Args:
+            slopes: columns of the relative changes of shapes that may change too, by channel.
+            rows: mask of the rows of each channel, (n,); all of them unless given.
+        """
+        system = self.system
+        moved = 0 if slopes is None else next(iter(slopes.values())).shape[1]
+        columns = self.columns if slopes is None else (*self.columns, slopes)
+        strict = [not each.amount for each in self.regressors for _ in range(each.size)]
+        ones = np.array(strict + [False] * moved, dtype=np.bool_)
+        known = np.array([0.0] * len(strict) + [CHANGE_SIGMA**-2] * moved)
+        mean = np.concatenate((system.mean, np.where(ones, 1.0, 0.0)))
+        precision = np.concatenate((system.precision, np.where(ones, 1e12, known)))
         normal, target = np.diag(precision), precision * mean
         square = float(mean @ (precision * mean))
-        for name, each in self.session.channels.items():
-            x, gap = np.column_stack([self.fixed[name], *(c[name] for c in columns)]), each.gap
+        for name, each in system.session.channels.items():
+            x, gap = np.column_stack([system.fixed[name], *(c[name] for c in columns)]), each.gap
             if rows is not None:
                 x, gap = x[rows[name]], gap[rows[name]]
-            weight = self.weights[name] ** 2
+            weight = system.weights[name] ** 2
             normal = normal + weight * (x.T @ x)
             target = target + weight * (x.T @ gap)
             square += weight * float(gap @ gap)
         inverse = inverted(normal)
         beta = inverse @ target
         left = square - 2.0 * float(beta @ target) + float(beta @ normal @ beta)
-        return beta, inverse, left
-
-
-def strict_columns(regressors: Sequence[EntryRegressor]) -> Booleans:
-    """Columns whose coefficient is 1: those of effects without an amount, (p,)."""
-    return np.array(
-        [not regressor.amount for regressor in regressors for _ in range(regressor.size)],
-        dtype=np.bool_,
-    )
+        return Solution(beta, inverse, left)

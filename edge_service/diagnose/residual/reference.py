@@ -19,9 +19,7 @@ from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
 from ..session.run import Run, by_recording
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
-from .folds import block_s, fold_of
-from .smooth_functions import SmoothFunctions
-from .structure import with_ridge
+from .structure import SmoothFunctions, with_ridge
 
 _RIDGES = (1e-3, 1e-2, 0.1, 1.0)
 """Of the number of rows."""
@@ -117,7 +115,7 @@ def healthy_machine(
         parts = [each.channels[channel] for each in mine]
         group = np.concatenate([np.full(len(rows.gap), k) for k, rows in enumerate(parts)])
         if len(parts) == 1:
-            group = fold_of(parts[0].variables["time_s"], block_s(mine[0]))
+            group = mine[0].folds(parts[0].variables["time_s"])
         rows = _joined(parts)
         followed[channel], floor[channel] = _learned(rows, channel, group, runs)
     return Reference(followed, floor)

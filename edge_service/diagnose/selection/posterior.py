@@ -1,17 +1,25 @@
-"""Posterior over sets of effects: how sure each is, and which this data cannot tell apart."""
+"""Posterior over sets of effects: how sure each is, and which this data cannot tell apart.
 
+Considered are the stepwise choice, what is best without each of its effects, and all sets of up to
+three, as a greedy start may be in none of them. An effect counts only as far as it is material: as
+far as the fit would lose what nothing else that is named can replace; significance is not enough.
+"""
+
+import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from ...models.effects.effect import MATERIAL_TOLERANCES, Term
-from ...models.effects.registry import effects_where, error_of
-from ..candidates.null_shapes import UNKNOWN
-from .exhaustive import leading_sets
-from .materiality import material_names
-from .noise import Noise
+import numpy as np
+
+from ...messages.samples import Floats
+from ...models.effects.effect import MATERIAL_TOLERANCES, Kind, Term
+from ...models.effects.registry import effects, effects_where, error_of
+from ..candidates.force_pulses import FORCE, ForcePulse
+from ..candidates.regressors import UNKNOWN
+from ..residual.noise import Noise
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP
 from .problem import Fit, SelectionProblem
-from .stepwise import select_stepwise
 
 TIED = 5.0
 """Scores closer than this leave a doubt worth naming."""
@@ -23,6 +31,21 @@ _SIMPLER = 2.0
 _AS_LITTLE = 1.0 / 3.0
 """Of the tolerance: by so much more a set may leave and still leave as little."""
 _LEADERS = 5
+MOST_EFFECTS = 3
+_LEADING = 12
+"""Sets whose shapes are sought once more, all of their effects together."""
+LEAST_RISE_OF_GAP = 0.05
+"""An effect that is less than this part of the whole gap is immaterial: others are no better known.
+"""
+LEAST_RISE_BESIDE_ALIKE = 0.22
+"""Beside a greater effect whose entry may lack what this one adds."""
+COMPLETE = 0.3
+"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
+entry of another one, which would be wrong in some way of its own."""
+MISSED = 0.5
+"""Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
+LEAST_FREE_SHARE = 0.3
+"""Share of the motion that must be free of a force for other causes to be sought there alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,19 +58,74 @@ class EffectSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
-    """Posterior over the sets of effects that were considered.
+    """Posterior over the sets of effects that were considered for a problem.
 
     Attributes:
         best: the most probable set.
         probability: of each effect to be part of the cause, summed over the sets.
         classes: effect -> itself and what this data cannot tell from it.
         candidates: all sets considered, best first, with their probabilities.
+        left_rms: root mean square that the best set leaves, by channel; outside a force, if any.
     """
 
+    problem: SelectionProblem
     best: EffectSet
     probability: Mapping[str, float]
     classes: Mapping[str, tuple[str, ...]]
     candidates: Sequence[tuple[EffectSet, float]]
+    left_rms: Mapping[str, float]
+
+    @classmethod
+    def of_scored(
+        cls, problem: SelectionProblem, scored: Sequence[tuple[EffectSet, float]]
+    ) -> "Posterior":
+        """Weigh sets by the logarithm of their evidence, the best first."""
+        ranked = [each for each, _ in scored]
+        top = scored[0][1]
+        weights = [math.exp(max(score - top, -700.0)) for _, score in scored]
+        total = sum(weights)
+        candidates = [(each, weight / total) for each, weight in zip(ranked, weights, strict=True)]
+        names = {name for each in ranked for name in each.material}
+        probability = {
+            name: sum(p for each, p in candidates if name in each.material)
+            for name in sorted(names)
+        }
+        best = ranked[0]
+        classes = {
+            name: (name, *sorted(_rivals(name, best, scored))) for name in sorted(best.material)
+        }
+        return cls(problem, best, probability, classes, candidates, best.fit.rms)
+
+    def without(self, name: str) -> "Posterior | None":
+        """Posterior over the sets that lack an effect; None where there is none with a cause."""
+        others = [each for each, _ in self.candidates if name not in each.material]
+        others.sort(key=lambda each: -each.fit.score)
+        if not others or not others[0].material:
+            return None
+        return Posterior.of_scored(self.problem, [(each, each.fit.score) for each in others])
+
+    @property
+    def unexplained(self) -> dict[str, float]:
+        """Share of each channel's energy above the floor that the best set leaves."""
+        return self.problem.noise.unexplained_shares(self.problem.session, self.left_rms)
+
+    @property
+    def force_nm(self) -> Floats:
+        """Forces of the best set in the torque, N m, (n,)."""
+        pulses, coefficients = self.problem.coefficients(self.best.fit, FORCE)
+        return self.problem.design.modelled(TORQUE_GAP, pulses, coefficients)
+
+    def exceeds_floor(self, *channels: str) -> bool:
+        """True if one of some channels was recorded and its gap matters."""
+        noise, recorded = self.problem.noise, self.problem.session.channels
+        return any(noise.matters(name, recorded[name].rms) for name in channels if name in recorded)
+
+
+def select_model(problem: SelectionProblem) -> Posterior:
+    """Select effects twice: the residual of the first selection shows the noise of the second."""
+    first = select_effects(problem).best.fit
+    posterior = select_effects(problem.with_noise_of(first), first.chosen)
+    return _beside_force(posterior) if FORCE in posterior.best.material else posterior
 
 
 def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Posterior:
@@ -57,30 +135,52 @@ def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Post
         known: regressors of a set that was best under another noise.
     """
     design = problem.design
-    best = select_stepwise(problem, design.candidates, known=known)
+    best = problem.stepwise(design.candidates, known=known)
+    among = [
+        {each.name for each in design.regressors} - {name}
+        for name in problem.names_by_weight(best)[:_LEADERS]
+    ]
     fits = [best, problem.fit(())]
-    for name in problem.names_by_weight(best)[:_LEADERS]:
-        others = {each.name for each in design.regressors} - {name}
-        fits.append(_selected_among(problem, others))
+    fits += [problem.stepwise(design.of_effects(names)) for names in among]
     fits += leading_sets(problem, fits)
-    fits += [_selected_among(problem, {name}) for name in sorted(problem.priors)]
-    fits.append(_selected_among(problem, problem.priors))
+    parameters = [*({name} for name in sorted(problem.priors)), set(problem.priors)]
+    fits += [problem.stepwise(design.of_effects(names)) for names in parameters]
     fits = [_named_beyond(problem, each) for each in fits]
-    sets = [EffectSet(each, material_names(problem, each)) for each in _unique(fits)]
-    return _posterior(_simplest_first(sets, problem.noise))
+    unique = {tuple(sorted(each.regressors)): each for each in fits}
+    sets = [EffectSet(each, material_names(problem, each)) for each in unique.values()]
+    return Posterior.of_scored(problem, _simplest_first(sets, problem.noise))
 
 
-def without(posterior: Posterior, name: str) -> Posterior | None:
-    """Posterior over the sets that lack an effect; None where there is none with a cause."""
-    others = [each for each, _ in posterior.candidates if name not in each.material]
-    others.sort(key=lambda each: -each.fit.score)
-    if not others or not others[0].material:
-        return None
-    return _posterior([(each, each.fit.score) for each in others])
+def leading_sets(problem: SelectionProblem, known: Sequence[Fit]) -> list[Fit]:
+    """Best sets of up to three effects, each with the shapes that suit it.
+
+    Every effect comes with its shapes where it is alone, and with those that it has beside others.
+
+    Args:
+        known: fits found so far, the best of all first.
+    """
+    shapes: dict[str, set[tuple[int, ...]]] = {}
+    for name, allowed in problem.design.by_name().items():
+        alone = tuple(sorted(problem.stepwise(allowed).chosen))
+        beside = (allowed[int(problem.reductions(known[0], allowed).argmax())],)
+        mine = (tuple(sorted(set(each.chosen) & set(allowed))) for each in known)
+        shapes[name] = {alone, next((each for each in mine if each), beside)} - {()}
+    found: dict[frozenset[str], Fit] = {}
+    for each in problem.fits(list(_sets(shapes))):
+        if each.names not in found or each.score > found[each.names].score:
+            found[each.names] = each
+    leading = sorted(found.values(), key=lambda each: -each.score)[:_LEADING]
+    return [
+        problem.stepwise(problem.design.of_effects(each.names), known=each.chosen)
+        for each in leading
+    ]
 
 
-def _selected_among(problem: SelectionProblem, names: Collection[str]) -> Fit:
-    return select_stepwise(problem, problem.design.of_effects(names))
+def _sets(shapes: Mapping[str, set[tuple[int, ...]]]) -> Iterator[tuple[int, ...]]:
+    for count in range(1, MOST_EFFECTS + 1):
+        for names in itertools.combinations(shapes, count):
+            for parts in itertools.product(*(shapes[name] for name in names)):
+                yield tuple(itertools.chain(*parts))
 
 
 def _named_beyond(problem: SelectionProblem, whole: Fit) -> Fit:
@@ -99,11 +199,96 @@ def _named_beyond(problem: SelectionProblem, whole: Fit) -> Fit:
     return problem.fit((*whole.chosen, *lacking))
 
 
-def _unique(fits: Sequence[Fit]) -> list[Fit]:
-    best: dict[tuple[int, ...], Fit] = {}
-    for each in fits:
-        best[tuple(sorted(each.regressors))] = each
-    return list(best.values())
+def material_names(problem: SelectionProblem, whole: Fit) -> frozenset[str]:
+    """Effects of a fit that matter.
+
+    Two that stand in for one another would both be idle, and nothing would be named of a gap that
+    they explain: the one that can be spared is taken out, and the others are looked at again.
+    """
+    while True:
+        material = _material(problem, whole)
+        if material == whole.names or not _is_missed(problem, whole, material):
+            return material
+        idle = [name for name in problem.names_by_weight(whole) if name not in material]
+        whole = problem.without(whole, idle[-1])
+
+
+def _is_missed(problem: SelectionProblem, whole: Fit, material: frozenset[str]) -> bool:
+    """True if the material effects leave most of what all effects explain of a channel."""
+    design, noise = problem.design, problem.noise
+    kept = [a for a in whole.chosen if design.regressors[a].name in material]
+    alone = problem.pinned_to(whole).fit(kept)
+    return any(
+        noise.matters(channel, alone.rms[channel])
+        and alone.rms[channel] ** 2 - whole.rms[channel] ** 2
+        > MISSED * (each.square / each.rows - whole.rms[channel] ** 2)
+        for channel, each in design.equations.items()
+    )
+
+
+def _material(problem: SelectionProblem, whole: Fit) -> frozenset[str]:
+    """Effects that add to a gap what nothing else that is named can replace."""
+    design, noise, pinned = problem.design, problem.noise, problem.pinned_to(whole)
+    between_encoders = effects_where(lambda effect: effect.kind is Kind.LOST_MOTION)
+    rises: dict[str, dict[str, float]] = {}  # effect -> its part of each channel's gap
+    for name in whole.names:
+        lesser = pinned.without(whole, name)
+        rises[name] = {
+            channel: math.sqrt(max(lesser.rms[channel] ** 2 - rms**2, 0.0))
+            for channel, rms in whole.rms.items()
+        }
+    found = set()
+    for name, mine in rises.items():
+        regressors, coefficients = problem.coefficients(whole, name)
+        if name in problem.priors:
+            healthy, sigma = problem.priors[name]
+            if abs(float(coefficients.sum()) - healthy) / sigma <= MATERIAL_TOLERANCES:
+                continue
+        effect = effects().get(name)
+        alike = effect.imitates & whole.names if effect else frozenset()
+        is_one = sum(a in whole.chosen for a in regressors) == 1
+        for channel, each in design.equations.items():
+            elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in design.equations
+            before = math.sqrt(each.square / each.rows)
+            if (name in between_encoders and elsewhere) or not noise.matters(channel, before):
+                continue
+            overshadowed = any(rises[other][channel] > mine[channel] for other in alike)
+            left = noise.beyond(channel, whole.rms[channel])
+            is_stopgap = overshadowed and not (is_one and left < COMPLETE * mine[channel])
+            part = LEAST_RISE_BESIDE_ALIKE if is_stopgap else LEAST_RISE_OF_GAP
+            if mine[channel] >= max(noise.tolerance[channel], part * before):
+                found.add(name)
+    return frozenset(found)
+
+
+def _beside_force(posterior: Posterior) -> Posterior:
+    """Posterior on other causes from the motion that no force disturbs.
+
+    A force, which no motion predicts, hides and feigns them while it acts.
+    """
+    problem, regressors = posterior.problem, posterior.problem.design.regressors
+    pulses, free = [], {}
+    for channel, rows in problem.session.channels.items():
+        free[channel] = np.ones(len(rows.gap), np.bool_)
+    for a in posterior.best.fit.regressors:
+        pulse = regressors[a]
+        if isinstance(pulse, ForcePulse):
+            pulses.append(a)
+            for channel, rows in problem.session.channels.items():
+                free[channel] &= ~pulse.covers(rows.variables["time_s"])
+    if min(float(each.mean()) for each in free.values()) < LEAST_FREE_SHARE:
+        return posterior
+    first = next(k for k, each in enumerate(regressors) if isinstance(each, ForcePulse))
+    calm = select_effects(problem.restricted(first, free))
+    beside = calm.best.fit
+    both = problem.pinned_to(beside).fit([*beside.chosen, *pulses])
+    return replace(
+        calm,
+        problem=problem,
+        best=EffectSet(both, calm.best.material | {FORCE}),
+        probability={**calm.probability, FORCE: posterior.probability[FORCE]},
+        classes={**calm.classes, FORCE: posterior.classes[FORCE]},
+    )
 
 
 def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
@@ -174,21 +359,6 @@ def _leaves_as_little(one: EffectSet, best: EffectSet, noise: Noise) -> bool:
         one.fit.rms[channel] ** 2 - rms**2 <= (_AS_LITTLE * noise.tolerance[channel]) ** 2
         for channel, rms in best.fit.rms.items()
     )
-
-
-def _posterior(scored: Sequence[tuple[EffectSet, float]]) -> Posterior:
-    ranked = [each for each, _ in scored]
-    top = scored[0][1]
-    weights = [math.exp(max(score - top, -700.0)) for _, score in scored]
-    total = sum(weights)
-    candidates = [(each, weight / total) for each, weight in zip(ranked, weights, strict=True)]
-    names = {name for each in ranked for name in each.material}
-    probability = {
-        name: sum(p for each, p in candidates if name in each.material) for name in sorted(names)
-    }
-    best = ranked[0]
-    classes = {name: (name, *sorted(_rivals(name, best, scored))) for name in sorted(best.material)}
-    return Posterior(best, probability, classes, candidates)
 
 
 def _rivals(name: str, best: EffectSet, scored: Sequence[tuple[EffectSet, float]]) -> set[str]:

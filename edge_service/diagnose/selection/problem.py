@@ -3,25 +3,41 @@
 import functools
 import math
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
-from ...messages.samples import Floats
-from ..candidates.design_matrix import DesignMatrix
+from ...messages.samples import Booleans, Floats
+from ...models.effects.effect import Effect
+from ...models.effects.registry import effects
+from ...models.machine import Machine
+from ..candidates.design_matrix import DesignMatrix, healthy_priors
+from ..candidates.force_pulses import FORCE, force_pulses
 from ..candidates.normal_equations import inverted, solved, square_falls
-from ..candidates.null_shapes import UNKNOWN
-from ..session.session import Session
-from .noise import Noise
+from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes
+from ..residual.noise import Noise
+from ..session.session import TORQUE_GAP, Session
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""
 UNNAMED_COST = 10.0
 """A cause that no entry describes is some hundred times rarer still."""
+REGRESSORS_PER_EFFECT = 4
 _ROUNDS = 6
 _PINNED = 1e9
 _AT_ONCE = 256
+_MOST_LEADERS = 12
+_LEAST_GAIN = 3.0
+_MOST_REGRESSORS = 14
+
+
+def most_shapes(name: str) -> int:
+    """Regressors of one effect that a set may hold; of what has no name, a few."""
+    effect = effects().get(name)
+    return REGRESSORS_PER_EFFECT if effect is None else effect.most_shapes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,29 +60,47 @@ class Fit:
     rms: Mapping[str, float]
     score: float
 
-    def of_regressors(self, design: DesignMatrix, regressors: Sequence[int]) -> Floats:
-        """Coefficients of some of its regressors."""
-        place = {c: k for k, c in enumerate(design.indices(self.regressors).tolist())}
-        wanted = [place[c] for c in design.indices(regressors).tolist()]
-        found: Floats = self.coefficients[wanted]
-        return found
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectionProblem:
-    """Candidates, noise and priors, by which any set of effects is scored.
+    """Session, candidates, noise and priors, by which any set of effects is scored.
 
     Attributes:
         priors: effect -> healthy mean and tolerance of its amount, for parameters of the model.
         pinned: coefficients of the nuisances, (p,), where they must not follow; otherwise None.
     """
 
+    session: Session
+    machine: Machine
     design: DesignMatrix
     noise: Noise
     priors: Mapping[str, tuple[float, float]]
     pinned: Floats | None = None
 
-    def pinned_to(self, whole: Fit) -> "SelectionProblem":
+    @classmethod
+    def of_session(cls, session: Session, machine: Machine, library: Sequence[Effect]) -> Self:
+        """Pose the selection among the effects of a library that a session could show."""
+        prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
+        noise = Noise.of_gap(session, machine)
+        more: list[CandidateRegressor] = list(null_shapes(session))
+        if TORQUE_GAP in session.channels and FORCE in {each.name for each in library}:
+            healthy = cls(session, machine, DesignMatrix.of_session(session, prior), noise, {})
+            more += force_pulses(session, healthy.residuals(healthy.fit(()))[TORQUE_GAP])
+        shown = [e for e in library if e.name != FORCE and not session.is_too_slow(e)]
+        design = DesignMatrix.of_session(session, prior, candidates_of(session, shown), more)
+        priors = {p.regressor.name: (p.mean, p.sigma) for p in prior if p.is_parameter}
+        return cls(session, machine, design, noise, priors)
+
+    def with_noise_of(self, fit: Fit) -> Self:
+        """Problem with the noise that the residual of a fit shows."""
+        left = self.residuals(fit)
+        return replace(self, noise=self.noise.of_residual(self.session, self.machine, left))
+
+    def restricted(self, count: int, kept: Mapping[str, Booleans]) -> Self:
+        """Restrict to the first `count` regressors and to some rows of each channel, (n,)."""
+        return replace(self, design=self.design.restricted(count, self.session, kept))
+
+    def pinned_to(self, whole: Fit) -> Self:
         """Pin the nuisances to those of a fit: they must not stretch to hide a cause."""
         return replace(self, pinned=whole.coefficients[: self.design.nuisance_columns])
 
@@ -123,7 +157,7 @@ class SelectionProblem:
             variance = {name: left[name] + noise.discrepancy[name] ** 2 for name in equations}
         score = -0.5 * _total(noise.effective[name] * np.log(variance[name]) for name in equations)
         score -= 0.5 * np.sum((beta - mean) ** 2 * prior, axis=1)
-        names = [self._names(chosen) for chosen in sets]
+        names = [frozenset(design.regressors[a].name for a in chosen) for chosen in sets]
         return [
             Fit(
                 tuple(chosen),
@@ -136,17 +170,13 @@ class SelectionProblem:
             for k, chosen in enumerate(sets)
         ]
 
-    def _names(self, chosen: Sequence[int]) -> frozenset[str]:
-        return frozenset(self.design.regressors[a].name for a in chosen)
-
     def _penalty(self, chosen: Sequence[int], names: frozenset[str]) -> float:
-        penalty = sum(self._cost(a) for a in chosen)
-        return penalty + NAME_COST * len(names) + (UNNAMED_COST - NAME_COST) * (UNKNOWN in names)
-
-    def _cost(self, regressor: int) -> float:
-        size = self.design.regressors[regressor].size
         count = sum(self.noise.effective.values())
-        return 0.5 * size * math.log(count) + math.log(self.design.alternatives[regressor])
+        regressors, alternatives = self.design.regressors, self.design.alternatives
+        penalty = sum(
+            0.5 * regressors[a].size * math.log(count) + math.log(alternatives[a]) for a in chosen
+        )
+        return penalty + NAME_COST * len(names) + (UNNAMED_COST - NAME_COST) * (UNKNOWN in names)
 
     def without(self, whole: Fit, name: str) -> Fit:
         """Fit the set without one of its effects."""
@@ -182,12 +212,95 @@ class SelectionProblem:
             found[which] = square_falls(own, schur, rest[mine])
         return found
 
-    def residuals(self, session: Session, best: Fit) -> dict[str, Floats]:
+    def stepwise(
+        self,
+        candidates: Sequence[int],
+        most_of: Callable[[str], int] = most_shapes,
+        known: Sequence[int] = (),
+    ) -> Fit:
+        """Select a set that grows by the best regressor and loses what has become idle.
+
+        It ends where no further one is worth it. An effect may be there several times: two
+        ripples, two rough stretches.
+
+        Args:
+            most_of: effect -> number of its regressors that a set may hold.
+            known: regressors to begin with as well: of two that help only together, none is first.
+        """
+        begun = [self.fit(())]
+        if known:
+            begun.append(self._pruned(self.fit(known)))
+        grown = [self._grown(candidates, most_of, each) for each in begun]
+        return max(grown, key=lambda each: each.score)
+
+    def _grown(self, candidates: Sequence[int], most_of: Callable[[str], int], best: Fit) -> Fit:
+        while len(best.chosen) < _MOST_REGRESSORS:
+            open_ = self._open(best, candidates, most_of)
+            leaders = self._leaders(open_, self.reductions(best, open_)) if open_ else []
+            if not leaders:
+                return best
+            larger = self.fits([(*best.chosen, regressor) for regressor in leaders])
+            grown = max(larger, key=lambda each: each.score)
+            if grown.score < best.score + _LEAST_GAIN:
+                return best
+            best = self._pruned(grown)
+        return best
+
+    def _open(
+        self, base: Fit, candidates: Sequence[int], most_of: Callable[[str], int]
+    ) -> list[int]:
+        """Candidates that may come to a set: only one may state what loads a spring."""
+        regressors = self.design.regressors
+        chosen = [regressors[a] for a in base.chosen]
+        used = Counter(regressor.name for regressor in chosen)
+        loads = {regressor.form for regressor in chosen if _is_load(regressor)}
+        loaded = most_of is most_shapes and bool(loads)
+        found = []
+        for a in candidates:
+            name, form = regressors[a].name, regressors[a].form
+            if a in base.regressors or used[name] >= most_of(name):
+                continue
+            if not ((loaded or form in loads) and _is_load(regressors[a])):
+                found.append(a)
+        return found
+
+    def _leaders(self, open_: Sequence[int], falls: Floats) -> list[int]:
+        """Best regressor of each effect and form, the best of all first."""
+        best: dict[tuple[str, str], tuple[float, int]] = {}
+        for a, fall in zip(open_, falls.tolist(), strict=True):
+            family = self.design.regressors[a].name, self.design.regressors[a].form
+            if fall > best.get(family, (0.0, 0))[0]:
+                best[family] = fall, a
+        return [a for _, a in sorted(best.values(), reverse=True)[:_MOST_LEADERS]]
+
+    def _pruned(self, best: Fit) -> Fit:
+        while len(best.chosen) > 1:
+            smaller = [[b for b in best.chosen if b != a] for a in best.chosen]
+            fewer = max(self.fits(smaller), key=lambda each: each.score)
+            if fewer.score <= best.score:
+                return best
+            best = fewer
+        return best
+
+    def coefficients(self, whole: Fit, name: str) -> tuple[list[int], Floats]:
+        """Regressors of a fit that bear a name, and their coefficients."""
+        mine = [a for a in whole.regressors if self.design.regressors[a].name == name]
+        place = {c: k for k, c in enumerate(self.design.indices(whole.regressors).tolist())}
+        wanted = [place[c] for c in self.design.indices(mine).tolist()]
+        return mine, whole.coefficients[wanted]
+
+    def residuals(self, best: Fit) -> dict[str, Floats]:
         """Residual that a fit leaves of the gap with all its regressors, by channel, (n,)."""
         return {
             name: rows.gap - self.design.modelled(name, best.regressors, best.coefficients)
-            for name, rows in session.channels.items()
+            for name, rows in self.session.channels.items()
         }
+
+
+def _is_load(regressor: CandidateRegressor) -> bool:
+    """True if a regressor states what loads a spring: the difference of two could be any."""
+    effect = effects().get(regressor.name)
+    return effect is not None and effect.has_one_load and regressor.form != "late"
 
 
 def _total(parts: Iterable[Floats]) -> Floats:

@@ -12,7 +12,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect, Effect
 from ...models.effects.signature import torque_signature, transmission_signature
-from .run import Run
+from .run import Run, is_below
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
@@ -21,6 +21,8 @@ MOST_ROWS = 60_000
 """Of a channel; of a longer session every second row is kept, or every third, and so on."""
 BLOCK_S = 5.0
 """Rows are held out, and resampled, in blocks of about this length."""
+FOLDS = 4
+_LEAST_BLOCKS = 8
 
 
 def rms(values: Floats) -> float:
@@ -142,12 +144,27 @@ class Session:
         return self.column(channel, lambda motion: of(effect, values, motion, self.baseline))
 
     @property
+    def block_s(self) -> float:
+        """Length of the blocks that are held out in turn, s; an eighth of what is shorter."""
+        times = [rows.variables["time_s"] for rows in self.channels.values()]
+        span_s = max(float(np.ptp(each)) for each in times)
+        return min(BLOCK_S, max(span_s, 1e-9) / _LEAST_BLOCKS)
+
+    def folds(self, time_s: Floats) -> Integers:
+        """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on."""
+        found: Integers = np.floor(time_s / self.block_s).astype(np.int64) % FOLDS
+        return found
+
+    def is_too_slow(self, effect: Effect) -> bool:
+        """True if the sampling of a run is too slow to see an effect."""
+        return any(is_below(run.low_pass.period_s, effect.least_rate_hz) for run in self.runs)
+
+    @property
     def torque_rms_nm(self) -> float:
         """Root mean square of the torque in motion, N m; NaN where none was recorded."""
         if TORQUE_GAP not in self.channels:
             return math.nan
-        torque = self.torque_column(lambda motion: motion.torque_nm)
-        return rms(torque)
+        return rms(self.torque_column(lambda motion: motion.torque_nm))
 
 
 def _thinned(kept: Sequence[Booleans], every: int) -> tuple[Integers, ...]:

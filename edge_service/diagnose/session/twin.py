@@ -20,12 +20,11 @@ from ...models.effects.registry import (
     get_effect,
 )
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
-from ...models.machine import Machine
+from ...models.machine import DEFAULT_TOLERANCE, Machine
 from ...models.plant.encoders import Sensors
 from ...models.plant.two_mass import Plant
 from .recordings import EDGE_S, Run, runs_of
 from .session import Session
-from .tolerance import parameter_tolerances
 
 LONGEST_RUN_S = 60.0
 """Of each healthy run; the beginning of a longer recording stands for the rest."""
@@ -53,6 +52,22 @@ def rigid_plant(plant: Plant) -> Plant:
         further_compliance_m_per_n=plant.further_compliance_m_per_n / _STIFFENING,
         damping_n_s_per_m=plant.damping_n_s_per_m * np.sqrt(_STIFFENING),
     )
+
+
+def parameter_tolerances(machine: Machine) -> dict[str, float]:
+    """Standard deviation of each parameter effect's amount, as the machine file states it.
+
+    How well the inertia is known says nothing of the torque's own scale.
+    """
+    model = machine.model
+    drag = model.preload_drag_nm
+    tolerances = {
+        Term.INERTIA: model.inertia_kg_m2.sigma,
+        Term.VISCOUS: model.viscous_nm_s_per_rad.sigma,
+        Term.COULOMB: machine.other_drag_nm.sigma + (drag.sigma if drag else 0.0),
+        Term.GAIN: min(model.inertia_kg_m2.tolerance, DEFAULT_TOLERANCE),
+    }
+    return {error_of(term): sigma for term, sigma in tolerances.items()}
 
 
 def excerpt(runs: Sequence[Run]) -> list[Run]:

@@ -1,4 +1,4 @@
-"""Cross validation: each block of time predicted by values that were fitted on other blocks."""
+"""Cross validation: how far effects shrink the gap on motion that was not used for fitting."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,10 +6,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
+from ..candidates.force_pulses import FORCE
 from ..estimation.estimates import Estimates
-from ..estimation.least_squares import strict_columns
-from ..residual.folds import FOLDS, block_s, fold_of
+from ..result import Shrink
+from ..session.session import FOLDS, Integers, Rows
 
+LEVEL = 0.9
+PACES = (0.5, 2.0)
+"""Paces at which another session may warm the axis: heat comes from motion (assumption)."""
+_SPEED_CLASSES = 4
+_REGIMES = 4 * _SPEED_CLASSES
+_SHAPE = 0.5
+"""Of a Dirichlet distribution that knows nothing (Jeffreys)."""
+_RESAMPLES = 1000
+_PART = 0.2
+"""Share of a session that one more recording is like."""
 _TIME_CONSTANT = "time_constant_s"
 
 
@@ -21,48 +32,145 @@ class Fold:
     values: Estimates
 
 
-def folds_of(values: Estimates) -> tuple[Fold, ...]:
-    """Folds of a session and the values fitted without each, in their order."""
-    session = values.system.session
-    length_s = block_s(session)
-    folds = {n: fold_of(r.variables["time_s"], length_s) for n, r in session.channels.items()}
-    return tuple(
-        _fold(values, {name: each == fold for name, each in folds.items()}) for fold in range(FOLDS)
+@dataclass(frozen=True, slots=True, eq=False)
+class CrossValidation:
+    """Values fitted on all blocks of time, and without each fold of them, in their order."""
+
+    values: Estimates
+    folds: tuple[Fold, ...]
+
+    @classmethod
+    def of_estimates(cls, values: Estimates) -> "CrossValidation":
+        """Fit the values once more without each fold; with all where nothing else is left."""
+        session = values.fitted.system.session
+        number = {n: session.folds(r.variables["time_s"]) for n, r in session.channels.items()}
+        folds = []
+        for k in range(FOLDS):
+            rows = {name: each == k for name, each in number.items()}
+            kept = {name: ~each for name, each in rows.items()}
+            if all(each.any() for each in kept.values()):
+                beta = values.fitted.solve(rows=kept).beta
+                folds.append(Fold(rows, replace(values, beta=beta)))
+            else:
+                folds.append(Fold(rows, values))
+        return cls(values, tuple(folds))
+
+    def held_out(self, name: str, channel: str) -> Floats:
+        """Contribution of an effect to a channel's gap, (n,), each row by values of other folds."""
+        found = np.zeros(len(self.folds[0].rows[channel]))
+        for fold in self.folds:
+            rows, values = fold.rows[channel], fold.values
+            for k in values.of_effect(name):
+                found[rows] += values.fitted.columns[k][channel][rows] @ values.coefficients(k)
+        return found
+
+    def at_pace(self, name: str, channel: str, pace: float) -> Floats | None:
+        """Contribution to a channel of an effect that follows time, were its clock to go at `pace`.
+
+        None for an effect without a time constant.
+        """
+        values, session = self.values, self.values.fitted.system.session
+        entries = {k: values.fitted.regressors[k] for k in values.of_effect(name)}
+        if not any(_TIME_CONSTANT in dict(each.shape) for each in entries.values()):
+            return None
+        found = np.zeros(len(session.channels[channel].gap))
+        for k, entry in entries.items():
+            constant_s = dict(entry.shape).get(_TIME_CONSTANT)
+            paced = entry
+            if constant_s is not None:
+                paced = entry.with_shape(_TIME_CONSTANT, constant_s / pace)
+            found += paced.columns(session, channel) @ values.coefficients(k)
+        return found
+
+    def shrink(self, name: str, channel: str) -> Shrink:
+        """Shrink of a channel by one effect beside all others, expected on other motion.
+
+        The estimate is that of held-out blocks: from what the others leave to what all leave. A
+        force among the others, which no block predicts of another, is taken off as it was here. An
+        effect that follows time does so at another pace in two thirds of the draws of the interval.
+        """
+        rows = self.values.fitted.system.session.channels[channel]
+        without = rows.gap.copy()
+        for other in sorted({*self.values.names} - {name, FORCE}):
+            without -= self.held_out(other, channel)
+        if name != FORCE:
+            without -= self.values.contribution(FORCE, channel)
+        left = [without - self.held_out(name, channel)]
+        for made in (self.at_pace(name, channel, pace) for pace in PACES):
+            if made is not None:
+                left.append(without - made)
+        return on_other_motion(replace(rows, gap=without), left)
+
+
+def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
+    """Shrink from one series (n,) to another on the same motion, resampled by blocks of time."""
+    count = int(block.max()) + 1
+    first = np.bincount(block, before**2, minlength=count)
+    last = np.bincount(block, after**2, minlength=count)
+    used = first > 0.0
+    blocks, random = int(used.sum()), np.random.default_rng(7)
+    weights = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), _RESAMPLES).astype(
+        np.float64
     )
+    estimate = _shrink(first.sum(), last.sum())
+    return _of_draws(float(estimate), _shrink(weights @ first[used], weights @ last[used]))
 
 
-def held_out_contribution(folds: Sequence[Fold], name: str, channel: str) -> Floats:
-    """Contribution of an effect to a channel's gap, (n,), each row by the values of other folds."""
-    found = np.zeros(len(folds[0].rows[channel]))
-    for fold in folds:
-        rows, values = fold.rows[channel], fold.values
-        for k in values.of_effect(name):
-            found[rows] += values.columns[k][channel][rows] @ values.coefficients(k)
-    return found
+def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
+    """Shrink from a gap to what is left of it, (n,), with an interval for motion of other kinds.
 
+    Another motion visits the regimes of this one in other proportions, of which nothing is known:
+    each draw weighs them by a Dirichlet distribution (after Rubin, 1981, The Bayesian Bootstrap).
+    It is one recording, as warm as a part of this session and in no more places: each draw looks at
+    one part.
 
-def contribution_at_pace(values: Estimates, name: str, channel: str, pace: float) -> Floats | None:
-    """Contribution to a channel of an effect that follows time, were its clock to go at `pace`.
-
-    None for an effect without a time constant.
+    Args:
+        left: the first gives the estimate; each is as likely on other motion.
     """
-    session, mine = values.system.session, values.of_effect(name)
-    if not any(_TIME_CONSTANT in dict(values.regressors[k].shape) for k in mine):
-        return None
-    found = np.zeros(len(session.channels[channel].gap))
-    for k in mine:
-        entry = values.regressors[k]
-        constant_s = dict(entry.shape).get(_TIME_CONSTANT)
-        paced = entry if constant_s is None else entry.with_shape(_TIME_CONSTANT, constant_s / pace)
-        found += paced.columns(session, channel) @ values.coefficients(k)
-    return found
+    random = np.random.default_rng(11)
+    proportions = random.standard_gamma(_SHAPE, (_RESAMPLES, _REGIMES))
+    regime = regime_of(rows)
+    weights = _part_weights(int(rows.block.max()) + 1)
+
+    def drawn(series: Floats) -> Floats:
+        """Energy of a series (n,) on other motions, (k,)."""
+        count = weights.shape[1]
+        cells = np.bincount(regime * count + rows.block, series**2, minlength=_REGIMES * count)
+        energy: Floats = np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1)
+        return energy
+
+    before, after = drawn(rows.gap), [drawn(each) for each in left]
+    chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
+    estimate = _shrink(np.sum(rows.gap**2), np.sum(left[0] ** 2))
+    return _of_draws(float(estimate), _shrink(before, chosen))
 
 
-def _fold(values: Estimates, rows: Mapping[str, Booleans]) -> Fold:
-    """Fold; one without which nothing would be left to fit has the values of all."""
-    kept = {name: ~each for name, each in rows.items()}
-    if not all(each.any() for each in kept.values()):
-        return Fold(rows, values)
-    strict = strict_columns(values.regressors)
-    beta = values.system.solve_rows(values.columns, strict, kept)
-    return Fold(rows, replace(values, beta=beta))
+def regime_of(rows: Rows) -> Integers:
+    """Number of each row's regime, (n,): speed in four classes, accelerating or not, which side."""
+    known = rows.variables
+    speed = np.abs(known["motor_speed_rad_s"])
+    acceleration = np.abs(known["motor_acceleration_rad_s2"])
+    place = known["table_position_m"]
+    edges = np.quantile(speed, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES)
+    found = 4 * np.digitize(speed, edges) + 2 * (acceleration > np.median(acceleration))
+    regime: Integers = (found + (place > np.median(place))).astype(np.int64)
+    return regime
+
+
+def _part_weights(count: int) -> Floats:
+    """Weight of each block, (k, count): those of one part of the session."""
+    length = max(round(count * _PART), 1)
+    first = np.random.default_rng(7).integers(0, count - length + 1, _RESAMPLES)[:, None]
+    block = np.arange(count)
+    return ((block >= first) & (block < first + length)).astype(np.float64)
+
+
+def _of_draws(estimate: float, draws: Floats) -> Shrink:
+    """Estimate within the quantiles of draws (k,)."""
+    low, high = np.quantile(draws, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
+    return Shrink(estimate=estimate, low=float(min(low, estimate)), high=float(max(high, estimate)))
+
+
+def _shrink(before: Floats | float, after: Floats | float) -> Floats:
+    ratio: Floats = np.sqrt(np.asarray(after) / np.maximum(before, 1e-300))
+    return 1.0 - ratio

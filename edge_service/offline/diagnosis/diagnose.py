@@ -1,43 +1,41 @@
 """`edge-service diagnose`: recordings and a machine file in, the diagnosis as three files out."""
 
 import json
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ...atomic import replaced_file
 from ...command_answer import Answer
 from ...config import ConfigError, load_machine
-from ...diagnose.experiment.proposal import propose
-from ...diagnose.pipeline import Diagnosis, Verdict, diagnose_session
-from ...diagnose.preload.beside_loss import Loss
-from ...diagnose.preload.fresh_screw import fresh_screw
-from ...diagnose.preload.known_loss import known_loss
-from ...diagnose.preload.missing_drag import with_missing_drag
+from ...diagnose.candidates.regressors import unobservable
+from ...diagnose.experiment import propose
+from ...diagnose.pipeline import diagnose_session
+from ...diagnose.preload import Loss, fresh_screw, known_loss, with_missing_drag
 from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
-from ...diagnose.selection.observability import unobservable
+from ...diagnose.result import (
+    ChannelGap,
+    Diagnosis,
+    NamedEffect,
+    ReplayStatus,
+    Shrink,
+    Verdict,
+    learnable,
+    withheld,
+)
 from ...diagnose.session.data_check import check_data
-from ...diagnose.session.session import TORQUE_GAP, Session
+from ...diagnose.session.run import Run
+from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP
 from ...diagnose.session.twin import rigid_baseline
-from ...diagnose.validation.shrink import Shrink
 from ...messages.printed import printed
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ..examination import examine
-from ..report.diagnosis_document import (
-    augmented_toml,
-    bad_data_document,
-    learnable,
-    to_document,
-    withheld,
-)
-from ..report.diagnosis_page import render, render_bad_data
-from ..report.documents import DiagnosisDocument
-from .doubts import beside_doubts, doubts
-from .preload import preload_reading
+from ..report.diagnosis_page import render
 from .sessions import BadDataError, DiagnosisError, read_runs, session_of
+from .witnesses import beside_doubts, doubts, preload_reading
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")
 
@@ -83,8 +81,7 @@ def _diagnosed(
     progress: Callable[[str], None],
     reference: Sequence[Path],
 ) -> Answer:
-    text = machine_file.read_text("utf-8")
-    healthy = None
+    text, healthy = machine_file.read_text("utf-8"), None
     if reference:
         machine, healthy = _healthy(machine, reference, progress)
     runs = read_runs(machine, traces, progress)
@@ -94,15 +91,13 @@ def _diagnosed(
         forbidding = [each for each in examine(machine, traces) if each.forbids]
         check = replace(check, faults=tuple(f"{e.sentence}; {e.remedy}" for e in forbidding))
     if check.faults:
-        document = bad_data_document(check.faults, _gap_if_any(machine, runs), check.remarks)
-        _write(out, document, text, render_bad_data(machine, names, check))
+        refused = _bad_data(machine, runs, check.faults, check.remarks)
+        _write(out, refused, text, render(machine, names, refused))
         raise BadDataError(f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})")
     session = session_of(machine, runs)
     if healthy is not None:
         session = healthy.beside(session)
     doubted = doubts(machine, runs)
-    remarks = (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted))
-    check = replace(check, remarks=remarks)
     fresh, reading, loss = fresh_screw(machine), preload_reading(machine, traces), None
     if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
         loss = Loss(known_loss(session, fresh), reading)
@@ -111,20 +106,59 @@ def _diagnosed(
     if loss is None:
         found = with_missing_drag(found, fresh, reading)
     silent = unobservable(session)
-    augmented = _augmented(machine_file, text, found)
-    document = to_document(found, check.remarks, silent)
-    document["reference"] = [path.name for path in reference]
-    page = render(machine, names, session, found, check, silent, [path.name for path in reference])
-    _write(out, document, augmented, page)
-    return Answer(_summary(found, out), DiagnosisDocument.model_validate(document))
-
-
-def _augmented(machine_file: Path, text: str, found: Diagnosis) -> str:
-    """The machine file with the effects that the diagnosis accepts. Raises ConfigError."""
+    stated = {
+        "not_judged": tuple(silent),
+        "not_judged_reasons": silent,
+        "withheld": withheld(found),
+        "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
+        "reference": tuple(path.name for path in reference),
+    }
+    found = found.model_copy(update=stated)
+    accepted = found.verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
     try:
-        return augmented_toml(text, learnable(found) if _accepted(found) else ())
+        augmented = augmented_toml(text, learnable(found) if accepted else ())
     except ValueError as error:
         raise ConfigError(f"{machine_file}: {error}") from error
+    _write(out, found, augmented, render(machine, names, found, session))
+    return Answer(_summary(found, out), found)
+
+
+def _bad_data(
+    machine: Machine, runs: Sequence[Run], reasons: tuple[str, ...], remarks: tuple[str, ...]
+) -> Diagnosis:
+    """Document where the data do not allow a diagnosis."""
+    gap = {}
+    try:
+        for name, rows in session_of(machine, runs).channels.items():
+            unit = CHANNEL_UNITS[name]
+            gap[name] = ChannelGap(before=rows.rms, after=rows.rms, noise_floor=None, unit=unit)
+    except DiagnosisError:
+        gap = {}
+    status = ReplayStatus(possible=False, reason="bad data")
+    return Diagnosis(
+        verdict=Verdict.BAD_DATA, gap=gap, reasons=reasons, remarks=remarks, replay=status
+    )
+
+
+def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
+    """The machine file with the accepted effects behind those that it has.
+
+    Raises:
+        ValueError: the file writes its effects as one value, to which nothing can be appended.
+    """
+    blocks = []
+    for each in effects:
+        for values in each.entries:
+            inline = ", ".join(f"{name} = {float(value)!r}" for name, value in values.items())
+            blocks.append(f'\n[[effects]]\nname = "{each.name}"\nparameters = {{ {inline} }}\n')
+    text = machine_text.rstrip("\n") + "\n" + "".join(blocks)
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(
+            f"effects: cannot be appended to; write them as [[effects]] ({error})"
+        ) from error
+    return text
 
 
 def _healthy(
@@ -156,22 +190,11 @@ def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
         best = propose(machine, tied, values)[:1]
     except MotionError:
         return found
-    return replace(found, next_motion=best[0].candidate.motion) if best else found
+    return found.model_copy(update={"next_motion": best[0].candidate.motion}) if best else found
 
 
-def _accepted(found: Diagnosis) -> bool:
-    return found.verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
-
-
-def _gap_if_any(machine: Machine, runs: Sequence[Any]) -> dict[str, float]:
-    try:
-        session: Session = session_of(machine, runs)
-    except DiagnosisError:
-        return {}
-    return {name: rows.rms for name, rows in session.channels.items()}
-
-
-def _write(out: Path, document: dict[str, Any], augmented: str, page: str) -> None:
+def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
+    document = found.model_dump(mode="json", by_alias=True)
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     for name, content in zip(_FILES, (augmented, page, text), strict=True):
         with replaced_file(out / name) as file:

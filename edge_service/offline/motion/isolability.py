@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ...command_answer import Answer
-from ...diagnose.experiment.isolability import (
+from ...diagnose.experiment import (
     DECISIVE,
     Separation,
     least_strength,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...command_answer import Answer
-from ...diagnose.experiment.proposal import Proposal, propose
+from ...diagnose.experiment import Proposal, propose
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
 from ..diagnosis.sessions import DiagnosisError

@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ...diagnose.pipeline import ChannelGap, Diagnosis, Verdict
+from ...diagnose.result import ChannelGap, Diagnosis, ReplayedSeries, Verdict, WaterfallStep
 from ...diagnose.session.session import Session
-from ...diagnose.validation.replay import ReplayedGap
 from .pictures import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
 
 SHOWN = {"torque_nm": ("torque gap, N m", 1.0), "transmission_m": ("position gap, µm", 1e6)}
@@ -40,17 +39,17 @@ def draw_waterfalls(found: Diagnosis, channels: Sequence[str]) -> dict[str, str]
         }
 
 
-def _waterfall(channel: str, gap: ChannelGap, steps: Sequence[tuple[str, float]]) -> str:
+def _waterfall(channel: str, gap: ChannelGap, steps: Sequence[WaterfallStep]) -> str:
     label, factor = SHOWN[channel]
     names, levels = ["model as it is"], [gap.before]
-    for name, rms in steps:
-        if abs(rms - levels[-1]) > _LEAST_STEP * gap.before:
-            names.append(name.replace("_", " "))
-            levels.append(rms)
+    for step in steps:
+        if abs(step.rms - levels[-1]) > _LEAST_STEP * gap.before:
+            names.append(step.effect.replace("_", " "))
+            levels.append(step.rms)
     figure = Figure(figsize=(7.6, 0.7 + 0.34 * len(names)), layout="constrained")
     axes = figure.subplots()
     axes.barh(range(len(names)), [factor * level for level in levels], color=ESTIMATE, height=0.6)
-    axes.axvline(factor * gap.noise_floor, color=TRUTH, linestyle=":", label="floor")
+    axes.axvline(factor * gap.floor, color=TRUTH, linestyle=":", label="floor")
     axes.set_yticks(range(len(names)), [names[0], *(f"with {name}" for name in names[1:])])
     axes.invert_yaxis()
     axes.set_xlabel(f"{label} (root mean square)")
@@ -60,10 +59,10 @@ def _waterfall(channel: str, gap: ChannelGap, steps: Sequence[tuple[str, float]]
 def draw_replays(found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
     """Channel -> SVG: the seconds with most of the gap, measured and simulated."""
     with mpl.rc_context(STYLE):
-        return {name: _replay(name, found.replay.gap[name]) for name in channels}
+        return {name: _replay(name, found.series.replayed[name]) for name in channels}
 
 
-def _replay(channel: str, gap: ReplayedGap) -> str:
+def _replay(channel: str, gap: ReplayedSeries) -> str:
     label, factor = SHOWN[channel]
     window = _most_telling(gap)
     time_s = gap.time_s[window]
@@ -82,7 +81,7 @@ def _replay(channel: str, gap: ReplayedGap) -> str:
     return _svg(figure, axes, "replay")
 
 
-def _most_telling(gap: ReplayedGap) -> slice:
+def _most_telling(gap: ReplayedSeries) -> slice:
     """The rows of `_WINDOW_S` in which the gap without the effects is greatest."""
     energy = np.concatenate(([0.0], np.cumsum(gap.before**2)))
     ends = np.searchsorted(gap.time_s, gap.time_s + _WINDOW_S)
@@ -97,7 +96,7 @@ def draw_gaps(session: Session, found: Diagnosis, channels: Sequence[str]) -> di
 
 
 def _gap(channel: str, session: Session, found: Diagnosis) -> str:
-    rows, left = session.channels[channel], found.left[channel]
+    rows, left = session.channels[channel], found.series.left[channel]
     best = next((p.variable for p in found.where if p.channel == channel), "motor_speed_rad_s")
     best = "motor_speed_rad_s" if best in ("time_s", "direction") else best
     label, factor = SHOWN[channel]

@@ -1,15 +1,11 @@
 """The page of a diagnosis: plain words first, then numbers and pictures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
-from ...diagnose.localisation.places import Place
-from ...diagnose.pipeline import Diagnosis, NamedEffect, Verdict
-from ...diagnose.session.data_check import DataCheck
+from ...diagnose.result import Diagnosis, NamedEffect, Place, Shrink, Verdict
 from ...diagnose.session.session import Session
-from ...diagnose.validation.shrink import Shrink
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
-from .diagnosis_document import withheld
 from .diagnosis_figures import LABELS, draw_gaps, draw_replays, draw_waterfalls
 from .page import rendered
 from .quantities import amount, interval, percent, words
@@ -19,6 +15,7 @@ VERDICTS = {
     "explained": "The difference between machine and model has a clear cause.",
     "ambiguous": "This recording alone cannot decide what causes the difference.",
     "unknown": "There is a difference that no known effect explains.",
+    "bad_data": "The recording cannot be diagnosed.",
 }
 BLIND = "This recording cannot answer the question: its noise would hide any difference."
 CHANNELS = {"torque_nm": "torque", "transmission_m": "position between motor and table"}
@@ -29,92 +26,21 @@ FLOORS = {
 
 
 def render(
-    machine: Machine,
-    names: Sequence[str],
-    session: Session,
-    found: Diagnosis,
-    check: DataCheck,
-    unobservable: Mapping[str, str],
-    reference: Sequence[str] = (),
+    machine: Machine, names: Sequence[str], found: Diagnosis, session: Session | None = None
 ) -> str:
     """The page as HTML; nothing in it is loaded from elsewhere.
 
     Args:
-        reference: names of the recordings of the healthy machine.
+        names: of the recordings.
+        session: what was diagnosed; none where the data forbid it.
     """
-    telling = _telling(found)
-    claimed = sorted({each.channel for each in found.effects} & found.replay.gap.keys())
-    accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
-    return _page(
-        machine=machine,
-        names=names,
-        reference=reference,
-        found=found,
-        lead=BLIND if found.is_blind else VERDICTS[found.verdict.value],
-        faults=(),
-        remarks=check.remarks,
-        unobservable=_by_reason(unobservable),
-        quiet=[CHANNELS[name] for name in found.gap if name not in telling],
-        tolerated=[CHANNELS[name] for name, each in found.gap.items() if each.matters],
-        named=_by_weight(found.effects) if accepted else found.effects[:1],
-        shown=claimed,
-        accepted=accepted,
-        withheld=withheld(found),
-        waterfalls=draw_waterfalls(found, telling if accepted else ()),
-        replays=draw_replays(found, claimed if accepted else ()),
-        gaps=draw_gaps(session, found, telling),
-    )
-
-
-def _by_reason(unobservable: Mapping[str, str]) -> dict[str, list[str]]:
-    """Names of the effects that could not be judged for each reason."""
-    found: dict[str, list[str]] = {}
-    for name, reason in unobservable.items():
-        found.setdefault(reason, []).append(name)
-    return found
-
-
-def _by_weight(named: Sequence[NamedEffect]) -> list[NamedEffect]:
-    """The surest first; of those that are as sure, the one that makes most of the difference."""
-    return sorted(named, key=_weight)
-
-
-def _weight(each: NamedEffect) -> tuple[bool, float, float]:
-    """A fault comes first."""
-    is_fault = get_effect(each.name).is_fault
-    return not is_fault, -round(each.probability, 1), -each.shrink.estimate
-
-
-def _telling(found: Diagnosis) -> list[str]:
-    """Channels whose gap matters, or that an effect is named in."""
     claimed = {each.channel for each in found.effects}
-    return [name for name, gap in found.gap.items() if name in claimed or gap.matters]
-
-
-def render_bad_data(machine: Machine, names: Sequence[str], check: DataCheck) -> str:
-    """The page where the data forbid a diagnosis."""
-    return _page(
-        machine=machine,
-        names=names,
-        reference=(),
-        found=None,
-        lead="The recording cannot be diagnosed.",
-        faults=check.faults,
-        remarks=check.remarks,
-        unobservable={},
-        quiet=(),
-        tolerated=(),
-        named=(),
-        shown=(),
-        accepted=False,
-        withheld=(),
-        waterfalls={},
-        replays={},
-        gaps={},
-    )
-
-
-def _page(**content: object) -> str:
+    telling = [name for name, gap in found.gap.items() if name in claimed or gap.matters]
+    shown = sorted(name for name in claimed if found.gap[name].replayed)
+    accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
+    by_reason: dict[str, list[str]] = {}
+    for name, reason in found.not_judged_reasons.items():
+        by_reason.setdefault(reason, []).append(name)
     filters: dict[str, Callable[..., object]] = {
         "shown": interval,
         "percent": percent,
@@ -128,12 +54,30 @@ def _page(**content: object) -> str:
     return rendered(
         "diagnosis.html",
         filters,
-        **content,
+        machine=machine,
+        names=names,
+        found=found,
+        lead=BLIND if found.is_blind else VERDICTS[found.verdict.value],
+        unobservable=by_reason,
+        quiet=[CHANNELS[name] for name in found.gap if name not in telling],
+        tolerated=[CHANNELS[name] for name, each in found.gap.items() if each.matters],
+        named=sorted(found.effects, key=_weight) if accepted else found.effects[:1],
+        shown=shown,
+        accepted=accepted,
+        waterfalls=draw_waterfalls(found, telling if accepted else ()),
+        replays=draw_replays(found, shown if accepted else ()),
+        gaps={} if session is None else draw_gaps(session, found, telling),
         channels=CHANNELS,
         labels=LABELS,
         floors=FLOORS,
-        describe=lambda n: get_effect(n).description,
+        describe=lambda name: get_effect(name).description,
     )
+
+
+def _weight(each: NamedEffect) -> tuple[bool, float, float]:
+    """A fault comes first, then the surest; of those as sure, what makes most of the difference."""
+    is_fault = get_effect(each.name).is_fault
+    return not is_fault, -round(each.probability, 1), -each.shrink.estimate
 
 
 def sure(probability: float) -> str:
@@ -158,7 +102,7 @@ def quantity(effect: str, parameter: str) -> str:
 def points(value: Shrink) -> str:
     """A shrink with its interval.
 
-    >>> points(Shrink(0.802, 0.67, 0.904))
+    >>> points(Shrink(estimate=0.802, low=0.67, high=0.904))
     '80 % (67 to 90)'
     """
     low, high = round(100.0 * value.low), round(100.0 * value.high)
@@ -168,9 +112,10 @@ def points(value: Shrink) -> str:
 def places(found: Sequence[Place]) -> list[str]:
     """Location of a gap, a sentence for each variable.
 
-    >>> spans = (Place("torque_nm", "motor_speed_rad_s", *ends, "rad/s", 0.71, 0.8, 0.01)
-    ...          for ends in ((-5.02, 1.5), (800.0, 1260.4)))
-    >>> places(list(spans))
+    >>> spans = [Place(channel="torque_nm", variable="motor_speed_rad_s", low=low, high=high,
+    ...                unit="rad/s", share=0.71, energy=0.8)
+    ...          for low, high in ((-5.02, 1.5), (800.0, 1260.4))]
+    >>> places(spans)
     ['Torque: 71 % of the difference follows the motor speed, -5.02 to 1.5, 800 to 1260 rad/s.']
     """
     spans: dict[tuple[str, str], list[Place]] = {}

@@ -2,7 +2,7 @@
 
 import math
 
-from ...diagnose.estimation.estimates import Interval
+from ...diagnose.result import ParameterValue
 from ...models.machine import Quantity
 from ...regression.interval_estimate import IntervalEstimate
 
@@ -54,14 +54,16 @@ def brief(figure: IntervalEstimate) -> str:
     return estimate(figure).partition(" (")[0]
 
 
-def interval(value: Interval) -> str:
+def interval(value: ParameterValue) -> str:
     """Value and interval in a handy unit."""
     unit, factor = SHOWN_UNITS.get(value.unit, (value.unit, 1.0))
     if value.unit == "m" and abs(value.value) >= 1e-3:
         unit, factor = "mm", 1e3
     elif value.unit == "s" and abs(value.value) >= 0.1:
         unit, factor = value.unit, 1.0
-    low, middle, high = (factor * each for each in (value.low, value.value, value.high))
+    low = -math.inf if value.low is None else value.low
+    high = math.inf if value.high is None else value.high
+    low, middle, high = (factor * each for each in (low, value.value, high))
     return f"{middle:.3g} {unit} ({low:.3g} to {high:.3g})".replace("  ", " ")
 
 

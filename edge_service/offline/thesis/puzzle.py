@@ -15,7 +15,8 @@ import numpy as np
 from ...atomic import replaced_file
 from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, load_machine
-from ...diagnose.pipeline import Diagnosis, diagnose_session
+from ...diagnose.pipeline import diagnose_session
+from ...diagnose.result import Diagnosis
 from ...diagnose.session.recordings import Run, runs_of
 from ...diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from ...diagnose.session.twin import rigid_baseline
@@ -113,7 +114,7 @@ def solve(progress: Progress = lambda _line: None) -> Puzzle:
     while len(rounds) < ROUNDS:
         progress(f"diagnosis {len(rounds) + 1}")
         found = diagnose_session(_session(machine, runs), machine, progress=progress)
-        floor = {name: each.noise_floor for name, each in found.gap.items()}
+        floor = {name: each.floor for name, each in found.gap.items()}
         steps, better = _added(machine, runs, found)
         rounds.append(Round(found.verdict.value, tuple(steps)))
         if not steps:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_service.diagnose.pipeline import Diagnosis
+from edge_service.diagnose.result import Diagnosis
 from edge_service.diagnose.session.session import Session
 from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
@@ -100,11 +100,11 @@ def _row(case: BenchCase, found: Diagnosis, again: Session, seconds: float) -> B
         verdict=found.verdict.value,
         named={each.name: each.probability for each in found.effects},
         classes={each.name: list(each.tied) for each in found.effects},
-        ratio=max(each.before / each.noise_floor for each in found.gap.values()),
-        unexplained=found.unexplained,
+        ratio=max(each.before / each.floor for each in found.gap.values()),
+        unexplained=found.unexplained.share or 0.0,
         shrink={e.name: (e.shrink.estimate, e.shrink.low, e.shrink.high) for e in found.effects},
         realised=_realised(found, again),
-        gap={name: (g.before, g.after, g.noise_floor) for name, g in found.gap.items()},
+        gap={name: (g.before, g.after, g.floor) for name, g in found.gap.items()},
         where=[f"{place.channel}:{place.variable}" for place in found.where],
         seconds=seconds,
         again=_with_all(found, again),

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from edge_service.cli.options import InputError
 from edge_service.config import load_machine
-from edge_service.diagnose.pipeline import Diagnosis, diagnose_session
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.result import Diagnosis
 from edge_service.diagnose.session.recordings import runs_of
 from edge_service.diagnose.session.session import Session
 from edge_service.diagnose.session.twin import rigid_baseline

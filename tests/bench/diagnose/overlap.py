@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edge_service.diagnose.localisation.places import Place
+from edge_service.diagnose.result import Place
 from edge_service.diagnose.session.session import Rows, Session
 from edge_service.messages.samples import Floats
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from edge_service.diagnose.localisation.places import Place
+from edge_service.diagnose.result import Place
 
 from .bench import plan_cases
 from .cases import BenchCase, BenchError

@@ -1,25 +1,26 @@
 """Loss of preload in a diagnosis: known by the estimator, tied with friction, or not stated."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.diagnose.estimation.estimates import Interval
-from edge_service.diagnose.pipeline import Diagnosis, Verdict, diagnose_session
-from edge_service.diagnose.preload.beside_loss import Loss
-from edge_service.diagnose.preload.fresh_screw import fresh_screw
-from edge_service.diagnose.preload.known_loss import PreloadReading, known_loss
-from edge_service.diagnose.preload.missing_drag import with_missing_drag
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.preload import (
+    Loss,
+    PreloadReading,
+    fresh_screw,
+    known_loss,
+    with_missing_drag,
+)
+from edge_service.diagnose.result import Diagnosis, ParameterValue, Verdict, learnable, withheld
 from edge_service.diagnose.session.session import Session
 from edge_service.messages.samples import Floats
 from edge_service.models.effects.library.preload_loss import lost_percent
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
-from edge_service.offline.report.diagnosis_document import learnable, withheld
 
 from ..conftest import session_of
 from ..test_diagnosis import diagnosed
@@ -78,8 +79,8 @@ def test_a_known_loss_comes_first_and_no_warmth_is_named():
     assert (lost.low, lost.value, lost.high, lost.unit) == (88.0, 98.0, 100.0, "%")
     assert found.gap["torque_nm"].before > 5.0 * found.gap["torque_nm"].after
     assert found.effects[0].shrink.low > 0.5
-    assert found.replay.effects["preload_loss"].estimate > 0.5
-    assert withheld(found) == ["preload_loss"]
+    assert found.effects[0].replay.estimate > 0.5
+    assert withheld(found) == ("preload_loss",)
     assert "preload_loss" not in [each.name for each in learnable(found)]
 
 
@@ -107,8 +108,10 @@ def drag_changed(machine: Machine, change_nm: float) -> Diagnosis:
     """A diagnosis that names another Coulomb level."""
     found, _ = diagnosed(machine, ("drag_error",), seed=3)
     (drag,) = found.effects
-    change = Interval(change_nm, change_nm - 0.01, change_nm + 0.01, "N m")
-    return replace(found, effects=(replace(drag, parameters={"change_nm": change}),))
+    ends = change_nm - 0.01, change_nm + 0.01
+    change = ParameterValue(value=change_nm, low=ends[0], high=ends[1], unit="N m")
+    changed = drag.model_copy(update={"parameters": {"change_nm": change}})
+    return found.model_copy(update={"effects": (changed,)})
 
 
 def test_less_drag_is_tied_with_lost_preload_and_neither_is_learned(machine: Machine):
@@ -119,7 +122,7 @@ def test_less_drag_is_tied_with_lost_preload_and_neither_is_learned(machine: Mac
     assert found.effects[1].probability == before.effects[0].probability
     assert found.effects[0].parameters["lost_percent"].value == pytest.approx(50.0)
     assert found.verdict is Verdict.AMBIGUOUS
-    assert learnable(found) == []
+    assert learnable(found) == ()
 
 
 @pytest.mark.parametrize("change_nm", [0.05, -0.4])  # N m: more friction; more than the screw has

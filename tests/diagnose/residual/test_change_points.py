@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edge_service.diagnose.localisation.change_points import raised_intervals
+from edge_service.diagnose.localisation import raised_intervals
 
 
 def level_of(*spans: tuple[int, int]) -> np.ndarray:

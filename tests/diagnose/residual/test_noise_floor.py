@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.diagnose.residual.noise_floor import noise_floor, ordinary_rms
+from edge_service.diagnose.residual.noise import noise_floor, ordinary_rms
 from edge_service.diagnose.session.session import TORQUE_GAP, Session
 from edge_service.messages.samples import Floats
 from edge_service.models.effects.baseline import Motion

@@ -8,8 +8,8 @@ import pytest
 
 from edge_service.diagnose.candidates.design_matrix import DesignMatrix
 from edge_service.diagnose.candidates.normal_equations import NormalEquations
-from edge_service.diagnose.selection.exhaustive import MOST_EFFECTS, leading_sets
-from edge_service.diagnose.selection.noise import Noise
+from edge_service.diagnose.residual.noise import Noise
+from edge_service.diagnose.selection.posterior import MOST_EFFECTS, leading_sets
 from edge_service.diagnose.selection.problem import SelectionProblem
 from edge_service.diagnose.session.session import Session
 
@@ -51,7 +51,8 @@ def posed(seed: int) -> SelectionProblem:
         equations={"torque_nm": NormalEquations.of(columns.astype(np.float32), gap)},
         alternatives=(1,) * len(regressors),
     )
-    return SelectionProblem(design, NOISE, {})
+    session = machine = None  # what is scored is the design and its noise
+    return SelectionProblem(session, machine, design, NOISE, {})
 
 
 @pytest.mark.parametrize("seed", range(5))

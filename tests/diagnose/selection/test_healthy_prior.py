@@ -8,13 +8,13 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import load_machine
-from edge_service.diagnose.candidates.healthy_prior import healthy_priors
-from edge_service.diagnose.session.tolerance import (
+from edge_service.diagnose.candidates.design_matrix import healthy_priors
+from edge_service.diagnose.residual.noise import (
     INTERPOLATION_M,
     TOLERANCE_OF_FLOOR,
-    parameter_tolerances,
     stated_tolerance,
 )
+from edge_service.diagnose.session.twin import parameter_tolerances
 from edge_service.models.effects.effect import MATERIAL_TOLERANCES
 
 from ..conftest import recorded

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from edge_service.diagnose.candidates.regressor import entry_regressor
-from edge_service.diagnose.estimation.least_squares import WeightedLeastSquares
-from edge_service.diagnose.estimation.profile_likelihood import joined, slopes_of
+from edge_service.diagnose.candidates.regressors import entry_regressor
+from edge_service.diagnose.estimation.estimates import joined, slopes_of
+from edge_service.diagnose.estimation.least_squares import Entries, WeightedLeastSquares
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
 from edge_service.models.effects.registry import get_effect
 from edge_service.models.machine import Machine
@@ -27,7 +27,7 @@ def system(machine: Machine) -> WeightedLeastSquares:
 
 
 def test_slopes_are_the_derivatives_of_the_curve(system: WeightedLeastSquares) -> None:
-    found = slopes_of(system, REGRESSOR, np.array([AMOUNT_NM]))
+    found = slopes_of(Entries.of(system, [REGRESSOR]), 0, np.array([AMOUNT_NM]))
 
     def expected(factor):
         def curve(motion):
@@ -49,10 +49,8 @@ def test_slopes_are_the_derivatives_of_the_curve(system: WeightedLeastSquares) -
 def test_an_amount_is_less_sure_where_its_shapes_are_not_known(
     system: WeightedLeastSquares,
 ) -> None:
-    columns = [system.columns(REGRESSOR)]
-    slopes = slopes_of(system, REGRESSOR, np.array([AMOUNT_NM]))
-    alone = system.solve([REGRESSOR], columns)[1][0, 0]
-    beside = system.solve_beside([REGRESSOR], columns, joined(system, slopes))[1][0, 0]
-    assert beside > 1.1 * alone
-    none = system.solve_beside([REGRESSOR], columns, joined(system, {}))[1][0, 0]
-    assert none == pytest.approx(alone)
+    entries = Entries.of(system, [REGRESSOR])
+    slopes = slopes_of(entries, 0, np.array([AMOUNT_NM]))
+    alone = entries.solve().covariance[0, 0]
+    assert entries.solve(joined(system, slopes)).covariance[0, 0] > 1.1 * alone
+    assert entries.solve(joined(system, {})).covariance[0, 0] == pytest.approx(alone)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from edge_service.diagnose.selection import observability
-from edge_service.diagnose.selection.observability import unobservable
+from edge_service.diagnose.candidates import regressors
+from edge_service.diagnose.candidates.regressors import unobservable
 from edge_service.diagnose.session.session import Session
 from edge_service.messages.channels import TABLE_POSITION, TORQUE
 from edge_service.models.machine import Machine
@@ -26,7 +26,7 @@ def test_a_motion_that_shows_nothing_is_not_the_fault_of_a_channel(
 ) -> None:
     """Effects that only the other channel shows are not seen for another reason."""
     shown_by = {name: set(unobservable(session)) for name, session in lacking.items()}
-    monkeypatch.setattr(observability, "_shows", lambda _name, _session: False)
+    monkeypatch.setattr(regressors, "_shows", lambda _effect, _session, _ranges: False)
     reasons = unobservable(lacking[missing])
     for channel, names in shown_by.items():
         assert names & reasons.keys()

@@ -8,12 +8,14 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.diagnose.result import ChannelGap, Verdict
-from edge_service.diagnose.validation.caveats import caveats_of
+from edge_service.diagnose.validation.verdict import caveats_of
 
 from ...bench.real_machines import written
 from ..conftest import recorded
 
-CALM = ChannelGap(0.02, 0.02, 0.018, 0.014, "recording", "N m")
+
+def gap_of(before: float, after: float) -> ChannelGap:
+    return ChannelGap(before=before, after=after, noise_floor=0.018, tolerance=0.014, unit="N m")
 
 
 def diagnosed(
@@ -58,7 +60,7 @@ def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> Non
     ],
 )
 def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, stated: bool) -> None:
-    gap = {"torque_nm": ChannelGap(0.2, after, 0.018, 0.014, "recording", "N m")}
+    gap = {"torque_nm": gap_of(0.2, after)}
     found = caveats_of(gap, {"torque_nm": after}, 1.0, verdict)
     assert bool(found) == stated
     if stated:
@@ -66,9 +68,9 @@ def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, st
 
 
 def test_a_floor_is_held_against_the_torque_itself() -> None:
-    left = {"torque_nm": CALM.after}
-    assert caveats_of({"torque_nm": CALM}, left, 0.05, Verdict.NO_GAP) == ()
-    assert len(caveats_of({"torque_nm": CALM}, left, 0.03, Verdict.NO_GAP)) == 1
+    gap, left = {"torque_nm": gap_of(0.02, 0.02)}, {"torque_nm": 0.02}
+    assert caveats_of(gap, left, 0.05, Verdict.NO_GAP) == ()
+    assert len(caveats_of(gap, left, 0.03, Verdict.NO_GAP)) == 1
 
 
 def test_noise_in_the_torque_says_nothing_of_the_encoders(

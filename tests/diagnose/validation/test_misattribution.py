@@ -5,14 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from edge_service.diagnose.candidates.null_shapes import UNKNOWN, null_shapes
+from edge_service.diagnose.candidates.regressors import UNKNOWN, null_shapes
 from edge_service.diagnose.residual.structure import predicted_structure
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
-from edge_service.diagnose.validation.misattribution import (
-    Attribution,
-    attributions,
-    is_misattributed,
-)
+from edge_service.diagnose.validation.doubts import Attribution, is_misattributed
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
@@ -92,25 +88,6 @@ def test_the_leader_of_a_channel_decides() -> None:
     channels = {"drag_error": TORQUE_GAP, "stribeck": TORQUE_GAP}
     assert small.trust < 0.5
     assert not is_misattributed({"drag_error": EXACT, "stribeck": small}, channels)
-
-
-def test_claims_are_shares_of_the_gap(session: Session) -> None:
-    rows = session.channels[TORQUE_GAP]
-    mine = 0.8 * rows.gap
-    parts = {"drag_error": {TORQUE_GAP: mine, TRANSMISSION_GAP: np.zeros(0)}}
-    found = attributions(
-        session,
-        parts,
-        {TORQUE_GAP: rows.gap - mine},
-        {TORQUE_GAP: rows.gap - mine},
-        {TORQUE_GAP: 0.25},
-        {"drag_error": TORQUE_GAP},
-        {TORQUE_GAP: 0.0},
-    )["drag_error"]
-    assert found.gain == pytest.approx(1.0 - 0.04)
-    assert found.strain == pytest.approx(0.64)
-    assert 0.0 <= found.missed <= 0.04
-    assert found.left == 0.25
 
 
 def test_nameless_forms_claim_one_channel_each(session: Session) -> None:

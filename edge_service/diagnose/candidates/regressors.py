@@ -1,8 +1,15 @@
-"""Candidate regressors: every entry of the library over a grid of its shapes, linear in amounts."""
+"""Candidate regressors: what may explain a gap, each linear in its strength.
+
+Entries of the library over a grid of their shapes come with empirical shapes of the same name: a
+real screw does not warm up by an exponential of time alone, and a cut is no rectangle; what an
+entry cannot follow would be blamed on another effect. Null shapes bear no name and are the rivals
+of all: a cause that the library lacks is taken for its nearest relation, unless something plainer
+explains the gap as well.
+"""
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,9 +17,14 @@ import numpy as np
 
 from ...messages.channels import TORQUE
 from ...messages.samples import Floats
-from ...models.effects.effect import Effect, Parameter, Role
+from ...models.effects.baseline import Motion
+from ...models.effects.effect import Effect, Kind, Parameter, Role
+from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
+from ...models.effects.registry import effects
 from ..session.run import Run
-from ..session.session import Session
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
+
+UNKNOWN = "unknown"
 
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
@@ -24,6 +36,16 @@ _LEAST_WARMING_K = 0.5
 """A housing that warms up by less says nothing of what follows its temperature."""
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
+_NULL_WAVES = range(1, 5)
+_NULL_TORQUES: tuple[Callable[[Motion], Floats], ...] = (
+    lambda motion: motion.direction,
+    lambda motion: motion.speed_rad_s,
+    lambda motion: motion.acceleration_rad_s2,
+    lambda motion: np.ones(len(motion)),
+    lambda motion: motion.model_torque_nm,
+)
+_BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
+"""Kinds of effects that two encoders show; the torque shows the others."""
 
 
 class CandidateRegressor(Protocol):
@@ -81,6 +103,11 @@ class EntryRegressor:
             [session.signature(channel, self.effect, values) for values in self.at]
         )
 
+    @property
+    def bound(self) -> Parameter | None:
+        """Amount as the library bounds it; None where the effect has none."""
+        return next((p for p in self.effect.parameters if p.name == self.amount), None)
+
     def with_shape(self, name: str, value: float) -> "EntryRegressor":
         """Regressor of the same amount with another value of one shape."""
         return entry_regressor(self.effect, self.amount, dict(self.shape) | {name: value})
@@ -127,10 +154,77 @@ def _belonging(effect: Effect, amount: str) -> list[Parameter]:
     ]
 
 
-def regressors_of(effect: Effect, session: Session) -> Iterator[EntryRegressor]:
-    """Regressors of one entry that a recording could show."""
+@dataclass(frozen=True, slots=True)
+class EmpiricalShape:
+    """Columns of a form of an effect; in both channels their proportion is part of it."""
+
+    name: str
+    curves: EmpiricalForm
+
+    @property
+    def form(self) -> str:
+        """Name of the form."""
+        return self.curves.name
+
+    @property
+    def size(self) -> int:
+        """Number of its columns."""
+        return max(len(self.curves.torque), len(self.curves.transmission))
+
+    def columns(self, session: Session, channel: str) -> Floats:
+        """Columns in a channel, (n, size); zero in one that it does not show in."""
+        curves = self.curves.torque if channel == TORQUE_GAP else self.curves.transmission
+        if not curves:
+            return np.zeros((len(session.channels[channel].gap), self.size))
+
+        def column(curve: MotionCurve) -> Floats:
+            return session.column(channel, lambda motion: curve(motion, session.baseline))
+
+        return np.column_stack([column(curve) for curve in curves])
+
+
+def candidates_of(session: Session, library: Sequence[Effect]) -> list[CandidateRegressor]:
+    """Regressors that bear the names of some effects, as far as a session could show them."""
+    ranges, names = Ranges.of_session(session), {effect.name for effect in library}
+    found: list[CandidateRegressor] = [
+        each for effect in library for each in regressors_of(effect, ranges)
+    ]
+    return found + [each for each in empirical_shapes(session, ranges) if each.name in names]
+
+
+def empirical_shapes(session: Session, ranges: "Ranges") -> Iterator[EmpiricalShape]:
+    """Empirical shapes of the library that the recorded channels could show."""
+    covered = Covered(ranges.duration_s, ranges.low_m, ranges.span_m)
+    for effect in effects().values():
+        for form in effect.empirical_forms(covered, session.baseline):
+            shown = {TORQUE_GAP: form.torque, TRANSMISSION_GAP: form.transmission}
+            if {channel for channel in shown if shown[channel]} <= session.channels.keys():
+                yield EmpiricalShape(effect.name, form)
+
+
+def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
+    """Null shapes, a level, a slope or a wave, of the recorded channels, each in one of them."""
+
+    def plain(curve: Callable[[Motion], Floats]) -> MotionCurve:
+        return lambda motion, _baseline: curve(motion)
+
+    def wave(order: int, phase_rad: float) -> MotionCurve:
+        return lambda motion, _baseline: np.sin(order * motion.angle_rad + phase_rad)
+
+    if TORQUE_GAP in session.channels:
+        for curve in _NULL_TORQUES:
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", (plain(curve),)))
+    if TRANSMISSION_GAP in session.channels:
+        slope = plain(lambda motion: motion.position_m)
+        yield EmpiricalShape(UNKNOWN, EmpiricalForm("slope", transmission=(slope,)))
+        for order in _NULL_WAVES:
+            waves = wave(order, 0.0), wave(order, 0.5 * np.pi)
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("wave", transmission=waves))
+
+
+def regressors_of(effect: Effect, ranges: "Ranges") -> Iterator[EntryRegressor]:
+    """Regressors of one entry that a recording of some ranges could show."""
     amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT] or [""]
-    ranges = Ranges.of_session(session)
     for amount in amounts:
         mine = [p for p in _belonging(effect, amount) if p.role is Role.SHAPE]
         grids = [[(p.name, value) for value in grid(p, ranges)] for p in mine]
@@ -166,6 +260,15 @@ class Ranges:
     @classmethod
     def of_session(cls, session: Session) -> "Ranges":
         """Ranges over all runs."""
+
+        def moved_nm(run: Run) -> Floats:
+            moved = np.abs(run.motion.torque_nm[run.moving]) if run.has_torque else np.zeros(1)
+            return moved if len(moved) else np.zeros(1)
+
+        def strongest_nm(run: Run) -> float:
+            peak = float(np.nan_to_num(np.abs(run.motion.torque_nm)).max())
+            return peak - _NOISE_SIGMAS * run.noise.get(TORQUE, 0.0)
+
         motions = [run.motion for run in session.runs]
         temperature_c = np.concatenate([m.temperature_c for m in motions])
         known = temperature_c[np.isfinite(temperature_c)]
@@ -174,23 +277,12 @@ class Ranges:
             max(float(m.time_s[-1]) for m in motions) - min(float(m.time_s[0]) for m in motions),
             min(float(m.position_m.min()) for m in motions),
             max(float(m.position_m.max()) for m in motions),
-            max(_strongest_nm(run) for run in session.runs),
-            float(np.quantile(np.concatenate([_moved_nm(run) for run in session.runs]), _OFTEN)),
+            max(strongest_nm(run) for run in session.runs),
+            float(np.quantile(np.concatenate([moved_nm(run) for run in session.runs]), _OFTEN)),
             float(known.min()) if len(known) else math.nan,
             float(known.max()) if len(known) else math.nan,
             2.0 * math.pi * session.baseline.ratio_m_per_rad,
         )
-
-
-def _moved_nm(run: Run) -> Floats:
-    """Size of the torque while the axis moves, N m; 0 where it is not known."""
-    moved = np.abs(run.motion.torque_nm[run.moving]) if run.has_torque else np.zeros(1)
-    return moved if len(moved) else np.zeros(1)
-
-
-def _strongest_nm(run: Run) -> float:
-    peak = float(np.nan_to_num(np.abs(run.motion.torque_nm)).max())
-    return peak - _NOISE_SIGMAS * run.noise.get(TORQUE, 0.0)
 
 
 def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
@@ -206,7 +298,8 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
             values = np.geomspace(0.05, 2.0, 6) * max(ranges.duration_s, _WARMING_S)
             values = np.unique(np.maximum(values, _WARMING_S))
         case "degC":
-            values = _temperatures(ranges)
+            warms = ranges.warmest_c - ranges.coldest_c >= _LEAST_WARMING_K
+            values = np.linspace(ranges.coldest_c, ranges.warmest_c, 5) if warms else np.empty(0)
         case "K":
             values = np.array(_SPANS_K)
         case "m":
@@ -221,13 +314,6 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
     return [float(v) for v in values if parameter.low <= v <= parameter.high]
 
 
-def _temperatures(ranges: Ranges) -> Floats:
-    """References worth trying; none where the temperature is not known to change."""
-    if not ranges.warmest_c - ranges.coldest_c >= _LEAST_WARMING_K:
-        return np.empty(0)
-    return np.linspace(ranges.coldest_c, ranges.warmest_c, 5)
-
-
 def _lengths(parameter: Parameter, ranges: Ranges) -> Floats:
     """Lengths worth trying: along the travel, or of what gives and sticks."""
     if parameter.name == "wavelength_m":
@@ -236,3 +322,44 @@ def _lengths(parameter: Parameter, ranges: Ranges) -> Floats:
     if parameter.name.startswith("centre"):
         return np.linspace(ranges.low_m, ranges.high_m, 25)
     return np.geomspace(1e-6, 2e-4, 12)
+
+
+def unobservable(session: Session) -> dict[str, str]:
+    """Effects that the recording could not show, by name, and why."""
+    ranges = Ranges.of_session(session)
+    free = {form.name for form in empirical_shapes(session, ranges)}
+    rate_hz = 1.0 / max(run.low_pass.period_s for run in session.runs)
+    found = {}
+    for name, effect in effects().items():
+        if effect.is_fault:
+            continue
+        if session.is_too_slow(effect):
+            found[name] = (
+                f"sampled too slowly: at {rate_hz:.3g} Hz, expected {effect.least_rate_hz:g} Hz"
+            )
+        elif name not in free and not _shows(effect, session, ranges):
+            found[name] = _lacking(effect, session)
+    return found
+
+
+def _lacking(effect: Effect, session: Session) -> str:
+    """Reason why an effect has no signature at all."""
+    between = effect.kind in _BETWEEN
+    if between and TRANSMISSION_GAP not in session.channels:
+        return "one encoder only: what happens between motor and table cannot be seen"
+    if not between and TORQUE_GAP not in session.channels:
+        return "no torque recorded"
+    return "not visible in this motion"
+
+
+def _shows(effect: Effect, session: Session, ranges: Ranges) -> bool:
+    """True if the first regressor of some form, or its last, has a signature."""
+    forms: dict[str, CandidateRegressor] = {}
+    for regressor in regressors_of(effect, ranges):
+        forms.setdefault(regressor.form, regressor)
+        forms[regressor.form + " last"] = regressor
+    return any(
+        bool(np.any(np.abs(regressor.columns(session, channel)) > 0.0))
+        for regressor in forms.values()
+        for channel in session.channels
+    )

@@ -1,0 +1,248 @@
+"""Experiments that would decide: what a motion can tell apart, and which one is shortest."""
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ..messages.samples import Floats, SampleFrame
+from ..models.effects.registry import get_effect
+from ..models.feed_drive import FeedDrive, FeedDriveSettings
+from ..models.machine import Machine
+from ..models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
+from .candidates.design_matrix import DesignMatrix, healthy_priors
+from .candidates.regressors import candidates_of
+from .residual.noise import Noise
+from .selection.problem import Fit, SelectionProblem
+from .session.recordings import runs_of
+from .session.session import Session
+from .session.twin import rigid_baseline, rigid_plant
+
+LONGEST_S = 60.0
+DECISIVE = 5.0
+"""Logarithm of the evidence from which on two explanations are told apart."""
+_OBSERVATIONS = 400.0
+_FLOOR_OF_NOISE = 2.0
+_PRELOAD_PERCENT = 7.0
+_NOTHING = 1e-9
+ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
+"""Durations at which motions without end are tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Separation:
+    """Separation of two effects by a motion.
+
+    Attributes:
+        rival: None stands for a healthy axis.
+        evidence: expected logarithm of the evidence for `effect` against `rival`, if `effect` is
+            there.
+        ratios: what the rival leaves of each channel, over what a healthy axis leaves.
+        strain: squared distance of the parameters from their values, in their tolerances, that
+            the rival needs.
+    """
+
+    effect: str
+    rival: str | None
+    evidence: float
+    ratios: tuple[float, ...]
+    strain: float
+
+
+def rehearsed(
+    machine: Machine, motion: str, duration_s: float | None = None, rate_hz: float = 1000.0
+) -> Session:
+    """Simulate a healthy axis on a named motion; unless asked, at most `LONGEST_S` of it.
+
+    Args:
+        duration_s: of the rehearsal.
+
+    Raises:
+        MotionError: the axis does not allow the motion.
+    """
+    limits = motion_limits(machine)
+    plan = MOTIONS[motion]
+    if duration_s is None:
+        duration_s = min(plan.duration_s(limits) or LONGEST_S, LONGEST_S)
+    count = round(duration_s * rate_hz)
+    segments = iter(plan(limits, np.random.default_rng(1)))
+    setpoints = Setpoints(segments, limits.low_m, rate_hz).take(count)
+    settings = FeedDriveSettings.of_machine(machine, rate_hz)
+    settings = replace(settings, plant=rigid_plant(settings.plant))
+    drive = FeedDrive(settings, limits.low_m, _PRELOAD_PERCENT, 1)
+    frame = drive.advance(setpoints, np.full(count, _PRELOAD_PERCENT))
+    kept = {name: frame.channels[name] for name in (ANGLE, TORQUE, TABLE_POSITION)}
+    baseline = rigid_baseline(machine)
+    return Session.of_runs(list(runs_of([SampleFrame(frame.time_s, kept)], baseline)), baseline)
+
+
+def separations(
+    session: Session,
+    machine: Machine,
+    names: Sequence[str],
+    values: Mapping[str, Mapping[str, float]] | None = None,
+) -> list[Separation]:
+    """Separations of some effects, each from each other one, by a motion.
+
+    A fault is left out: no motion shows it, the estimator knows it or it is tied with friction.
+
+    Args:
+        values: of the effects; those of a typical fault unless given, or where given values make
+            no gap.
+    """
+    prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
+    names = [name for name in names if not get_effect(name).is_fault]
+    entries = candidates_of(session, [get_effect(name) for name in names])
+    design = DesignMatrix.of_session(session, prior, entries)
+    floor = {name: _FLOOR_OF_NOISE * rows.rms for name, rows in session.channels.items()}
+    noise = Noise(floor, floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
+    found = []
+    for name in names:
+        added = _faulty(session, name, (values or {}).get(name, {}))
+        if not any(np.any(gap) for gap in added.values()):
+            added = _faulty(session, name, {})
+        problem = SelectionProblem(session, machine, _aimed(design, added, floor), noise, {})
+        alone = problem.fit(())
+        fits: dict[str | None, Fit] = {None: alone}
+        for rival in names:
+            if rival != name:
+                allowed = problem.design.of_effects({rival})
+                fits[rival] = problem.stepwise(allowed) if allowed else alone
+        count = design.nuisance_columns
+        for other, fit in fits.items():
+            ratios = tuple(fit.rms[channel] / floor[channel] for channel in floor)
+            strain = float(fit.coefficients[:count] ** 2 @ problem.design.precision[:count])
+            evidence = _evidence(ratios, strain)
+            found.append(Separation(name, other, evidence, ratios, strain))
+    return found
+
+
+def least_strength(separation: Separation) -> float:
+    """Least strength, as a share of the fault, that separates it from its rival; or infinite."""
+    if max(*separation.ratios, separation.strain) < _NOTHING:
+        return math.inf
+    low, high = 1e-6, 1e6
+    for _ in range(60):
+        middle = math.sqrt(low * high)
+        ratios = tuple(middle * ratio for ratio in separation.ratios)
+        enough = _evidence(ratios, middle**2 * separation.strain) >= DECISIVE
+        low, high = (low, middle) if enough else (middle, high)
+    return high
+
+
+def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str, Floats]:
+    """Gap that a fault makes in each channel, (n,)."""
+    effect = get_effect(name)
+    values = effect.complete(given)
+    return {channel: session.signature(channel, effect, values) for channel in session.channels}
+
+
+def _aimed(
+    design: DesignMatrix, gaps: Mapping[str, Floats], floor: Mapping[str, float]
+) -> DesignMatrix:
+    """Design matrix with other gaps; where an effect shows nothing its gap is hardly one."""
+    equations = {
+        name: replace(
+            each,
+            cross=design.columns[name].T @ gaps[name],
+            square=max(
+                float(gaps[name] @ gaps[name]),
+                each.rows * (_NOTHING * floor[name]) ** 2,
+            ),
+        )
+        for name, each in design.equations.items()
+    }
+    return replace(design, equations=equations, mean=np.zeros_like(design.mean))
+
+
+def _evidence(ratios: Sequence[float], strain: float) -> float:
+    return 0.5 * strain + sum(0.5 * _OBSERVATIONS * math.log1p(ratio**2) for ratio in ratios)
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateMotion:
+    """Motion that the axis allows.
+
+    Attributes:
+        given_s: duration to ask for; None where the motion has its own.
+    """
+
+    motion: str
+    duration_s: float
+    given_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Motion and how well it separates what is tied.
+
+    Attributes:
+        evidence: of the pair that it separates least.
+    """
+
+    candidate: CandidateMotion
+    evidence: float
+    separations: tuple[Separation, ...]
+
+    @property
+    def decides(self) -> bool:
+        """True if every pair is told apart."""
+        return self.evidence >= DECISIVE
+
+
+def candidates(machine: Machine, longest_s: float = LONGEST_S) -> list[CandidateMotion]:
+    """Motions within the axis' limits, the shortest first."""
+    limits = motion_limits(machine)
+    found = []
+    for name, motion in MOTIONS.items():
+        try:
+            own_s = motion.duration_s(limits)
+        except MotionError:
+            continue
+        if own_s is None:
+            found += [CandidateMotion(name, each, each) for each in ENDLESS_S if each <= longest_s]
+        elif own_s <= longest_s:
+            found.append(CandidateMotion(name, own_s, None))
+    return sorted(found, key=lambda each: each.duration_s)
+
+
+def propose(
+    machine: Machine,
+    tied: Collection[str],
+    values: Mapping[str, Mapping[str, float]] | None = None,
+    longest_s: float = LONGEST_S,
+    progress: Callable[[str], None] = lambda _line: None,
+) -> list[Proposal]:
+    """Motions that were rehearsed, the best first: the shortest that decides leads.
+
+    Rehearsal ends with the first motion that decides; without any the order is by evidence.
+
+    Args:
+        tied: names of effects.
+        values: of the effects, as far as known; a typical fault's otherwise.
+
+    Raises:
+        MotionError: the machine file allows no motion at all.
+    """
+    names = sorted(set(tied))
+    found: list[Proposal] = []
+    for candidate in candidates(machine, longest_s):
+        progress(f"rehearsing {candidate.motion}, {candidate.duration_s:.0f} s")
+        try:
+            session = rehearsed(machine, candidate.motion, candidate.duration_s)
+        except MotionError:
+            continue
+        pairs = [p for p in separations(session, machine, names, values) if p.rival is not None]
+        least = min((pair.evidence for pair in pairs), default=0.0)
+        found.append(Proposal(candidate, least, tuple(pairs)))
+        if found[-1].decides:
+            break
+
+    def rank(proposal: Proposal) -> tuple[bool, float, float]:
+        """By the pair that is told apart least, then by all of them."""
+        total = sum(pair.evidence for pair in proposal.separations)
+        return not proposal.decides, -round(proposal.evidence), -total
+
+    return sorted(found, key=rank)

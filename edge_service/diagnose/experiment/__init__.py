@@ -1,1 +1,0 @@
-"""Experiments that would decide: what a motion can tell apart, and which is shortest."""

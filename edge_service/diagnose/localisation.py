@@ -1,0 +1,255 @@
+"""Location of the gap: over which variables it is a function, and in which intervals."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..messages.samples import Booleans, Floats
+from .result import Place
+from .session.session import Integers, Rows
+
+UNITS = {
+    "motor_speed_rad_s": "rad/s",
+    "motor_acceleration_rad_s2": "rad/s^2",
+    "table_position_m": "m",
+    "motor_angle_rad": "rad",
+    "time_s": "s",
+    "temperature_c": "degC",
+    "direction": "1",
+}
+FALSE_DISCOVERIES = 0.05
+"""Rate of false discoveries among the variables named (Benjamini and Hochberg, 1995)."""
+_OVER_FLOOR = 1.5
+_SIMPLER = 0.93
+"""Part of another variable's share from which on the direction alone says as much."""
+_ONE_WAY = 0.8
+"""Part of the energy that lies in one direction where the gap is one-sided."""
+_CHUNK = 50
+"""Rows that are held out together."""
+_SHUFFLES = 199
+_SHUFFLED_ROWS = 3000
+_SHUFFLED_BLOCKS = 100
+_BINS = 24
+_FINE_BINS = 96
+_CLOCKS = ("time_s", "temperature_c")
+_LEAST_SHARE = 0.05
+_MOST_VARIABLES = 3
+_AS_RAISED = 0.4
+"""Part of the strongest stretch's excess from which on another one counts."""
+_MOST_INTERVALS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """Rows sorted into cells of a variable.
+
+    Attributes:
+        bins: cell of each row, (n,).
+        sign: 1, or the direction where the gap turns with it, (n,).
+        half: which half of the stretches of time a row belongs to, (n,).
+    """
+
+    bins: Integers
+    count: int
+    sign: Floats
+    half: Booleans
+
+    def explained(self, gap: Floats) -> float:
+        """Share of the energy of either half that the cell means of the other explain."""
+        joint = self.bins + self.count * self.half
+        rows = np.bincount(joint, minlength=2 * self.count).reshape(2, -1)
+        sums = np.bincount(joint, gap * self.sign, minlength=2 * self.count).reshape(2, -1)
+        other = (sums / np.maximum(rows, 1))[::-1]
+        gained = float(np.sum(2.0 * other * sums - rows * other**2))
+        return gained / (float(gap @ gap) or 1.0)
+
+    def p_value(self, gap: Floats) -> float:
+        """Chance that the gap, its blocks of time in another order, is explained as well."""
+        step = -(-len(gap) // _SHUFFLED_ROWS)
+        few = _Cells(self.bins[::step], self.count, self.sign[::step], self.half[::step])
+        thin = gap[::step]
+        reached = few.explained(thin)
+        blocks = np.array_split(np.arange(len(thin)), _SHUFFLED_BLOCKS)
+        random = np.random.default_rng(11)
+        beaten = 0
+        for _ in range(_SHUFFLES):
+            order = np.concatenate([blocks[k] for k in random.permutation(len(blocks))])
+            beaten += few.explained(thin[order]) >= reached
+        return (1.0 + beaten) / (1.0 + _SHUFFLES)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """Variable that a gap seems to follow.
+
+    Attributes:
+        p_value: chance that a gap without regard to the variable seems to follow it as well.
+    """
+
+    channel: str
+    variable: str
+    rows: Rows
+    share: float
+    p_value: float
+
+    @classmethod
+    def tried(cls, channel: str, name: str, rows: Rows) -> "_Found | None":
+        """Fit of a function of a variable, or one that turns with the direction, if any helps."""
+        values = rows.variables.get(name)
+        if values is None:
+            return None
+        signs = [np.ones(len(values))]
+        if name == "direction":
+            bins, count = (values > 0.0).astype(np.int64), 2
+        else:
+            signs.append(np.sign(rows.variables["direction"]))
+            edges = _edges(values, _BINS // 2 if name in _CLOCKS else _BINS)
+            bins, count = _bins(values, edges), len(edges) - 1
+        if count < 2:
+            return None
+        half = np.arange(len(bins)) // _CHUNK % 2 == 0
+        cells = [_Cells(bins, count, sign, half) for sign in signs]
+        share, best = max(((each.explained(rows.gap), k) for k, each in enumerate(cells)))
+        if share < _LEAST_SHARE:
+            return None
+        return cls(channel, name, rows, share, cells[best].p_value(rows.gap))
+
+    @property
+    def standing(self) -> float:
+        """Share by which it is ranked."""
+        return self.share / _SIMPLER if self.variable == "direction" else self.share
+
+    def places(self) -> list[Place]:
+        """Intervals of the variable in which the gap lives."""
+        values, square = self.rows.variables[self.variable], self.rows.gap**2
+        total = float(square.sum()) or 1.0
+        if self.variable == "direction":
+            forth = float(square[values > 0.0].sum()) / total
+            spans = [(-1.0 if forth < _ONE_WAY else 0.0, 1.0 if forth > 1.0 - _ONE_WAY else 0.0)]
+        else:
+            edges = _edges(values, _FINE_BINS)
+            bins, count = _bins(values, edges), len(edges) - 1
+            weight = np.bincount(bins, minlength=count).astype(np.float64)
+            level = np.bincount(bins, square, minlength=count) / np.maximum(weight, 1.0)
+            raised = raised_intervals(level, weight)
+            spans = [(float(edges[low]), float(edges[high])) for low, high in raised]
+        return [
+            Place(
+                channel=self.channel,
+                variable=self.variable,
+                low=low,
+                high=high,
+                unit=UNITS[self.variable],
+                share=self.share,
+                energy=float(square[(values >= low) & (values <= high)].sum()) / total,
+            )
+            for low, high in spans
+        ]
+
+
+def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = None) -> list[Place]:
+    """Variables that explain most of the gap in each channel, the best first.
+
+    A function of the variable, or one that turns with the direction, is fitted to every other
+    stretch of time and held against the rest; the rate of false discoveries is bounded. The
+    intervals of a variable follow one another.
+
+    Args:
+        floors: gap of a healthy axis by channel; a channel that hardly exceeds it holds no gap.
+    """
+    tried = []
+    for channel, rows in channels.items():
+        if rows.rms > _OVER_FLOOR * (floors or {}).get(channel, 0.0):
+            tried += [_Found.tried(channel, name, rows) for name in UNITS]
+    found = sorted((each for each in tried if each is not None), key=lambda each: each.p_value)
+    passed = [
+        number
+        for number, each in enumerate(found, start=1)
+        if each.p_value <= FALSE_DISCOVERIES * number / len(found)
+    ]
+    found = sorted(found[: max(passed, default=0)], key=lambda each: -each.standing)
+    places: list[Place] = []
+    named: Counter[str] = Counter()
+    for each in found:
+        named[each.channel] += 1
+        if named[each.channel] <= _MOST_VARIABLES:
+            places += each.places()
+    return places
+
+
+def _edges(values: Floats, count: int) -> Floats:
+    edges: Floats = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
+    return edges
+
+
+def _bins(values: Floats, edges: Floats) -> Integers:
+    bins = np.searchsorted(edges, values, side="right").astype(np.int64) - 1
+    return np.clip(bins, 0, max(len(edges) - 2, 0))
+
+
+def raised_intervals(level: Floats, weight: Floats) -> list[tuple[int, int]]:
+    """Half-open intervals [i, j) of cells whose level is raised, the strongest first.
+
+    Each is the pair of change points that leaves the least weighted square when the level is one
+    constant between them and another outside (Scott and Knott, 1974).
+
+    Args:
+        level, weight: of each cell, (n,).
+    """
+    first = _raised(level, weight, 0, len(level))
+    if first is None:
+        return [(0, len(level))]
+    found, open_ = [first], [(0, first[0]), (first[1], len(level))]
+    rest = _outside(level, weight, first)
+    least = rest + _AS_RAISED * (_mean(level, weight, first) - rest)
+    while open_ and len(found) < _MOST_INTERVALS:
+        low, high = open_.pop(0)
+        also = _raised(level, weight, low, high)
+        if also is not None and _mean(level, weight, also) > least:
+            found.append(also)
+            open_ += [(low, also[0]), (also[1], high)]
+    return _merged(found)
+
+
+def _raised(level: Floats, weight: Floats, low: int, high: int) -> tuple[int, int] | None:
+    """Best pair of change points in [low, high); None where no inner level is higher."""
+    mass = np.concatenate(([0.0], np.cumsum(weight[low:high])))
+    total = np.concatenate(([0.0], np.cumsum((weight * level)[low:high])))
+    inside = mass[None, :] - mass[:, None]
+    sums = total[None, :] - total[:, None]
+    outside = mass[-1] - inside
+    usable = (np.triu(np.ones_like(inside), 1) > 0.0) & (inside > 0.0) & (outside > 0.0)
+    if not usable.any():
+        return None
+    inner = np.divide(sums, inside, out=np.zeros_like(sums), where=usable)
+    outer = np.divide(total[-1] - sums, outside, out=np.zeros_like(sums), where=usable)
+    step = inner - outer
+    gain = np.where(usable & (step > 0.0), inside * outside / mass[-1] * step**2, -1.0)
+    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    return (low + int(i), low + int(j)) if gain[i, j] > 0.0 else None
+
+
+def _mean(level: Floats, weight: Floats, span: tuple[int, int]) -> float:
+    inside = slice(*span)
+    return float(level[inside] @ weight[inside]) / max(float(weight[inside].sum()), 1e-300)
+
+
+def _outside(level: Floats, weight: Floats, span: tuple[int, int]) -> float:
+    kept = np.ones(len(level), dtype=bool)
+    kept[slice(*span)] = False
+    return float(level[kept] @ weight[kept]) / max(float(weight[kept].sum()), 1e-300)
+
+
+def _merged(found: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Neighbours that touch as one; the strongest stays first."""
+    strongest = found[0]
+    merged: list[tuple[int, int]] = []
+    for low, high in sorted(found):
+        if merged and merged[-1][1] >= low:
+            merged[-1] = merged[-1][0], high
+        else:
+            merged.append((low, high))
+    merged.sort(key=lambda span: not span[0] <= strongest[0] < span[1])
+    return merged

@@ -1,1 +1,0 @@
-"""Location of the gap: over which variables, in which intervals."""

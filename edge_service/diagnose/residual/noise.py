@@ -1,0 +1,239 @@
+"""Noise of a session: what no fit can explain, and how much of a residual matters.
+
+Its floor is the part that neither the motion nor a repeat of it predicts. Two passes of the same
+motion differ by noise, and by nothing that any model could know. What smooth functions of the
+motion say of the gap in another block of time is therefore no noise, nor is what comes again at the
+same place at the same speed. Bursts, such as those of a force, are not ordinary and do not raise
+the floor.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ...regression.linear import effective_size
+from ...messages.samples import Floats
+from ...models.machine import Machine
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session, rms
+from .structure import predicted_structure
+
+MOST_EFFECTIVE = 400.0
+"""Independent observations that a channel counts for at most: the library is an approximation."""
+_LEAST_EFFECTIVE = 40.0
+DISCREPANCY = 0.05
+"""Share of the gap that the best entry may still miss on a real axis."""
+TOLERANCE_OF_FLOOR = 1.0
+"""Gap beyond its floor that nobody acts on where the machine file states none, over the floor."""
+MOST_OF_TORQUE = 0.1
+"""Of the torque in motion: a gap beyond that is acted on, however much else is noise."""
+TOLERANCE_OF_TORQUE = 1e-3
+"""The same over the greatest torque: drives state their torque in such steps."""
+INTERPOLATION_M = 5e-8
+"""Error of interpolation within a signal period of a good linear encoder (assumption)."""
+_PIECE_ROWS = 24
+_MOST_SPREAD = 0.6
+"""Of the logarithm of the pieces' root mean squares; beyond it pieces are not of one kind."""
+_QUARTILES_APART = 1.349
+"""Distance of the quartiles of a normal distribution, in standard deviations."""
+_SAME_RAD, _SAME_SPEED, _SAME_ACCELERATION = 0.05, 0.1, 0.3
+"""Rows are repeats within so much of the motor's angle, and so much in log(1 + .) of the others."""
+_SLOW_RAD_S, _SOFT_RAD_S2 = 1.0, 50.0
+_LEAST_REPEATS, _MOST_REPEATS = 200, 4000
+_REPEATS_MAY_MISS = 1.3
+"""Repeats are few and lie where the axis goes most: by so much they may be too quiet."""
+_MORE_THAN_NOISE = 1.5
+"""Root mean square over the floor from which on a rest shows nothing of its noise."""
+_QUARTILE = 0.6745
+"""Median of the size of a standard normal variable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """Noise of one channel.
+
+    Attributes:
+        rms: root mean square.
+        independent: number of independent observations that it has; infinite where structure, or
+            bursts, hide how it goes on.
+    """
+
+    rms: float
+    independent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise that a fit cannot explain, by channel.
+
+    Attributes:
+        floor: root mean square that a healthy axis leaves.
+        tolerance: root mean square that nobody needs to know the cause of.
+        effective: independent observations among the rows; bounded, because the library is no
+            better than an approximation of a real axis.
+        discrepancy: root mean square below which one fit is no better than another.
+    """
+
+    floor: Mapping[str, float]
+    tolerance: Mapping[str, float]
+    effective: Mapping[str, float]
+    discrepancy: Mapping[str, float]
+
+    @classmethod
+    def of_gap(cls, session: Session, machine: Machine) -> Self:
+        """Noise as the gap itself shows it, before anything is fitted."""
+        gaps = {name: rows.gap for name, rows in session.channels.items()}
+        floor = _above_healthy(session, noise_floor(session, gaps))
+        return cls(
+            floor=floor,
+            tolerance=stated_tolerance(machine, floor, session.torque_rms_nm),
+            effective=dict.fromkeys(session.channels, MOST_EFFECTIVE),
+            discrepancy={name: DISCREPANCY * rows.rms for name, rows in session.channels.items()},
+        )
+
+    def of_residual(self, session: Session, machine: Machine, left: Mapping[str, Floats]) -> Self:
+        """Noise as the residual of a fit shows it: independent observations, and a lower floor.
+
+        Args:
+            left: residual by channel, (n,).
+        """
+        again = noise_floor(session, left)
+        effective = {
+            name: float(np.clip(each.independent, _LEAST_EFFECTIVE, MOST_EFFECTIVE))
+            for name, each in again.items()
+        }
+        bounded = _above_healthy(session, again)
+        floor = {name: min(bounded[name], each) for name, each in self.floor.items()}
+        tolerance = stated_tolerance(machine, floor, session.torque_rms_nm)
+        return replace(self, effective=effective, floor=floor, tolerance=tolerance)
+
+    def beyond(self, channel: str, rms: float) -> float:
+        """Part of a root mean square that is not the floor's."""
+        return math.sqrt(max(rms**2 - self.floor[channel] ** 2, 0.0))
+
+    def matters(self, channel: str, rms: float) -> bool:
+        """True if a root mean square exceeds the floor by more than the tolerance."""
+        return self.beyond(channel, rms) > self.tolerance[channel]
+
+    def variance(self, channel: str, rms: float) -> float:
+        """Variance of an observation by a fit that leaves a root mean square."""
+        return rms**2 + self.discrepancy[channel] ** 2
+
+    def unexplained_shares(
+        self, session: Session, left_rms: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Share of each channel's energy above the floor that is left, `left_rms` by channel.
+
+        A remainder within the tolerance counts as none.
+        """
+        found = {}
+        for name, rows in session.channels.items():
+            above, left = self.beyond(name, rows.rms), left_rms[name]
+            counts = above > 0.0 and self.matters(name, left)
+            found[name] = min((self.beyond(name, left) / above) ** 2, 1.0) if counts else 0.0
+        return found
+
+
+def _above_healthy(session: Session, floor: Mapping[str, Floor]) -> dict[str, float]:
+    """Floor, at least that by which healthy recordings part from one another."""
+    healthy = {} if session.healthy is None else session.healthy.floor
+    return {name: max(each.rms, healthy.get(name, 0.0)) for name, each in floor.items()}
+
+
+def stated_tolerance(
+    machine: Machine, floor: Mapping[str, float], torque_nm: float
+) -> dict[str, float]:
+    """Gap beyond the floor that nobody acts on, by channel.
+
+    As the machine file states it; otherwise as much as the floor, in the torque no more than a
+    tenth of the torque in motion, and no less than a thousandth of the drive's greatest torque, and
+    what a linear encoder's own interpolation makes.
+
+    Args:
+        torque_nm: root mean square of the torque in motion.
+    """
+    stated = {
+        TORQUE_GAP: machine.tolerance.torque_nm,
+        TRANSMISSION_GAP: machine.tolerance.position_m,
+    }
+    least = {
+        TORQUE_GAP: TOLERANCE_OF_TORQUE * (machine.axis.max_torque_nm or 0.0),
+        TRANSMISSION_GAP: INTERPOLATION_M,
+    }
+    most = {TORQUE_GAP: MOST_OF_TORQUE * torque_nm}
+    return {
+        name: stated[name]
+        or max(min(TOLERANCE_OF_FLOOR * each, most.get(name, math.inf)), least[name])
+        for name, each in floor.items()
+    }
+
+
+def noise_floor(session: Session, left: Mapping[str, Floats]) -> dict[str, Floor]:
+    """Noise floor of a residual, by channel.
+
+    Args:
+        left: residual, by channel, (n,).
+    """
+    structure = predicted_structure(session, left)
+    found = {}
+    for name, each in left.items():
+        rest, rows = each - structure[name], session.channels[name]
+        floor = ordinary_rms(rest)
+        fold = session.folds(rows.variables["time_s"])
+        again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, fold)
+        level = floor if again is None else min(floor, _REPEATS_MAY_MISS * again)
+        is_noise = rms(rest) < _MORE_THAN_NOISE * level
+        found[name] = Floor(level, effective_size(rest) if is_noise else math.inf)
+    return found
+
+
+def ordinary_rms(values: Floats) -> float:
+    """Root mean square of a series (n,), as the middle half of its pieces shows it.
+
+    The pieces' own root mean squares are taken for log-normal.
+    """
+    if not len(values):
+        return 0.0
+    whole = rms(values)
+    count = len(values) // _PIECE_ROWS
+    if count < 4:
+        return whole
+    pieces = values[: count * _PIECE_ROWS].reshape(count, _PIECE_ROWS)
+    logarithm = 0.5 * np.log(np.maximum(np.mean(pieces**2, axis=1), 1e-300))
+    low, high = np.quantile(logarithm, (0.25, 0.75))
+    spread = min((high - low) / _QUARTILES_APART, _MOST_SPREAD)
+    return min(float(np.exp(0.5 * (low + high) + spread**2)), whole)
+
+
+def _repeated_rms(
+    rows: Rows, values: Floats, ratio_m_per_rad: float, fold: Integers
+) -> float | None:
+    """Root mean square of a series (n,) as its repeats differ; None where there are too few.
+
+    Repeats are rows of different blocks of time, at one place, speed, acceleration and direction.
+    """
+    known = rows.variables
+    speed, acceleration = known["motor_speed_rad_s"], known["motor_acceleration_rad_s2"]
+    state = np.column_stack(
+        (
+            known["table_position_m"] / ratio_m_per_rad / _SAME_RAD,
+            np.sign(speed) * np.log1p(np.abs(speed) / _SLOW_RAD_S) / _SAME_SPEED,
+            np.sign(acceleration)
+            * np.log1p(np.abs(acceleration) / _SOFT_RAD_S2)
+            / _SAME_ACCELERATION,
+        )
+    )
+    even = np.flatnonzero(fold % 2 == 0)
+    odd = np.flatnonzero(fold % 2 == 1)
+    if min(len(even), len(odd)) < _LEAST_REPEATS:
+        return None
+    apart, nearest = KDTree(state[odd]).query(state[even], distance_upper_bound=1.0)
+    order = np.argsort(apart)[:_MOST_REPEATS]
+    order = order[np.isfinite(apart[order])]
+    if len(order) < _LEAST_REPEATS:
+        return None
+    differ = values[even[order]] - values[odd[nearest[order]]]
+    return float(np.median(np.abs(differ)) / _QUARTILE / np.sqrt(2.0))

@@ -1,0 +1,98 @@
+"""Witnesses of a diagnosis: what `doctor` and the live estimator see in the same recordings."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...checks.examination import check_plausibility
+from ...checks.finding import Finding
+from ...checks.finding import Verdict as Check
+from ...config import DownsampleConfig
+from ...diagnose.preload import PreloadReading, fresh_screw
+from ...diagnose.result import Diagnosis, NamedEffect, Verdict
+from ...diagnose.session.run import Run
+from ...estimate.mixture.estimator import FusedPreloadEstimator
+from ...messages.channels import ANGLE, TABLE_POSITION
+from ...messages.samples import SampleFrame
+from ...models.effects.registry import effects, get_effect
+from ...models.machine import Machine
+from ...nodes.wiring.stages import make_downsampler
+from ..recordings import open_recording
+
+_TRUST = 0.5
+"""Of the probability of an effect, where one that it resembles is seen and not among the causes."""
+
+
+def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
+    """Findings of `doctor` about the two encoders that are no good ones."""
+    ratio = machine.transmission_ratio_m_per_rad
+    frames = [
+        SampleFrame(
+            run.motion.time_s,
+            {
+                ANGLE: run.motion.angle_rad,
+                TABLE_POSITION: run.transmission_m + ratio * run.motion.angle_rad,
+            },
+        )
+        for run in runs
+        if run.transmission_m is not None and not run.is_slow
+    ]
+    if not frames:
+        return []
+    found = check_plausibility(machine, frames)
+    return [each for each in found if each.verdict is Check.DOUBTFUL and each.name != "rate"]
+
+
+def beside_doubts(found: Diagnosis, doubted: Sequence[Finding]) -> Diagnosis:
+    """Diagnosis that names what `doctor` sees by itself with what it may pass for.
+
+    Where `doctor` sees an effect, such as a lag of an encoder, and the causes lack it, effects that
+    may be named in its place are no longer sure, and are tied with it.
+    """
+    named, seen = {each.name for each in found.effects}, {each.name for each in doubted}
+    changed = list(found.effects)
+    for name, effect in effects().items():
+        if not effect.confirmation or effect.confirmation.check not in seen or name in named:
+            continue
+        for k, each in enumerate(changed):
+            if get_effect(each.name).kind in effect.confirmation.resembled_by:
+                changed[k] = _tied(each, name)
+    if changed == list(found.effects):
+        return found
+    verdict = Verdict.AMBIGUOUS if found.verdict is Verdict.EXPLAINED else found.verdict
+    changed.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
+    return found.with_effects(changed, verdict)
+
+
+def _tied(each: NamedEffect, name: str) -> NamedEffect:
+    changes = {"probability": _TRUST * each.probability, "tied": (*each.tied, name)}
+    return each.model_copy(update=changes)
+
+
+def preload_reading(machine: Machine, traces: Sequence[Path]) -> PreloadReading | None:
+    """Last number of each recording, and what holds all of their intervals; None without one."""
+    fresh = machine.fresh_preload_percent
+    if machine.commissioned is None or fresh is None or fresh_screw(machine) is None:
+        return None
+    answers = [answer for path in traces if (answer := _last(machine, path)) is not None]
+    if not answers:
+        return None
+    share = 100.0 / fresh
+    return PreloadReading(
+        value=share * answers[-1][0],
+        low=share * min(low for _, low, _ in answers),
+        high=share * max(high for _, _, high in answers),
+        two_encoders=machine.commissioned.transmission is not None,
+    )
+
+
+def _last(machine: Machine, path: Path) -> tuple[float, float, float] | None:
+    downsampler = make_downsampler(DownsampleConfig(), machine)
+    estimator = FusedPreloadEstimator(machine)
+    with open_recording(machine, path) as frames:
+        for frame in frames:
+            for block in downsampler.push(frame):
+                estimator.update(block)
+    found = estimator.estimate()
+    if found.preload_percent is None or found.low is None or found.high is None:
+        return None
+    return found.preload_percent, found.low, found.high
