@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
-from ..models.effects.effect import Effect
+from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
-from .preload import Loss
 from .result import Diagnosis
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
@@ -19,24 +18,21 @@ def diagnose_session(
     machine: Machine,
     library: Sequence[Effect] | None = None,
     progress: Callable[[str], None] = lambda _line: None,
-    loss: Loss | None = None,
+    loss: ActiveEffect | None = None,
 ) -> Diagnosis:
     """Diagnose one session.
 
     Args:
-        session: runs of one axis, checked by `session.data_check`, as rows of torque and position.
+        session: runs of one axis, checked, as rows of torque and position.
         library: effects that may be named; all of them unless given.
-        loss: of the preload, where it is known; what else there is is sought beside it.
+        loss: of the preload that the session's gap has no part of; it is replayed with the causes.
     """
-    rest = session if loss is None else loss.beside(session)
     library = tuple(effects().values()) if library is None else library
-    progress("signatures of the library")
     searched = [each for each in library if not each.is_fault]
-    problem = SelectionProblem.of_session(rest, machine, searched)  # candidates, noise and priors
+    progress("signatures of the library")
+    problem = SelectionProblem.of_session(session, machine, searched)  # candidates, noise, priors
     progress("sets of effects")
     posterior = select_model(problem)  # stepwise, exhaustive, weighed
     progress("values and held-out motion")
     assessment = assess_causes(posterior)  # estimation and cross validation of what is material
-    if loss is None:
-        return conclude(assessment)
-    return loss.added_to(conclude(assessment, loss.course), session, rest)
+    return conclude(assessment, loss)

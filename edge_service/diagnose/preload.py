@@ -4,7 +4,7 @@ A loss beyond doubt is taken off first, and what else there is is sought beside 
 that nothing else explains may be a lost preload or a lubricant that rubs less: both are named.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..models.effects.registry import error_of, fault
 from ..models.machine import Machine
 from ..models.plant.from_machine import table_mass
 from .localisation import where
+from .pipeline import diagnose_session
 from .result import Diagnosis, NamedEffect, ParameterValue, Verdict
 from .session.session import TORQUE_GAP, Session
 from .validation.cross_validation import on_other_motion
@@ -102,43 +103,43 @@ class Loss:
     course: ActiveEffect
     reading: PreloadReading
 
-    def beside(self, session: Session) -> Session:
-        """Session with what it has beyond the loss as its gap."""
-        modelled = (*session.modelled, self.course)
-        found = Session.of_runs(session.runs, session.baseline, modelled)
-        return found if session.healthy is None else session.healthy.beside(found)
 
-    def added_to(self, rest: Diagnosis, whole: Session, others: Session) -> Diagnosis:
-        """Diagnosis of the rest with the loss before all else.
-
-        Args:
-            whole, others: sessions with what the loss makes of the gap, and without.
-        """
-        floors = {name: each.floor for name, each in rest.gap.items()}
-        gap = {
-            name: each.model_copy(update={"before": whole.channels[name].rms})
-            for name, each in rest.gap.items()
-        }
-        rows, left = whole.channels[TORQUE_GAP], rest.series.left[TORQUE_GAP]
-        made = rows.gap - others.channels[TORQUE_GAP].gap
-        name = self.course.effect.name
-        named = NamedEffect(
-            name=name,
-            channel=TORQUE_GAP,
-            probability=SURE,
-            tied=(name,),
-            shrink=on_other_motion(replace(rows, gap=left + made), [left]),
-            replay=rest.series.loss,
-            parameters={"lost_percent": self.reading.lost},
-            entries=(dict(self.course.values),),
-        )
-        changes = {
-            "verdict": Verdict.EXPLAINED if rest.verdict is Verdict.NO_GAP else rest.verdict,
-            "gap": gap,
-            "where": tuple(where(whole.channels, floors)),
-            "effects": (named, *rest.effects),
-        }
-        return rest.model_copy(update=changes)
+def diagnose_beside_loss(
+    session: Session,
+    machine: Machine,
+    loss: Loss,
+    progress: Callable[[str], None] = lambda _line: None,
+) -> Diagnosis:
+    """Diagnose what a session has beyond a loss; the loss comes before all else."""
+    modelled = (*session.modelled, loss.course)
+    others = Session.of_runs(session.runs, session.baseline, modelled)
+    others = others if session.healthy is None else session.healthy.beside(others)
+    rest = diagnose_session(others, machine, progress=progress, loss=loss.course)
+    gap = {
+        name: each.model_copy(update={"before": session.channels[name].rms})
+        for name, each in rest.gap.items()
+    }
+    rows, left = session.channels[TORQUE_GAP], rest.series.left[TORQUE_GAP]
+    made = rows.gap - others.channels[TORQUE_GAP].gap
+    name = loss.course.effect.name
+    named = NamedEffect(
+        name=name,
+        channel=TORQUE_GAP,
+        probability=SURE,
+        tied=(name,),
+        shrink=on_other_motion(replace(rows, gap=left + made), [left]),
+        replay=rest.series.loss,
+        parameters={"lost_percent": loss.reading.lost},
+        entries=(dict(loss.course.values),),
+    )
+    floors = {name: each.floor for name, each in rest.gap.items()}
+    changes = {
+        "verdict": Verdict.EXPLAINED if rest.verdict is Verdict.NO_GAP else rest.verdict,
+        "gap": gap,
+        "where": tuple(where(session.channels, floors)),
+        "effects": (named, *rest.effects),
+    }
+    return rest.model_copy(update=changes)
 
 
 def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:

@@ -7,8 +7,9 @@ import numpy as np
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Motion
-from ...models.effects.registry import disturbance
+from ...models.effects.registry import disturbance, get_effect
 from ..session.session import TORQUE_GAP, Session
+from .regressors import EntryRegressor, entry_regressor
 
 _DISTURBED_S = 0.2
 _MOST_PULSES = 10
@@ -43,6 +44,13 @@ class ForcePulse:
             return np.where(inside, -session.baseline.ratio_m_per_rad * way, 0.0)
 
         return session.torque_column(torque_nm)[:, None]
+
+    def as_entry(self) -> EntryRegressor | None:
+        """Force of a steady direction as its entry."""
+        if self.against_motion:
+            return None
+        shape = {"start_s": max(self.start_s, 0.0), "duration_s": self.end_s - self.start_s}
+        return entry_regressor(get_effect(FORCE), "force_n", shape)
 
     def covers(self, time_s: Floats) -> Booleans:
         """Mask of the times that it disturbs, with the controller's answer to its end, (n,)."""

@@ -21,7 +21,7 @@ from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Parameter, Role
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
 from ...models.effects.registry import effects
-from ..session.run import Run
+from ..session.run import Run, is_below
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
 UNKNOWN = "unknown"
@@ -66,6 +66,9 @@ class CandidateRegressor(Protocol):
     def columns(self, session: Session, channel: str) -> Floats:
         """Signatures at unit strength in a channel, (n, size)."""
 
+    def as_entry(self) -> "EntryRegressor | None":
+        """Entry that stands for it in a machine file; None where there is none."""
+
 
 @dataclass(frozen=True, slots=True)
 class EntryRegressor:
@@ -102,6 +105,10 @@ class EntryRegressor:
         return np.column_stack(
             [session.signature(channel, self.effect, values) for values in self.at]
         )
+
+    def as_entry(self) -> "EntryRegressor":
+        """Itself."""
+        return self
 
     @property
     def bound(self) -> Parameter | None:
@@ -182,14 +189,23 @@ class EmpiricalShape:
 
         return np.column_stack([column(curve) for curve in curves])
 
+    def as_entry(self) -> None:
+        """No entry states it."""
+
 
 def candidates_of(session: Session, library: Sequence[Effect]) -> list[CandidateRegressor]:
     """Regressors that bear the names of some effects, as far as a session could show them."""
-    ranges, names = Ranges.of_session(session), {effect.name for effect in library}
-    found: list[CandidateRegressor] = [
-        each for effect in library for each in regressors_of(effect, ranges)
-    ]
+    ranges, found = Ranges.of_session(session), list[CandidateRegressor]()
+    shown = [effect for effect in library if not _is_too_slow(session, effect)]
+    for effect in shown:
+        found += regressors_of(effect, ranges)
+    names = {effect.name for effect in shown}
     return found + [each for each in empirical_shapes(session, ranges) if each.name in names]
+
+
+def _is_too_slow(session: Session, effect: Effect) -> bool:
+    """True if the sampling of a run is too slow to see an effect."""
+    return any(is_below(run.low_pass.period_s, effect.least_rate_hz) for run in session.runs)
 
 
 def empirical_shapes(session: Session, ranges: "Ranges") -> Iterator[EmpiricalShape]:
@@ -333,7 +349,7 @@ def unobservable(session: Session) -> dict[str, str]:
     for name, effect in effects().items():
         if effect.is_fault:
             continue
-        if session.is_too_slow(effect):
+        if _is_too_slow(session, effect):
             found[name] = (
                 f"sampled too slowly: at {rate_hz:.3g} Hz, expected {effect.least_rate_hz:g} Hz"
             )

@@ -52,6 +52,7 @@ class Contributions:
         }
         return cls(session, named, estimates, by_effect, left, channel_of)
 
+    @property
     def left_beside_nuisances(self) -> dict[str, Floats]:
         """Residual when what a healthy axis may have is taken away too, by channel, (n,)."""
         system = self.estimates.fitted.system

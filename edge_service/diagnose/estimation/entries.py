@@ -7,8 +7,7 @@ from scipy import optimize
 
 from ...models.effects.effect import Kind, Parameter, Role
 from ...models.effects.registry import get_effect
-from ..candidates.force_pulses import ForcePulse
-from ..candidates.regressors import EntryRegressor, entry_regressor
+from ..candidates.regressors import EntryRegressor
 from ..selection.problem import Fit, SelectionProblem
 from .least_squares import Entries, WeightedLeastSquares
 
@@ -29,7 +28,7 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
     entries = {
         k: entry
         for k in problem.design.of_effects(named)
-        if (entry := _as_entry(problem.design.regressors[k])) is not None
+        if (entry := problem.design.regressors[k].as_entry()) is not None
     }
     known = sorted(set(best.regressors) & entries.keys())
     whole = problem.pinned_to(best).stepwise(
@@ -44,19 +43,6 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
     system = WeightedLeastSquares.of_fit(problem, best)
     chosen.sort(key=lambda each: each.name)
     return _within_bounds(_refined(Entries.of(system, chosen)))
-
-
-def _as_entry(regressor: object) -> EntryRegressor | None:
-    """Entry that stands for a regressor in a machine file; None for an empirical shape."""
-    if isinstance(regressor, EntryRegressor):
-        return regressor
-    if isinstance(regressor, ForcePulse) and not regressor.against_motion:
-        shape = {
-            "start_s": max(regressor.start_s, 0.0),
-            "duration_s": regressor.end_s - regressor.start_s,
-        }
-        return entry_regressor(get_effect(regressor.name), "force_n", shape)
-    return None
 
 
 def _within_bounds(entries: Entries) -> Entries:

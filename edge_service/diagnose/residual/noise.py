@@ -182,7 +182,7 @@ def noise_floor(session: Session, left: Mapping[str, Floats]) -> dict[str, Floor
     for name, each in left.items():
         rest, rows = each - structure[name], session.channels[name]
         floor = ordinary_rms(rest)
-        fold = session.folds(rows.variables["time_s"])
+        fold = session.fold[name]
         again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, fold)
         level = floor if again is None else min(floor, _REPEATS_MAY_MISS * again)
         is_noise = rms(rest) < _MORE_THAN_NOISE * level

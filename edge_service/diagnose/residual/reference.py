@@ -115,7 +115,7 @@ def healthy_machine(
         parts = [each.channels[channel] for each in mine]
         group = np.concatenate([np.full(len(rows.gap), k) for k, rows in enumerate(parts)])
         if len(parts) == 1:
-            group = mine[0].folds(parts[0].variables["time_s"])
+            group = mine[0].fold[channel]
         rows = _joined(parts)
         followed[channel], floor[channel] = _learned(rows, channel, group, runs)
     return Reference(followed, floor)

@@ -171,10 +171,10 @@ def predicted_structure(
         left: what something leaves of the gap, by channel, (n,).
         timed: functions of time are among them; otherwise of the motion alone.
     """
-    low_pass, predicted = session.runs[0].low_pass, {}
+    low_pass, folds, predicted = session.runs[0].low_pass, session.fold, {}
     for channel, values in left.items():
         rows = session.channels[channel]
-        fold = session.folds(rows.variables["time_s"])
+        fold = folds[channel]
         found = {ridge: np.zeros(len(values)) for ridge in _RIDGES}
         for k in range(FOLDS):
             mine = fold == k

@@ -1,59 +1,29 @@
-"""Posterior over sets of effects: how sure each is, and which this data cannot tell apart.
+"""Posterior over sets of effects: how sure each is, and which this data cannot tell apart."""
 
-Considered are the stepwise choice, what is best without each of its effects, and all sets of up to
-three, as a greedy start may be in none of them. An effect counts only as far as it is material: as
-far as the fit would lose what nothing else that is named can replace; significance is not enough.
-"""
-
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...messages.samples import Floats
-from ...models.effects.effect import MATERIAL_TOLERANCES, Kind, Term
-from ...models.effects.registry import effects, effects_where, error_of
+from ...models.effects.effect import Term
+from ...models.effects.registry import effects_where, error_of
 from ..candidates.force_pulses import FORCE, ForcePulse
 from ..candidates.regressors import UNKNOWN
 from ..residual.noise import Noise
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP
-from .problem import Fit, SelectionProblem
+from .problem import EffectSet, SelectionProblem
 
 TIED = 5.0
 """Scores closer than this leave a doubt worth naming."""
 PARAMETERS = tuple(map(error_of, (Term.COULOMB, Term.VISCOUS, Term.INERTIA, Term.LAG, Term.GAIN)))
 """Parameters of the model, those first that change most often on a machine."""
-RANGES = frozenset({error_of(Term.LAG)})
-"""Parameters of which a healthy axis may have anything within a range."""
 _SIMPLER = 2.0
 _AS_LITTLE = 1.0 / 3.0
 """Of the tolerance: by so much more a set may leave and still leave as little."""
-_LEADERS = 5
-MOST_EFFECTS = 3
-_LEADING = 12
-"""Sets whose shapes are sought once more, all of their effects together."""
-LEAST_RISE_OF_GAP = 0.05
-"""An effect that is less than this part of the whole gap is immaterial: others are no better known.
-"""
-LEAST_RISE_BESIDE_ALIKE = 0.22
-"""Beside a greater effect whose entry may lack what this one adds."""
-COMPLETE = 0.3
-"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
-entry of another one, which would be wrong in some way of its own."""
-MISSED = 0.5
-"""Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
 LEAST_FREE_SHARE = 0.3
 """Share of the motion that must be free of a force for other causes to be sought there alone."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EffectSet:
-    """Fit of a set of effects, and those of it that matter."""
-
-    fit: Fit
-    material: frozenset[str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,10 +85,11 @@ class Posterior:
         pulses, coefficients = self.problem.coefficients(self.best.fit, FORCE)
         return self.problem.design.modelled(TORQUE_GAP, pulses, coefficients)
 
-    def exceeds_floor(self, *channels: str) -> bool:
-        """True if one of some channels was recorded and its gap matters."""
-        noise, recorded = self.problem.noise, self.problem.session.channels
-        return any(noise.matters(name, recorded[name].rms) for name in channels if name in recorded)
+    @property
+    def exceeding(self) -> set[str]:
+        """Channels whose gap matters."""
+        recorded, matters = self.problem.session.channels, self.problem.noise.matters
+        return {name for name, rows in recorded.items() if matters(name, rows.rms)}
 
 
 def select_model(problem: SelectionProblem) -> Posterior:
@@ -134,131 +105,7 @@ def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Post
     Args:
         known: regressors of a set that was best under another noise.
     """
-    design = problem.design
-    best = problem.stepwise(design.candidates, known=known)
-    among = [
-        {each.name for each in design.regressors} - {name}
-        for name in problem.names_by_weight(best)[:_LEADERS]
-    ]
-    fits = [best, problem.fit(())]
-    fits += [problem.stepwise(design.of_effects(names)) for names in among]
-    fits += leading_sets(problem, fits)
-    parameters = [*({name} for name in sorted(problem.priors)), set(problem.priors)]
-    fits += [problem.stepwise(design.of_effects(names)) for names in parameters]
-    fits = [_named_beyond(problem, each) for each in fits]
-    unique = {tuple(sorted(each.regressors)): each for each in fits}
-    sets = [EffectSet(each, material_names(problem, each)) for each in unique.values()]
-    return Posterior.of_scored(problem, _simplest_first(sets, problem.noise))
-
-
-def leading_sets(problem: SelectionProblem, known: Sequence[Fit]) -> list[Fit]:
-    """Best sets of up to three effects, each with the shapes that suit it.
-
-    Every effect comes with its shapes where it is alone, and with those that it has beside others.
-
-    Args:
-        known: fits found so far, the best of all first.
-    """
-    shapes: dict[str, set[tuple[int, ...]]] = {}
-    for name, allowed in problem.design.by_name().items():
-        alone = tuple(sorted(problem.stepwise(allowed).chosen))
-        beside = (allowed[int(problem.reductions(known[0], allowed).argmax())],)
-        mine = (tuple(sorted(set(each.chosen) & set(allowed))) for each in known)
-        shapes[name] = {alone, next((each for each in mine if each), beside)} - {()}
-    found: dict[frozenset[str], Fit] = {}
-    for each in problem.fits(list(_sets(shapes))):
-        if each.names not in found or each.score > found[each.names].score:
-            found[each.names] = each
-    leading = sorted(found.values(), key=lambda each: -each.score)[:_LEADING]
-    return [
-        problem.stepwise(problem.design.of_effects(each.names), known=each.chosen)
-        for each in leading
-    ]
-
-
-def _sets(shapes: Mapping[str, set[tuple[int, ...]]]) -> Iterator[tuple[int, ...]]:
-    for count in range(1, MOST_EFFECTS + 1):
-        for names in itertools.combinations(shapes, count):
-            for parts in itertools.product(*(shapes[name] for name in names)):
-                yield tuple(itertools.chain(*parts))
-
-
-def _named_beyond(problem: SelectionProblem, whole: Fit) -> Fit:
-    """Fit the set with a lag that it needs beyond what a healthy drive may have: that is a cause.
-
-    Its bounds are no calibration, which could be a little off.
-    """
-    design, priors = problem.design, problem.priors
-    nuisances = {design.regressors[k].name: k for k in range(design.nuisances)}
-    lacking = []
-    for name in sorted((RANGES & priors.keys() & nuisances.keys()) - whole.names):
-        value = float(whole.coefficients[design.first[nuisances[name]]])
-        free = design.of_effects({name})
-        if free and abs(value - priors[name][0]) > MATERIAL_TOLERANCES * priors[name][1]:
-            lacking.append(free[0])
-    return problem.fit((*whole.chosen, *lacking))
-
-
-def material_names(problem: SelectionProblem, whole: Fit) -> frozenset[str]:
-    """Effects of a fit that matter.
-
-    Two that stand in for one another would both be idle, and nothing would be named of a gap that
-    they explain: the one that can be spared is taken out, and the others are looked at again.
-    """
-    while True:
-        material = _material(problem, whole)
-        if material == whole.names or not _is_missed(problem, whole, material):
-            return material
-        idle = [name for name in problem.names_by_weight(whole) if name not in material]
-        whole = problem.without(whole, idle[-1])
-
-
-def _is_missed(problem: SelectionProblem, whole: Fit, material: frozenset[str]) -> bool:
-    """True if the material effects leave most of what all effects explain of a channel."""
-    design, noise = problem.design, problem.noise
-    kept = [a for a in whole.chosen if design.regressors[a].name in material]
-    alone = problem.pinned_to(whole).fit(kept)
-    return any(
-        noise.matters(channel, alone.rms[channel])
-        and alone.rms[channel] ** 2 - whole.rms[channel] ** 2
-        > MISSED * (each.square / each.rows - whole.rms[channel] ** 2)
-        for channel, each in design.equations.items()
-    )
-
-
-def _material(problem: SelectionProblem, whole: Fit) -> frozenset[str]:
-    """Effects that add to a gap what nothing else that is named can replace."""
-    design, noise, pinned = problem.design, problem.noise, problem.pinned_to(whole)
-    between_encoders = effects_where(lambda effect: effect.kind is Kind.LOST_MOTION)
-    rises: dict[str, dict[str, float]] = {}  # effect -> its part of each channel's gap
-    for name in whole.names:
-        lesser = pinned.without(whole, name)
-        rises[name] = {
-            channel: math.sqrt(max(lesser.rms[channel] ** 2 - rms**2, 0.0))
-            for channel, rms in whole.rms.items()
-        }
-    found = set()
-    for name, mine in rises.items():
-        regressors, coefficients = problem.coefficients(whole, name)
-        if name in problem.priors:
-            healthy, sigma = problem.priors[name]
-            if abs(float(coefficients.sum()) - healthy) / sigma <= MATERIAL_TOLERANCES:
-                continue
-        effect = effects().get(name)
-        alike = effect.imitates & whole.names if effect else frozenset()
-        is_one = sum(a in whole.chosen for a in regressors) == 1
-        for channel, each in design.equations.items():
-            elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in design.equations
-            before = math.sqrt(each.square / each.rows)
-            if (name in between_encoders and elsewhere) or not noise.matters(channel, before):
-                continue
-            overshadowed = any(rises[other][channel] > mine[channel] for other in alike)
-            left = noise.beyond(channel, whole.rms[channel])
-            is_stopgap = overshadowed and not (is_one and left < COMPLETE * mine[channel])
-            part = LEAST_RISE_BESIDE_ALIKE if is_stopgap else LEAST_RISE_OF_GAP
-            if mine[channel] >= max(noise.tolerance[channel], part * before):
-                found.add(name)
-    return frozenset(found)
+    return Posterior.of_scored(problem, _simplest_first(problem.considered(known), problem.noise))
 
 
 def _beside_force(posterior: Posterior) -> Posterior:

@@ -1,6 +1,7 @@
 """Selection problem: which sets of regressors explain the gap, scored on equal terms for all."""
 
 import functools
+import itertools
 import math
 import operator
 from collections import Counter
@@ -11,15 +12,15 @@ from typing import Self
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
-from ...models.effects.effect import Effect
-from ...models.effects.registry import effects
+from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind, Term
+from ...models.effects.registry import effects, effects_where, error_of
 from ...models.machine import Machine
 from ..candidates.design_matrix import DesignMatrix, healthy_priors
 from ..candidates.force_pulses import FORCE, force_pulses
 from ..candidates.normal_equations import inverted, solved, square_falls
 from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes
 from ..residual.noise import Noise
-from ..session.session import TORQUE_GAP, Session
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Session
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""
@@ -32,6 +33,22 @@ _AT_ONCE = 256
 _MOST_LEADERS = 12
 _LEAST_GAIN = 3.0
 _MOST_REGRESSORS = 14
+_MOST_SPARED = 5
+MOST_EFFECTS = 3
+_LEADING = 12
+"""Sets whose shapes are sought once more, all of their effects together."""
+RANGES = frozenset({error_of(Term.LAG)})
+"""Parameters of which a healthy axis may have anything within a range."""
+LEAST_RISE_OF_GAP = 0.05
+"""An effect that is less than this part of the whole gap is immaterial: others are no better known.
+"""
+LEAST_RISE_BESIDE_ALIKE = 0.22
+"""Beside a greater effect whose entry may lack what this one adds."""
+COMPLETE = 0.3
+"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
+entry of another one, which would be wrong in some way of its own."""
+MISSED = 0.5
+"""Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
 
 
 def most_shapes(name: str) -> int:
@@ -48,7 +65,7 @@ class Fit:
         chosen: the candidates.
         names: effects among them.
         regressors: nuisances first, then the candidates.
-        coefficients: of their columns, (p,).
+        columns, coefficients: of the regressors, (p,).
         rms: root mean square that is left, by channel.
         score: logarithm of the evidence, up to a constant.
     """
@@ -56,9 +73,18 @@ class Fit:
     chosen: tuple[int, ...]
     names: frozenset[str]
     regressors: tuple[int, ...]
+    columns: Integers
     coefficients: Floats
     rms: Mapping[str, float]
     score: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectSet:
+    """Fit of a set of effects, and those of it that matter."""
+
+    fit: Fit
+    material: frozenset[str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,14 +106,15 @@ class SelectionProblem:
     @classmethod
     def of_session(cls, session: Session, machine: Machine, library: Sequence[Effect]) -> Self:
         """Pose the selection among the effects of a library that a session could show."""
-        prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
-        noise = Noise.of_gap(session, machine)
+        names = {each.name for each in library}
+        entries = candidates_of(session, [each for each in library if each.name != FORCE])
         more: list[CandidateRegressor] = list(null_shapes(session))
-        if TORQUE_GAP in session.channels and FORCE in {each.name for each in library}:
+        noise = Noise.of_gap(session, machine)
+        prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
+        if TORQUE_GAP in session.channels and FORCE in names:
             healthy = cls(session, machine, DesignMatrix.of_session(session, prior), noise, {})
             more += force_pulses(session, healthy.residuals(healthy.fit(()))[TORQUE_GAP])
-        shown = [e for e in library if e.name != FORCE and not session.is_too_slow(e)]
-        design = DesignMatrix.of_session(session, prior, candidates_of(session, shown), more)
+        design = DesignMatrix.of_session(session, prior, entries, more)
         priors = {p.regressor.name: (p.mean, p.sigma) for p in prior if p.is_parameter}
         return cls(session, machine, design, noise, priors)
 
@@ -163,6 +190,7 @@ class SelectionProblem:
                 tuple(chosen),
                 names[k],
                 regressors[k],
+                index[k],
                 beta[k],
                 {name: math.sqrt(each[k]) for name, each in left.items()},
                 float(score[k]) - self._penalty(chosen, names[k]),
@@ -282,12 +310,134 @@ class SelectionProblem:
             best = fewer
         return best
 
+    def considered(self, known: Sequence[int] = ()) -> list[EffectSet]:
+        """Sets worth weighing: greedy ones, the best of up to three effects, and parameters alone.
+
+        Args:
+            known: regressors of a set that was best under another noise.
+        """
+        design = self.design
+        best = self.stepwise(design.candidates, known=known)
+        among = [
+            {each.name for each in design.regressors} - {name}
+            for name in self.names_by_weight(best)[:_MOST_SPARED]
+        ]
+        fits = [best, self.fit(())]
+        fits += [self.stepwise(design.of_effects(names)) for names in among]
+        fits += self.leading_sets(fits)
+        parameters = [*({name} for name in sorted(self.priors)), set(self.priors)]
+        fits += [self.stepwise(design.of_effects(names)) for names in parameters]
+        fits = [self._named_beyond(each) for each in fits]
+        unique = {tuple(sorted(each.regressors)): each for each in fits}
+        return [EffectSet(each, self.material_names(each)) for each in unique.values()]
+
+    def leading_sets(self, known: Sequence[Fit]) -> list[Fit]:
+        """Best sets of up to three effects, each with the shapes that suit it.
+
+        Every effect comes with its shapes where it is alone, and with those that it has beside
+        others: a greedy start may be in none of them.
+
+        Args:
+            known: fits found so far, the best of all first.
+        """
+        shapes: dict[str, set[tuple[int, ...]]] = {}
+        for name, allowed in self.design.by_name().items():
+            alone = tuple(sorted(self.stepwise(allowed).chosen))
+            beside = (allowed[int(self.reductions(known[0], allowed).argmax())],)
+            mine = (tuple(sorted(set(each.chosen) & set(allowed))) for each in known)
+            shapes[name] = {alone, next((each for each in mine if each), beside)} - {()}
+        sets = []
+        for count in range(1, MOST_EFFECTS + 1):
+            for names in itertools.combinations(shapes, count):
+                parts = itertools.product(*(shapes[name] for name in names))
+                sets += [tuple(itertools.chain(*each)) for each in parts]
+        found: dict[frozenset[str], Fit] = {}
+        for each in self.fits(sets):
+            if each.names not in found or each.score > found[each.names].score:
+                found[each.names] = each
+        leading = sorted(found.values(), key=lambda each: -each.score)[:_LEADING]
+        return [
+            self.stepwise(self.design.of_effects(each.names), known=each.chosen) for each in leading
+        ]
+
+    def _named_beyond(self, whole: Fit) -> Fit:
+        """Fit the set with a lag that it needs beyond what a healthy drive may have: it is a cause.
+
+        Its bounds are no calibration, which could be a little off.
+        """
+        design, priors = self.design, self.priors
+        nuisances = {design.regressors[k].name: k for k in range(design.nuisances)}
+        lacking = []
+        for name in sorted((RANGES & priors.keys() & nuisances.keys()) - whole.names):
+            value = float(whole.coefficients[design.first[nuisances[name]]])
+            free = design.of_effects({name})
+            if free and abs(value - priors[name][0]) > MATERIAL_TOLERANCES * priors[name][1]:
+                lacking.append(free[0])
+        return self.fit((*whole.chosen, *lacking))
+
+    def material_names(self, whole: Fit) -> frozenset[str]:
+        """Effects of a fit that matter: significance is not enough.
+
+        Two that stand in for one another would both be idle, and nothing would be named of a gap
+        that they explain: the one that can be spared is taken out, and the others are looked at
+        again, as long as the material ones leave most of what all explain of a channel.
+        """
+        while True:
+            material = self._material(whole)
+            if material == whole.names:
+                return material
+            kept = [a for a in whole.chosen if self.design.regressors[a].name in material]
+            alone = self.pinned_to(whole).fit(kept)
+            is_missed = any(
+                self.noise.matters(channel, alone.rms[channel])
+                and alone.rms[channel] ** 2 - whole.rms[channel] ** 2
+                > MISSED * (each.square / each.rows - whole.rms[channel] ** 2)
+                for channel, each in self.design.equations.items()
+            )
+            if not is_missed:
+                return material
+            idle = [name for name in self.names_by_weight(whole) if name not in material]
+            whole = self.without(whole, idle[-1])
+
+    def _material(self, whole: Fit) -> frozenset[str]:
+        """Effects that add to a gap what nothing else that is named can replace."""
+        design, noise, pinned = self.design, self.noise, self.pinned_to(whole)
+        between_encoders = effects_where(lambda effect: effect.kind is Kind.LOST_MOTION)
+        rises: dict[str, dict[str, float]] = {}  # effect -> its part of each channel's gap
+        for name in whole.names:
+            lesser = pinned.without(whole, name)
+            rises[name] = {
+                channel: math.sqrt(max(lesser.rms[channel] ** 2 - rms**2, 0.0))
+                for channel, rms in whole.rms.items()
+            }
+        found = set()
+        for name, mine in rises.items():
+            regressors, coefficients = self.coefficients(whole, name)
+            if name in self.priors:
+                healthy, sigma = self.priors[name]
+                if abs(float(coefficients.sum()) - healthy) / sigma <= MATERIAL_TOLERANCES:
+                    continue
+            effect = effects().get(name)
+            alike = effect.imitates & whole.names if effect else frozenset()
+            is_one = sum(a in whole.chosen for a in regressors) == 1
+            for channel, each in design.equations.items():
+                elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in design.equations
+                before = math.sqrt(each.square / each.rows)
+                if (name in between_encoders and elsewhere) or not noise.matters(channel, before):
+                    continue
+                overshadowed = any(rises[other][channel] > mine[channel] for other in alike)
+                left = noise.beyond(channel, whole.rms[channel])
+                is_stopgap = overshadowed and not (is_one and left < COMPLETE * mine[channel])
+                part = LEAST_RISE_BESIDE_ALIKE if is_stopgap else LEAST_RISE_OF_GAP
+                if mine[channel] >= max(noise.tolerance[channel], part * before):
+                    found.add(name)
+        return frozenset(found)
+
     def coefficients(self, whole: Fit, name: str) -> tuple[list[int], Floats]:
         """Regressors of a fit that bear a name, and their coefficients."""
         mine = [a for a in whole.regressors if self.design.regressors[a].name == name]
-        place = {c: k for k, c in enumerate(self.design.indices(whole.regressors).tolist())}
-        wanted = [place[c] for c in self.design.indices(mine).tolist()]
-        return mine, whole.coefficients[wanted]
+        owner = np.searchsorted(self.design.first, whole.columns, side="right") - 1
+        return mine, whole.coefficients[np.isin(owner, mine)]
 
     def residuals(self, best: Fit) -> dict[str, Floats]:
         """Residual that a fit leaves of the gap with all its regressors, by channel, (n,)."""

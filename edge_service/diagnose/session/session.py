@@ -12,7 +12,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect, Effect
 from ...models.effects.signature import torque_signature, transmission_signature
-from .run import Run, is_below
+from .run import Run
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
@@ -155,9 +155,10 @@ class Session:
         found: Integers = np.floor(time_s / self.block_s).astype(np.int64) % FOLDS
         return found
 
-    def is_too_slow(self, effect: Effect) -> bool:
-        """True if the sampling of a run is too slow to see an effect."""
-        return any(is_below(run.low_pass.period_s, effect.least_rate_hz) for run in self.runs)
+    @property
+    def fold(self) -> dict[str, Integers]:
+        """Fold of each row, by channel, (n,)."""
+        return {name: self.folds(rows.variables["time_s"]) for name, rows in self.channels.items()}
 
     @property
     def torque_rms_nm(self) -> float:

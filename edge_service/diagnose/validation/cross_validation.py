@@ -43,8 +43,7 @@ class CrossValidation:
     def of_estimates(cls, values: Estimates) -> "CrossValidation":
         """Fit the values once more without each fold; with all where nothing else is left."""
         session = values.fitted.system.session
-        number = {n: session.folds(r.variables["time_s"]) for n, r in session.channels.items()}
-        folds = []
+        number, folds = session.fold, []
         for k in range(FOLDS):
             rows = {name: each == k for name, each in number.items()}
             kept = {name: ~each for name, each in rows.items()}

@@ -94,7 +94,7 @@ def attributions(posterior: Posterior, contributions: Contributions) -> dict[str
     """
     problem, session = posterior.problem, posterior.problem.session
     tolerance, channel_of = problem.noise.tolerance, contributions.channel_of
-    left, by_shapes = contributions.left_beside_nuisances(), problem.residuals(posterior.best.fit)
+    left, by_shapes = contributions.left_beside_nuisances, problem.residuals(posterior.best.fit)
     thermal = effects_where(lambda effect: effect.is_thermal)
     heated = {channel for effect, channel in channel_of.items() if effect in thermal}
     residuals = {
@@ -160,7 +160,7 @@ def doubts_of(posterior: Posterior, contributions: Contributions) -> dict[str, D
     alone; they are too many; or a parameter that is not named has to leave its tolerance for them.
     """
     problem, session = posterior.problem, posterior.problem.session
-    entries_left, by_effect = contributions.left_beside_nuisances(), contributions.by_effect
+    entries_left, by_effect = contributions.left_beside_nuisances, contributions.by_effect
     if FORCE in by_effect and TORQUE_GAP in entries_left:  # a force is taken as its pulses were
         as_entry = by_effect[FORCE][TORQUE_GAP]
         entries_left[TORQUE_GAP] = entries_left[TORQUE_GAP] + as_entry - posterior.force_nm
@@ -172,8 +172,7 @@ def doubts_of(posterior: Posterior, contributions: Contributions) -> dict[str, D
         is_unknown = left[name] > UNKNOWN_SHARE or len(contributions.named) > MOST_CAUSES
         is_unknown |= name in claimed and by_entries[name] > UNKNOWN_ENTRY_SHARE
         doubts[name] = Doubt(is_unknown, 0.5 * (1.0 - left[name]) if is_unknown else 1.0)
-    is_open = TORQUE_GAP in doubts and posterior.exceeds_floor(TORQUE_GAP)
-    if is_open and _is_stretched(posterior, contributions.named):
+    if TORQUE_GAP in posterior.exceeding and _is_stretched(posterior, contributions.named):
         doubts[TORQUE_GAP] = Doubt(is_unknown=True, confidence=0.5)
     return doubts
 

@@ -66,7 +66,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     nearest = next(iter([*(each.name for each in found), *suspects]), None)
     verdict = verdict_of(found, is_unknown=is_unknown)
     gap, left_rms = {}, {}
-    beside_nuisances = contributions.left_beside_nuisances()
+    beside_nuisances = contributions.left_beside_nuisances
     for name, rows in session.channels.items():
         known = healthy is not None and name in healthy.floor
         left_rms[name] = rms(beside_nuisances[name])
@@ -128,7 +128,7 @@ def _is_unknown(assessment: Assessment, suspects: Sequence[str]) -> bool:
         UNKNOWN in posterior.best.material
         or is_misattributed(assessment.attributions, contributions.channel_of)
         or any(doubt.is_unknown for doubt in assessment.doubts.values())
-        or (bool(suspects) and not contributions.named and posterior.exceeds_floor(*CHANNEL_UNITS))
+        or (bool(suspects) and not contributions.named and bool(posterior.exceeding))
     )
 
 

@@ -12,7 +12,13 @@ from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
 from ...diagnose.experiment import propose
 from ...diagnose.pipeline import diagnose_session
-from ...diagnose.preload import Loss, fresh_screw, known_loss, with_missing_drag
+from ...diagnose.preload import (
+    Loss,
+    diagnose_beside_loss,
+    fresh_screw,
+    known_loss,
+    with_missing_drag,
+)
 from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
 from ...diagnose.result import (
     ChannelGap,
@@ -98,12 +104,14 @@ def _diagnosed(
     if healthy is not None:
         session = healthy.beside(session)
     doubted = doubts(machine, runs)
-    fresh, reading, loss = fresh_screw(machine), preload_reading(machine, traces), None
+    fresh, reading = fresh_screw(machine), preload_reading(machine, traces)
     if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
         loss = Loss(known_loss(session, fresh), reading)
-    found = diagnose_session(session, machine, progress=progress, loss=loss)
-    found = _with_motion(beside_doubts(found, doubted), machine)
-    if loss is None:
+        found = diagnose_beside_loss(session, machine, loss, progress)
+        found = _with_motion(beside_doubts(found, doubted), machine)
+    else:
+        found = diagnose_session(session, machine, progress=progress)
+        found = _with_motion(beside_doubts(found, doubted), machine)
         found = with_missing_drag(found, fresh, reading)
     silent = unobservable(session)
     stated = {

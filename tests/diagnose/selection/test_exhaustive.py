@@ -9,8 +9,7 @@ import pytest
 from edge_service.diagnose.candidates.design_matrix import DesignMatrix
 from edge_service.diagnose.candidates.normal_equations import NormalEquations
 from edge_service.diagnose.residual.noise import Noise
-from edge_service.diagnose.selection.posterior import MOST_EFFECTS, leading_sets
-from edge_service.diagnose.selection.problem import SelectionProblem
+from edge_service.diagnose.selection.problem import MOST_EFFECTS, SelectionProblem
 from edge_service.diagnose.session.session import Session
 
 ROWS, EFFECTS = 400, 9
@@ -65,7 +64,7 @@ def test_no_set_of_three_is_better_than_the_first(seed: int) -> None:
         for each in itertools.combinations(chosen, count)
     ]
     best = max(every, key=lambda each: each.score)
-    found = leading_sets(problem, [problem.fit((1,))])
+    found = problem.leading_sets([problem.fit((1,))])
     assert max(each.score for each in found) == pytest.approx(best.score)
     assert best.names in [each.names for each in found]
 
