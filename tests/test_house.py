@@ -152,7 +152,7 @@ MOST_LINES = {
     "checks": 2703,
     "cli": 2052,
     "config": 578,
-    "diagnose": 6522,
+    "diagnose": 6058,
     "downsample": 2290,
     "drivers": 5122,
     "estimate": 6329,
@@ -162,7 +162,7 @@ MOST_LINES = {
     "messages": 2408,
     "models": 6478,
     "nodes": 6912,
-    "offline": 8725,
+    "offline": 8406,
     "outputs": 1229,
     "recordings": 4492,
     "regression": 1197,
@@ -170,7 +170,7 @@ MOST_LINES = {
     "tests": 68621,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 714
+MOST_FILES = 684
 """Modules of the product."""
 
 

@@ -15,9 +15,9 @@ from typing import Self
 import numpy as np
 from scipy.spatial import KDTree
 
-from ...regression.linear import effective_size
 from ...messages.samples import Floats
 from ...models.machine import Machine
+from ...regression.linear import effective_size
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session, rms
 from .structure import predicted_structure
 

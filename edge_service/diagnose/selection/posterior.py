@@ -12,7 +12,7 @@ from ...models.effects.registry import effects_where, error_of
 from ..candidates.force_pulses import FORCE, ForcePulse
 from ..candidates.regressors import UNKNOWN
 from ..residual.noise import Noise
-from ..session.session import TORQUE_GAP, TRANSMISSION_GAP
+from ..session.session import TORQUE_GAP
 from .problem import EffectSet, SelectionProblem
 
 TIED = 5.0

@@ -129,7 +129,15 @@ def test_the_overlap_is_of_what_the_cause_adds(low: float, high: float, expected
             channels={"torque_nm": SimpleNamespace(gap=gap, variables=variables)}
         )
 
-    place = Place("torque_nm", "table_position_m", low, high, "m", 0.9, 0.9, 0.01)
+    place = Place(
+        channel="torque_nm",
+        variable="table_position_m",
+        low=low,
+        high=high,
+        unit="m",
+        share=0.9,
+        energy=0.9,
+    )
     ailing, healthy = session(common + added), session(common)
     right = frozenset({"table_position_m"})
     assert overlap([place], ailing, healthy, right) == pytest.approx(expected, abs=0.06)

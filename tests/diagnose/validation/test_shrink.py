@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edge_service.diagnose.session.session import Rows, Session
-from edge_service.diagnose.validation.cross_validation import on_other_motion, regime_of, resampled
+from edge_service.diagnose.validation.cross_validation import on_other_motion, resampled
 from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
 
@@ -52,11 +52,6 @@ def test_what_may_come_out_otherwise_widens_the_interval() -> None:
     assert found.estimate == pytest.approx(0.8)
     assert found.low == pytest.approx(0.1)
     assert found.high == pytest.approx(0.8)
-
-
-def test_every_regime_is_one_of_sixteen() -> None:
-    regime = regime_of(rows(np.ones(COUNT)))
-    assert set(regime.tolist()) == set(range(16))
 
 
 def again(machine: Machine, cause: str, seed: int) -> Session:
