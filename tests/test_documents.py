@@ -14,8 +14,8 @@ import pytest
 from prometheus_client.core import CounterMetricFamily
 
 from edge_service import exit_status
+from edge_service.checks.live.reasons import channel_reasons
 from edge_service.cli.entry import cli
-from edge_service.estimate.channel_reasons import channel_reasons
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.metrics import ServiceCollector
 from edge_service.http_api.metrics_trend import TrendCollector

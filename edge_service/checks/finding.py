@@ -19,6 +19,7 @@ _KNOWN_FACTORS = {
     60.0 / (2.0 * math.pi): "rev/min instead of rad/s",
     60.0: "per minute instead of per second",
     1.0 / 60.0: "per second instead of per minute",
+    1.0 / 360.0: "a rotary axis, in degrees and rev/min",
     100.0: "percent instead of a fraction",
     0.01: "a fraction instead of percent",
 }
@@ -71,11 +72,16 @@ def judge_factor(
     low, high = sorted((factor.low / expected, factor.high / expected))
     if low > 1.0 + FACTOR_TOLERANCE or high < 1.0 - FACTOR_TOLERANCE:
         ratio = factor.value / expected
-        sentence = f"{channel or name} looks {wrongly(ratio)}" + usual_mistake(abs(ratio), channel)
+        sentence = looks_wrong(channel or name, ratio)
         return Finding(name, Verdict.DOUBTFUL, sentence, factor, expected)
     if high - low > 2.0 * FACTOR_TOLERANCE:
         return Finding(name, Verdict.UNKNOWN, "too little motion to tell", factor, expected)
     return Finding(name, Verdict.FITS, said, factor, expected)
+
+
+def looks_wrong(channel: str, ratio: float) -> str:
+    """Value over truth of a channel as a sentence, with the usual mistake that makes it."""
+    return f"{channel} looks {wrongly(ratio)}{usual_mistake(abs(ratio), channel)}"
 
 
 def wrongly(ratio: float) -> str:
@@ -90,7 +96,8 @@ def wrongly(ratio: float) -> str:
 
 def usual_mistake(ratio: float, what: str) -> str:
     """The usual mistake that makes such a ratio, if there is one."""
-    for known, reason in _KNOWN_FACTORS.items():
-        if ratio > 0.0 and abs(math.log(ratio / known)) < math.log(1.1):
-            return f" ({reason} in {what}?)"
-    return ""
+    if ratio <= 0.0:
+        return ""
+    nearest = min(_KNOWN_FACTORS, key=lambda known: abs(math.log(ratio / known)))
+    near = abs(math.log(ratio / nearest)) < math.log(1.1)
+    return f" ({_KNOWN_FACTORS[nearest]} in {what}?)" if near else ""

@@ -13,7 +13,7 @@ from ..models.machine import Machine
 from ..regression.interval_estimate import IntervalEstimate
 from ..regression.linear import least_squares
 from .channel_regression import ChannelRegression, regress_channel
-from .finding import Finding, Verdict, judge_factor, usual_mistake, wrongly
+from .finding import Finding, Verdict, judge_factor, looks_wrong, usual_mistake
 
 LEAST_LAG_S = 1e-4
 """A shorter lag between the encoders shows in no result."""
@@ -40,14 +40,16 @@ def check_lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
         return found
     ratio = lead.value / expected
     blamed = _misread_angle(ratio) if _table_is_right(machine, recordings) else ""
-    if blamed:
-        sentence = blamed
-    elif ratio < 0.0:
-        sentence = f"{TABLE_POSITION} runs against {ANGLE}: one of the signs looks inverted"
-    else:
-        sentence = f"lead looks like {lead.value:.4g} mm, not {expected:.4g}"
-        sentence += usual_mistake(ratio, f"{TABLE_POSITION} over {ANGLE}")
+    sentence = blamed or other_lead(ratio, expected)
     return Finding("lead", found.verdict, sentence, lead, expected, forbids=True)
+
+
+def other_lead(ratio: float, stated_mm: float) -> str:
+    """Lead over that of the machine file as a sentence."""
+    if ratio < 0.0:
+        return f"{TABLE_POSITION} runs against {ANGLE}: one of the signs looks inverted"
+    said = f"lead looks like {ratio * stated_mm:.4g} mm, not {stated_mm:.4g}"
+    return said + usual_mistake(ratio, f"{TABLE_POSITION} over {ANGLE}")
 
 
 def angle_is_misread(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
@@ -113,10 +115,9 @@ def forget_encoders() -> None:
 
 def _misread_angle(ratio: float) -> str:
     """Description of the angle's error if the table is right; nothing where it may be the lead."""
-    reason = usual_mistake(abs(1.0 / ratio), ANGLE)
-    if ratio > 0.0 and not reason:
+    if ratio > 0.0 and not usual_mistake(1.0 / ratio, ANGLE):
         return ""
-    return f"{ANGLE} looks {wrongly(1.0 / ratio)}{reason}"
+    return looks_wrong(ANGLE, 1.0 / ratio)
 
 
 def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
@@ -172,6 +173,20 @@ def check_motor_speed(_machine: Machine, recordings: Sequence[SampleFrame]) -> F
 def check_table_speed(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
     """Hold the table's speed against its position."""
     return _speed(recordings, TABLE_SPEED, TABLE_POSITION)
+
+
+def speed_doubts(recordings: Sequence[SampleFrame]) -> list[str]:
+    """One line for each speed that is not the derivative of its position."""
+    found = []
+    for speed, position in ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION)):
+        able = [frame for frame in recordings if {speed, position} <= frame.channels.keys()]
+        try:
+            finding = _speed(able, speed, position)
+        except ValueError:
+            continue
+        if finding.is_doubtful:
+            found.append(f"{finding.sentence}; check their scales under [columns]")
+    return found
 
 
 def _speed(recordings: Sequence[SampleFrame], speed: str, position: str) -> Finding:

@@ -7,11 +7,16 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 
 from ..messages.channels import ANGLE, CHANNELS, SETPOINT, TABLE_POSITION, TORQUE
+from ..messages.features import FAULT_WORDS, Fault
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from .finding import Finding, Verdict
 
-_MEASURED = (TORQUE, ANGLE, TABLE_POSITION)
+_STUCK = {
+    TORQUE: Fault.TORQUE_STUCK,
+    ANGLE: Fault.ANGLE_STUCK,
+    TABLE_POSITION: Fault.TABLE_STUCK,
+}
 LEAST_S = 1.0
 """Shorter recordings may well repeat a value, and show no motion to be judged."""
 _TORQUE = re.compile(
@@ -69,17 +74,17 @@ def check_signals(_machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
     empty = [name for name in there if not _values(recordings, name).size]
     still = [name for name in there if _is_still(recordings, name)]
     moving = [name for name in (ANGLE, TABLE_POSITION, SETPOINT) if name in {*there} - {*still}]
-    measured = [name for name in _MEASURED if name in there]
+    measured = [name for name in _STUCK if name in there]
     if measured and set(measured) <= {*still, *empty}:
         said = f"{', '.join(measured)}: not one value changes: the device is off, or not connected"
         return Finding("signals", Verdict.DOUBTFUL, said, forbids=True)
     if TORQUE in {*still, *empty} and moving:
-        what = "has no value" if TORQUE in empty else "does not change"
-        said = f"{TORQUE} {what} while the axis moves"
+        fault = Fault.NO_TORQUE if TORQUE in empty else Fault.TORQUE_STUCK
+        said = f"{TORQUE}: {FAULT_WORDS[fault]}"
         return Finding("signals", Verdict.DOUBTFUL, said, forbids=True)
     stuck = [name for name in measured if name in {*still, *empty}]
     if stuck and moving:
-        said = f"{', '.join(stuck)}: not one value changes while the axis moves"
+        said = "; ".join(f"{name}: {FAULT_WORDS[_STUCK[name]]}" for name in stuck)
         return Finding("signals", Verdict.DOUBTFUL, said)
     return Finding("signals", Verdict.FITS, "what is measured changes")
 

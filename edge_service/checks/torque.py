@@ -24,6 +24,7 @@ SIGMAS = 3.0
 """Of the stated inertia, whose tolerance may be wide."""
 SLOW_SHARE = 0.1
 """Quantile of the speeds in motion below which an axis is slow, for itself."""
+INVERTED = "torque sign looks inverted: "
 ONE_SIDE = 0.05
 """Share of the greatest torque that the other side may reach by noise and an offset."""
 CLEARLY = 0.8
@@ -89,7 +90,7 @@ def _judged_inertia(
         sentence = "cannot tell: samples too slow for the acceleration"
         return Finding("torque", Verdict.UNKNOWN, sentence, inertia, expected)
     if inertia.high < 0.0:
-        sentence = "torque sign looks inverted: " + (
+        sentence = INVERTED + (
             "inertia and friction read negative" if both else "inertia reads negative"
         )
         return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected, forbids=True)

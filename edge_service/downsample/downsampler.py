@@ -7,16 +7,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..checks.live.channel_check import ChannelCheck
+from ..checks.live.channel_limits import ChannelLimits
 from ..messages.arrays import decoded, encoded
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.quality import is_uncertain
+from ..messages.row_faults import T
 from ..messages.samples import Floats, SampleFrame
 from ..messages.stored import Stored
-from .channels.channel_check import ChannelCheck
-from .channels.channel_limits import ChannelLimits
 from .interval_rows import IntervalRows
-from .rows import RowScreen, Screened, T, table_of
+from .rows import RowScreen, Screened, table_of
 from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
 
 _SNAPSHOT_SCHEMA = "downsampler/2"

@@ -4,14 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from ..checks.live.repeats import LEAST_ROWS
+from ..messages.row_faults import FORCE, TEMP, THETA, T, U, X
 from ..messages.samples import Floats
 from ..models.compiled import compiled
 from ..models.held_torque import LONGEST_HOLD_S
 from ..models.reductions import greatest, least, median, sum_of
-from .rows import FORCE, TEMP, THETA, T, U, X
-
-LEAST_ROWS = 4
-"""Rows from which a value counts as repeated; a slow channel holds each for long."""
 
 
 @compiled

@@ -15,12 +15,21 @@ from ..messages.channels import (
     TORQUE,
 )
 from ..messages.features import Fault
-from ..messages.row_faults import WILDEST, ClockPart, clock_parts
+from ..messages.row_faults import (
+    FORCE,
+    OMEGA,
+    SET,
+    TEMP,
+    THETA,
+    WILDEST,
+    ClockPart,
+    T,
+    U,
+    X,
+    clock_parts,
+)
 from ..messages.samples import Floats, SampleFrame
 from ..messages.stored import Since
-
-T, U, THETA, X, OMEGA, SET, TEMP, FORCE = range(8)
-"""Columns of a table of rows: time, torque, angle, table, speed, setpoint, temperature, force."""
 
 _CHANNEL_COLUMNS = {
     TORQUE: U,

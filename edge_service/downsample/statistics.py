@@ -6,19 +6,23 @@ from typing import Any
 
 import numpy as np
 
+from ..checks.live.channel_check import ChannelCheck
 from ..messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from ..messages.row_faults import (
     LIMIT_SHARE,
     MOVED_ANGLE_RAD,
     MOVED_SETPOINT_M,
+    OMEGA,
+    SET,
     STUCK_S,
+    THETA,
+    T,
+    U,
 )
 from ..messages.samples import Floats
 from . import interval_kernels as kernels
-from .channels.channel_check import ChannelCheck
 from .interval_rows import IntervalRows
 from .phases import PhaseSettings, steady_phases
-from .rows import OMEGA, SET, THETA, T, U
 
 
 @dataclass(frozen=True, slots=True)

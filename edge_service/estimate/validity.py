@@ -5,10 +5,10 @@ from typing import Any
 
 from pydantic import ConfigDict, with_config
 
+from ..checks.live.reasons import channel_reasons
 from ..messages.estimate import EstimateStatus
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.stored import Stored
-from .channel_reasons import channel_reasons
 
 _Verdict = tuple[EstimateStatus, tuple[str, ...]]
 

@@ -29,6 +29,28 @@ class Fault(IntFlag):
     ANGLE_STUCK = 1 << 17  # with STUCK: the motor angle repeats one value
 
 
+FAULT_WORDS = {
+    Fault.REPEAT: "repeated time stamps",
+    Fault.HOLE: "a few samples missing, bridged",
+    Fault.GAP: "more samples missing than can be bridged",
+    Fault.TIME_BACKWARDS: "the clock of the axis ran backwards",
+    Fault.STUCK: "a channel is stuck while the axis moves",
+    Fault.IMPLAUSIBLE: "a step that no machine can make",
+    Fault.SATURATED: "the torque command stands at its limit",
+    Fault.NO_TORQUE: "the torque has no value",
+    Fault.NO_POSITION: "the position of the motor has no value",
+    Fault.NO_TABLE: "the linear encoder has no value",
+    Fault.DOUBTED: "the source calls samples uncertain",
+    Fault.SPARSE: "samples too slow to know the torque between them; intervals are wide",
+    Fault.TABLE_STUCK: "the linear encoder stands still while the motor turns",
+    Fault.TABLE_DISAGREES: "the linear encoder does not follow the motor",
+    Fault.TABLE_DOUBTED: "the linear encoder agrees again, but not yet for long enough",
+    Fault.TABLE_SHIFTED: "the zero of the linear encoder may have shifted",
+    Fault.TORQUE_STUCK: "the torque repeats one value while the axis moves",
+    Fault.ANGLE_STUCK: "the motor angle stands still while the axis moves",
+}
+"""Kind of fault -> its words, wherever it is told."""
+
 UNUSABLE = (
     Fault.GAP
     | Fault.TIME_BACKWARDS

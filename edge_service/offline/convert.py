@@ -1,17 +1,18 @@
 """A recording of any form in, a trace of another form out: CSV, Parquet or MCAP."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..checks.positions import speed_doubts
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..recordings.columns import TraceError
-from ..recordings.reader import TraceReader
-from ..recordings.signals.speed_check import SpeedCheck
 from ..recordings.sinumerik.controller_axis import ControllerAxis
 from ..recordings.writer import TraceFormat, TraceWriter, format_of
+from .examination import spread
 from .recordings import Progress, open_recording, reported, silent
 
 _GAP_STEPS = 1.5
@@ -86,16 +87,31 @@ def convert(
         raise TraceError(f"{out}: CSV holds channels only; all columns go into .parquet or .mcap")
     if out.exists() and source.exists() and out.samefile(source):
         raise TraceError(f"{out}: is the recording itself; expected another name")
-    rows, check = _Rows(), SpeedCheck()
+    rows = _Rows()
     with (
         open_recording(machine, source, axis, keep_all=keep_all) as reader,
         TraceWriter(out, reader.channels) as writer,
     ):
-        for frame in reported(reader, f"converting {source.name}", progress):
-            writer.write(frame)
-            rows.add(frame)
-            check.add(frame)
-    return _summary(out, reader, rows, check)
+
+        def written() -> Iterator[SampleFrame]:
+            for frame in reported(reader, f"converting {source.name}", progress):
+                writer.write(frame)
+                rows.add(frame)
+                yield frame
+
+        doubts = speed_doubts(spread(written()))
+    return ConvertSummary(
+        out=out,
+        rows=rows.count,
+        channels=reader.channels,
+        rate_hz=None if rows.step_s is None else 1.0 / rows.step_s,
+        duration_s=(rows.last_s or 0.0) - rows.first_s,
+        gaps=rows.gaps,
+        missing={name: count for name, count in reader.bad_cells.items() if count},
+        set_aside=reader.ragged_rows,
+        ignored=reader.ignored,
+        remarks=(*reader.remarks, *doubts),
+    )
 
 
 class _Rows:
@@ -122,18 +138,3 @@ class _Rows:
             self.gaps += int(np.count_nonzero(steps_s > _GAP_STEPS * self.step_s))
         self.count += len(frame)
         self.last_s = float(time_s[-1])
-
-
-def _summary(out: Path, reader: TraceReader, rows: _Rows, check: SpeedCheck) -> ConvertSummary:
-    return ConvertSummary(
-        out=out,
-        rows=rows.count,
-        channels=reader.channels,
-        rate_hz=None if rows.step_s is None else 1.0 / rows.step_s,
-        duration_s=(rows.last_s or 0.0) - rows.first_s,
-        gaps=rows.gaps,
-        missing={name: count for name, count in reader.bad_cells.items() if count},
-        set_aside=reader.ragged_rows,
-        ignored=reader.ignored,
-        remarks=(*reader.remarks, *check.remarks()),
-    )

@@ -78,9 +78,9 @@ class Examination:
         """A line per check."""
         lines = [f"axis {self.axis}: {self.source}"]
         for each in self.findings:
-            lines.append(
-                f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{_against(each)}"
-            )
+            said = "" if each.figure is None else against(each.figure, each.expected)
+            number = f" [{said}]" if said else ""
+            lines.append(f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{number}")
             if each.remedy:
                 lines.append(f"        {'':<11}-> {each.remedy}")
         lines.append(f"  {self.doubts} of {len(self.findings)} checks raised doubts")
@@ -183,11 +183,6 @@ def _quality(frames: Sequence[SampleFrame]) -> Finding:
         return Finding("quality", Verdict.FITS, "every sample is good")
     verdict = Verdict.FITS if most <= FEW else Verdict.DOUBTFUL
     return Finding("quality", verdict, "not good: " + "; ".join(said))
-
-
-def _against(finding: Finding) -> str:
-    said = "" if finding.figure is None else against(finding.figure, finding.expected)
-    return f" [{said}]" if said else ""
 
 
 def _finding(found: Finding) -> FindingDocument:

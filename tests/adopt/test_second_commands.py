@@ -211,7 +211,7 @@ def test_the_mills_friction_holds_a_plain_regression_and_its_rate_is_refused(
     assert friction["low"] <= constant * plain[2] <= friction["high"]
     assert sections["inertia"]["figures"]["inertia_kg_m2"]["value"] is None
     text = said("diagnose", "--machine", machine, trace, "--out", tmp_path / "d", status=3)
-    assert "sampled at 10 Hz, expected 20 Hz or more" in text
+    assert "10 samples/s, expected 20 or more" in text
 
 
 def test_figures_of_single_days_are_no_recording_but_a_history_of_wear(tmp_path: Path) -> None:

@@ -86,8 +86,8 @@ def test_a_channel_less_is_a_remark(machine_file, tmp_path, lacking, remark):
     ("channel", "factor", "says"),
     [
         ("torque_command_nm", 1000.0, "N m"),
-        ("table_position_m", 1000.0, "unit or the lead"),
-        ("motor_angle_rad", 57.29577951308232, "unit or the lead"),
+        ("table_position_m", 1000.0, "lead looks like"),
+        ("motor_angle_rad", 57.29577951308232, "lead looks like"),
     ],
 )
 def test_a_wrong_unit_is_bad_data(machine_file, tmp_path, channel, factor, says):

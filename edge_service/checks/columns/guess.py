@@ -1,6 +1,6 @@
 """Guesses about a machine that nobody has described, each with its reason."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,16 @@ class Known:
     lead_m: float | None = None
     torque_constant: float | None = None
     period_s: float | None = None
+
+    def answered(self, question: Question, value: float | None) -> "Known":
+        """The same with the answer to a question; the lead is asked for in mm."""
+        if value is None:
+            return self
+        if question.option == "--lead":
+            return replace(self, lead_m=1e-3 * value)
+        if question.option == "--period":
+            return replace(self, period_s=value)
+        return replace(self, torque_constant=value)
 
 
 @dataclass(slots=True)

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from ...checks.same_axis import by_recording
 from ...messages.samples import Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
-from ..session.run import Run, by_recording
+from ..session.run import Run
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
 from .structure import SmoothFunctions, with_ridge
 

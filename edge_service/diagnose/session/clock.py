@@ -6,9 +6,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from ...checks.same_axis import by_recording
 from ...messages.samples import Floats
 from ...models.effects.baseline import Motion
-from .run import Run, by_recording
+from .run import Run
 
 LONGEST_S = 600.0
 """Of a longer session every second minute is kept, or every fourth, and so on."""

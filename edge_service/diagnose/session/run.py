@@ -1,7 +1,6 @@
 """Unbroken run of an axis, and the low-pass that everything compared must pass."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -158,11 +157,3 @@ class Run:
     def compared_rows(self) -> Booleans:
         """Rows whose torque can be compared: in motion, resolved, and known."""
         return (self.moving & self.resolved & ~self.clipped)[:: self.low_pass.step]
-
-
-def by_recording(runs: Iterable[Run]) -> dict[int, list[Run]]:
-    """Runs of each recording, in their order."""
-    found: dict[int, list[Run]] = {}
-    for run in runs:
-        found.setdefault(run.recording, []).append(run)
-    return found

@@ -1,30 +1,9 @@
 """Data faults of one axis: how often each kind was seen, and which are present now."""
 
 from ...messages.event import Event, Severity
-from ...messages.features import UNUSABLE, Fault
+from ...messages.features import FAULT_WORDS, UNUSABLE, Fault
 from ...messages.sentence import Code, told
 from .input_watch import NS_PER_S
-
-_SENTENCES = {
-    Fault.REPEAT: "repeated time stamps",
-    Fault.HOLE: "a few samples missing, bridged",
-    Fault.GAP: "more samples missing than can be bridged",
-    Fault.TIME_BACKWARDS: "the clock of the axis ran backwards",
-    Fault.STUCK: "a channel is stuck while the axis moves",
-    Fault.IMPLAUSIBLE: "a step that no machine can make",
-    Fault.SATURATED: "the torque command stands at its limit",
-    Fault.NO_TORQUE: "the torque channel is missing",
-    Fault.NO_POSITION: "no position channel",
-    Fault.NO_TABLE: "the linear encoder is missing or stuck",
-    Fault.DOUBTED: "the source calls samples uncertain",
-    Fault.SPARSE: "samples too slow to know the torque between them; intervals are wide",
-    Fault.TABLE_STUCK: "the linear encoder stands still while the motor turns",
-    Fault.TABLE_DISAGREES: "the linear encoder does not follow the motor",
-    Fault.TABLE_DOUBTED: "the linear encoder agrees again, but not yet for long enough",
-    Fault.TABLE_SHIFTED: "the zero of the linear encoder may have shifted",
-    Fault.TORQUE_STUCK: "the torque repeats one value while the axis moves",
-    Fault.ANGLE_STUCK: "the motor angle stands still while the axis moves",
-}
 
 
 class DataFaults:
@@ -68,7 +47,7 @@ class DataFaults:
     def _event(self, kind: Fault, state: str, now_ns: int) -> Event:
         serious = state == "present" and bool(kind & UNUSABLE)
         name = fault_name(kind)
-        sentences = {"fault": _SENTENCES[kind]}
+        sentences = {"fault": FAULT_WORDS[kind]}
         words = (
             told(Code.DATA_FAULT, sentences, fault=name)
             if state == "present"

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...checks.live.channel_limits import channel_limits
 from ...config import (
     DEFAULT_MACHINE,
     ConfigError,
@@ -14,7 +15,6 @@ from ...config import (
     load_machine,
 )
 from ...downsample import Downsampler, DownsampleSettings
-from ...downsample.channels.channel_limits import channel_limits
 from ...downsample.phases import PhaseSettings
 from ...downsample.statistics import PlausibilitySettings
 from ...estimate import registry

@@ -1,13 +1,15 @@
 """`edge-service adopt`: propose a machine file from recordings of any kind, with reasons."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from ...atomic import replaced_file
-from ...checks.columns.guess import Choice, Known, Question, Understanding
+from ...checks.columns.guess import Choice, Guess, Known, Question, Understanding
 from ...checks.columns.mechanics import (
     Ability,
     Mechanics,
@@ -17,24 +19,27 @@ from ...checks.columns.mechanics import (
 )
 from ...checks.columns.names import Quantity
 from ...checks.columns.understand import understand
+from ...checks.sampling import clock_of
 from ...command_answer import Answer
 from ...config import ConfigError, load_machine
+from ...messages.arrays import finite_or_none
 from ...messages.channels import CHANNELS, TABLE_POSITION, TORQUE
 from ...messages.samples import SampleFrame
 from ...models.screw.ball_screw import transmission_ratio
 from ...recordings.columns import ColumnMap, TraceError
 from ...recordings.reader import read_trace
 from ...recordings.sinumerik.controller_axis import ControllerAxis
+from ...regression.interval_estimate import IntervalEstimate
+from ..document import Document
 from ..examination import examine
 from ..recordings import Progress, silent
-from .adopted import answer_of
-from .channels_picture import write_channels_picture
-from .machine_text import SHEET_QUESTIONS, DataSheet, machine_text
+from ..report.pictures import ESTIMATE, STYLE, write_png
+from .machine_text import DataSheet, machine_text
 from .raw_columns import RawColumns, read_columns
 
 Ask = Callable[[Question], float | None]
 """Asks a person one question; None if they do not know."""
-_ASKED_MM = "--lead"
+_DPI, _POINTS = 90, 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +61,72 @@ class Request:
     picture: Path | None = None
 
 
+class Found(Document):
+    """A parameter with its 95 % interval in `unit`; null where it is not determined."""
+
+    name: str
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+
+    def as_text(self) -> str:
+        """One line."""
+        if self.value is None:
+            return f"{self.name}: not determined"
+        interval = f"{self.low:.3g} to {self.high:.3g}"
+        return f"{self.name}: {self.value:.4g} {self.unit} ({interval})"
+
+
+class Doubt(Document):
+    """A check of the machine file against the recordings that raised a doubt."""
+
+    name: str
+    sentence: str
+
+
+class Adopted(Document):
+    """Machine file of recordings; it was not examined where `checks` is null.
+
+    Attributes:
+        motion_s: motion behind what was found; null where nothing was.
+        able: what these recordings answer; an empty reason stands for yes.
+    """
+
+    out: str
+    understood: list[Guess]
+    unknown: list[Question]
+    motion_s: float | None
+    found: list[Found]
+    checks: int | None
+    doubts: list[Doubt]
+    able: list[Ability]
+    picture: str | None
+
+    def lines(self) -> Iterator[str]:
+        """The answer in words."""
+        yield f"{self.out}: written"
+        yield "understood:"
+        for guess in self.understood:
+            mark = "assumed" if guess.assumed else ""
+            yield f"  {mark:<8}{guess.subject}: {guess.words.removeprefix('assumed: ')}"
+        for question in self.unknown:
+            yield f"  unknown {question.option}: {question.words} ({question.why})"
+        if self.motion_s is not None:
+            yield f"found, from {self.motion_s:.3g} s of motion (95 %):"
+            yield from (f"  {each.as_text()}" for each in self.found)
+        if self.checks is None:
+            missing = "the machine file is incomplete: lead_m or inertia_kg_m2 is missing"
+            yield f"not examined: {missing}"
+        else:
+            yield f"examined: {self.checks} checks, {len(self.doubts)} of them doubtful"
+            yield from (f"  {each.name}: {each.sentence}" for each in self.doubts)
+        yield "these recordings answer:"
+        yield from (f"  {each.as_text()}" for each in self.able)
+        if self.picture is not None:
+            yield f"{self.picture}: the channels as they were understood"
+
+
 def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
     """Write the machine file; returns what was understood.
 
@@ -65,52 +136,40 @@ def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent)
     Raises:
         ConfigError, TraceError: one line.
     """
-    if any(request.out.resolve() == given.resolve() for given in request.files):
-        raise ConfigError(f"--out {request.out}: would overwrite a recording")
+    out, picture, sheet = request.out, request.picture, request.sheet
+    if any(out.resolve() == given.resolve() for given in request.files):
+        raise ConfigError(f"--out {out}: would overwrite a recording")
     progress(f"reading {request.files[0].name}")
     raw = read_columns(request.files[0], request.columns)
-    axis, number = _axis(request, raw)
+    axis, number = raw.axis(request.files[0], request.axis_number)
     understood = _understand(raw, axis, request.known, ask)
-    for remark in raw.remarks:
-        understood.say("file", remark)
     frames = [_read(path, understood, number, progress) for path in request.files]
     mechanics = _mechanics(frames, understood)
-    sheet = _asked(replace(request.sheet, number=number), ask)
-    if request.sheet.name == DataSheet().name and axis and not axis.isdigit():
-        sheet = replace(sheet, name=axis)
+    named = axis if sheet.name == DataSheet().name and axis and not axis.isdigit() else sheet.name
+    sheet = replace(sheet.asked(ask), number=number, name=named)
     names = [path.name for path in request.files]
-    text = machine_text(names, understood, mechanics, sheet, _travel(frames))
-    with replaced_file(request.out) as file:
-        file.write(text)
-    findings = (
-        None if mechanics is None else examine(load_machine(request.out), request.files, progress)
+    with replaced_file(out) as file:
+        file.write(machine_text(names, understood, mechanics, sheet, _travel(frames)))
+    findings = None
+    if mechanics is not None:
+        findings = examine(load_machine(out), request.files, progress)
+    doubts = [each for each in findings or () if each.is_doubtful]
+    rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
+    rated = sheet.dynamic_load_rating_n is not None and sheet.preload_n is not None
+    if picture is not None:
+        _draw(frames[0], names[0], picture)
+    adopted = Adopted(
+        out=str(out),
+        understood=list(understood.guesses),
+        unknown=list(understood.questions),
+        motion_s=None if mechanics is None else mechanics.seconds,
+        found=[] if mechanics is None else _found(mechanics),
+        checks=None if findings is None else len(findings),
+        doubts=[Doubt(name=each.name, sentence=each.sentence) for each in doubts],
+        able=abilities(understood.columns, mechanics, rate_hz, has_rating=rated),
+        picture=None if picture is None else str(picture),
     )
-    able = _abilities(frames, understood, mechanics, sheet)
-    if request.picture is not None:
-        _draw(frames[0], names[0], request.picture)
-    return answer_of(request.out, request.picture, understood, mechanics, findings, able)
-
-
-def _axis(request: Request, raw: RawColumns) -> tuple[str, int | None]:
-    """Axis as the file spells it, and its number; empty and None where it names none."""
-    axes = raw.axes
-    if not axes:
-        return "", None
-    numbers = {int(axis) if axis.isdigit() else k + 1: axis for k, axis in enumerate(axes)}
-    if request.axis_number is None and len(axes) > 1:
-        shown = ", ".join(
-            axis if axis == str(number) else f"{number} ({axis})"
-            for number, axis in numbers.items()
-        )
-        raise TraceError(
-            f"{request.files[0]}: axes there are: {shown}; expected the number of the one wanted "
-            "(--axis-number)"
-        )
-    number = next(iter(numbers)) if request.axis_number is None else request.axis_number
-    if number not in numbers:
-        known = ", ".join(map(str, numbers))
-        raise TraceError(f"{request.files[0]}: no axis {number}; axes there are: {known}")
-    return numbers[number], number if numbers[number].isdigit() else None
+    return Answer("\n".join(adopted.lines()), adopted)
 
 
 def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Understanding:
@@ -122,7 +181,7 @@ def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Un
         if question is None:
             break
         answered.add(question.option)
-        known = _with_answer(known, question, ask(question))
+        known = known.answered(question, ask(question))
         found = understand(names, raw.values, known)
     used = {name for each in found.columns.values() for name in (each.column, each.minus)}
     unused = [
@@ -130,34 +189,9 @@ def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Un
     ]
     if unused:
         found.say("columns", f"not needed: {', '.join(unused)}")
+    for remark in raw.remarks:
+        found.say("file", remark)
     return found
-
-
-def _asked(sheet: DataSheet, ask: Ask | None) -> DataSheet:
-    """The data sheet with what whoever is at the terminal knows of it."""
-    if ask is None:
-        return sheet
-    said = {
-        name: ask(question) if getattr(sheet, name) is None else getattr(sheet, name)
-        for name, question in SHEET_QUESTIONS.items()
-    }
-    return replace(
-        sheet,
-        dynamic_load_rating_n=said["dynamic_load_rating_n"],
-        preload_n=said["preload_n"],
-        nut_stiffness_n_per_m=said["nut_stiffness_n_per_m"],
-        table_mass_kg=said["table_mass_kg"],
-    )
-
-
-def _with_answer(known: Known, question: Question, value: float | None) -> Known:
-    if value is None:
-        return known
-    if question.option == _ASKED_MM:
-        return replace(known, lead_m=1e-3 * value)
-    if question.option == "--period":
-        return replace(known, period_s=value)
-    return replace(known, torque_constant=value)
 
 
 def _read(
@@ -169,29 +203,23 @@ def _read(
         for channel, each in understood.columns.items()
         if not each.is_plain(channel)
     }
-    positions = [name for name in understood.columns if name in CHANNELS]
-    if not positions:
-        raise TraceError(f"{path}: {_nothing(understood)}")
+    if not any(name in CHANNELS for name in understood.columns):
+        asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
+        raise TraceError(
+            f"{path}: no column is understood as a position: expected samples of an axis in motion"
+            f"{f' ({asked})' if asked else ''}; figures of single days are no recording"
+        )
     progress(f"reading {path.name}")
     return read_trace(path, columns, axis=ControllerAxis(number, understood.lead_m))
-
-
-def _nothing(understood: Understanding) -> str:
-    """Reason for which no column serves, in one line."""
-    asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
-    return (
-        "no column is understood as a position: expected samples of an axis in motion"
-        f"{f' ({asked})' if asked else ''}; figures of single days are no recording"
-    )
 
 
 def _mechanics(frames: Sequence[SampleFrame], understood: Understanding) -> Mechanics | None:
     if TORQUE not in understood.columns or understood.lead_m is None:
         return None
     ratio = transmission_ratio(understood.lead_m)
-    has_sign = not understood.columns[TORQUE].direction
+    choice = understood.columns[TORQUE]
     try:
-        found = (identify_mechanics if has_sign else steady_friction)(frames, ratio)
+        found = (steady_friction if choice.direction else identify_mechanics)(frames, ratio)
     except ValueError as error:
         understood.say("inertia_kg_m2", f"cannot be told: {error}")
         return None
@@ -199,7 +227,6 @@ def _mechanics(frames: Sequence[SampleFrame], understood: Understanding) -> Mech
         words = "neither inertia nor friction shows its sign; it is left as recorded"
         understood.say(TORQUE, words, assumed=True)
     if found.is_inverted:
-        choice = understood.columns[TORQUE]
         turned = Choice(choice.column, -choice.scale, choice.minus, choice.direction)
         understood.columns[TORQUE] = turned
         understood.say(TORQUE, "sign reversed: as recorded, it counts against the motion")
@@ -215,23 +242,42 @@ def _travel(frames: Sequence[SampleFrame]) -> float | None:
     return float(max(map(np.nanmax, values)) - min(map(np.nanmin, values)))
 
 
-def _abilities(
-    frames: Sequence[SampleFrame],
-    understood: Understanding,
-    mechanics: Mechanics | None,
-    sheet: DataSheet,
-) -> list[Ability]:
-    steps = np.concatenate([np.diff(frame.time_s) for frame in frames])
-    forward = steps[steps > 0.0]
-    rate_hz = 1.0 / float(np.median(forward)) if forward.size else 0.0
-    rated = sheet.dynamic_load_rating_n is not None and sheet.preload_n is not None
-    return abilities(understood.columns, mechanics, rate_hz, has_rating=rated)
+def _found(mechanics: Mechanics) -> list[Found]:
+    return [
+        _parameter("inertia", mechanics.inertia),
+        _parameter("dry friction", mechanics.coulomb),
+        _parameter("viscous friction", mechanics.viscous),
+        _parameter("constant load", mechanics.offset),
+    ]
+
+
+def _parameter(name: str, each: IntervalEstimate) -> Found:
+    value, low, high = (
+        finite_or_none(number) if each.determined else None
+        for number in (each.value, each.low, each.high)
+    )
+    return Found(name=name, value=value, low=low, high=high, unit=each.unit)
 
 
 def _draw(frame: SampleFrame, title: str, out: Path) -> None:
+    """Every channel over time, in SI units, as a PNG file. Raises ConfigError."""
     if out.suffix != ".png":
         raise ConfigError(f"--picture {out}: expected a name that ends in .png")
+    step = len(frame) // _POINTS + 1
+    steps = np.diff(frame.time_s, prepend=frame.time_s[:1])
+    usual = clock_of([frame.time_s]).period_s
+    elapsed = np.cumsum(np.where(steps < 0.0, usual, steps))  # runs on where the clock starts anew
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8.6, 0.8 + 1.3 * len(frame.channels)), layout="constrained")
+        panels = figure.subplots(len(frame.channels), 1, squeeze=False, sharex=True).flatten()
+        for axes, (name, values) in zip(panels, frame.channels.items(), strict=True):
+            axes.plot(elapsed[::step], values[::step], color=ESTIMATE, lw=0.8)
+            described = CHANNELS[name].description if name in CHANNELS else name
+            axes.set_title(f"{name}: {described}", loc="left", fontsize=9)
+            axes.set_ylabel(CHANNELS[name].unit if name in CHANNELS else "")
+        panels[-1].set_xlabel("time, s")
+        figure.suptitle(title, fontsize=10)
     try:
-        write_channels_picture(frame, title, out)
+        write_png(figure, out, _DPI)
     except OSError as error:
         raise ConfigError(f"--picture {out}: cannot be written ({error.strerror})") from None

@@ -1,7 +1,7 @@
 """The proposed machine file as text: what was found, with the reason beside each line."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 
 from ...checks.columns.guess import Choice, Guess, Question, Understanding
 from ...checks.columns.mechanics import Mechanics
@@ -21,6 +21,14 @@ class DataSheet:
     preload_drag_nm: float | None = None
     nut_stiffness_n_per_m: float | None = None
     table_mass_kg: float | None = None
+
+    def asked(self, ask: Callable[[Question], float | None] | None) -> "DataSheet":
+        """The sheet with what whoever is at the terminal knows of it; as it is without `ask`."""
+        if ask is None:
+            return self
+        missing = [name for name in SHEET_QUESTIONS if getattr(self, name) is None]
+        said = {name: ask(SHEET_QUESTIONS[name]) for name in missing}
+        return DataSheet(**{**asdict(self), **said})
 
 
 _UNKNOWN = {
@@ -94,36 +102,27 @@ def _comments(said: Mapping[str, Sequence[Guess]], subject: str) -> list[str]:
 
 
 def _model(mechanics: Mechanics | None, sheet: DataSheet) -> list[str]:
+    drag = _of_sheet(sheet, "preload_drag_nm")
     if mechanics is None:
-        return [
-            "# inertia_kg_m2 = ...  # unknown: no torque in N m, or no lead",
-            _of_sheet(sheet, "preload_drag_nm"),
-        ]
-    lines = [_inertia(mechanics)]
-    viscous, coulomb = mechanics.viscous, mechanics.coulomb
+        return ["# inertia_kg_m2 = ...  # unknown: no torque in N m, or no lead", drag]
+    inertia, viscous, coulomb = mechanics.inertia, mechanics.viscous, mechanics.coulomb
+    if inertia.determined and inertia.low > 0.0:
+        said = f"{_quantity(inertia)}  # of motor, screw and table, at the motor"
+    else:
+        most = mechanics.most_inertia
+        said = (
+            f"{{ value = {0.5 * most:.3g}, tolerance = 0.6 }}  # (assumed) half of {most:.3g}, "
+            "with which it would take all of the torque: the recording does not tell"
+        )
+    lines = [f"inertia_kg_m2 = {said}"]
     if viscous.determined and viscous.value > 0.0:
         lines.append(f"viscous_nm_s_per_rad = {_quantity(viscous)}")
     if sheet.preload_drag_nm is not None:
-        lines.append(f"preload_drag_nm = {sheet.preload_drag_nm!r}  # as given")
+        drag = f"preload_drag_nm = {sheet.preload_drag_nm!r}  # as given"
     elif coulomb.determined and coulomb.value > 0.0 and sheet.preload_n is None:
-        lines.append(
-            f"preload_drag_nm = {_quantity(coulomb)}  # all dry friction of the axis, as recorded"
-        )
-    else:
-        lines.append(_of_sheet(sheet, "preload_drag_nm"))
-    return lines
-
-
-def _inertia(mechanics: Mechanics) -> str:
-    inertia = mechanics.inertia
-    if inertia.determined and inertia.low > 0.0:
-        return f"inertia_kg_m2 = {_quantity(inertia)}  # of motor, screw and table, at the motor"
-    half = 0.5 * mechanics.most_inertia
-    return (
-        f"inertia_kg_m2 = {{ value = {half:.3g}, tolerance = 0.6 }}  # (assumed) half of "
-        f"{mechanics.most_inertia:.3g}, with which it would take all of the torque: the recording "
-        "does not tell"
-    )
+        why = "all dry friction of the axis, as recorded"
+        drag = f"preload_drag_nm = {_quantity(coulomb)}  # {why}"
+    return [*lines, drag]
 
 
 def _quantity(found: IntervalEstimate) -> str:

@@ -48,6 +48,29 @@ class RawColumns:
         """Columns of an axis, and those of none."""
         return tuple(each for each in self.names if each.axis in ("", axis))
 
+    def axis(self, path: Path, number: int | None) -> tuple[str, int | None]:
+        """Axis as the file spells it, and its number; empty and None where it names none.
+
+        Args:
+            number: of the controller, or place among the axes; needed where there are several.
+        """
+        numbers = {int(axis) if axis.isdigit() else k + 1: axis for k, axis in enumerate(self.axes)}
+        if not numbers:
+            return "", None
+        if number is None and len(numbers) > 1:
+            shown = ", ".join(
+                axis if axis == str(each) else f"{each} ({axis})" for each, axis in numbers.items()
+            )
+            raise TraceError(
+                f"{path}: axes there are: {shown}; expected the number of the one wanted "
+                "(--axis-number)"
+            )
+        number = next(iter(numbers)) if number is None else number
+        if number not in numbers:
+            known = ", ".join(map(str, numbers))
+            raise TraceError(f"{path}: no axis {number}; axes there are: {known}")
+        return numbers[number], number if numbers[number].isdigit() else None
+
 
 def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
     """Read a file of any form.

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...atomic import replaced_file
+from ...checks.session import check_data
 from ...command_answer import Answer
 from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
@@ -30,7 +31,6 @@ from ...diagnose.result import (
     learnable,
     withheld,
 )
-from ...diagnose.session.data_check import check_data
 from ...diagnose.session.run import Run
 from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP
 from ...diagnose.session.twin import rigid_baseline

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.diagnose.session.data_check import check_data
+from edge_service.checks.session import check_data
 from edge_service.models.machine import Machine
 
 from ..conftest import frame_of, recorded, runs
@@ -25,12 +25,12 @@ def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
 @pytest.mark.parametrize(
     ("channel", "factor", "reason"),
     [
-        ("torque_command_nm", -1.0, "wrong sign"),
+        ("torque_command_nm", -1.0, "torque sign looks inverted"),
         ("torque_command_nm", 1000.0, "unit"),
         ("torque_command_nm", 0.0, "a channel is stuck"),
-        ("table_position_m", 1000.0, "unit or the lead"),
-        ("table_position_m", -1.0, "sign is inverted"),
-        ("motor_angle_rad", 180.0 / np.pi, "unit or the lead"),
+        ("table_position_m", 1000.0, "lead looks like"),
+        ("table_position_m", -1.0, "one of the signs looks inverted"),
+        ("motor_angle_rad", 180.0 / np.pi, "lead looks like"),
     ],
 )
 def test_units_and_signs(machine: Machine, channel: str, factor: float, reason: str) -> None:

@@ -10,14 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from ...messages.features import Fault
+from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
 from ...messages.stored import Packed, Stored
-from ..rows import THETA, T, U, X
-from .agreement import Agreement, AgreementState, Roughness
-from .agreement_kernels import RESTING_RAD_S, SPEED, pieces_of
 from .channel_limits import ChannelLimits
-from .encoder_resolution import EncoderResolution
-from .repeats import OpenRun, followed, standing
+from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, AgreementState, pieces_of
+from .repeats import EncoderResolution, OpenRun, followed, standing
 
 TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
@@ -198,7 +196,7 @@ class ChannelCheck:
             self._runs.table,
         )
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
-        rough = Roughness(resolution.noise_m, resolution.lag_s(period_s), span_nm)
+        rough = np.array([resolution.noise_m, resolution.lag_s(period_s), span_nm])
         pushed = self._agreement.closed
         parted_m = self._agreement.parted_m(pieces, rough)
         hidden_m = stretch_m + (0.0 if pushed and self._agreement.closed else limits.play_m)
@@ -212,7 +210,7 @@ class ChannelCheck:
             self._agreed(inside, way, pieces, rough)
         return self._verdict(Fault.NONE, has_stretch=not suspect)
 
-    def _agreed(self, inside: Floats, way: Floats, pieces: Floats, rough: Roughness) -> None:
+    def _agreed(self, inside: Floats, way: Floats, pieces: Floats, rough: Floats) -> None:
         """Learn from an interval in which nothing is wrong."""
         speeds = pieces[:, SPEED]
         turn_m = 2.0 * np.pi * self._limits.ratio_m_per_rad

@@ -3,14 +3,15 @@
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from ...messages.samples import Floats
-from .run import Run, by_recording
+from ..messages.samples import Booleans, Floats
+from ..models.effects.baseline import Motion
 
 LEAST_TRAVEL_M, LONG_TRAVEL_M = 5e-3, 0.1
 """A file that stays within these says nothing of the lead, or nothing that reaches further."""
@@ -29,6 +30,46 @@ _LEAST_BLOCKS = 10
 """Some five seconds of motion: in less a push, or an odd load, passes for friction."""
 _LEAST_ROWS = 30
 _OTHER = -99
+
+
+class Run(Protocol):
+    """Unbroken run of an axis, as `diagnose` has it; all arrays (n,) at the native rate."""
+
+    @property
+    def motion(self) -> Motion: ...
+    @property
+    def moving(self) -> Booleans: ...
+    @property
+    def clipped(self) -> Booleans: ...
+    @property
+    def transmission_m(self) -> Floats | None: ...
+    @property
+    def setpoint_m(self) -> Floats | None: ...
+    @property
+    def recording(self) -> int: ...
+    @property
+    def period_s(self) -> float: ...
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def has_torque(self) -> bool: ...
+    @property
+    def is_slow(self) -> bool: ...
+    @property
+    def compared_rows(self) -> Booleans: ...
+    def resting_zero(self, values: Floats) -> Floats: ...
+    def at_rows(self, values: Floats) -> Floats: ...
+
+
+AnyRun = TypeVar("AnyRun", bound=Run)
+
+
+def by_recording(runs: Iterable[AnyRun]) -> dict[int, list[AnyRun]]:
+    """Runs of each recording, in their order."""
+    found: dict[int, list[AnyRun]] = {}
+    for run in runs:
+        found.setdefault(run.recording, []).append(run)
+    return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,18 @@
-"""Comparison of the encoders piece by piece as machine code; see `agreement`."""
+"""Agreement of the linear encoder with the way of the screw, within the limits of a sound axis.
+
+Compared piece by piece, as machine code.
+"""
+
+from dataclasses import astuple, dataclass, field
+from typing import Annotated
 
 import numpy as np
 
+from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
+from ...messages.stored import Packed
 from ...models.compiled import compiled
-from ..rows import THETA, T, U, X
+from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH, ChannelLimits
 
 CHUNKS = 10
 """Pieces of an interval: the mean of each is free of chatter, and still tells a short fault."""
@@ -23,10 +31,109 @@ HELD, REST, BEGUN, NEWEST = range(4)
 """Rows of anchors: earlier pieces, NaN where there is none."""
 DIRECTION, PUSHED_SPEED, PUSHED_TIME, PUSHED_FROM, CLOSED = range(5)
 """Places of the contact's state."""
-RATIO, PLAY, PERIODIC, COMPLIANCE, LENGTH, SKEW, STRETCH, GROWTH_S, MOST_GROWTH = range(9)
-"""Places of the limits: as `ChannelLimits`; stretch per force and torque, growth per length."""
+RATIO, PLAY, PERIODIC, LENGTH, STRETCH = range(5)
+"""Places of the limits: as `ChannelLimits`; stretch per torque."""
 NOISE, LAG, SPAN = range(3)
-"""Places of the channels' roughness."""
+"""Places of the channels' roughness: noise of the encoders' difference from row to row, m; longest
+hold of a slow channel, s; span of the torque around the interval, N m, NaN if unknown."""
+_ANCHORS = ("held", "rest", "begun", "newest")
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Means over a few rows, as stored.
+
+    Attributes:
+        parted_m: way of the screw less that of the table, less the skew that is known.
+        way_m: of the screw.
+    """
+
+    time_s: float
+    parted_m: float
+    way_m: float
+    speed_m_s: float
+    torque_nm: float
+
+
+@dataclass(slots=True)
+class Contact:
+    """Contact of the nut: pushing the table with the same flank all the while, or not.
+
+    Attributes:
+        pushed_from_m: way of the screw at which it began to push; NaN while it does not.
+    """
+
+    direction: float = 0.0
+    speed_m_s: float = np.nan
+    time_s: float = np.nan
+    pushed_from_m: float = np.nan
+
+
+@dataclass(slots=True)
+class AgreementState:
+    """Everything on which the next piece is compared, as stored; see Agreement.
+
+    Attributes:
+        contact: of the nut.
+        closed: no play can hide between the encoders.
+        anchors: earlier pieces by name.
+    """
+
+    contact: Annotated[Contact, Packed()] = field(default_factory=Contact)
+    closed: bool = False
+    anchors: dict[str, Annotated[Chunk, Packed()]] = field(default_factory=dict)
+
+
+class Agreement:
+    """Comparison of both encoders with earlier pieces at which they agreed.
+
+    `held` is the last piece of pushed motion, `rest` the last one at rest: a reversal may add the
+    play to them. `begun` is where the present push began and `newest` its last piece: nothing may
+    be added to them but what goes with way, torque and speed.
+    """
+
+    def __init__(self, limits: ChannelLimits, state: AgreementState | None = None) -> None:
+        first = (limits.ratio_m_per_rad, limits.play_m, limits.periodic_m)
+        self._limits = np.array([*first, limits.length_m, limits.stretch_m(1.0)])
+        self.restore(state or AgreementState())
+
+    def forget(self) -> None:
+        """Forget all earlier pieces."""
+        self.restore(AgreementState())
+
+    def interrupt(self) -> None:
+        """Take a gap: the present push may have ended."""
+        self._contact = np.array([*astuple(Contact()), 0.0])
+        self._anchors[[BEGUN, NEWEST]] = np.nan
+
+    @property
+    def closed(self) -> bool:
+        """True while no play can hide between the encoders."""
+        return bool(self._contact[CLOSED])
+
+    def parted_m(self, pieces: Floats, rough: Floats) -> float:
+        """Take the next pieces (k, 5), as of `pieces_of`; the parting of the encoders
+        beyond a sound axis' limits at the first that does, m, or 0. `rough`: noise, lag, span."""
+        return _parted_m(pieces, self._contact, self._anchors, self._limits, rough)
+
+    def is_elsewhere(self, piece: Floats, rough: Floats) -> bool:
+        """True if a piece lies at another level than the last that agreed."""
+        return _is_elsewhere(piece, self._anchors, self._limits, rough)
+
+    @property
+    def state(self) -> AgreementState:
+        """Everything on which the next piece is compared."""
+        rows = zip(_ANCHORS, self._anchors.tolist(), strict=True)
+        anchors = {name: Chunk(*row) for name, row in rows if not np.isnan(row[0])}
+        return AgreementState(Contact(*self._contact[:-1].tolist()), self.closed, anchors)
+
+    def restore(self, state: AgreementState) -> None:
+        """Continue from a state."""
+        self._contact = np.array([*astuple(state.contact), float(state.closed)])
+        self._anchors = np.full((len(_ANCHORS), 5), np.nan)
+        for row, name in enumerate(_ANCHORS):
+            if name in state.anchors:
+                self._anchors[row] = astuple(state.anchors[name])
 
 
 @compiled
@@ -52,13 +159,13 @@ def pieces_of(rows: Floats, ratio_m_per_rad: float, skew_s: float) -> Floats:
 
 
 @compiled
-def rests(piece: Floats, limits: Floats) -> bool:
-    """Tell whether the screw stands still."""
+def _rests(piece: Floats, limits: Floats) -> bool:
+    """True if the screw stands still."""
     return bool(abs(piece[SPEED]) <= RESTING_RAD_S * limits[RATIO])
 
 
 @compiled
-def parted_m(
+def _parted_m(
     pieces: Floats, contact: Floats, anchors: Floats, limits: Floats, rough: Floats
 ) -> float:
     """Take pieces up to the first at which the encoders part beyond a sound axis' limits, m, or 0.
@@ -67,42 +174,42 @@ def parted_m(
         pieces: (k, 5).
         contact: (5,), changed in place.
         anchors: (4, 5), changed in place.
-        limits: (9,).
+        limits: (5,).
         rough: (3,).
     """
     for piece in pieces:
         contact[CLOSED] = _pushes(piece, contact, limits, rough)
         if contact[CLOSED] == 0.0:
             anchors[BEGUN], anchors[NEWEST] = np.nan, np.nan
-        resting = rests(piece, limits)
+        resting = _rests(piece, limits)
         for name in range(4):
             if np.isnan(anchors[name, TIME]) or (name == REST and not resting):
                 continue
             apart_m = abs(piece[PARTED] - anchors[name, PARTED])
             play_m = limits[PLAY] if name in (HELD, REST) else 0.0
-            if apart_m > play_m + allowed_m(anchors[name], piece, limits, rough):
+            if apart_m > play_m + _allowed_m(anchors[name], piece, limits, rough):
                 return float(apart_m)
         _remember(piece, contact, anchors, resting)
     return 0.0
 
 
 @compiled
-def is_elsewhere(piece: Floats, anchors: Floats, limits: Floats, rough: Floats) -> bool:
-    """Tell whether a piece lies at another level than the last that agreed."""
+def _is_elsewhere(piece: Floats, anchors: Floats, limits: Floats, rough: Floats) -> bool:
+    """True if a piece lies at another level than the last that agreed."""
     for name in (HELD, REST):
         if not np.isnan(anchors[name, TIME]):
             apart_m = abs(piece[PARTED] - anchors[name, PARTED])
-            if apart_m > limits[PLAY] + allowed_m(anchors[name], piece, limits, rough):
+            if apart_m > limits[PLAY] + _allowed_m(anchors[name], piece, limits, rough):
                 return True
     return False
 
 
 @compiled
-def allowed_m(anchor: Floats, piece: Floats, limits: Floats, rough: Floats) -> float:
+def _allowed_m(anchor: Floats, piece: Floats, limits: Floats, rough: Floats) -> float:
     """Most by which a sound axis parts its encoders between two pieces, without play, m."""
     turned_nm = abs(piece[TORQUE] - anchor[TORQUE])
     span_nm = turned_nm if turned_nm > rough[SPAN] else rough[SPAN]
-    growth = min(limits[GROWTH_S] * (piece[TIME] - anchor[TIME]), limits[MOST_GROWTH])
+    growth = min(GROWTH_PER_LENGTH_S * (piece[TIME] - anchor[TIME]), MOST_GROWTH)
     return float(
         limits[PERIODIC]
         + 3.0 * rough[NOISE]
@@ -122,7 +229,7 @@ def _stretch_m(torque_span_nm: float, limits: Floats) -> float:
 @compiled
 def _pushes(piece: Floats, contact: Floats, limits: Floats, rough: Floats) -> float:
     """Take the next piece of the motion; 1 once the nut pushed beyond play and stretch, else 0."""
-    along = 0.0 if rests(piece, limits) else (1.0 if piece[SPEED] > 0.0 else -1.0)
+    along = 0.0 if _rests(piece, limits) else (1.0 if piece[SPEED] > 0.0 else -1.0)
     gained_m_s = (piece[SPEED] - contact[PUSHED_SPEED]) * along
     most_m_s = BRAKING_RAD_S2 * limits[RATIO] * (piece[TIME] - contact[PUSHED_TIME])
     pushing = along != 0.0 and along == contact[DIRECTION] and piece[TORQUE] * along > 0.0

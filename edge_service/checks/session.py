@@ -1,4 +1,4 @@
-"""Check of a recording before anything is fitted to it: units, signs, cover, faults."""
+"""Checks of a session before anything is fitted to it: motion, units, signs, one axis."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
-from ...messages.samples import Booleans, Floats
-from .run import Run, by_recording
-from .same_axis import FileFit, fits_of, inconsistency
+from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
+from ..messages.features import FAULT_WORDS, Fault
+from ..messages.samples import Booleans, Floats
+from .finding import looks_wrong, usual_mistake, wrongly
+from .positions import FOLLOWED, other_lead
+from .same_axis import FileFit, Run, by_recording, fits_of, inconsistency
+from .torque import INVERTED
 
 LEAST_MOTION_S = 2.0
 SHORT_MOTION_S = 10.0
@@ -21,14 +24,12 @@ _FRICTION_RANGE = (0.03, 30.0)
 _LEAST_INERTIAL = 0.02
 """Of the model's energy: with less of it no friction could stand in for, the inertia is unseen."""
 _LEAST_MOVING = 100
-_FOLLOWED = (0.2, 5.0)
-"""Travel of a setpoint over that of its axis: beyond it no lag explains it, but a unit does."""
 _STUCK_SHARE = 0.3
 _NO_RUN = (
     "no unbroken run of a second or more: recordings are too short, rows or values are missing, or "
     "a channel is stuck"
 )
-_RATE = f"expected {LEAST_RATE_HZ:g} Hz or more; is time_s in seconds?"
+_RATE = f"expected {LEAST_RATE_HZ:g} or more; is time_s in seconds?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +56,14 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
         lead_m = 2.0 * np.pi * ratio_m_per_rad
         called = dict(enumerate(names))
         mixed = inconsistency(fits, lead_m, lambda k: called.get(k, f"recording {k + 1}"))
-        faults += [mixed] if mixed else [*_units(fits), *_stuck(runs), *_torque(runs)]
+        faults += [mixed] if mixed else [*_units(fits, lead_m), *_stuck(runs), *_torque(runs)]
     return DataCheck(tuple(faults), tuple(_remarks(runs)))
 
 
 def _cover(runs: Sequence[Run]) -> list[str]:
     period_s = max(run.period_s for run in runs)
     if 1.0 / period_s < LEAST_RATE_HZ:
-        return [f"sampled at {1.0 / period_s:.3g} Hz, {_RATE}"]
+        return [f"{1.0 / period_s:.3g} samples/s, {_RATE}"]
     moving_s = sum(float(run.moving.sum()) * run.period_s for run in runs)
     if moving_s < LEAST_MOTION_S:
         return [f"the axis moves for {moving_s:.2g} s, expected {LEAST_MOTION_S:g} s or more"]
@@ -78,36 +79,26 @@ def _cover(runs: Sequence[Run]) -> list[str]:
     return []
 
 
-def _units(fits: Sequence[FileFit]) -> list[str]:
+def _units(fits: Sequence[FileFit], lead_m: float) -> list[str]:
     """Table and setpoint against motor: the lead says how far one turn goes."""
     for fit in fits:
         travel = fit.travel
         if abs(travel.lead - 1.0) > travel.lead_reach:
-            return [_other_lead(TABLE_POSITION, travel.lead)]
-        if not _is_late(travel.setpoint_lead):
-            return [_other_lead(SETPOINT, travel.setpoint_lead)]
+            remedy = f"check axis.lead_m, and the scales of columns.{ANGLE} and .{TABLE_POSITION}"
+            return [f"{other_lead(travel.lead, 1e3 * lead_m)}; {remedy}"]
+        setpoint = travel.setpoint_lead
+        if not math.isnan(setpoint) and not FOLLOWED[0] < setpoint < FOLLOWED[1]:
+            remedy = f"check axis.lead_m and the scales of columns.{ANGLE} and .{SETPOINT}"
+            return [f"{looks_wrong(SETPOINT, setpoint)}; {remedy}"]
     return []
 
 
-def _is_late(lead: float) -> bool:
-    """Tell whether a setpoint's lead is that of an axis that follows it, however late."""
-    return math.isnan(lead) or _FOLLOWED[0] < lead < _FOLLOWED[1]
-
-
-def _other_lead(channel: str, lead: float) -> str:
-    what = "its sign is inverted" if lead < 0.0 else "a unit or the lead is wrong"
-    return f"{channel} moves {lead:.3g} times as far as {ANGLE} says: {what}"
-
-
 def _stuck(runs: Sequence[Run]) -> list[str]:
-    moving = np.concatenate(
-        [run.moving[1:] for run in runs if run.has_torque] or [np.zeros(0, bool)]
-    )
-    still = np.concatenate(
-        [_repeats(run.motion.torque_nm) for run in runs if run.has_torque] or [np.zeros(0, bool)]
-    )
+    able = [run for run in runs if run.has_torque]
+    moving = np.concatenate([run.moving[1:] for run in able] or [np.zeros(0, bool)])
+    still = np.concatenate([_repeats(run.motion.torque_nm) for run in able] or [np.zeros(0, bool)])
     if moving.any() and float(still[moving].mean()) > _STUCK_SHARE:
-        return ["torque_command_nm does not change while the axis moves"]
+        return [f"{TORQUE}: {FAULT_WORDS[Fault.TORQUE_STUCK]}"]
     return []
 
 
@@ -120,7 +111,7 @@ def _torque(runs: Sequence[Run]) -> list[str]:
     """Torque against the model: sign and scale must be of the same kind."""
     middle = _gain(runs, _whole_gain)
     if middle < -0.2:
-        return ["torque_command_nm has the wrong sign: it drives against the motion"]
+        return [f"{INVERTED}it drives against the motion"]
     if math.isnan(middle) or _GAIN_RANGE[0] < abs(middle) < _GAIN_RANGE[1]:
         return []
     of_inertia = _gain(runs, _inertial_gain)
@@ -131,8 +122,8 @@ def _torque(runs: Sequence[Run]) -> list[str]:
     if is_friction:
         return []
     return [
-        f"torque_command_nm is {middle:.3g} times what the machine file needs: "
-        "expected N m at the motor shaft; a unit, the inertia or the machine file is wrong"
+        f"torque looks {wrongly(middle)}{usual_mistake(abs(middle), TORQUE)}: expected N m at the "
+        "motor shaft; a unit, the inertia or the machine file is wrong"
     ]
 
 
@@ -173,7 +164,7 @@ def _remarks(runs: Sequence[Run]) -> list[str]:
             f"{moving_s:.0f} s of motion in all: causes that show rarely or weakly are not found"
         )
     if not any(run.has_torque for run in runs):
-        found.append("no torque_command_nm: friction, inertia and torque are not judged")
+        found.append(f"no {TORQUE}: friction, inertia and torque are not judged")
     if all(run.transmission_m is None for run in runs):
         found.append("one encoder only: what happens between motor and table is not judged")
     gain = abs(_gain(runs, _whole_gain))

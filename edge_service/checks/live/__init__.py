@@ -1,0 +1,1 @@
+"""Channels of a running axis, each held against the others and against its own resolution."""

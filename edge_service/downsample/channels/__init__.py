@@ -1,1 +1,0 @@
-"""Credibility of the channels: each held against the others, and against its own resolution."""
