@@ -39,6 +39,7 @@ def private(folder: Path, name: str, text: str) -> str:
     return path
 
 
+KEPT = '[history]\nfolder = "state"\n[[axes]]\nname = "X"\n'
 AXIS = '[[axes]]\nname = "X"\n'
 TRACE = "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n"
 Case = Callable[[Path], list[str]]
@@ -116,18 +117,7 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "public http address": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + '[http]\nhost = "0.0.0.0"')],
-        "http: '0.0.0.0' is not a loopback address: it needs certificate, private_key, tokens_file",
-    ),
-    "a public address without tokens": (
-        lambda p: [
-            "run",
-            write(
-                p,
-                "a.toml",
-                AXIS + '[http]\nhost = "0.0.0.0"\ncertificate = "c"\nprivate_key = "k"',
-            ),
-        ],
-        "http: '0.0.0.0' is not a loopback address: it needs tokens_file",
+        "http: '0.0.0.0' is not a loopback address: it needs certificate and private_key",
     ),
     "a certificate without its key": (
         lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ncertificate = "c"')],
@@ -154,21 +144,25 @@ CASES: dict[str, tuple[Case, str]] = {
         ],
         "http.private_key: ",
     ),
-    "tokens that are not there": (
-        lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ntokens_file = "t"')],
-        "t: cannot be read (No such file or directory); `edge-service token add` makes it",
-    ),
-    "tokens that are none": (
-        lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ntokens_file = "a.toml"')],
-        "a.toml: is not a file written by `edge-service token`",
+    "tokens without a state folder": (
+        lambda p: ["token", write(p, "a.toml", AXIS)],
+        "history.folder: missing; tokens are kept in the state folder",
     ),
     "a token for nobody": (
-        lambda p: ["token", "add", "", "--role", "viewer", "--file", str(p / "t")],
+        lambda p: ["token", write(p, "a.toml", KEPT), "--add", "", "--role", "viewer"],
         "'': expected up to 60 letters",
     ),
+    "a token without a role": (
+        lambda p: ["token", write(p, "a.toml", KEPT), "--add", "kim"],
+        "expected --add NAME --role viewer|operator, or --revoke NAME",
+    ),
     "a token that is not there": (
-        lambda p: ["token", "revoke", "kim", "--file", str(p / "t")],
-        "t: cannot be read",
+        lambda p: ["token", write(p, "a.toml", KEPT), "--revoke", "kim"],
+        "no token is named 'kim'; there are: none",
+    ),
+    "a proxy without tokens": (
+        lambda p: ["check-config", write(p, "a.toml", KEPT + '[http]\nurl = "https://mill"')],
+        "http.url: beyond loopback a token is needed: edge-service token",
     ),
     "public bus address": (
         lambda p: ["run", "--bus", "tcp/0.0.0.0:7447", write(p, "a.toml", AXIS)],
@@ -207,14 +201,6 @@ CASES: dict[str, tuple[Case, str]] = {
             write(p, "a.toml", AXIS + f'[history]\nfolder = "{write(p, "file", "")}"'),
         ],
         "bus.certificates: there are none, and they cannot be created",
-    ),
-    "a certificate for a name that is none": (
-        lambda p: ["certs", "--out", str(p / "new"), "--name", "http://box"],
-        "'http://box' is no host name and no address",
-    ),
-    "certificates into a file": (
-        lambda p: ["certs", "--out", write(p, "file", "")],
-        "file: ",
     ),
     "port that is none": (lambda p: ["run", "--port", "99999"], "99999"),
     "wrong unit": (

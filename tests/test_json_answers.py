@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from unittest.mock import AsyncMock
@@ -18,7 +17,6 @@ from edge_service.cli.entry import cli, main
 from edge_service.command_answer import Answer
 from edge_service.config import DEFAULT_MACHINE
 from edge_service.exit_status import BAD_INPUT, DONE
-from edge_service.http_api.security.tokens import add_token
 from edge_service.nodes.outputs import trial
 
 from .offline.test_response import FREQUENCY, _response
@@ -30,7 +28,6 @@ WITHOUT = {
     "plant node": "serves until it is stopped",
     "plant router": "serves until it is stopped",
     "stub": "serves until it is stopped",
-    "audit": "prints JSON lines anyway",
     "bench": "its commands stand in a checkout alone, and have their own",
 }
 UNIT = re.compile(
@@ -50,10 +47,9 @@ COMMANDS: dict[str, list[str]] = {
     "send-test": ["send-test", "email"],
     "backup": ["backup", "{dir}/service.toml", "--out", "{dir}/again.zip"],
     "restore": ["restore", "{dir}/backup.zip", "--config", "{dir}/new/service.toml"],
-    "certs": ["certs", "--out", "{dir}/certificates"],
-    "token add": ["token", "add", "kim", "--role", "viewer", "--file", "{dir}/tokens.json"],
-    "token list": ["token", "list", "--file", "{dir}/given.json"],
-    "token revoke": ["token", "revoke", "prometheus", "--file", "{dir}/given.json"],
+    "token": ["token", "{dir}/service.toml"],
+    "token --add": ["token", "{dir}/service.toml", "--add", "kim", "--role", "viewer"],
+    "token --revoke": ["token", "{dir}/service.toml", "--revoke", "prometheus"],
     "replay": ["replay", "{trace}", "--speed", "0", "--port", "0"],
     "doctor": ["doctor", "{trace}"],
     "record": ["record", "--out", "{dir}/recorded.csv"],
@@ -81,7 +77,7 @@ COMMANDS: dict[str, list[str]] = {
 }
 """Each on the smallest input that it answers; a command with several answers more than once."""
 
-QUICK = {"token add", "token list", "token revoke", "motion --list"}
+QUICK = {"token", "token --revoke", "motion --list"}
 """Done before anybody wonders: they tell no progress."""
 
 
@@ -167,7 +163,9 @@ def prepare(
 ) -> None:
     """Lay down what a command needs beside its recordings."""
     if name.startswith("token"):
-        add_token(folder / "given.json", "prometheus", "viewer", 30, datetime.now(UTC))
+        config = folder / "service.toml"
+        config.write_text('history = { folder = "state" }\n[[axes]]\nname = "X"\n')
+        assert main(["token", str(config), "--add", "prometheus", "--role", "viewer"]) == DONE
     if name in ("backup", "restore"):
         config = folder / "service.toml"
         config.write_text('[[axes]]\nname = "X"\n')

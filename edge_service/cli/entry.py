@@ -17,15 +17,20 @@ from .motion import motion
 from .options import FLAG, InputError, error_document
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
-from .security import audit, certs, token
 from .service import backup, check_config, node, replay, restore, run, send_test
 from .sources import doctor, stub
+from .tokens import token
 
 GONE: dict[str, str] = {
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
     "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
     "plant": "gone; run zenohd with deploy/zenoh-router.json5, then edge-service fleet tcp/ROUTER",
+    "audit": "gone; GET /api/v1/log?kind=command",
+    "certs": "gone; use your authority, or mkcert, and [http] certificate",
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
+    "token add": "now token CONFIG --add NAME --role viewer|operator",
+    "token list": "now token CONFIG",
+    "token revoke": "now token CONFIG --revoke NAME",
 }
 """Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
 
@@ -85,7 +90,7 @@ def _is_bad_input(error: Exception) -> bool:
     from ..bus.session import BusConfigurationError, BusUnavailableError
     from ..certificates import CertificateError
     from ..fingerprint.document import FingerprintError
-    from ..http_api.security.tokens import TokenError
+    from ..health.store.tokens import TokenError
     from ..http_api.serve import AddressError
     from ..models.motions.registry import MotionError
     from ..offline.backup.contents import BackupError
@@ -121,9 +126,7 @@ for _command in (
         send_test,
         backup,
         restore,
-        certs,
         token,
-        audit,
         replay,
         doctor,
         stub,

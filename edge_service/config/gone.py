@@ -7,6 +7,9 @@ GONE: dict[str, str] = {
     "opcua": "now [outputs.opcua], with endpoint for host and port",
     "mtconnect": "now [outputs.mtconnect], with endpoint for host and port",
     "plant": "gone; state the router in [bus] zenoh_file (deploy/zenoh-router.json5)",
+    "http.allowed_hosts": "gone; http.url is the address of a proxy, own names are let in",
+    "http.connections": "gone; the limits of a proxy are in its own file (deploy/nginx.conf)",
+    "http.tokens_file": "gone; edge-service token CONFIG keeps tokens in the state folder",
 }
 """Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""
 

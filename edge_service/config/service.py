@@ -17,7 +17,7 @@ from ..config_tables import (
     WebhookConfig,
 )
 from ..estimate.registry import AUTO, ESTIMATORS
-from ..messages.addresses import Security, is_loopback, split_endpoint
+from ..messages.addresses import Security, is_http_url, is_loopback, split_endpoint
 from ..messages.components import check_component
 from ..messages.keys import MachineKeys
 from ..messages.names import check_part
@@ -93,31 +93,31 @@ class HttpConfig(Table):
     """`[http]`: where the API and the page are served. Port 0 takes a free one.
 
     Attributes:
+        url: address of a proxy that passes on to us: its host name is let in.
         certificate, private_key: of the server, in PEM: TLS with them.
-        tokens_file: who may do what, made by `edge-service token`; without it whoever reaches the
-            service may do anything.
-        allowed_hosts: host names, without port, by which it is addressed besides loopback.
     """
 
     host: str = "127.0.0.1"
     port: int = Field(8080, ge=0, le=65535)
-    connections: int = Field(256, ge=4, le=10_000)
+    url: str | None = None
     certificate: Path | None = None
     private_key: Path | None = None
-    tokens_file: Path | None = None
-    allowed_hosts: tuple[str, ...] = ()
+
+    @field_validator("url")
+    @classmethod
+    def _http(cls, value: str | None) -> str | None:
+        if value is not None and not is_http_url(value):
+            raise ValueError("expected http://HOST[:PORT][/PATH] or https://...")
+        return value
 
     @model_validator(mode="after")
     def _guarded(self) -> "HttpConfig":
         if (self.certificate is None) != (self.private_key is None):
             lone = "private_key" if self.private_key is None else "certificate"
             raise ValueError(f"{lone}: missing; certificate and private_key are needed together")
-        needed = ("certificate", "private_key", "tokens_file")
-        missing = [name for name in needed if getattr(self, name) is None]
-        if missing and not is_loopback(self.host):
+        if self.certificate is None and not is_loopback(self.host):
             raise ValueError(
-                f"{self.host!r} is not a loopback address: it needs {', '.join(missing)}"
-                " (`edge-service certs`, `edge-service token add`)"
+                f"{self.host!r} is not a loopback address: it needs certificate and private_key"
             )
         return self
 

@@ -5,22 +5,21 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI, Request
 from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
+from starlette.responses import Response
 
 from .. import __version__
 from ..health.service_state import ServiceState
+from ..health.store.store import StoreFailedError
+from .access import Authenticator, NoteChange, authorized, noted
 from .context import Clock
-from .guard import LOOPBACK_HOSTS, Guard
+from .guard import LOOPBACK_HOSTS, SAFE_METHODS, Guard
 from .jobs import JobDesk, RefusedError
-from .limits.bodies import BodyLimits
-from .limits.head import Head
-from .limits.settings import HttpLimits
 from .metrics import metrics_router
 from .outputs import OutputDesk
-from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
-from .routes.audit import audit_router
+from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response, problem_schemas
 from .routes.axis import SendCommand, work_router
 from .routes.diagnose import diagnose_router
 from .routes.docs import docs_router
@@ -28,15 +27,13 @@ from .routes.download import download_router
 from .routes.jobs import job_router, on_refused
 from .routes.motions import MotionDesk, motion_router
 from .routes.outputs import output_router
-from .routes.preload import axis_router, service_router
+from .routes.preload import alive_router, axis_router, service_router
 from .routes.schemas import schema_router
-from .routes.session import session_router
-from .security.doorkeeper import Doorkeeper
-from .security.gate import Gate
-from .security.trail import Trail
+from .routes.tokens import token_router
 from .stream import stream_router
 
 STATIC = Path(__file__).with_name("static")
+_FILES = StaticFiles(directory=STATIC)
 
 page_router = APIRouter(include_in_schema=False)
 
@@ -47,13 +44,22 @@ async def dashboard() -> FileResponse:
     return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
 
 
+@page_router.get("/static/{path:path}", name="static")
+async def static(request: Request, path: str) -> Response:
+    """A file of the page."""
+    return await _FILES.get_response(path, request.scope)
+
+
 class _Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
         """The description, with the schema of the problem documents and the tokens."""
         schema = super().openapi()
         schema["components"]["schemas"].update(problem_schemas())
-        schema["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
-        schema["security"] = [{"token": []}, {}]
+        schema["components"]["securitySchemes"] = {
+            "token": {"type": "http", "scheme": "bearer"},
+            "password": {"type": "http", "scheme": "basic"},
+        }
+        schema["security"] = [{"token": []}, {"password": []}, {}]
         return schema
 
 
@@ -63,10 +69,10 @@ def create_app(
     hosts: Iterable[str] = LOOPBACK_HOSTS,
     send_command: SendCommand | None = None,
     desk: JobDesk | None = None,
-    limits: HttpLimits | None = None,
     outputs: OutputDesk | None = None,
-    doorkeeper: Doorkeeper | None = None,
+    authenticator: Authenticator | None = None,
     motion_desk: MotionDesk | None = None,
+    note_change: NoteChange = lambda _caller, _action: None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -76,15 +82,16 @@ def create_app(
         hosts: Host names, without port, under which the service may be addressed.
         send_command: Passes on what a person asks of an axis; None: nothing is taken.
         desk: Keeps recordings and runs jobs; None: there are none.
-        limits: Bounds of what is taken from a client.
         outputs: Keeps dead letters; None: there are none.
-        doorkeeper: Tells who asks; None: whoever reaches the service may do anything.
+        authenticator: Finds who asks; None: whoever reaches the service may do anything.
         motion_desk: Writes motions and records axes; None: there is none.
+        note_change: Takes note of a change by its caller, method and path.
     """
     app = _Application(
         title="edge-service",
         summary="Ball-screw preload, its uncertainty and the condition of the axis",
         version=__version__,
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
         responses=DOCUMENTED_DEFAULT,
@@ -96,31 +103,31 @@ def create_app(
     app.state.motion_desk = motion_desk
     app.state.readers_of = Counter[str]()
     app.state.outputs = outputs
-    app.state.doorkeeper = doorkeeper or Doorkeeper()
+    app.state.authenticator = authenticator or Authenticator()
+    app.state.note_change = note_change
     app.add_exception_handler(RefusedError, on_refused)
+    app.add_exception_handler(StoreFailedError, on_store_failed)
     answer_with_problems(app)
+    app.include_router(alive_router)
     for router in (
         service_router,
         axis_router,
         work_router,
         download_router,
-        job_router,
-        motion_router,
-        output_router,
-        diagnose_router,
         schema_router,
-        audit_router,
         stream_router,
         metrics_router,
-        session_router,
         page_router,
         docs_router,
     ):
-        app.include_router(router)
-    app.mount("/static", StaticFiles(directory=STATIC), name="static")
-    app.add_middleware(BodyLimits, limits=limits or HttpLimits())
-    app.add_middleware(Gate, doorkeeper=app.state.doorkeeper)
-    app.add_middleware(Trail, state=state, clock=clock)
-    app.add_middleware(Head)
+        app.include_router(router, dependencies=[Depends(authorized)])
+    for router in (job_router, motion_router, output_router, diagnose_router, token_router):
+        app.include_router(router, dependencies=[Depends(authorized), Depends(noted)])
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app
+
+
+async def on_store_failed(request: Request, error: Exception) -> Response:
+    """A store that cannot be read or written now, as a problem document."""
+    status = 503 if request.method in SAFE_METHODS else 507
+    return problem_response(request.url.path, status, str(error))

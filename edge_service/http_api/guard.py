@@ -1,14 +1,26 @@
-"""Guard before every route: the check of the Host header, and the security headers."""
+"""Guard before every route: host names, origins, security headers, bodies of bounded size."""
 
+import asyncio
+import re
+import socket
 from collections.abc import Iterable
+from http import HTTPStatus
+from urllib.parse import urlsplit
 
+from fastapi import HTTPException
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .problems import problem_response
 
-_SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
+JSON_BYTES, RECORDING_BYTES = 64_000, 300_000_000
+BODY_IDLE_S = 20.0
+"""Longest pause within a body."""
+TRACE_TYPES = {"text/csv": "csv", "application/vnd.apache.parquet": "parquet"}
+"""Content types of a recording, and the suffix of its name."""
+_RECORDING = re.compile(r"PUT /api/v1/recordings/[^/]+|POST /api/v1/axes/[^/]+/diagnose")
 
 SECURITY_HEADERS = {
     "content-security-policy": (
@@ -25,10 +37,19 @@ _STRICTLY_TLS = "max-age=31536000"
 """A browser that was here once asks by TLS for a year; not of loopback, which others share."""
 
 
+def own_hosts(url: str | None = None) -> tuple[str, ...]:
+    """Host names by which the service may be addressed: of loopback, this machine, and `url`."""
+    name = socket.gethostname().lower()
+    short = name.partition(".")[0]
+    host = urlsplit(url).hostname if url else None
+    return tuple(filter(None, (*LOOPBACK_HOSTS, name, short, f"{short}.local", host)))
+
+
 class Guard:
     """Refuses foreign host names, so that no web page can reach the service by DNS rebinding.
 
-    Requests that change something are also refused from pages of another origin.
+    Requests that change something are refused from pages of another origin (403), bodies that are
+    too long (413) or pause too long (408) as well. HEAD is answered as GET, without its body.
     """
 
     def __init__(self, app: ASGIApp, hosts: Iterable[str] = LOOPBACK_HOSTS) -> None:
@@ -40,42 +61,93 @@ class Guard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-
         headers = Headers(scope=scope)
         host = headers.get("host", "")
+        name = name_of(host)
+        method, is_answered = scope["method"], False
 
         async def send_guarded(message: Message) -> None:
+            nonlocal is_answered
+            if is_answered:
+                return
             if message["type"] == "http.response.start":
                 answer = MutableHeaders(scope=message)
-                for name, value in SECURITY_HEADERS.items():
-                    answer.setdefault(name, value)
-                if scope["scheme"] == "https" and name_of(host) not in LOOPBACK_HOSTS:
+                for each, value in SECURITY_HEADERS.items():
+                    answer.setdefault(each, value)
+                if scope["scheme"] == "https" and name not in LOOPBACK_HOSTS:
                     answer.setdefault("strict-transport-security", _STRICTLY_TLS)
                 answer.setdefault("cache-control", "no-store")
             await send(message)
+            if method == "HEAD":
+                is_answered = True
+                await send({"type": "http.response.body", "body": b""})
 
-        if name_of(host) not in self._hosts:
-            words = f"this service is not configured for the host name {host!r}"
-            await problem_response(scope["path"], 400, words)(scope, receive, send_guarded)
-        elif scope["method"] not in _SAFE_METHODS and not _same_origin(headers, host):
+        streamed = _RECORDING.fullmatch(f"{method} {scope['path']}") is not None
+        most = RECORDING_BYTES if streamed else JSON_BYTES
+        refused = self._refused(scope, headers, host, most)
+        if refused is not None:
+            await problem_response(scope["path"], *refused)(scope, receive, send_guarded)
+            return
+        if method == "HEAD":
+            scope = {**scope, "method": "GET"}
+        await self._app(scope, _bounded(receive, most), send_guarded)
+
+    def _refused(
+        self, scope: Scope, headers: Headers, host: str, most: int
+    ) -> tuple[HTTPStatus, str] | None:
+        """Status and words of a refusal by the head of a request; None if there is none."""
+        # An address cannot be rebound; that of the socket is one of this machine's own.
+        own_address = (scope.get("server") or ("",))[0]
+        if name_of(host).strip("[]") != own_address and name_of(host) not in self._hosts:
+            words = f"this service is not configured for the host name {host!r} (http.url)"
+            return HTTPStatus.BAD_REQUEST, words
+        if scope["method"] not in SAFE_METHODS and not _same_origin(headers, host):
             words = f"a page of {headers.get('origin')!r} may not send this request"
-            await problem_response(scope["path"], 403, words)(scope, receive, send_guarded)
-        else:
-            await self._app(scope, receive, send_guarded)
+            return HTTPStatus.FORBIDDEN, words
+        if int(headers.get("content-length", "0")) > most:
+            return HTTPStatus.REQUEST_ENTITY_TOO_LARGE, _too_long(most)
+        return None
 
 
-def _same_origin(headers: Headers, host: str) -> bool:
-    """Tell whether a request comes from our own page, or from no page at all."""
-    origin = headers.get("origin")
-    site = headers.get("sec-fetch-site", "none")
-    return site in ("none", "same-origin") and (origin is None or _host_of(origin) == host)
-
-
-def _host_of(origin: str) -> str:
-    return origin.partition("://")[2]
+def content_type(headers: Headers) -> str:
+    """Content type of a request's body, without parameters; empty if it does not say."""
+    return headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
 def name_of(host: str) -> str:
     """Name in a Host header, in small letters and without its port."""
     name, colon, port = host.rpartition(":")
     return (name if colon and port.isdigit() else host).lower()
+
+
+def _same_origin(headers: Headers, host: str) -> bool:
+    """A request from our own page, or from no page at all."""
+    origin = headers.get("origin")
+    site = headers.get("sec-fetch-site", "none")
+    own = origin is None or origin.partition("://")[2] == host
+    return own and site in ("none", "same-origin")
+
+
+def _too_long(most: int) -> str:
+    return f"the request body is longer than {most / 1e6:g} MB"
+
+
+def _bounded(receive: Receive, most: int) -> Receive:
+    """Messages of a body, in time and within its size. Raises HTTPException 408, 413."""
+    size, ended = 0, False
+
+    async def bounded() -> Message:
+        nonlocal size, ended
+        try:
+            async with asyncio.timeout(None if ended else BODY_IDLE_S):
+                message = await receive()
+        except TimeoutError:
+            words = "the request body did not arrive in time"
+            raise HTTPException(HTTPStatus.REQUEST_TIMEOUT, words) from None
+        size += len(message.get("body", b""))
+        ended = not message.get("more_body", False)
+        if size > most:
+            raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, _too_long(most))
+        return message
+
+    return bounded

@@ -7,9 +7,11 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from fastapi.routing import iter_route_contexts
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import compile_path
 
 PROBLEM_TYPE = "application/problem+json"
 
@@ -94,8 +96,21 @@ async def _on_http_error(request: Request, error: Exception) -> ProblemResponse:
     assert isinstance(error, HTTPException)
     plain = error.detail == HTTPStatus(error.status_code).phrase
     detail = _PLAIN_DETAIL.get(error.status_code, error.detail) if plain else error.detail
-    path = request.url.path
-    return problem_response(path, error.status_code, detail, headers=error.headers)
+    path, headers = request.url.path, error.headers
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers = {"allow": _allowed(request)}
+    return problem_response(path, error.status_code, detail, headers=headers)
+
+
+def _allowed(request: Request) -> str:
+    """Methods of all routes of a path; whatever takes GET takes HEAD."""
+    methods = {
+        method
+        for route in iter_route_contexts(request.app.routes)
+        if route.path and compile_path(route.path)[0].match(request.url.path)
+        for method in route.methods or ()
+    }
+    return ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))
 
 
 async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse:

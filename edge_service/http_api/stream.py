@@ -13,15 +13,13 @@ from starlette.exceptions import HTTPException
 from ..health.events.fan_out import Batch, Subscription, concerns
 from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
+from ..messages.addresses import is_loopback
 from ..messages.topics import FEAT, HEALTH, PRELOAD
+from .access import Authenticator
 from .answers import EventAnswer
 from .compose import health_answer, live_answer, preload_answer, service_answer
 from .context import QUESTIONS, AxisFilterDep, Clock, StateDep, clock_of
-from .limits.connections import is_loopback
 from .problems import documented
-from .security.access import Role
-from .security.doorkeeper import Doorkeeper
-from .security.gate import credentials
 
 MOST_READERS, MOST_READERS_OF_ONE = 64, 16
 REFRESH_S = 1.0
@@ -82,10 +80,9 @@ async def resume_after(
 
 
 async def still_allowed(request: Request) -> Callable[[], bool]:
-    """True if the reader might ask for the stream again: tokens and sessions end."""
-    doorkeeper: Doorkeeper = request.app.state.doorkeeper
-    sent = credentials(request)
-    return lambda: doorkeeper.identify(*sent).role >= Role.VIEWER
+    """Permission of the reader, asked again and again: tokens are revoked."""
+    authenticator: Authenticator = request.app.state.authenticator
+    return lambda: authenticator.caller(request) is not None
 
 
 class _Encoded:

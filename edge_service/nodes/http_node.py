@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,12 +14,14 @@ from ..health.condition.refusal_watch import RefusalWatch
 from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
+from ..health.store.store import StoreFailedError
+from ..http_api.access import Authenticator, Caller
 from ..http_api.app import create_app
-from ..http_api.limits.settings import HttpLimits
+from ..http_api.guard import own_hosts
 from ..http_api.serve import serve
 from ..messages.alarm import Command
 from ..messages.estimate import PreloadEstimate
-from ..messages.event import Event
+from ..messages.event import Event, Severity
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.samples import SampleFrame
@@ -38,12 +41,13 @@ from .supervision.task import TASK_EVENTS, Work
 from .supervision.tasks import Tasks
 from .wiring.commands import give
 from .wiring.context import NodeContext, Reporter
-from .wiring.http_rights import Address, certificate_readings, doorkeeper_of, hosts_of, tls_files
+from .wiring.http_rights import Address, needs_token, server_files, tokens_of
 from .wiring.stages import load_machines
 from .wiring.teller import Teller
 
 log = logging.getLogger(__name__)
 REFUSALS_PERIOD_S = 1.0
+TOKENS_PERIOD_S = 1.0
 SAMPLES_PERIOD_S = 0.1  # of samples that recordings may need later: nobody waits for them
 
 
@@ -62,7 +66,8 @@ async def run(context: NodeContext) -> None:
     """
     config = context.config
     http, machines = config.http, load_machines(config)
-    doorkeeper, tls = doorkeeper_of(http), tls_files(http)
+    authenticator = Authenticator(tokens_of(config), required=needs_token(http))
+    tls = server_files("http", http.certificate, http.private_key)
     store = open_history(
         config, {axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()}
     )
@@ -80,8 +85,7 @@ async def run(context: NodeContext) -> None:
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
     reporter, keeper = Reporter(context, "http"), Reporter(context, "history")
-    certificates, diary = certificate_readings(http), context.diary
-    reporter.readings = lambda: certificates() | diary.readings()
+    reporter.readings = context.diary.readings
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def on_kept(axis: str, name: str) -> None:
@@ -93,11 +97,11 @@ async def run(context: NodeContext) -> None:
     app = create_app(
         state,
         now_ns,
-        hosts_of(http),
+        own_hosts(http.url),
         partial(give, context),
         desk,
         outputs=outputs,
-        doorkeeper=doorkeeper,
+        authenticator=authenticator,
         motion_desk=LiveMotionDesk(machine_files, live),
     )
     serve_app = partial(serve, app, tls=tls)
@@ -110,6 +114,8 @@ async def run(context: NodeContext) -> None:
             tasks.start("server", _server(context, reporter, serve_app, state), vital=True)
             _follow(context, reporter, tasks, state)
             tell = _follow_events(context, tasks, state, outputs, recorder, live)
+            app.state.note_change = partial(_note_change, tell)
+            tasks.start("tokens", partial(_follow_tokens, authenticator))
             tasks.repeat("refusals", REFUSALS_PERIOD_S, _telling_refusals(state, tell))
             watch = HistoryWatch(keeper.to, tell)
             keeper.counters, keeper.readings = watch.counts, watch.readings
@@ -196,6 +202,29 @@ def _follow_events(
     return take
 
 
+async def _follow_tokens(authenticator: Authenticator, heart: Heartbeat) -> None:
+    """Let tokens that were added or revoked count within a second."""
+    while True:
+        with suppress(StoreFailedError):  # its owner reports it; the known ones stay valid
+            await heart.in_thread(authenticator.refresh, now_ns())
+        await heart.next(TOKENS_PERIOD_S)
+
+
+def _note_change(tell: Callable[[Event], None], caller: Caller, action: str) -> None:
+    """Tell of a change that was made by a request."""
+    who = caller.name or ""
+    tell(
+        Event(
+            axis="",
+            kind="command",
+            severity=Severity.INFO,
+            message=f"{who or 'somebody'} ({caller.origin}): {action}",
+            time_ns=now_ns(),
+            data={"who": who, "origin": caller.origin},
+        )
+    )
+
+
 def _clock_set(state: ServiceState, tell: Callable[[Event], None], step_ns: int) -> None:
     state.move(step_ns)
     tell(clock_changed(step_ns, now_ns()))
@@ -235,7 +264,6 @@ def _server(
             on_bound=bound,
             before_stop=state.close,
             on_tick=heart.beat,
-            limits=HttpLimits(connections=http.connections),
         )
 
     return server

@@ -44,7 +44,7 @@ def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Outp
         machine=config.service.machine,
         axes=tuple(axis.name for axis in config.axes),
         folder=config.history.folder,
-        knows=knows_of(config.http),
+        knows=knows_of(config),
         is_test=is_test,
     )
     try:

@@ -46,7 +46,7 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     The process is the bus' router: others connect to its endpoint.
     """
     await check_service(config)
-    check_access(config.http)
+    check_access(config)
     bus = await Bus.open(router_settings(config))
     optional = (name for name in OPTIONAL if getattr(config, name) is not None)
     names = (*optional, *config.outputs, *PIPELINE)
@@ -61,7 +61,7 @@ async def run_node(config: EdgeConfig, name: str, on_http_ready: Callable[[str],
     await check_service(config)
     settings = node_settings(config, name)
     if name == "http":
-        check_access(config.http)
+        check_access(config)
     if name == "bus":
         bus = await Bus.open(settings)
         log.info("bus at %s", bus.endpoint)

@@ -8,7 +8,7 @@ from typing import Any
 from drivers.registry import driver_names
 
 from ..command_answer import Answer
-from ..config import EdgeConfig, load_config
+from ..config import ConfigError, EdgeConfig, load_config
 from ..nodes.outputs.mail.output import check_email
 from ..nodes.service import check_service
 from ..nodes.wiring.bus_certificates import check_bus
@@ -47,12 +47,16 @@ def check_configuration(path: Path) -> Answer:
     settings = load_config(path)
     check_email(settings.email)
     unreachable = asyncio.run(check_service(settings))
+    try:
+        access = check_access(settings)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
     checked = CheckedConfiguration(
         axes=_axes(settings),
         not_reachable=list(unreachable),
         http_host=settings.http.host,
         http_port=settings.http.port,
-        http_access=check_access(settings.http),
+        http_access=access,
         bus_endpoint=settings.bus.endpoint,
         bus_access=check_bus(settings.bus),
         outputs=[_output(name, table) for name, table in settings.outputs.items()],

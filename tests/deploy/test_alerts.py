@@ -58,7 +58,7 @@ def test_rules_ask_only_for_labels_that_exist() -> None:
         "alarm": {each.value for each in AlarmKind},
         "status": {each.value for each in EstimateStatus},
         "bound": set(re.findall(r'"(\w+)"', bounds)),
-        "reading": {"certificate_days", "dead_letters"},
+        "reading": {"dead_letters"},
         "job": {"edge-service"},
     }
     for label, value in re.findall(r'(\w+)!?="([\w-]+)"', RULES):

@@ -8,7 +8,6 @@ from edge_service.health.alarms.axis_alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.settings import HealthSettings
 from edge_service.health.trend.usage import ScrewGeometry
-from edge_service.http_api.security.access import ROUTES
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import AxisCondition, ComponentStatus
 
@@ -212,7 +211,8 @@ async def test_no_answer_of_a_fresh_axis_holds_a_time_that_nobody_measured(scene
     monitor = AxisMonitor(facts, settings, AlarmSettings(), scene.now_ns)
     monitor.take_trend(monitor.trend_work()(), scene.now_ns)
     scene.state.on_health(scene.header(), monitor.health(scene.now_ns), scene.now_ns)
-    paths = [path.replace("{axis}", "X") for path, methods in ROUTES.items() if "GET" in methods]
+    described = scene.app.openapi()["paths"].items()
+    paths = [path.replace("{axis}", "X") for path, methods in described if "get" in methods]
     for path in paths:
         if "{" not in path and path != "/api/v1/events":
             answer = await client.get(path)

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE
+from edge_service.http_api import guard
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import JobKind
 from edge_service.nodes.jobs.job_desk import ProcessJobDesk
 
 from ..bench.faults.hostile_requests import HostileRequest, hostile_requests
-from .raw_clients import HttpLimits, connected, served
+from .test_limits import connected, served
 
 COUNT, AT_ONCE = 1500, 20
 DONE = {kind: lambda *_: [sys.executable, "-S", "-c", ""] for kind in JobKind}
@@ -28,15 +29,17 @@ async def _status(port: int, request: HostileRequest) -> bytes:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-async def test_no_request_is_answered_by_a_failure(scene, tmp_path: Path, caplog, seed: int):
+async def test_no_request_is_answered_by_a_failure(
+    scene, tmp_path: Path, caplog, monkeypatch, seed: int
+):
     scene.hear_all()
     desk = ProcessJobDesk(tmp_path, {"X": DEFAULT_MACHINE, "Y": DEFAULT_MACHINE}, commands=DONE)
     (tmp_path / "@recordings").mkdir()
     (tmp_path / "@recordings" / "a.csv").write_text("time_s\n")
     description = create_app(scene.state, lambda: 0).openapi()
-    limits = HttpLimits(head_s=2.0, body_idle_s=0.5, linger_s=0.1)
+    monkeypatch.setattr(guard, "BODY_IDLE_S", 0.5)
     seen: dict[bytes, HostileRequest] = {}
-    async with served(scene, limits, desk) as port:
+    async with served(scene, desk) as port:
         asking = islice(hostile_requests(description, seed), COUNT // 2)
         while batch := list(islice(asking, AT_ONCE)):
             statuses = await asyncio.gather(*(_status(port, each) for each in batch))

@@ -12,12 +12,9 @@ from edge_service.config import DEFAULT_MACHINE
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import JobKind
-from edge_service.http_api.limits.settings import HttpLimits
 from edge_service.nodes.jobs.job_desk import ProcessJobDesk
 
 from .conftest import heart, until
-
-LIMITS = HttpLimits(upload_bytes=50)
 
 CHILD = """
 import pathlib, sys, time
@@ -46,7 +43,7 @@ class JobScene:
 
     def __init__(self, folder: Path) -> None:
         self.desk = ProcessJobDesk(folder, {"X": DEFAULT_MACHINE})
-        app = create_app(ServiceState({"X": None}, 0), lambda: 0, desk=self.desk, limits=LIMITS)
+        app = create_app(ServiceState({"X": None}, 0), lambda: 0, desk=self.desk)
         transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
         self.client = httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1/")
 

@@ -1,122 +1,88 @@
-"""Certificates and tokens of the configuration are checked before anything is served."""
+"""Certificate and tokens of the configuration are checked before anything is served."""
 
-import os
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
-from cryptography.hazmat.primitives import serialization
+import trustme
 
-from edge_service.certificates import make_certificates
-from edge_service.config import BusConfig, ConfigError, HttpConfig
-from edge_service.http_api.security.tokens import add_token
-from edge_service.nodes.wiring.bus_rights import router_settings
-from edge_service.nodes.wiring.http_rights import (
-    certificate_readings,
-    check_access,
-    doorkeeper_of,
-    hosts_of,
-    tls_files,
-)
+from edge_service.config import ConfigError, HttpConfig
+from edge_service.config_tables import HistoryConfig
+from edge_service.nodes.wiring.http_rights import check_access, server_files, tokens_of
+from tests.certificates import write_certificates
 
-from .conftest import config_of
+from .conftest import config_of, running, until
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    make_certificates(tmp_path, ["box"], {"other": "other"}, 10)
-    add_token(tmp_path / "tokens.json", "kim", "admin", 1, datetime.now(UTC))
-    return tmp_path
+def configured(folder: Path, **http: Any) -> Any:
+    history = HistoryConfig(folder=folder / "state")
+    return config_of("simulated", {}, http=HttpConfig(port=0, **http), history=history)
 
 
-def http_of(folder: Path, certificate: str = "server.pem", key: str = "server.key") -> HttpConfig:
-    return HttpConfig(
-        host="192.0.2.1",
-        certificate=folder / certificate,
-        private_key=folder / key,
-        tokens_file=folder / "tokens.json",
-        allowed_hosts=("box",),
-    )
+def test_loopback_needs_nothing_until_a_token_exists(tmp_path: Path) -> None:
+    config = configured(tmp_path)
+    assert check_access(config) == "no TLS, for any user of this machine"
+    tokens_of(config).add("kim", "viewer", 0)
+    assert check_access(config) == "no TLS, for whoever has one of 1 tokens"
 
 
-def test_a_public_address_with_tls_and_tokens_is_right(folder: Path) -> None:
-    http = http_of(folder)
-    said = check_access(http)
-    assert said.startswith("TLS until 20")
-    assert said.endswith("tokens in " + str(folder / "tokens.json"))
-    assert tls_files(http) == (folder / "server.pem", folder / "server.key")
-    assert doorkeeper_of(http).tokens is not None
+def test_beyond_loopback_and_behind_a_proxy_a_token_is_needed(tmp_path: Path) -> None:
+    certificate, key = write_certificates(tmp_path)
+    public = {"host": "192.0.2.1", "certificate": certificate, "private_key": key}
+    for http, place in ((public, "host"), ({"url": "https://mill7.plant/"}, "url")):
+        config = configured(tmp_path / place, **http)
+        with pytest.raises(ConfigError, match=rf"http\.{place}: .* edge-service token CONFIG"):
+            check_access(config)
+        tokens_of(config).add("kim", "operator", 0)
+        assert check_access(config).endswith("for whoever has one of 1 tokens")
 
 
-def test_loopback_needs_nothing() -> None:
-    assert (
-        check_access(HttpConfig()) == "no TLS, no tokens: anyone who can reach it may do anything"
-    )
+def test_certificate_and_key_must_fit(tmp_path: Path) -> None:
+    certificate, key = write_certificates(tmp_path)
+    assert server_files("http", certificate, key) == (certificate, key)
+    other = trustme.CA().issue_cert("localhost")
+    other.private_key_pem.write_to_path(key)
+    key.chmod(0o600)
+    with pytest.raises(ConfigError, match=r"http\.certificate: .* KEY_VALUES_MISMATCH"):
+        server_files("http", certificate, key)
 
 
-@pytest.mark.parametrize(
-    ("host", "own"),
-    [("192.0.2.1", "192.0.2.1"), ("::", None), ("0.0.0.0", None), ("fd00::1", "[fd00::1]")],
-)
-def test_it_answers_to_its_address_and_to_the_names_it_is_given(
-    host: str, own: str | None, folder: Path
+def test_a_key_that_others_may_read_is_refused(tmp_path: Path) -> None:
+    certificate, key = write_certificates(tmp_path)
+    key.chmod(0o604)
+    with pytest.raises(ConfigError, match=r"http\.private_key: .* others may read"):
+        server_files("http", certificate, key)
+
+
+def test_a_key_may_be_a_credential_of_systemd(tmp_path: Path, monkeypatch: Any) -> None:
+    certificate, key = write_certificates(tmp_path)
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
+    named = Path("$CREDENTIALS_DIRECTORY/server.key")
+    assert server_files("http", certificate, named) == (certificate, key)
+
+
+async def test_a_token_that_is_added_beside_the_running_service_counts_at_once(
+    tmp_path: Path,
 ) -> None:
-    hosts = hosts_of(http_of(folder).model_copy(update={"host": host}))
-    expected = {"127.0.0.1", "localhost", "[::1]", "box", own} - {None}
-    assert set(hosts) == expected
+    config = configured(tmp_path)
+    async with (
+        running(config, ("http",)) as service,
+        httpx.AsyncClient(base_url=await service.address) as client,
+    ):
+        assert (await client.get("api/v1/axes")).status_code == 200
+        secret = tokens_of(config).add("kim", "operator", 0)
 
+        async def is_closed() -> bool:
+            return (await client.get("api/v1/axes")).status_code == 401
 
-def test_certificate_and_key_must_fit(folder: Path) -> None:
-    with pytest.raises(ConfigError, match="KEY_VALUES_MISMATCH"):
-        tls_files(http_of(folder, key="other.key"))
+        await until(is_closed)
+        client.headers["authorization"] = f"Bearer {secret}"
+        made = await client.post("api/v1/tokens", json={"name": "jo", "role": "viewer"})
+        assert made.status_code == 201
 
+        async def told() -> list[str]:
+            events = (await client.get("api/v1/axes/X/log")).json()["events"]
+            return [each["message"] for each in events if each["kind"] == "command"]
 
-def test_a_key_with_a_password_is_refused_and_nobody_is_asked_for_it(folder: Path) -> None:
-    path = folder / "server.key"
-    key = serialization.load_pem_private_key(path.read_bytes(), None)
-    path.write_bytes(
-        key.private_bytes(
-            serialization.Encoding.PEM,
-            serialization.PrivateFormat.PKCS8,
-            serialization.BestAvailableEncryption(b"secret"),
-        )
-    )
-    with pytest.raises(ConfigError, match=r"http\.certificate"):
-        tls_files(http_of(folder))
-
-
-@pytest.mark.parametrize(("left", "told"), [(-400.0, True), (29.0, True), (31.0, False)])
-def test_a_certificate_that_ends_is_told_and_stops_nothing(
-    left: float, told: bool, folder: Path, monkeypatch: Any, caplog: Any
-) -> None:
-    end = datetime.now(UTC) + timedelta(days=left)
-    monkeypatch.setattr("edge_service.certificates.expiry", lambda _path: end)
-    assert str(end.year) in check_access(http_of(folder))
-    readings = certificate_readings(http_of(folder))
-    assert readings()["certificate_days"] == pytest.approx(left, abs=0.01)
-    assert ("run `edge-service certs` again" in caplog.text) == told
-    caplog.clear()
-    router_settings(config_of("simulated", {}, bus=BusConfig(certificates=folder)))
-    assert ("run `edge-service certs` again" in caplog.text) == told
-
-
-@pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
-def test_a_key_that_others_may_read_is_refused(mode: int, folder: Path) -> None:
-    path = folder / "server.key"
-    path.chmod(mode)
-    refused = [lambda: tls_files(http_of(folder))]
-    refused += [
-        lambda: router_settings(config_of("simulated", {}, bus=BusConfig(certificates=folder)))
-    ]
-    if mode != 0o640 or os.geteuid() != 0:  # what root owns its group may read
-        for each in refused:
-            with pytest.raises(ConfigError, match="others may read"):
-                each()
-
-
-def test_a_key_may_be_a_credential_of_systemd(folder: Path, monkeypatch: Any) -> None:
-    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(folder))
-    key = Path("$CREDENTIALS_DIRECTORY/server.key")
-    http = http_of(folder).model_copy(update={"private_key": key})
-    assert tls_files(http) == (folder / "server.pem", folder / "server.key")
+        assert await until(told) == ["kim (127.0.0.1): POST /api/v1/tokens"]

@@ -14,8 +14,6 @@ from edge_service.config import ConfigError, load_config
 from edge_service.nodes.stores.history_store import open_history
 
 CONFIG = """
-[http]
-tokens_file = "tokens.json"
 [history]
 folder = "{history}"
 [[axes]]

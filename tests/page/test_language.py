@@ -12,7 +12,6 @@ from edge_service.health.advice.headline import headline
 from edge_service.health.model_watch.channel_model import CHANNELS
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.jobs import JobKind, JobState
-from edge_service.http_api.security.access import Role
 from edge_service.messages.advice import Level, Task
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.components import COMPONENTS
@@ -87,7 +86,6 @@ CODES: dict[str, Iterable[str]] = {
     "component": {each.removesuffix("_process") for each in COMPONENTS},
     "job": JobKind,
     "job.state": JobState,
-    "role": [role.name.lower() for role in Role],
     "fault": [str(fault.name).lower() for fault in Fault],
     "motion": [name for name, motion in MOTIONS.items() if isinstance(motion, FiniteMotion)],
 }

@@ -9,6 +9,7 @@ from starlette.exceptions import HTTPException
 
 from ...messages.alarm import Command, Outcome
 from ...messages.topics import PRELOAD
+from ..access import CallerDep
 from ..axis_answers import (
     CommandAnswer,
     CommandBody,
@@ -27,8 +28,6 @@ from ..compose import (
 )
 from ..context import AxisDep, Moment, NowDep, StateDep, from_history, moment_query, parameter_error
 from ..problems import documented
-from ..security.gate import identity_of
-from ..security.trail import audited_elsewhere
 
 _LOG_SPAN_S = 30 * 86400.0
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
@@ -117,7 +116,7 @@ async def log(
 async def command(
     axis: AxisDep,
     body: CommandBody,
-    request: Request,
+    caller: CallerDep,
     send: Annotated[SendCommand | None, Depends(send_command_of)],
     idempotency_key: IdempotencyKey = "",
 ) -> CommandAnswer:
@@ -132,16 +131,9 @@ async def command(
     if (body.alarm is None) == (body.action in _ABOUT_AN_ALARM):
         expected = "is needed for" if body.alarm is None else "has no meaning for"
         raise parameter_error("alarm", f"{expected} {body.action}")
-    origin = "" if request.client is None else request.client.host
-    asked = {"user": identity_of(request).name or body.user, "origin": origin}
+    asked = {"user": caller.name or body.user, "origin": caller.origin}
     asked["key"] = idempotency_key
     outcome = await send(axis, Command.model_validate(body.model_dump() | asked))
-    if outcome is not None:
-        audited_elsewhere(request)
-    return _answered(outcome)
-
-
-def _answered(outcome: Outcome | None) -> CommandAnswer:
     if outcome is None:
         raise HTTPException(
             503,

@@ -10,10 +10,9 @@ from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 
 from ..context import AxisDep, NowDep
+from ..guard import TRACE_TYPES, content_type
 from ..jobs import DiagnoseBody, JobAnswer, JobBody, JobKind, JobState
-from ..limits.bodies import TRACE_TYPES, content_type
 from ..problems import documented
-from ..security.intent import ChangingRoute
 from .jobs import DeskDep
 
 _BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
@@ -34,7 +33,6 @@ diagnose_router = APIRouter(
     prefix="/api/v1/axes/{axis}",
     tags=["jobs"],
     responses=documented(404, 503),
-    route_class=ChangingRoute,
 )
 
 
@@ -54,7 +52,7 @@ async def diagnose(
     its progress, and `GET /api/v1/axes/{axis}/diagnosis` the newest answer.
     """
     desk.check_free()
-    kind = content_type(request.scope)
+    kind = content_type(request.headers)
     if kind in TRACE_TYPES:
         stamp = datetime.fromtimestamp(now_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
         name = f"upload_{axis}_{stamp}.{TRACE_TYPES[kind]}"

@@ -5,9 +5,15 @@ from importlib.resources import files
 from typing import Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, JSONResponse
 
 docs_router = APIRouter(include_in_schema=False)
+
+
+@docs_router.get("/openapi.json")
+def openapi(request: Request) -> JSONResponse:
+    """The description, for programs."""
+    return JSONResponse(request.app.openapi())
 
 
 @docs_router.get("/docs")

@@ -21,7 +21,6 @@ from ..jobs import (
     RefusedError,
 )
 from ..problems import documented, problem_response
-from ..security.intent import ChangingRoute
 
 _REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"
@@ -34,7 +33,6 @@ job_router = APIRouter(
     prefix="/api/v1",
     tags=["jobs"],
     responses=documented(404, 409, 422, 503),
-    route_class=ChangingRoute,
 )
 
 

@@ -12,7 +12,6 @@ from ..answers import Answer
 from ..axis_answers import AcceptedAnswer
 from ..context import AxisDep
 from ..problems import documented
-from ..security.intent import ChangingRoute
 
 LONGEST_S = 3600.0
 
@@ -85,7 +84,6 @@ motion_router = APIRouter(
     prefix="/api/v1/axes/{axis}",
     tags=["jobs"],
     responses=documented(404, 409, 422, 503),
-    route_class=ChangingRoute,
 )
 
 

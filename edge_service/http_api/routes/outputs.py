@@ -10,13 +10,11 @@ from ..axis_answers import AcceptedAnswer
 from ..context import NowDep, StateDep
 from ..outputs import OutputDesk, OutputsAnswer, output_answer
 from ..problems import documented
-from ..security.intent import ChangingRoute
 
 output_router = APIRouter(
     prefix="/api/v1/outputs",
     tags=["outputs"],
     responses=documented(404, 503),
-    route_class=ChangingRoute,
 )
 
 

@@ -31,11 +31,12 @@ DEFAULT_SPAN_S = 3600.0
 MOST_BUCKETS = 5000
 _DEFAULT_BUCKETS = 300
 
+alive_router = APIRouter(tags=["service"])
 service_router = APIRouter(tags=["service"])
 axis_router = APIRouter(prefix="/api/v1", tags=["axes"])
 
 
-@service_router.get("/healthz", response_model=AliveAnswer)
+@alive_router.get("/healthz", response_model=AliveAnswer)
 async def alive() -> AliveAnswer:
     """Tell whether the process answers."""
     return AliveAnswer()

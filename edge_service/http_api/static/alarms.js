@@ -1,11 +1,10 @@
 // Alarms that call for somebody, and how to answer them; one of the whole service stands once.
 
-import { COMMAND, ask } from "./ask.js";
+import { ask } from "./ask.js";
 import { button, element, refill } from "./dom.js";
 import { clock } from "./format.js";
 import { openAlarms } from "./level.js";
 import { alarmWords } from "./sentence.js";
-import { ifMay, may } from "./session.js";
 import { locale, named, t } from "./strings.js";
 
 const GRAVITY = ["error", "warning", "info"];
@@ -18,7 +17,7 @@ export function renderAlarmList(root, states, several) {
   const place = ({ axes }) => (!several ? "" : axes.length > 1 && axes.length === states.length ? t("alarms.all_axes") : new Intl.ListFormat(locale).format(axes));
   refill(root, JSON.stringify([alarms, several]), () => [
     element("h2", { id: `${root.id}-title` }, alarms.length ? t("alarms.some", { n: alarms.length }) : t("alarms")),
-    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, place(alarm))), ifMay(COMMAND, "alarms.answer", () => "")] : [element("p", { class: "quiet" }, t("alarms.none"))]),
+    ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, place(alarm)))] : [element("p", { class: "quiet" }, t("alarms.none"))]),
   ]);
 }
 
@@ -37,7 +36,7 @@ function alarmNode(alarm, place) {
   const name = named("alarm", alarm.alarm);
   const { text, lang } = alarmWords(alarm);
   const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), " – ", element("span", lang ? { lang } : {}, text));
-  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), may(COMMAND) ? buttonsNode(alarm, place ? `${place} ${name}` : name) : "");
+  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), buttonsNode(alarm, place ? `${place} ${name}` : name));
 }
 
 function aboutParts(alarm) {

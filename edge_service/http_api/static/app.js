@@ -3,7 +3,7 @@
 import { headlineWords } from "./advice.js";
 import { renderAlarmList } from "./alarms.js";
 import { renderAnswer } from "./answer.js";
-import { buildAudit } from "./audit.js";
+import { findSignedName } from "./ask.js";
 import { renderDiary } from "./diary.js";
 import { byId, element, fetchJson, refill, symbol, write } from "./dom.js";
 import { loadDrift } from "./drift.js";
@@ -14,7 +14,6 @@ import { renderMachine } from "./machine.js";
 import { loadOutputs } from "./outputs.js";
 import { addressOf, route } from "./route.js";
 import { renderService } from "./service.js";
-import { isSignedOut, signIn } from "./session.js";
 import { t, translateDocument } from "./strings.js";
 import { hideTabs, renderTabs } from "./tabs.js";
 import { loadTests } from "./tests.js";
@@ -74,7 +73,7 @@ function connect() {
 
 async function start() {
   try {
-    await signIn();
+    await findSignedName();
     const { axes, site, machine } = await fetchJson("/api/v1/axes");
     write(byId("place"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
@@ -92,14 +91,6 @@ async function start() {
     states.clear();
     setTimeout(start, RECONNECT_MS);
   }
-}
-
-async function reconnect() {
-  source = null;
-  if (!(await isSignedOut())) return connect();
-  shown = null;
-  states.clear();
-  return start();
 }
 
 function show() {
@@ -146,7 +137,7 @@ function takeEvent(event, id) {
 
 function watchConnection(nowMs) {
   const alive = lastMessageMs !== null && nowMs - lastMessageMs < SILENT_AFTER_MS;
-  if (!alive && source?.readyState === EventSource.CLOSED && nowMs - triedMs > RECONNECT_MS) reconnect();
+  if (!alive && source?.readyState === EventSource.CLOSED && nowMs - triedMs > RECONNECT_MS) connect();
   if (alive === connected || (connected === null && !alive && nowMs < SILENT_AFTER_MS)) return;
   const back = alive && connected === false;
   connected = alive;
@@ -198,7 +189,7 @@ const TAB_PARTS = {
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
   history: { render: (nowMs) => [renderDiary(shown), renderHistory(shown, nowMs)], load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
   tests: { render: () => {}, load: () => loadTests(shown) },
-  service: { render: () => [renderService(shown, service), buildAudit()], load: () => loadOutputs(service) },
+  service: { render: () => renderService(shown, service), load: () => loadOutputs(service) },
 };
 
 addEventListener("hashchange", show);

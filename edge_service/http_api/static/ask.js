@@ -1,18 +1,22 @@
 // The question for a name and a note before something is changed.
 
 import { byId, fetchJson, write } from "./dom.js";
-import { signedName } from "./session.js";
 import { t } from "./strings.js";
 
-export const COMMAND = ["POST", "/api/v1/axes/{axis}/commands"];
+// Name of the token that the browser sent; null where none is needed, and a name is typed.
+let signedName = null;
+
+export async function findSignedName() {
+  signedName = (await fetchJson("/api/v1/tokens")).caller.name;
+}
 
 export function ask(axes, command, title, text) {
   write(byId("ask-title"), title);
   write(byId("ask-text"), text);
   write(byId("ask-ok"), title.split(":")[0]);
   write(byId("ask-error"), "");
-  byId("ask-user").value = signedName() ?? localStorage.getItem("user") ?? "";
-  byId("ask-user").readOnly = signedName() !== null;
+  byId("ask-user").value = signedName ?? localStorage.getItem("user") ?? "";
+  byId("ask-user").readOnly = signedName !== null;
   byId("ask-note").value = "";
   const key = newKey(); // pressed again after a lost answer, it is done once
   byId("ask-form").onsubmit = (event) => {

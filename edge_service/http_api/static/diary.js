@@ -1,10 +1,9 @@
 // Diary: what happened, and what was done about it.
 
-import { COMMAND, ask } from "./ask.js";
+import { ask } from "./ask.js";
 import { button, byId, element, refill, withoutCode } from "./dom.js";
 import { clock } from "./format.js";
 import { eventWords } from "./sentence.js";
-import { ifMay } from "./session.js";
 import { t } from "./strings.js";
 
 const SHOWN = 60;
@@ -15,7 +14,7 @@ export function renderDiary(state) {
   const root = byId("diary");
   if (!root.firstChild) {
     root.replaceChildren(
-      element("div", { class: "panel-head" }, element("h2", { id: "diary-title" }, t("diary")), ifMay(COMMAND, "diary.write", noteButtons)),
+      element("div", { class: "panel-head" }, element("h2", { id: "diary-title" }, t("diary")), noteButtons()),
       element("ol", { class: "events", tabindex: "0", "aria-labelledby": "diary-title" }),
     );
   }

@@ -2,12 +2,9 @@
 
 import { button, element, fetchJson, refill, write } from "./dom.js";
 import { clock, lasting, number } from "./format.js";
-import { ifMay, may } from "./session.js";
 import { named, t } from "./strings.js";
 
 const KINDS = ["fingerprint", "diagnose"];
-const START = ["POST", "/api/v1/jobs"];
-const CANCEL = ["DELETE", "/api/v1/jobs/{number}"];
 // What a job says when it enters a stage, in order.
 const STAGES = { fingerprint: ["reading"], diagnose: ["reading", "signatures", "sets", "values"] };
 const verdicts = new Map(); // job -> what its diagnosis says
@@ -16,7 +13,7 @@ export function startForm(parts, start) {
   parts.kind = element("select", { id: "job-kind" }, ...KINDS.map((value) => element("option", { value }, t(`job.${value}`))));
   parts.baseline = element("select", { id: "job-baseline" });
   parts.start = button(t("job.start"), { id: "job-start", class: "primary" }, start);
-  return ifMay(START, "job.start", () => element("div", {}, element("label", { for: "job-kind" }, t("job.make"), parts.kind), element("label", { for: "job-baseline" }, t("job.compare"), parts.baseline), element("div", { class: "buttons" }, parts.start)));
+  return element("div", {}, element("label", { for: "job-kind" }, t("job.make"), parts.kind), element("label", { for: "job-baseline" }, t("job.compare"), parts.baseline), element("div", { class: "buttons" }, parts.start));
 }
 
 export async function readVerdicts(jobs) {
@@ -39,7 +36,7 @@ const fileOf = (job, name) => `/api/v1/jobs/${job.id}/files/${encodeURIComponent
 function jobNode(job, jobs, cancel, open) {
   const head = element("p", {}, element("b", {}, `${named("job", job.kind)} ${job.id}`), ` · ${t("job.axis", { axis: job.axis })} · ${clock(job.ended ?? job.started)} · ${named("job.state", job.state)}`);
   const node = element("li", { class: "job", "data-state": job.state }, head, job.state === "running" ? progressNode(job) : verdictNode(job), filesNode(job));
-  if (job.state === "running" && may(CANCEL)) node.append(element("div", { class: "buttons" }, button(t("job.cancel"), { "aria-label": t("job.cancel.label", { n: job.id }) }, () => cancel(job))));
+  if (job.state === "running") node.append(element("div", { class: "buttons" }, button(t("job.cancel"), { "aria-label": t("job.cancel.label", { n: job.id }) }, () => cancel(job))));
   if (job.lines.length) node.append(logNode(job, open.has(String(job.id))));
   return node;
 }

@@ -2,11 +2,8 @@
 
 import { button, byId, element, fetchJson, refill, write } from "./dom.js";
 import { clock } from "./format.js";
-import { ifMay, may } from "./session.js";
 import { counted, t } from "./strings.js";
 
-const RETRY = ["POST", "/api/v1/outputs/{output}/dead"];
-const DROP = ["DELETE", "/api/v1/outputs/{output}/dead/{letter}"];
 
 const parts = {};
 
@@ -15,7 +12,7 @@ function build() {
   parts.status = element("p", { role: "status" });
   parts.list = element("ul", { class: "plain", "aria-label": t("outputs.dead") });
   parts.all = element("div", { class: "buttons" });
-  parts.root.append(element("h3", {}, t("outputs.dead")), parts.all, parts.list, ifMay(RETRY, "outputs.retry", () => ""), ifMay(DROP, "outputs.drop", () => ""), parts.status);
+  parts.root.append(element("h3", {}, t("outputs.dead")), parts.all, parts.list, parts.status);
   byId("parts").append(parts.root);
 }
 
@@ -27,7 +24,7 @@ export async function loadOutputs(service) {
   parts.root.hidden = !letters.length && !parts.status.textContent;
   refill(parts.list, JSON.stringify(letters), () => letters.map((letter) => letterNode(service, letter)));
   const names = [...new Set(letters.map((letter) => letter.output))];
-  refill(parts.all, JSON.stringify(names), () => names.filter(() => may(RETRY)).map((name) => button(t("outputs.retry_all", { name }), {}, () => act(service, deadOf(name), "POST", t("outputs.retried.all")))));
+  refill(parts.all, JSON.stringify(names), () => names.map((name) => button(t("outputs.retry_all", { name }), {}, () => act(service, deadOf(name), "POST", t("outputs.retried.all")))));
 }
 
 function letterNode(service, letter) {
@@ -35,7 +32,7 @@ function letterNode(service, letter) {
   const said = element("span", { lang: "en" }, `${letter.axis}: ${letter.message} – ${letter.output}: ${letter.reason}`);
   const again = () => button(t("outputs.retry"), { "aria-label": `${t("outputs.retry")}: ${letter.message}` }, () => act(service, path, "POST", t("outputs.retried")));
   const drop = () => button(t("outputs.drop"), { "aria-label": `${t("outputs.drop")}: ${letter.message}` }, () => act(service, path, "DELETE", t("outputs.dropped")));
-  return element("li", { class: "row" }, element("span", {}, clock(letter.time), " ", said, `, ${counted("outputs.tries", letter.tries)}`), may(RETRY) ? again() : "", may(DROP) ? drop() : "");
+  return element("li", { class: "row" }, element("span", {}, clock(letter.time), " ", said, `, ${counted("outputs.tries", letter.tries)}`), again(), drop());
 }
 
 const deadOf = (output) => `/api/v1/outputs/${encodeURIComponent(output)}/dead`;

@@ -3,11 +3,8 @@
 import { button, element, fetchJson, write } from "./dom.js";
 import { lasting } from "./format.js";
 import { motionName, motionSeconds } from "./motions.js";
-import { ifMay } from "./session.js";
 import { t } from "./strings.js";
 
-const RECORD = ["POST", "/api/v1/axes/{axis}/recording"];
-const STOP = ["DELETE", "/api/v1/axes/{axis}/recording"];
 const MARGIN_S = 20; // to press start at the controller
 const parts = {};
 
@@ -17,7 +14,7 @@ export function buildRecorder(axisOf, done) {
   parts.bar = element("progress", { max: 1, value: 0, "aria-label": t("record.progress"), hidden: "" });
   parts.start = button(t("record.start"), { id: "record-start", class: "primary" }, () => act("POST", { motion: motionName() ?? "", seconds: Math.ceil((motionSeconds() ?? 60) + MARGIN_S) }));
   parts.stop = button(t("record.stop"), { id: "record-stop", hidden: "" }, () => act(STOP[0]));
-  return ifMay(RECORD, "record", () => element("div", {}, element("p", { class: "quiet" }, t("record.text")), element("div", { class: "buttons" }, parts.start, parts.stop), parts.bar, parts.status));
+  return element("div", {}, element("p", { class: "quiet" }, t("record.text")), element("div", { class: "buttons" }, parts.start, parts.stop), parts.bar, parts.status);
 }
 
 async function send(axis, method, body) {

@@ -6,12 +6,8 @@ import { clock, number } from "./format.js";
 import { readVerdicts, renderJobs, startForm } from "./jobs.js";
 import { buildMotions, loadMotions } from "./motions.js";
 import { buildRecorder, renderRecorder } from "./recorder.js";
-import { ifMay, may } from "./session.js";
 import { t } from "./strings.js";
 
-const UPLOAD = ["PUT", "/api/v1/recordings/{name}"];
-const REMOVE = ["DELETE", "/api/v1/recordings/{name}"];
-const START = ["POST", "/api/v1/jobs"];
 const POLL_MS = 1000;
 const parts = {};
 let axis = null;
@@ -27,9 +23,9 @@ function build() {
   const form = startForm(parts, startJob);
   byId("tests").replaceChildren(
     card("step-motion", t("step.motion"), buildMotions()),
-    card("step-record", t("step.record"), buildRecorder(() => axis, again), ifMay(UPLOAD, "upload", () => element("label", { for: "job-file" }, t("upload"), parts.file))),
+    card("step-record", t("step.record"), buildRecorder(() => axis, again), element("label", { for: "job-file" }, t("upload"), parts.file)),
     card("step-result", t("step.result"), element("div", { class: "small-charts" },
-      element("div", {}, element("h3", {}, t("recordings")), parts.list, ifMay(REMOVE, "remove", () => "")),
+      element("div", {}, element("h3", {}, t("recordings")), parts.list),
       element("div", {}, form, parts.status))),
     card("jobs", t("job.list"), parts.jobs),
     card("compare", t("compare"), ...compareNodes()),
@@ -99,7 +95,7 @@ function recordingNode(recording) {
   const shown = size > 1e6 ? `${number(size / 1e6, 1)} MB` : `${number(size / 1e3, 1)} kB`;
   const link = element("a", { href: pathOf(name), download: name, "aria-label": t("recording.download.label", { name }) }, t("recording.download"));
   const remove = () => button(t("remove"), { "aria-label": `${t("remove")} ${name}` }, () => act(fetchJson(pathOf(name), { method: "DELETE" }), t("removed")));
-  return element("li", { class: "row" }, may(START) ? box : "", element("label", { for: box.id, lang: "en" }, `${name} (${shown})`), link, may(REMOVE) ? remove() : "");
+  return element("li", { class: "row" }, box, element("label", { for: box.id, lang: "en" }, `${name} (${shown})`), link, remove());
 }
 
 const pathOf = (name) => `/api/v1/recordings/${encodeURIComponent(name)}`;

@@ -2,47 +2,58 @@
 
 import ssl
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from ...config import ConfigError, HttpConfig
-from ...http_api.guard import LOOPBACK_HOSTS
-from ...http_api.security.doorkeeper import Doorkeeper
-from ...http_api.security.tokens import TokenError, TokenFile
+from ...config import ConfigError, EdgeConfig, HttpConfig
+from ...health.store.store import FILE_NAME, Store, StoreFailedError
+from ...health.store.tokens import Tokens, token_of
+from ...messages.addresses import is_loopback
 from ...secret_files import SecretError, expanded, read_secret
-from .bus_rights import warn_if_soon
 
-_ANY_ADDRESS = ("0.0.0.0", "::", "[::]")
-
-
-def doorkeeper_of(http: HttpConfig) -> Doorkeeper:
-    """Tells who asks by the configured tokens. Raises ConfigError."""
-    if http.tokens_file is None:
-        return Doorkeeper()
-    tokens = TokenFile(http.tokens_file)
-    try:
-        tokens.read()
-    except TokenError as error:
-        raise ConfigError(f"http.tokens_file: {error}") from None
-    return Doorkeeper(tokens)
+_FIRST = "edge-service token CONFIG --add NAME --role operator"
 
 
-def knows_of(http: HttpConfig) -> Callable[[str, str], bool] | None:
+def tokens_of(config: EdgeConfig) -> Tokens:
+    """Tokens in the store of a configuration; in memory if it keeps nothing."""
+    folder = config.history.folder
+    return Tokens(Store(None if folder is None else folder / FILE_NAME))
+
+
+def knows_of(config: EdgeConfig) -> Callable[[str, str], bool] | None:
     """Answers whether a user's name and token fit; None where there are no tokens. ConfigError."""
-    if http.tokens_file is None:
-        return None
-    doorkeeper = doorkeeper_of(http)
+    tokens = tokens_of(config)
+    try:
+        if not tokens.all():
+            return None
+    except StoreFailedError as error:
+        raise ConfigError(f"tokens cannot be read: {error}") from None
 
     def knows(user: str, password: str) -> bool:
-        name = doorkeeper.identify(f"Bearer {password}", "").name
-        return name is not None and name == user
+        token = token_of(password, tokens.all())
+        return token is not None and token.name == user
 
     return knows
 
 
-def tls_files(http: HttpConfig) -> tuple[Path, Path] | None:
-    """Certificate and key of the server, which fit each other. Raises ConfigError."""
-    return server_files("http", http.certificate, http.private_key)
+def needs_token(http: HttpConfig) -> bool:
+    """A token is needed whether or not there is one: others than loopback reach the service."""
+    return http.url is not None or not is_loopback(http.host)
+
+
+def check_access(config: EdgeConfig) -> str:
+    """Check tokens and certificate; returns a line on who is let in. Raises ConfigError."""
+    http = config.http
+    server_files("http", http.certificate, http.private_key)
+    encrypted = "no TLS" if http.certificate is None else "TLS"
+    try:
+        count = len(tokens_of(config).all())
+    except StoreFailedError as error:
+        return f"{encrypted}, tokens cannot be read ({error})"
+    if count == 0 and needs_token(http):
+        key = "url" if http.url is not None else "host"
+        raise ConfigError(f"http.{key}: beyond loopback a token is needed: {_FIRST}")
+    people = f"whoever has one of {count} tokens" if count else "any user of this machine"
+    return f"{encrypted}, for {people}"
 
 
 def server_files(
@@ -68,48 +79,6 @@ def server_files(
         pair = f"{certificate} with {private_key}"
         raise ConfigError(f"{table}.certificate: {pair}: {reason}") from None
     return certificate, key
-
-
-def hosts_of(http: HttpConfig) -> tuple[str, ...]:
-    """Host names by which the service may be addressed."""
-    address = f"[{http.host}]" if ":" in http.host and "[" not in http.host else http.host
-    own = () if http.host in _ANY_ADDRESS else (address,)
-    return tuple(dict.fromkeys((*LOOPBACK_HOSTS, *own, *http.allowed_hosts)))
-
-
-def check_access(http: HttpConfig) -> str:
-    """Check tokens and certificates; returns a line on who is let in. Raises ConfigError."""
-    doorkeeper_of(http)
-    tls_files(http)
-    tokens = "no tokens: anyone who can reach it may do anything"
-    if http.tokens_file is not None:
-        tokens = f"tokens in {http.tokens_file}"
-    return f"{_validity(http.certificate)}, {tokens}"
-
-
-def _validity(certificate: Path | None) -> str:
-    if certificate is None:
-        return "no TLS"
-    from ...certificates import CertificateError, expiry  # 8 MB that plain HTTP does without
-
-    try:
-        return f"TLS until {expiry(certificate):%Y-%m-%d}"
-    except CertificateError as error:
-        raise ConfigError(f"http.certificate: {error}") from None
-
-
-def certificate_readings(http: HttpConfig) -> Callable[[], dict[str, float]]:
-    """Tells for how many days the certificate still holds, by name; warns if they are few.
-
-    A certificate that has ended stops nothing: browsers complain, and monitoring goes on.
-    """
-    if http.certificate is None:
-        return dict
-    from ...certificates import expiry
-
-    end = expiry(http.certificate)
-    warn_if_soon(http.certificate, end)
-    return lambda: {"certificate_days": (end - datetime.now(UTC)) / timedelta(days=1)}
 
 
 class Address:

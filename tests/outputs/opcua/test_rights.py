@@ -16,7 +16,8 @@ from cryptography.x509.oid import NameOID
 
 from edge_service.cli.entry import cli
 from edge_service.config import ConfigError, load_config
-from edge_service.http_api.security.tokens import add_token, revoke_token
+from edge_service.health.store.store import FILE_NAME, Store
+from edge_service.health.store.tokens import Tokens
 from edge_service.nodes.output_node import make_output
 from edge_service.outputs.opcua import URI
 
@@ -100,14 +101,14 @@ async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_toke
 ) -> None:
     write_pair(tmp_path, "server")
     own = write_pair(tmp_path, "client", "urn:somebody:else")
-    tokens = tmp_path / "tokens.json"
-    secret = add_token(tokens, "scada", "viewer", 3, datetime.now(UTC))
+    tokens = Tokens(Store(tmp_path / "state" / FILE_NAME))
+    secret = tokens.add("scada", "viewer", 0)
     port = free_port()
     path = configured(
         tmp_path,
         f'endpoint = "opc.tcp://127.0.0.1:{port}"\n'
         'certificate = "server.pem"\nprivate_key = "server.key.pem"',
-        'tokens_file = "tokens.json"',
+        '[history]\nfolder = "state"',
     )
     url = f"opc.tcp://127.0.0.1:{port}/edge-service/"
 
@@ -156,6 +157,6 @@ async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_toke
             ):
                 with pytest.raises(ua.UaError):
                     await (await client(user, password, encrypted=encrypted)).connect()
-            revoke_token(tokens, "scada")
+            tokens.revoke("scada")
             with pytest.raises(ua.UaError):
                 await (await client("scada", secret)).connect()

@@ -1,0 +1,109 @@
+"""Access: who asks, by a token, and whether they may."""
+
+import base64
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
+
+from ..health.store.tokens import Role, Token, Tokens, token_of
+from .guard import SAFE_METHODS
+
+_CHALLENGE = {"www-authenticate": 'Basic realm="edge-service", charset="UTF-8"'}
+_USED_NS = 600_000_000_000
+"""Time after which another use of a token is noted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Whoever sent a request; `name` is None where no token is needed."""
+
+    name: str | None
+    role: Role
+    origin: str
+
+
+NoteChange = Callable[[Caller, str], None]
+"""Takes note of a change: by whom, and its method and path."""
+
+
+class Authenticator:
+    """Callers of requests, by the tokens as they were when `refresh` was called last.
+
+    Args:
+        required: a token is needed even while there is none.
+    """
+
+    def __init__(self, tokens: Tokens | None = None, *, required: bool = False) -> None:
+        self.tokens = tokens
+        self._required = required
+        self._known: tuple[Token, ...] = ()
+        self._used: set[str] = set()
+        if tokens is not None:
+            self._known = tokens.all()
+
+    def refresh(self, now_ns: int) -> None:
+        """Read the tokens, and note which were used. Raises StoreFailedError."""
+        if self.tokens is None:
+            return
+        used, self._used = self._used, set()
+        for token in self._known:
+            if token.name in used and now_ns - (token.used_ns or 0) > _USED_NS:
+                self.tokens.note_use(token.name, now_ns)
+        self._known = self.tokens.all()
+
+    @property
+    def needs_token(self) -> bool:
+        """A request without a token is refused."""
+        lost = self.tokens is not None and self.tokens.may_be_lost
+        return self._required or bool(self._known) or lost
+
+    def caller(self, request: HTTPConnection) -> Caller | None:
+        """Caller of a request; None if its token is missing or unknown."""
+        origin = request.client.host if request.client else ""
+        if not self.needs_token:
+            return Caller(None, "operator", origin)
+        token = token_of(_secret(request.headers.get("authorization", "")), self._known)
+        if token is None:
+            return None
+        self._used.add(token.name)
+        return Caller(token.name, token.role, origin)
+
+
+def _secret(authorization: str) -> str:
+    """Token in a header: of `Bearer TOKEN`, or the password of `Basic`; empty without one."""
+    scheme, _, sent = authorization.partition(" ")
+    if scheme.lower() == "bearer":
+        return sent.strip()
+    if scheme.lower() != "basic":
+        return ""
+    try:
+        return base64.b64decode(sent, validate=True).decode().partition(":")[2]
+    except ValueError:
+        return ""
+
+
+async def authorized(request: Request) -> Caller:
+    """Caller of a route that may take it; every route but `/healthz` depends on this."""
+    authenticator: Authenticator = request.app.state.authenticator
+    caller = authenticator.caller(request)
+    if caller is None:
+        words = "a token is needed: Authorization: Bearer TOKEN, or as the password of a browser"
+        raise HTTPException(401, words, headers=_CHALLENGE)
+    request.state.caller = caller
+    if caller.role == "viewer" and request.method not in SAFE_METHODS:
+        raise HTTPException(403, f"this needs the role operator; {caller.name} is a viewer")
+    return caller
+
+
+CallerDep = Annotated[Caller, Depends(authorized)]
+
+
+async def noted(request: Request, caller: CallerDep) -> AsyncIterator[None]:
+    """Take note of a change that was made."""
+    yield
+    if request.method not in SAFE_METHODS:
+        request.app.state.note_change(caller, f"{request.method} {request.url.path}")

@@ -1,1 +1,0 @@
-"""Bounds of what strangers may ask: bodies, connections, times, descriptors."""

@@ -1,1 +1,0 @@
-"""Identity and rights of whoever asks."""
