@@ -165,7 +165,7 @@ MOST_LINES = {
     "checks": 4032,
     "cli": 1893,
     "config": 581,
-    "diagnose": 5614,
+    "diagnose": 5604,
     "downsample": 1468,
     "drivers": 5122,
     "estimate": 6293,
@@ -183,7 +183,7 @@ MOST_LINES = {
     "tests": 65778,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 662
+MOST_FILES = 661
 """Modules of the product."""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..candidates.force_pulses import FORCE
 from ..candidates.regressors import UNKNOWN
-from ..estimation.contributions import Contributions
+from ..estimation.estimates import Contributions
 from ..result import NamedEffect
 from ..selection.posterior import Posterior
 from ..session.session import TORQUE_GAP

@@ -13,7 +13,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.effects.registry import effects_where
 from ..candidates.force_pulses import FORCE
-from ..estimation.contributions import Contributions
+from ..estimation.estimates import Contributions
 from ..residual.structure import predicted_structure
 from ..selection.posterior import Posterior
 from ..session.session import TORQUE_GAP, rms
