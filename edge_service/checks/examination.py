@@ -6,6 +6,7 @@ Every finding is a number with an interval, held against the machine file, in on
 """
 
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,101 +51,90 @@ class Check:
     """
 
     name: str
-    needed: frozenset[str]
+    needed: AbstractSet[str]
+    run: Callable[[Machine, Sequence[SampleFrame]], Finding]
     compared: str
     remedy: str
-    run: Callable[[Machine, Sequence[SampleFrame]], Finding]
-
-
-def _check(
-    name: str,
-    run: Callable[[Machine, Sequence[SampleFrame]], Finding],
-    compared: str,
-    remedy: str,
-    *needed: str,
-) -> Check:
-    return Check(name, frozenset(needed), compared, remedy, run)
 
 
 CHECKS: tuple[Check, ...] = (
-    _check(
+    Check(
         "rate",
+        frozenset(),
         check_clock,
         "steps of time_s; speeds and inertia that would need another unit of time",
         "give the unit in columns.time_s, as in { column = ..., scale = 1e-3 }",
     ),
-    _check(
+    Check(
         "signals",
+        frozenset(),
         check_signals,
         "every channel against its own first value",
         "check that the device is switched on and the right channel is recorded",
     ),
-    _check(
+    Check(
         "lead",
+        {ANGLE, TABLE_POSITION},
         check_lead,
         "table_position_m over motor_angle_rad against axis.lead_m",
         "check axis.lead_m, and the scales of columns.motor_angle_rad and .table_position_m",
-        ANGLE,
-        TABLE_POSITION,
     ),
-    _check(
+    Check(
         "encoder_lag",
+        {ANGLE, TABLE_POSITION},
         check_encoder_lag,
         "times of table_position_m and motor_angle_rad",
         "record both encoders at the same instant",
-        ANGLE,
-        TABLE_POSITION,
     ),
-    _check(
+    Check(
         "setpoint",
+        {SETPOINT},
         check_setpoint,
         "position against position_setpoint_m, in motion and at rest",
         "check axis.lead_m and the scales of the position and of columns.position_setpoint_m",
-        SETPOINT,
     ),
-    _check(
+    Check(
         "motor_speed",
+        {ANGLE, MOTOR_SPEED},
         check_motor_speed,
         "motor_speed_rad_s against the rate of motor_angle_rad",
         "check the scale of columns.motor_speed_rad_s",
-        ANGLE,
-        MOTOR_SPEED,
     ),
-    _check(
+    Check(
         "table_speed",
+        {TABLE_POSITION, TABLE_SPEED},
         check_table_speed,
         "table_speed_m_s against the rate of table_position_m",
         "check the scale of columns.table_speed_m_s",
-        TABLE_POSITION,
-        TABLE_SPEED,
     ),
-    _check(
+    Check(
         "torque",
+        {TORQUE},
         check_torque,
         "torque_command_nm against acceleration and direction, and model.inertia_kg_m2",
         "check sign and scale of columns.torque_command_nm, axis.lead_m and model.inertia_kg_m2, "
         "or whether it needs faster samples",
-        TORQUE,
     ),
-    _check(
+    Check(
         "limits",
+        frozenset(),
         check_limits,
         "greatest speed and torque against axis.max_speed_rad_s and axis.max_torque_nm",
         "check the scales of the columns, or the limits in the machine file",
     ),
-    _check(
+    Check(
         "stroke",
+        {TABLE_POSITION},
         check_stroke,
         "range of table_position_m against axis.stroke_m",
         "check the zero and the scale of columns.table_position_m, and axis.stroke_m",
-        TABLE_POSITION,
     ),
-    _check(
+    Check(
         "temperature",
+        {TEMPERATURE},
         check_temperature,
         "range of temperature_c against what a machine can have",
         "check the scale and the offset of columns.temperature_c",
-        TEMPERATURE,
     ),
 )
 """Checks in the order in which they are told: what spoils the others comes first."""

@@ -54,7 +54,7 @@ class Clock:
         """Rate and faults in words."""
         longest = f", the longest of {self.longest_s:.3g} s" if self.gaps else ""
         words = f"{self.rate_hz:.4g} samples/s, {self.gaps} gaps{longest}"
-        words += f", jitter {100.0 * self.jitter:.2g} %"
+        words += f", jitter {100.0 * round(self.jitter, 3):.2g} %"
         if self.restarts:
             words += f", starts anew {self.restarts} times"
         if self.backwards:

@@ -26,8 +26,15 @@ _NICE_S = tuple(
 def find_clock(
     names: list[ColumnName], values: dict[str, Floats], known: Known, found: Understanding
 ) -> Floats | None:
-    """Time of every sample, s; None where nothing tells it. Says and asks what there is to it."""
-    for quantity in _order(names, known):
+    """Time of every sample, s; None where nothing tells it. Says and asks what there is to it.
+
+    A period that is given outdoes one that is assumed.
+    """
+    order: tuple[Quantity, ...] = (Quantity.TIME, Quantity.COUNTER)
+    if known.period_s is not None:
+        is_edge = any("|" in each.name for each in names)
+        order = (Quantity.COUNTER,) if is_edge else (Quantity.COUNTER, Quantity.TIME)
+    for quantity in order:
         for each in names:
             if each.quantity is quantity:
                 scale = _scale(each, values[each.name], known, found)
@@ -37,65 +44,40 @@ def find_clock(
     return _by_rows(names, values, known, found)
 
 
-def _order(names: list[ColumnName], known: Known) -> tuple[Quantity, ...]:
-    """Kinds of clocks, the better one first; a period that is given outdoes one that is assumed."""
-    if known.period_s is None:
-        return Quantity.TIME, Quantity.COUNTER
-    if any("|" in each.name for each in names):
-        return (Quantity.COUNTER,)
-    return Quantity.COUNTER, Quantity.TIME
-
-
 def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding) -> float | None:
+    """Seconds per count of a column that counts up; None if it is no clock."""
     steps = np.diff(values)
     forward = steps[steps > 0.0]
     if forward.size == 0:
         found.say(TIME, f"{each.name!r} never increases, so it is no clock")
         return None
-    usual = float(np.median(forward))
     if each.quantity is Quantity.COUNTER:
-        return _counter(each, known, found)
-    if each.unit in _TIME_UNITS:
-        scale = _TIME_UNITS[each.unit]
-        why = "by its name"
-    else:
-        scale, why = _by_size(usual)
-    unit = next(unit for unit, factor in _TIME_UNITS.items() if factor == scale)
-    found.say(
-        TIME,
-        f"{each.name!r} in {unit} ({why}): {clock_of([scale * values]).as_text()}",
-        assumed=why.startswith("assumed"),
-    )
-    return scale
-
-
-def _by_size(usual: float) -> tuple[float, str]:
-    """Unit in which the samples come at a rate that machines are recorded at."""
-    fitting = [
-        factor
-        for factor in _TIME_UNITS.values()
-        if _RATES_HZ[0] <= 1.0 / (factor * usual) <= _RATES_HZ[1] * (1.0 + 1e-9)
-    ]
-    if len(fitting) == 1:
-        return fitting[0], "the only unit that gives a rate between 10 Hz and 20 kHz"
-    if fitting:
-        return fitting[0], "assumed: finer units would also give a usual rate"
-    return 1.0, "assumed: no unit gives a usual rate"
-
-
-def _counter(each: ColumnName, known: Known, found: Understanding) -> float | None:
-    if known.period_s is not None:
-        found.say(TIME, f"{each.name!r} counts samples of {known.period_s:g} s, as given")
-        return known.period_s
-    if each.name == "CYCLE":
-        found.say(
-            TIME,
-            f"{each.name!r} counts position-control cycles of 2 ms, as Industrial Edge has "
-            "them by default",
-            assumed=True,
-        )
+        if known.period_s is not None:
+            found.say(TIME, f"{each.name!r} counts samples of {known.period_s:g} s, as given")
+            return known.period_s
+        if each.name != "CYCLE":
+            return None
+        cycles = "position-control cycles of 2 ms, as Industrial Edge has them by default"
+        found.say(TIME, f"{each.name!r} counts {cycles}", assumed=True)
         return EDGE_PERIOD_S
-    return None
+    unit, why = each.unit, "by its name"
+    if unit not in _TIME_UNITS:
+        usual = float(np.median(forward))
+        fitting = [
+            unit
+            for unit, scale in _TIME_UNITS.items()
+            if _RATES_HZ[0] <= 1.0 / (scale * usual) <= _RATES_HZ[1] * (1.0 + 1e-9)
+        ]
+        unit, why = (*fitting, "s")[0], "assumed: no unit gives a usual rate"
+        if len(fitting) == 1:
+            why = "the only unit that gives a rate between 10 Hz and 20 kHz"
+        elif fitting:
+            why = "assumed: finer units would also give a usual rate"
+    scale = _TIME_UNITS[unit]
+    clock = clock_of([scale * values]).as_text()
+    assumed = why.startswith("assumed")
+    found.say(TIME, f"{each.name!r} in {unit} ({why}): {clock}", assumed=assumed)
+    return scale
 
 
 def _by_rows(

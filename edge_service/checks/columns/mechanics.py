@@ -18,8 +18,7 @@ _STEADY_SHARE = 0.7
 """Of the top speed of a run: faster than this it is not starting or stopping."""
 _LEAST_ROWS, _LEAST_PASSAGES = 5, 3
 _RESPONSE_HZ = 200.0
-_NO_TORQUE = "no column is known as a torque in N m", ""
-_NO_MOTION = "the travel per revolution is unknown, or too little moves", ""
+_NO_SIGN = "a torque without a sign is wrong while the axis brakes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +64,7 @@ def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Me
                     found.append(float(np.mean(run.channels[TORQUE][steady])))
                     seconds += run.period_s * np.count_nonzero(steady)
     ahead, back = (np.array(means[sign]) for sign in (1.0, -1.0))
-    why = "a torque without a sign is wrong while the axis brakes"
-    nothing = undetermined("kg m^2", why), undetermined("N m s/rad", why)
+    nothing = undetermined("kg m^2", _NO_SIGN), undetermined("N m s/rad", _NO_SIGN)
     most = _most_inertia(frames, settings)
     if min(len(ahead), len(back)) < _LEAST_PASSAGES:
         unknown = undetermined("N m", "too little steady motion both ways")
@@ -142,62 +140,40 @@ def abilities(
     columns: Mapping[str, Choice], mechanics: Mechanics | None, rate_hz: float, *, has_rating: bool
 ) -> list[Ability]:
     """Answers that these recordings allow or not, in the order in which people ask."""
-    return [
-        Ability("friction and its change", *_friction(columns, mechanics)),
-        Ability("inertia", *_inertia(columns, mechanics)),
-        Ability("preload in percent", *_preload(columns, mechanics, has_rating)),
-        Ability("stretch, play and stiffness between two encoders", *_stretch(columns)),
-        Ability("frequency response, if the motion shakes the axis", *_response(columns, rate_hz)),
-    ]
-
-
-def _friction(columns: Mapping[str, Choice], mechanics: Mechanics | None) -> tuple[str, str]:
+    unsigned = TORQUE in columns and bool(columns[TORQUE].direction)
+    friction, friction_motion, inertia, inertia_motion = "", "", "", ""
     if TORQUE not in columns:
-        return _NO_TORQUE
-    if mechanics is None:
-        return _NO_MOTION
-    if not mechanics.coulomb.determined:
-        return "too little steady motion both ways", "friction"
-    if mechanics.coulomb.low <= 0.0:
-        return "it is not told from none", "friction"
-    return "", ""
-
-
-def _inertia(columns: Mapping[str, Choice], mechanics: Mechanics | None) -> tuple[str, str]:
-    if TORQUE not in columns:
-        return _NO_TORQUE
-    if columns[TORQUE].direction:
-        return "a torque without a sign is wrong while the axis brakes", ""
-    if mechanics is None:
-        return _NO_MOTION
-    if not mechanics.inertia.determined:
-        return mechanics.inertia.note, ""
-    if mechanics.inertia.low <= 0.0:
-        return "too little acceleration", "acceleration"
-    return "", ""
-
-
-def _preload(
-    columns: Mapping[str, Choice], mechanics: Mechanics | None, has_rating: bool
-) -> tuple[str, str]:
-    why, motion = _friction(columns, mechanics)
-    if why:
-        return why, motion
-    if not has_rating:
-        return "dynamic_load_rating_n and preload_n of the data sheet are missing", ""
-    return "the machine file is not commissioned yet (`edge-service commission`)", "production"
-
-
-def _stretch(columns: Mapping[str, Choice]) -> tuple[str, str]:
+        friction = inertia = "no column is known as a torque in N m"
+    elif mechanics is None:
+        friction = "the travel per revolution is unknown, or too little moves"
+        inertia = _NO_SIGN if unsigned else friction
+    else:
+        if not mechanics.coulomb.determined:
+            friction, friction_motion = "too little steady motion both ways", "friction"
+        elif mechanics.coulomb.low <= 0.0:
+            friction, friction_motion = "it is not told from none", "friction"
+        if unsigned or not mechanics.inertia.determined:
+            inertia = _NO_SIGN if unsigned else mechanics.inertia.note
+        elif mechanics.inertia.low <= 0.0:
+            inertia, inertia_motion = "too little acceleration", "acceleration"
+    preload, preload_motion = friction, friction_motion
+    if not friction and not has_rating:
+        preload = "dynamic_load_rating_n and preload_n of the data sheet are missing"
+    elif not friction:
+        preload = "the machine file is not commissioned yet (`edge-service commission`)"
+        preload_motion = "production"
     missing = [name for name in (ANGLE, TABLE_POSITION) if name not in columns]
-    if missing:
-        return f"there is no {' and no '.join(missing)}", ""
-    return "the ends of travel are unknown: set axis.stroke_m in the machine file", "acceleration"
-
-
-def _response(columns: Mapping[str, Choice], rate_hz: float) -> tuple[str, str]:
+    stretch, stretch_motion = f"there is no {' and no '.join(missing)}", ""
+    if not missing:
+        stretch = "the ends of travel are unknown: set axis.stroke_m in the machine file"
+        stretch_motion = "acceleration"
+    response = f"{rate_hz:.3g} samples/s are too few" if rate_hz < _RESPONSE_HZ else ""
     if TORQUE not in columns:
-        return _NO_TORQUE
-    if rate_hz < _RESPONSE_HZ:
-        return f"{rate_hz:.3g} samples/s are too few", ""
-    return "", ""
+        response = "no column is known as a torque in N m"
+    return [
+        Ability("friction and its change", friction, friction_motion),
+        Ability("inertia", inertia, inertia_motion),
+        Ability("preload in percent", preload, preload_motion),
+        Ability("stretch, play and stiffness between two encoders", stretch, stretch_motion),
+        Ability("frequency response, if the motion shakes the axis", response),
+    ]

@@ -10,7 +10,7 @@ from ...messages.units import SI
 from .guess import Choice
 from .motion_columns import LEADS_M, SAME, SURE, TABLE_UNITS, TURN, MotionColumns, moves
 from .names import ColumnName, Quantity
-from .relations import changes, lags, proportion, travelled
+from .relations import Proportion, changes, lags, proportion, travelled
 
 MOTOR_SPEEDS_RAD_S = (3.0, 1000.0)
 _ANGLE_UNITS = ("rad", "deg", "rev")
@@ -240,24 +240,24 @@ class Motion(MotionColumns):
         elif position == TABLE_POSITION:
             self._turning_speed(speed)
 
-    def _speed_unit(self, speed: ColumnName, position: str, units: tuple[str, ...]) -> str:
-        """Unit in which a speed is the derivative of a position; empty if in none."""
+    def _speed_link(self, position: str, speed: ColumnName) -> Proportion | None:
+        """Changes of a position over the integral of a speed; None if they do not go together."""
         link = proportion(
             changes(self.si(position), self._windows),
             travelled(self._values[speed.name], self._time_s, self._windows),
         )
-        if link is None or abs(link.correlation) < SURE:
-            return ""
-        near = [unit for unit in units if abs(abs(link.factor) / SI[unit][0] - 1.0) < 0.05]
-        return near[0] if near else ""
+        return link if link is not None and abs(link.correlation) >= SURE else None
+
+    def _speed_unit(self, speed: ColumnName, position: str, units: tuple[str, ...]) -> str:
+        """Unit in which a speed is the derivative of a position; empty if in none."""
+        link = self._speed_link(position, speed)
+        factor = 0.0 if link is None else abs(link.factor)
+        return next((unit for unit in units if abs(factor / SI[unit][0] - 1.0) < 0.05), "")
 
     def _turning_speed(self, speed: ColumnName) -> None:
         """A speed that is no speed of the table: what it would be as one of the motor."""
-        link = proportion(
-            changes(self.si(TABLE_POSITION), self._windows),
-            travelled(self._values[speed.name], self._time_s, self._windows),
-        )
-        if link is None or abs(link.correlation) < SURE:
+        link = self._speed_link(TABLE_POSITION, speed)
+        if link is None:
             self._found.say("speed", f"{speed.name!r} is not the speed of the position; left out")
             return
         lead = 60.0 * link.factor
@@ -273,14 +273,11 @@ class Motion(MotionColumns):
     def _lead_from_speed(self, motor: ColumnName, unit: str) -> None:
         if self._found.lead_m is not None or TABLE_POSITION not in self._found.columns:
             return
-        link = proportion(
-            changes(self.si(TABLE_POSITION), self._windows),
-            SI[unit][0] * travelled(self._values[motor.name], self._time_s, self._windows),
-        )
-        if link is not None and abs(link.correlation) > SURE:
-            lead = TURN * abs(link.factor)
-            sigma = TURN * link.sigma
-            self._set_lead(lead, sigma, f"from the position over {motor.name!r}")
+        link = self._speed_link(TABLE_POSITION, motor)
+        if link is not None:
+            turn = TURN / SI[unit][0]
+            why = f"from the position over {motor.name!r}"
+            self._set_lead(turn * abs(link.factor), turn * link.sigma, why)
 
 
 def _resolution(values: Floats) -> float:

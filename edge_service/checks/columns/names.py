@@ -90,10 +90,7 @@ _NO_QUANTITY = _words(
 )
 _NO_QUANTITY |= _words("sequence status tool block count label run group limit")
 _SIMPLE = (
-    (
-        Quantity.TORQUE,
-        _words("torque trq moment drehmoment momentum tau effort"),
-    ),
+    (Quantity.TORQUE, _words("torque trq moment drehmoment momentum tau effort")),
     (Quantity.CURRENT, _words("current curr strom iq amps amp i")),
     (Quantity.TEMPERATURE, _words("temp temperature temperatur")),
     (Quantity.FORCE, _words("force kraft fext")),

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.constants import g as gravity_m_s2
 
+from ...checks.finding import looks_wrong
+from ...checks.torque import INERTIA_FACTOR
 from ...messages.channels import TORQUE
 from ...messages.features import FeatureBlock
 from ...models.commissioned import TransmissionConfig
@@ -19,8 +21,6 @@ from .torque_balance import TorqueBalance
 from .torque_lag import torque_lag
 from .wide_windows import WideInertia, wide_inertia
 
-STATED_FACTOR = 2.0
-"""A load changes the inertia by less than this factor; beyond it a unit or the lead is another."""
 WINDOW_FACTOR = 1.15
 """Factor within which windows of milliseconds and of tenths of a second give the inertia."""
 WINDOW_INTERVALS = (1, 2, 4)
@@ -118,10 +118,10 @@ def _within(one: float, other: float, factor: float) -> bool:
 def _require_stated_inertia(torque: TorqueBalance, stated: Quantity) -> None:
     found, sigma = torque.inertia_kg_m2, torque.inertia_sigma
     apart = abs(found - stated.value) > SIGMAS * float(np.hypot(sigma, stated.sigma))
-    if apart and not _within(found, stated.value, STATED_FACTOR):
+    if apart and not _within(found, stated.value, INERTIA_FACTOR):
         raise CommissioningError(
-            f"inertia reads {found:.3g} kg m2, the machine file states {stated.value:.3g} "
-            f"(model.inertia_kg_m2): check it, axis.lead_m and the scale of columns.{TORQUE}"
+            f"{looks_wrong('torque', found / stated.value)}: inertia reads {found:.3g} kg m2, not "
+            f"{stated.value:.3g}: check model.inertia_kg_m2, axis.lead_m, columns.{TORQUE}.scale"
         )
 
 
