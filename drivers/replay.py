@@ -1,7 +1,6 @@
 """A recording played back as if the axis were there."""
 
 import asyncio
-import threading
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing
 from pathlib import Path
@@ -12,9 +11,7 @@ from pydantic import Field
 
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.recordings.columns import TraceError
-from edge_service.recordings.reading_process import ReadingProcess
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
-from edge_service.threads import Threads
+from edge_service.recordings.reader import TraceReader
 
 from .base import (
     QUIET_S,
@@ -24,8 +21,11 @@ from .base import (
     DriverUnavailableError,
     Probe,
 )
-from .frame_cutter import FrameCutter
+from .recorded import RecordedRows
+from .rows import FrameCutter
 
+FRAME_S, FLAT_OUT_FRAME_S = 0.1, 0.5
+"""Axis time per frame, kept to time and as fast as possible."""
 LOOP_GAP_S = 1.0
 """Axis time between the end of a recording and its next pass: the position jumps there."""
 LONGEST_STEP_S = 2.0
@@ -41,22 +41,17 @@ class ReplayConfig(DriverConfig):
         path: the trace, CSV or Parquet; the machine file maps its columns.
         speed: axis time over real time; 0 is as fast as possible.
         loop: start again at the end, for ever.
-        frame_s: axis time per frame, s.
         axis_number: the controller's number of the axis, in place of the machine file's.
     """
 
     path: Path
     speed: float = Field(1.0, ge=0.0)
     loop: bool = False
-    frame_s: float = Field(0.1, ge=0.001, le=1.0)
     axis_number: int | None = Field(None, ge=1)
 
 
 class ReplayDriver:
-    """Yields the rows of a trace in their order, each frame when its last sample is due.
-
-    Files are read in a process with limits, and awaited in a thread.
-    """
+    """Yields the rows of a trace in their order, each frame when its last sample is due."""
 
     config_model: ClassVar[type[DriverConfig]] = ReplayConfig
 
@@ -70,23 +65,17 @@ class ReplayDriver:
     ) -> None:
         self.paced = config.speed > 0.0
         self.quiet_s = QUIET_S + (LONGEST_STEP_S / config.speed if self.paced else 0.0)
+        self.frame_s = FRAME_S if self.paced else FLAT_OUT_FRAME_S
         self._config = config
-        self._columns = context.machine.columns
-        self._axis = ControllerAxis(
-            config.axis_number or context.machine.axis.number, context.machine.axis.lead_m
-        )
         self._clock = clock
         self._sleep = sleep
-        self._reader: ReadingProcess | None = None
-        self._threads = Threads(f"replay {context.axis}", 2)  # one may hang while the other closes
-        self._lock = threading.Lock()  # held by the one thread that opens, reads or closes
-        self._turn = 0  # grows with each close: an open that was given up before it comes too late
+        self._rows = RecordedRows(f"replay {context.axis}", context.machine, config.axis_number)
         self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
 
     @property
     def counters(self) -> dict[str, int]:
         """Rows read, faults met and restarts of a loop, since the driver was made."""
-        reader = self._reader
+        reader = self._rows.reader
         return dict(self._finished) if reader is None else _total(self._finished, reader)
 
     @property
@@ -96,34 +85,47 @@ class ReplayDriver:
 
     async def open(self) -> None:
         """Open the trace and check its columns; raises DriverMisconfiguredError."""
-        await self._threads.run(self._open, self._turn)
+        if self._rows.reader is None:
+            try:
+                await self._rows.open(self._config.path)
+            except TraceError as error:
+                raise DriverMisconfiguredError("path", str(error)) from None
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of about `frame_s` until the end of the trace, or until `close`."""
-        reader = self._reader
-        if reader is None:
+        if not self._rows.is_open():
             raise DriverUnavailableError(f"{self._config.path}: the recording is not open")
         pace = _Pace(self._config.speed, self._clock or asyncio.get_running_loop().time)
-        async with aclosing(self._cut_frames(reader)) as frames:
+        async with aclosing(self._cut_frames()) as frames:
             async for frame in frames:
                 # Even without a wait: the event loop must get its turn between two reads.
                 await self._sleep(pace.wait_s(frame.time_s))
-                if self._reader is None:
+                if not self._rows.is_open():
                     return
                 yield frame
 
     async def probe(self) -> Probe:
         """Channels and rate of the first rows; raises DriverMisconfiguredError as `open` does."""
-        return await self._threads.run(self._probe)
+
+        def first_rows() -> tuple[TraceReader, SampleFrame]:
+            with self._rows.open_now(self._config.path) as reader:
+                return reader, next(reader)
+
+        try:
+            reader, first = await self._rows.run(first_rows)
+        except TraceError as error:
+            raise DriverMisconfiguredError("path", str(error)) from None
+        return Probe(f"recording {self._config.path.name}", reader.channels, _rate_hz(first.time_s))
 
     async def close(self) -> None:
         """Close the trace, once a read that is under way has ended; safe twice."""
-        self._turn += 1
-        await self._threads.run(self._close)
+        if self._rows.reader is not None:
+            self._finished = _total(self._finished, self._rows.reader)
+        await self._rows.close()
 
-    async def _cut_frames(self, reader: ReadingProcess) -> AsyncGenerator[SampleFrame, None]:
-        cutter = FrameCutter(self._config.frame_s)
-        async with aclosing(self._blocks(reader)) as blocks:
+    async def _cut_frames(self) -> AsyncGenerator[SampleFrame, None]:
+        cutter = FrameCutter(self.frame_s)
+        async with aclosing(self._blocks()) as blocks:
             async for block in blocks:
                 for frame in cutter.cut(block):
                     yield frame
@@ -131,71 +133,25 @@ class ReplayDriver:
         if rest is not None:
             yield rest
 
-    async def _blocks(self, reader: ReadingProcess) -> AsyncGenerator[SampleFrame, None]:
+    async def _blocks(self) -> AsyncGenerator[SampleFrame, None]:
         """Runs of rows as they are read; each further pass follows the one before in time."""
-        newest_s = -np.inf
-        shift_s = 0.0
-        following: ReadingProcess | None = reader
-        while following is not None:
-            reader, starts = following, newest_s > -np.inf
-            while (block := await self._threads.run(self._read, reader)) is not None:
-                if starts:
-                    shift_s, starts = newest_s + LOOP_GAP_S - float(block.time_s[0]), False
-                shifted = SampleFrame(block.time_s + shift_s, block.channels)
-                newest_s = max(newest_s, float(shifted.time_s.max()))
-                yield shifted
-            following = await self._threads.run(self._start_again, reader)
-
-    def _open(self, turn: int) -> None:
-        with self._lock:
-            if self._reader is None and self._turn == turn:
-                self._reader = self._open_trace()
-
-    def _open_trace(self) -> ReadingProcess:
-        try:
-            return ReadingProcess(self._config.path, self._columns, self._axis)
-        except TraceError as error:
-            raise DriverMisconfiguredError("path", str(error)) from None
-        except OSError as error:
-            words = f"{self._config.path}: no process to read it ({error.strerror})"
-            raise DriverUnavailableError(words) from None
-
-    def _read(self, reader: ReadingProcess) -> SampleFrame | None:
-        """The next rows; None at the end or once `reader` is closed."""
-        with self._lock:
-            if self._reader is not reader:
-                return None
+        newest_s, shift_s = -np.inf, 0.0
+        while (reader := self._rows.reader) is not None:
+            starts = newest_s > -np.inf
             try:
-                return next(reader, None)
+                while (block := await self._rows.next(reader)) is not None:
+                    if starts:
+                        shift_s, starts = newest_s + LOOP_GAP_S - float(block.time_s[0]), False
+                    shifted = SampleFrame(block.time_s + shift_s, block.channels)
+                    newest_s = max(newest_s, float(shifted.time_s.max()))
+                    yield shifted
             except TraceError as error:
                 raise DriverMisconfiguredError("path", str(error)) from None
-
-    def _start_again(self, reader: ReadingProcess) -> ReadingProcess | None:
-        """A reader for the next pass; None without `loop` or once `reader` is closed."""
-        with self._lock:
-            if self._reader is not reader or not self._config.loop:
-                return None
-            self._let_go(reader)
+            if self._rows.reader is not reader or not self._config.loop:
+                return
+            await self.close()
             self._finished["restarts"] += 1
-            self._reader = self._open_trace()
-            return self._reader
-
-    def _close(self) -> None:
-        with self._lock:
-            if self._reader is not None:
-                self._let_go(self._reader)
-
-    def _let_go(self, reader: ReadingProcess) -> None:
-        reader.release()
-        self._finished, self._reader = _total(self._finished, reader), None
-
-    def _probe(self) -> Probe:
-        with self._open_trace() as reader:
-            try:
-                first = next(reader)
-            except TraceError as error:
-                raise DriverMisconfiguredError("path", str(error)) from None
-        return Probe(f"recording {self._config.path.name}", reader.channels, _rate_hz(first.time_s))
+            await self.open()
 
 
 class _Pace:
@@ -229,7 +185,7 @@ def _rate_hz(time_s: Floats) -> float | None:
     return float(1.0 / np.median(steps_s)) if steps_s.size else None
 
 
-def _total(finished: dict[str, int], reader: ReadingProcess) -> dict[str, int]:
+def _total(finished: dict[str, int], reader: TraceReader) -> dict[str, int]:
     return finished | {
         "rows": finished["rows"] + reader.rows_read,
         "bad_cells": finished["bad_cells"] + sum(reader.bad_cells.values()),

@@ -27,7 +27,7 @@ from .base import (
     DriverUnavailableError,
     Probe,
 )
-from .frame_cutter import LOOK_AHEAD_S
+from .rows import LOOK_AHEAD_S
 
 SECONDS_PER_HOUR = 3600.0
 GREATEST_LAG_S = 1.0

@@ -1,34 +1,126 @@
-"""Traces that a controller leaves in a folder: each is read once, one after the other."""
+"""A watched folder: every complete trace that a controller leaves there is read once."""
 
 import asyncio
 import logging
 import math
-import threading
+import os
 from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
 from contextlib import aclosing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.columns import TraceError
-from edge_service.recordings.reading_process import ReadingProcess
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
-from edge_service.threads import Threads
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
-from ..frame_cutter import FrameCutter
-from .arrivals import Arrivals
-from .config import FolderConfig
-from .digests import Digests
+from ..recorded import RecordedRows
+from ..rows import FrameCutter
 from .ledger import Entry, Ledger
 
 log = logging.getLogger(__name__)
+SETTLE_S = 2.0
+"""A file that has not changed for so long, and has its proper end, is complete."""
+POLL_S = 1.0
+"""Time between two looks into the folder."""
+FRAME_S = 0.1
 BETWEEN_S = 1.0
 """Axis time between two traces: the axis may be anywhere when the next begins."""
 SAVE_ROWS = 20_000
 """After so many rows the ledger is written; more than these are never read twice."""
+_TAIL_BYTES = 4096
+_PARQUET_MAGIC = b"PAR1"
+
+
+class FolderConfig(DriverConfig):
+    """Settings of a watched folder.
+
+    Attributes:
+        folder: where traces appear, in any form of a recording.
+        pattern: of their names.
+    """
+
+    folder: Path
+    pattern: str = Field("*", min_length=1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """Size and time of change of a file, and since when it has had them on the watcher's clock."""
+
+    size: int
+    changed_ns: int
+    since_s: float
+
+
+class Arrivals:
+    """Watches a folder. A file is complete when it rests and has its proper end.
+
+    Args:
+        folder: the folder.
+        pattern: of the names.
+        settle_s: how long a file must rest.
+    """
+
+    def __init__(self, folder: Path, pattern: str, settle_s: float) -> None:
+        self._folder, self._pattern, self._settle_s = folder, pattern, settle_s
+        self._looks: dict[Path, _Look] = {}
+        self._told: dict[Path, _Look] = {}
+
+    def complete(self, now_s: float) -> list[Path]:
+        """Files that have become complete since the last call, the oldest first.
+
+        Raises:
+            DriverUnavailableError: the folder cannot be looked into.
+        """
+        found = {path: self._look(path, *state, now_s) for path, state in self._states()}
+        self._looks = found
+        self._told = {path: look for path, look in self._told.items() if path in found}
+        ready = [
+            (look.changed_ns, path)
+            for path, look in found.items()
+            if now_s - look.since_s >= self._settle_s
+            and self._told.get(path) != look
+            and has_proper_end(path)
+        ]
+        self._told |= {path: found[path] for _, path in ready}
+        return [path for _, path in sorted(ready)]
+
+    def _states(self) -> Iterator[tuple[Path, tuple[int, int]]]:
+        try:
+            if not self._folder.is_dir():
+                raise DriverUnavailableError(f"{self._folder}: no such folder")
+            for path in self._folder.glob(self._pattern):
+                if not path.name.startswith(".") and path.is_file():
+                    state = path.stat()
+                    yield path, (state.st_size, state.st_mtime_ns)
+        except OSError as error:
+            raise DriverUnavailableError(f"{self._folder}: {error.strerror}") from None
+
+    def _look(self, path: Path, size: int, changed_ns: int, now_s: float) -> _Look:
+        before = self._looks.get(path)
+        if before is not None and (before.size, before.changed_ns) == (size, changed_ns):
+            return before
+        return _Look(size, changed_ns, now_s)
+
+
+def has_proper_end(path: Path) -> bool:
+    """Return whether a file ends as its form demands: closing tag, magic bytes, end of a line."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_TAIL_BYTES)
+            file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
+            tail = file.read().rstrip(b" \t\0")
+    except OSError:
+        return False
+    if head.startswith(_PARQUET_MAGIC):
+        return tail.endswith(_PARQUET_MAGIC) and len(tail) > len(_PARQUET_MAGIC)
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        return tail.rstrip().endswith(b"</traceSession>")
+    return tail.endswith((b"\n", b"\r"))
 
 
 class FolderDriver:
@@ -36,7 +128,7 @@ class FolderDriver:
 
     The recorded clocks follow each other, with a gap between. A trace that cannot be read is told
     in the log and in the ledger, and is no reason to stop; neither is a ledger that cannot be
-    written. Files are read in a process with limits: who writes into the folder is a stranger.
+    written. The ledger lies in $STATE_DIRECTORY, or in the folder where there is none.
     """
 
     config_model: ClassVar[type[DriverConfig]] = FolderConfig
@@ -50,19 +142,15 @@ class FolderDriver:
         context: DriverContext,
         *,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+        settle_s: float = SETTLE_S,
+        ledger: Path | None = None,
     ) -> None:
-        self._config = config
-        self._columns = context.machine.columns
-        self._axis = ControllerAxis(
-            config.axis_number or context.machine.axis.number, context.machine.axis.lead_m
-        )
-        self._ledger_path = config.ledger or config.folder / f".edge-service-{context.axis}.json"
-        self._sleep = sleep
-        self._threads = Threads(f"folder {context.axis}", 2)  # one may hang while the other closes
-        self._lock = threading.Lock()  # held by the one thread that reads or closes
-        self._reader: ReadingProcess | None = None
-        self._turn = 0  # grows when a trace is let go of, also while its process is being started
-        self._digests = Digests()
+        self._config, self._sleep, self._settle_s = config, sleep, settle_s
+        state = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+        kept = Path(state) / f"folder-{context.axis}.json"
+        beside = config.folder / f".edge-service-{context.axis}.json"
+        self._ledger_path = ledger or (kept if state else beside)
+        self._rows = RecordedRows(f"folder {context.axis}", context.machine)
         self._ledger: Ledger | None = None
         self._last_ledger: Ledger | None = None
         self._counts = {"files": 0, "bad_files": 0, "seen_before": 0, "rows": 0, "bad_cells": 0}
@@ -82,34 +170,38 @@ class FolderDriver:
     async def open(self) -> None:
         """Look into folder and ledger. Raises like all drivers."""
         if self._ledger is None:
-            self._ledger = await self._threads.run(self._open)
+            self._ledger = await self._rows.run(self._open)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of one trace after the other, until `close` or the folder is gone."""
         ledger = self._ledger
         if ledger is None:
             raise DriverUnavailableError(f"{self._config.folder}: the folder is not open")
-        config, clock = self._config, asyncio.get_running_loop().time
-        arrivals = Arrivals(config.folder, config.pattern, config.settle_s)
+        clock = asyncio.get_running_loop().time
+        arrivals = Arrivals(self._config.folder, self._config.pattern, self._settle_s)
         while self._ledger is ledger:
-            for path in await self._arrived(arrivals, clock()):
+            try:
+                paths = await self._rows.run(arrivals.complete, clock())
+            except DriverUnavailableError:
+                self._ledger = None
+                raise
+            for path in paths:
                 async with aclosing(self._read(ledger, path)) as frames:
                     async for frame in frames:
                         yield frame
             if self._ledger is ledger:
                 if ledger.unsaved:
-                    await self._threads.run(ledger.save)
-                await self._sleep(config.poll_s)
+                    await self._rows.run(ledger.save)
+                await self._sleep(POLL_S)
 
     async def probe(self) -> Probe:
         """Describe what the folder holds. Raises like `open`."""
-        await self._threads.run(self._open)
-        return Probe(f"traces in {self._config.folder}", await self._channels(), None)
+        return await self._rows.run(self._probe)
 
     async def close(self) -> None:
         """End `frames`; safe twice."""
         self._ledger = None
-        await self._threads.run(self._let_go)
+        await self._rows.close()
 
     def _open(self) -> Ledger:
         Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
@@ -117,118 +209,78 @@ class FolderDriver:
             self._last_ledger = Ledger(self._ledger_path)
         return self._last_ledger
 
-    async def _channels(self) -> tuple[str, ...]:
+    def _probe(self) -> Probe:
         """Channels of the first trace that can be read; none while there is none."""
-        config = self._config
-        paths = Arrivals(config.folder, config.pattern, 0.0).complete(0.0)
-        return await self._threads.run(self._first_channels, paths)
-
-    def _first_channels(self, paths: list[Path]) -> tuple[str, ...]:
-        for path in paths:
+        channels: tuple[str, ...] = ()
+        for path in Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0):
             try:
-                with ReadingProcess(path, self._columns, self._axis) as reader:
-                    return reader.channels
-            except (TraceError, OSError):
+                with self._rows.open_now(path) as reader:
+                    channels = reader.channels
+                    break
+            except TraceError:
                 continue
-        return ()
-
-    async def _arrived(self, arrivals: Arrivals, now_s: float) -> list[Path]:
-        try:
-            return await self._threads.run(arrivals.complete, now_s)
-        except DriverUnavailableError:
-            self._ledger = None
-            raise
+        return Probe(f"traces in {self._config.folder}", channels, None)
 
     async def _read(self, ledger: Ledger, path: Path) -> AsyncGenerator[SampleFrame, None]:
         """The rows of a trace that were not read before; what was read is written down."""
-        entry = await self._threads.run(self._begin, ledger, path)
-        if entry is None:
-            return
-        unsaved, shift_s = 0, None
-        frames = self._cut(entry, path, self._turn)
         try:
-            while (frame := await self._threads.run(next, frames, None)) is not None:
-                await self._sleep(0.0)  # the event loop must get its turn between two reads
-                if self._ledger is not ledger:
-                    return
-                if shift_s is None:
-                    starts_anew = np.isfinite(self._newest_s)
-                    shift_s = self._newest_s + BETWEEN_S - frame.time_s[0] if starts_anew else 0.0
-                shifted = SampleFrame(frame.time_s + shift_s, frame.channels)
-                self._newest_s = max(self._newest_s, float(shifted.time_s.max()))
-                entry.rows += len(frame)
-                self._counts["rows"] += len(frame)
-                unsaved += len(frame)
-                yield shifted
-                if unsaved >= SAVE_ROWS:
-                    await self._threads.run(ledger.save)
-                    unsaved = 0
-        finally:
-            await self._threads.run(self._finish, ledger)
-
-    def _begin(self, ledger: Ledger, path: Path) -> Entry | None:
-        """Its entry, unless it has been read already; one that has grown is read on."""
-        try:
-            size = path.stat().st_size
-            shorter = ledger.shorter(path.name, size)
-            digests = self._digests.of(path, {size, *(each.size for each in shorter)})
+            entry = await self._rows.run(ledger.entry_of, path)
         except OSError as error:
             log.warning("%s: cannot be read (%s)", path, error.strerror)
-            return None
-        entry = ledger.entry(digests[size], path.name, size)
-        if entry.rows == 0 and not entry.done:
-            beginnings = [each for each in shorter if digests[each.size] == each.digest]
-            entry.rows = max((each.rows for each in beginnings), default=0)
-            ledger.note_grown(beginnings)
+            return
         if entry.done:
             self._counts["seen_before"] += 1
-            return None
-        return entry
-
-    def _cut(self, entry: Entry, path: Path, turn: int) -> Iterator[SampleFrame]:
-        """Frames of the rows beyond `entry.rows`; at the end the entry is done."""
-        cutter = FrameCutter(self._config.frame_s)
+            return
+        unsaved, shift_s = 0, None
         try:
-            reader = ReadingProcess(path, self._columns, self._axis, skip_rows=entry.rows)
-            self._reader = reader
-            if self._turn != turn:  # let go of meanwhile
-                self._let_go()
+            async with aclosing(self._cut(ledger, entry, path)) as frames:
+                async for frame in frames:
+                    if shift_s is None:
+                        anew = np.isfinite(self._newest_s)
+                        shift_s = self._newest_s + BETWEEN_S - frame.time_s[0] if anew else 0.0
+                    shifted = SampleFrame(frame.time_s + shift_s, frame.channels)
+                    self._newest_s = max(self._newest_s, float(shifted.time_s.max()))
+                    entry.rows += len(frame)
+                    self._counts["rows"] += len(frame)
+                    unsaved += len(frame)
+                    yield shifted
+                    if unsaved >= SAVE_ROWS:
+                        await self._rows.run(ledger.save)
+                        unsaved = 0
+        finally:
+            await self._rows.close()
+            await self._rows.run(ledger.save)
+
+    async def _cut(
+        self, ledger: Ledger, entry: Entry, path: Path
+    ) -> AsyncGenerator[SampleFrame, None]:
+        """Frames of the rows beyond `entry.rows`; at the end the entry is done."""
+        cutter, skip, bad = FrameCutter(FRAME_S), entry.rows, 0
+        try:
+            reader = await self._rows.open(path)
+            if reader is None:
                 return
             log.info("reading %s", path)
-            bad = 0
-            while (block := self._next(reader)) is not None:
+            while (block := await self._rows.next(reader)) is not None:
                 self._counts["bad_cells"] += sum(reader.bad_cells.values()) - bad
                 bad = sum(reader.bad_cells.values())
-                yield from cutter.cut(block)
-            if self._reader is not reader:  # closed meanwhile: not at its end
+                skip, skipped = max(skip - len(block), 0), min(skip, len(block))
+                if skipped == len(block):
+                    continue
+                channels = {name: values[skipped:] for name, values in block.channels.items()}
+                for frame in cutter.cut(SampleFrame(block.time_s[skipped:], channels)):
+                    await self._sleep(0.0)  # the event loop must get its turn between two reads
+                    if self._ledger is not ledger:
+                        return
+                    yield frame
+            if self._rows.reader is not reader:  # closed meanwhile: not at its end
                 return
             rest = cutter.rest()
             if rest is not None:
                 yield rest
             self._counts["files"] += 1
-        except OSError as error:
-            raise DriverUnavailableError(
-                f"{path}: no process to read it ({error.strerror})"
-            ) from None
         except TraceError as error:
             log.warning("%s", error)
             entry.problem = str(error)
             self._counts["bad_files"] += 1
         entry.done = True
-
-    def _next(self, reader: ReadingProcess) -> SampleFrame | None:
-        with self._lock:
-            return next(reader, None) if self._reader is reader else None
-
-    def _finish(self, ledger: Ledger) -> None:
-        self._let_go()
-        ledger.save()
-
-    def _let_go(self) -> None:
-        self._turn += 1  # first: whoever sets a reader looks at it afterwards
-        reader, self._reader = self._reader, None
-        if reader is None:
-            return
-        reader.close()  # a read that is under way ends
-        with self._lock:
-            reader.release()

@@ -1,23 +1,22 @@
 """Record on disk of what has been read: a trace is read once, even across restarts."""
 
+import hashlib
 import json
 import logging
 import re
-from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from edge_service.atomic import DamagedError, read_checked, set_aside, write_checked
 
-from ..base import DriverMisconfiguredError, DriverUnavailableError
+from ..base import DriverUnavailableError
 
 log = logging.getLogger(__name__)
 MOST_BEGINNINGS = 16
 """Kept shorter contents of one file that grows."""
-_DIGEST = re.compile(r"[0-9a-f]{64}")
-_MARKS = ('"digest"', '{"sha256"')
-"""One of them stands in every ledger that holds anything."""
+_CHUNK_BYTES = 1 << 20
 
 
 @dataclass(slots=True)
@@ -26,7 +25,7 @@ class Entry:
 
     Attributes:
         digest: SHA-256 of the content.
-        size: of the content, bytes; 0 where it was not written down.
+        size: of the content, bytes.
         name: of the file when it was first seen.
         rows: handed out so far.
         done: nothing is left to read.
@@ -53,39 +52,42 @@ class Ledger:
         unsaved: times in a row that the file could not be written.
 
     Raises:
-        DriverMisconfiguredError: the file is something else.
         DriverUnavailableError: it cannot be read now.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self.unsaved = 0
-        self._entries = {entry.digest: entry for entry in _read(path)}
-        self._by_name: dict[str, list[Entry]] = defaultdict(list)
-        for entry in self._entries.values():
-            self._by_name[entry.name].append(entry)
+        try:
+            content = read_checked(path)
+            entries = [] if content is None else [Entry(**each) for each in json.loads(content)]
+        except OSError as error:
+            raise DriverUnavailableError(f"{path}: cannot be read ({error.strerror})") from None
+        except (DamagedError, ValueError, TypeError):
+            entries = _saved(path)
+        self._entries = {entry.digest: entry for entry in entries}
 
-    def entry(self, digest: str, name: str, size: int) -> Entry:
-        """The entry of a trace; a new one where it has not been seen."""
-        known = self._entries.get(digest)
-        if known is None:
-            known = self._entries[digest] = Entry(digest, name, size=size)
-            self._by_name[name].append(known)
-        return known
+    def entry_of(self, path: Path) -> Entry:
+        """The entry of a trace; a new one where it has not been seen. Raises OSError.
 
-    def shorter(self, name: str, size: int) -> list[Entry]:
-        """Entries of that name that had less content."""
-        return [each for each in self._by_name.get(name, ()) if 0 < each.size < size]
-
-    def note_grown(self, beginnings: list[Entry]) -> None:
-        """Note that a file has grown beyond these; the oldest of too many are forgotten."""
-        for entry in beginnings:
-            entry.grown = True
-        for name in {entry.name for entry in beginnings}:
-            old = [each for each in self._by_name[name] if each.grown][:-MOST_BEGINNINGS]
-            for entry in old:
-                self._by_name[name].remove(entry)
-                del self._entries[entry.digest]
+        One that begins with what was read of a file of its name goes on behind that.
+        """
+        size = path.stat().st_size
+        shorter = [
+            each
+            for each in self._entries.values()
+            if each.name == path.name and 0 < each.size < size
+        ]
+        digests = _digests(path, sorted({size, *(each.size for each in shorter)}))
+        entry = self._entries.setdefault(digests[size], Entry(digests[size], path.name, size=size))
+        if entry.rows == 0 and not entry.done:
+            beginnings = [each for each in shorter if digests[each.size] == each.digest]
+            entry.rows = max((each.rows for each in beginnings), default=0)
+            for each in beginnings:
+                each.grown = True
+            for each in [each for each in beginnings if each.grown][:-MOST_BEGINNINGS]:
+                del self._entries[each.digest]
+        return entry
 
     def save(self) -> None:
         """Write all entries, if that can be."""
@@ -102,40 +104,38 @@ class Ledger:
             self.unsaved = 0
 
 
-def _read(path: Path) -> list[Entry]:
-    try:
-        content = read_checked(path)
-        return [] if content is None else [Entry(**each) for each in json.loads(content)]
-    except OSError as error:
-        raise DriverUnavailableError(f"{path}: cannot be read ({error.strerror})") from None
-    except (DamagedError, ValueError, TypeError):
-        return _saved(path)
+def _digests(path: Path, sizes: list[int]) -> dict[int, str]:
+    """SHA-256 of the first bytes of a file, by how many; sizes rise. Raises OSError."""
+    hasher, position, digests = hashlib.sha256(), 0, {}
+    with path.open("rb") as file:
+        for size in sizes:
+            while chunk := file.read(min(_CHUNK_BYTES, size - position)):
+                hasher.update(chunk)
+                position += len(chunk)
+            digests[size] = hasher.hexdigest()
+    return digests
 
 
 def _saved(path: Path) -> list[Entry]:
-    """Entries that can be read of a damaged ledger, which is set aside."""
+    """Finished entries that can be read of a damaged ledger, which is set aside."""
     try:
         text = path.read_text("utf-8", errors="replace")
-        if text.strip("\0 \n") and not any(mark in text for mark in _MARKS):
-            problem = f"{path}: is no ledger of this driver; expected another file"
-            raise DriverMisconfiguredError("ledger", problem)
-        entries = list(_finished(text))
         aside = set_aside(path)
     except OSError as error:
         raise DriverUnavailableError(f"{path}: is damaged, and stays ({error.strerror})") from None
+    entries = [entry for entry in _whole_entries(text) if entry.done is True]
     log.warning(
         "%s: damaged; set aside as %s, %d traces are known from it", path, aside.name, len(entries)
     )
     return entries
 
 
-def _finished(text: str) -> Iterator[Entry]:
-    """Entries of a damaged text that are whole and that nothing is left to read of."""
-    decoder = json.JSONDecoder()
+def _whole_entries(text: str) -> Iterator[Entry]:
+    decoder: Any = json.JSONDecoder()
     for found in re.finditer(r'\{\s*"digest"', text):
         try:
             entry = Entry(**decoder.raw_decode(text, found.start())[0])
         except (ValueError, TypeError, RecursionError):
             continue
-        if entry.done is True and _DIGEST.fullmatch(str(entry.digest)):
+        if re.fullmatch(r"[0-9a-f]{64}", str(entry.digest)):
             yield entry

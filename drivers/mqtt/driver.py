@@ -10,10 +10,10 @@ import numpy as np
 
 from edge_service.messages.quality import Quality
 from edge_service.messages.samples import SampleFrame
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
-from ..frame_cutter import LARGEST_FRAME
+from ..rows import LARGEST_FRAME
 from .config import MqttSourceConfig
 from .edge_stream import EdgeStream
 from .link import MqttLink

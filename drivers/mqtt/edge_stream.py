@@ -1,5 +1,6 @@
 """Live blocks of Industrial Edge's capture: the rows that a recording of it would hold."""
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,21 @@ import numpy as np
 from edge_service.messages.channels import TIME
 from edge_service.messages.quality import Quality
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.recordings.block import Block, number_rows
 from edge_service.recordings.columns import AxisError, ColumnLike, TraceError
 from edge_service.recordings.reader import TraceReader, read_source
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
-from edge_service.recordings.sinumerik.controller_signals import EDGE_CYCLE
-from edge_service.recordings.sinumerik.cycle_clock import RESTART_GAP_S, WIDE
+from edge_service.recordings.sinumerik.edge import (
+    HEADER,
+    PAYLOAD,
+    RESTART_GAP_S,
+    SAMPLES,
+    WIDE,
+    EdgeRows,
+    EdgeSource,
+    edge_recording,
+)
 from edge_service.recordings.sinumerik.edge_context import EdgeContext
-from edge_service.recordings.sinumerik.edge_rows import HEADER, PAYLOAD, SAMPLES, EdgeRows
-from edge_service.recordings.sinumerik.edge_source import EdgeSource, edge_recording
+from edge_service.recordings.sinumerik.signals import EDGE_CYCLE, ControllerAxis
+from edge_service.recordings.source import Block, Source
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from .order import Order
@@ -27,41 +34,23 @@ LARGEST_COUNT = 2.0**53
 """Beyond it neighbouring counts are the same double."""
 
 
-class LiveRows:
+class LiveRows(Source):
     """Rows as they come, one block at a time, where a file would be."""
 
-    remarks: tuple[str, ...] = ()
-    fraction_read = 0.0
-
-    def __init__(self, rows: EdgeRows, context: EdgeContext) -> None:
+    def __init__(self, path: Path, rows: EdgeRows, context: EdgeContext) -> None:
+        super().__init__(path, io.BytesIO())
         self.names, self.context = rows.names, context
         self._rows = rows
-        self._wanted: list[str] = []
         self._block: Block | None = None
-
-    @property
-    def ragged_rows(self) -> int:
-        """Rows with too few or too many cells so far."""
-        return self._rows.ragged_rows
-
-    def holds_numbers(self, name: str) -> bool:
-        """Any signal may."""
-        return name in self.names
-
-    def want(self, names: list[str]) -> None:
-        """Read these columns only."""
-        self._wanted = names
-
-    def close(self) -> None:
-        """Nothing is open."""
 
     def put(self, samples: Floats) -> None:
         """Take rows, (n, signals), to be read next."""
-        values = {name: samples[:, self.names.index(name)] for name in self._wanted}
-        self._block = Block(values, number_rows(0, len(samples)), self._rows.take_text())
+        values = {name: samples[:, self.names.index(name)] for name in self.wanted}
+        self._block = Block(values, np.arange(float(len(samples))), self._rows.take_text())
 
     def read_block(self) -> Block | None:
         """The rows that were put in, once."""
+        self.ragged_rows = self._rows.ragged_rows
         block, self._block = self._block, None
         return block
 
@@ -84,7 +73,7 @@ class _Capture:
             raise TraceError(f"{path}: {error}") from None
         if EDGE_CYCLE not in self.rows.names:
             raise TraceError(f"{path}: no {EDGE_CYCLE}, and nothing else tells what was lost")
-        self.live = LiveRows(self.rows, context)
+        self.live = LiveRows(path, self.rows, context)
         source = edge_recording(path, self.live, columns)
         if not isinstance(source, EdgeSource):
             raise TraceError(f"{path}: no signal is known by its name, such as TORQUE|1")

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
-from edge_service.recordings.sinumerik.controller_signals import (
+from edge_service.recordings.sinumerik.edge import HEADER, PAYLOAD, PERIOD_S, SAMPLES
+from edge_service.recordings.sinumerik.signals import (
     EDGE_CYCLE,
     EDGE_SIGNALS,
     EDGE_UNITS,
+    ControllerAxis,
 )
-from edge_service.recordings.sinumerik.cycle_clock import PERIOD_S
-from edge_service.recordings.sinumerik.edge_rows import HEADER, PAYLOAD, SAMPLES
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from ..stub import Fault, FaultKind, StubAxis

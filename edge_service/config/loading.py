@@ -29,7 +29,7 @@ DEFAULT_CONFIG = Path(__file__).parents[1] / "defaults" / "edge.toml"
 BROKER_FILES = ("ca_certificate", "client_certificate", "client_key")
 MQTT_FILES = ("buffer", *BROKER_FILES)
 _OF_SECURITY = ("certificate", "private_key", "server_certificate")
-FILE_KEYS = ("path", "folder", *_OF_SECURITY, "ledger", *BROKER_FILES)
+FILE_KEYS = ("path", "folder", *_OF_SECURITY, *BROKER_FILES)
 """Keys of drivers that name files or folders."""
 _Model = TypeVar("_Model", bound=BaseModel)
 _DEEP = re.compile(rb"(?:[\[{]\s*){100}")

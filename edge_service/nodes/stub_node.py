@@ -88,10 +88,9 @@ def _stub_axis(
     model = load_driver(axis.driver).config_model
     settings = check_settings(model, given, f"axes.{axis.name}.settings")
     context = DriverContext(axis.name, load_machine(axis.machine))
-    if recording is None:
-        source = _driven("simulated", {"scenario": scenario, "frame_s": FRAME_S}, context)
-    else:
-        source = _driven("replay", {"path": recording, "frame_s": FRAME_S}, context)
+    played = recording is not None
+    given = {"path": recording} if played else {"scenario": scenario}
+    source = _driven("replay" if played else "simulated", given, context)
     return StubAxis(axis.name, settings, context, source)
 
 
@@ -108,7 +107,8 @@ async def _driven(
 ) -> AsyncGenerator[SampleFrame, None]:
     """Samples of another driver, until it has no more."""
     kind = load_driver(name)
-    driver = kind(kind.config_model.model_validate(settings), context)
+    driver: Any = kind(kind.config_model.model_validate(settings), context)
+    driver.frame_s = FRAME_S
     try:
         await driver.open()
         async for frame in driver.frames():

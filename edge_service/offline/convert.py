@@ -10,7 +10,7 @@ from ..checks.positions import speed_doubts
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..recordings.columns import TraceError
-from ..recordings.sinumerik.controller_axis import ControllerAxis
+from ..recordings.sinumerik.signals import ControllerAxis
 from ..recordings.writer import TraceFormat, TraceWriter, format_of
 from .examination import spread
 from .recordings import Progress, open_recording, reported, silent

@@ -6,7 +6,7 @@ from pathlib import Path
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..recordings.reader import TraceReader, open_trace, read_trace
-from ..recordings.sinumerik.controller_axis import ControllerAxis
+from ..recordings.sinumerik.signals import ControllerAxis
 
 Progress = Callable[[str], None]
 """Takes a line on what is being done."""

@@ -17,8 +17,6 @@ from ..nodes.wiring.bus_rights import router_settings
 from ..nodes.wiring.context import NodeContext
 from .document import Document
 
-FLAT_OUT_FRAME_S = 0.5
-
 
 class Replayed(Document):
     """Last answer of a recording; null where it gave no interval."""
@@ -48,8 +46,6 @@ async def replay_trace(
     settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": loop}
     if axis_number is not None:
         settings["axis_number"] = axis_number
-    if speed == 0.0:
-        settings["frame_s"] = FLAT_OUT_FRAME_S
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)
     config = config.model_copy(update={"axes": (axis,)})
     await check_service(config)

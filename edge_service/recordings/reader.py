@@ -9,13 +9,39 @@ import numpy as np
 
 from ..messages.channels import CHANNELS, TIME
 from ..messages.samples import Floats, SampleFrame
-from .block import Block, Source, Text
 from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
-from .direction_sign import DirectionSign
 from .forms.registry import open_source
-from .sinumerik.controller_axis import ControllerAxis
-from .sinumerik.controller_columns import controller_columns
-from .sinumerik.edge_source import EdgeSource, edge_recording
+from .forms.sinumerik_trace import SinumerikSource
+from .sinumerik.edge import EdgeSource, edge_recording
+from .sinumerik.signals import (
+    SINUMERIK_SIGNALS,
+    ControllerAxis,
+    ControllerColumns,
+    edge_meanings,
+    edge_signals,
+    map_signals,
+)
+from .source import Block, Source, Text
+
+
+class DirectionSign:
+    """Signs of successive blocks: +1 or -1 from the last change on; NaN before the first one."""
+
+    def __init__(self) -> None:
+        self._value, self._sign = np.nan, np.nan
+
+    def of(self, values: Floats) -> Floats:
+        """Signs for the next values, shape (n,) each; a missing value changes nothing."""
+        before = np.concatenate([[self._value], values])
+        known = np.isfinite(before)
+        held = np.maximum.accumulate(np.where(known, np.arange(len(before)), 0))
+        change = np.nan_to_num(np.diff(before[held]))
+        turned = np.flatnonzero(change)
+        last = np.zeros(len(change), dtype=int)
+        last[turned] = turned + 1
+        signs = np.concatenate([[self._sign], np.sign(change)])[np.maximum.accumulate(last)]
+        self._value, self._sign = before[held][-1], float(signs[-1]) if len(signs) else self._sign
+        return signs
 
 
 class TraceReader:
@@ -217,11 +243,22 @@ def read_source(
     source = edge_recording(path, source, columns)
     if isinstance(source, EdgeSource) and source.sets_time:
         columns.pop(TIME, None)  # a scale of the count is its period already
-    known = controller_columns(path, source, axis, columns)
+    if isinstance(source, SinumerikSource):
+        known = map_signals(path, source.signals, SINUMERIK_SIGNALS, axis, columns)
+    elif signals := edge_signals(source.names):
+        names = source.context.axis_names if isinstance(source, EdgeSource) else {}
+        known = map_signals(path, signals, edge_meanings(signals), axis, columns, names)
+    else:
+        known = ControllerColumns()
     chosen = choose_columns(path, source.names, known.resolve(columns), known.columns)
     remarks = known.remarks(chosen)
     if keep_all:
-        chosen |= _other_columns(source, chosen)
+        used = {column.column for column in chosen.values()} | {TIME, *CHANNELS, ""}
+        chosen |= {
+            name: ColumnMap(name)
+            for name in source.names
+            if name not in used and source.names.count(name) == 1 and source.holds_numbers(name)
+        }
     return TraceReader(path, source, chosen, remarks)
 
 
@@ -248,16 +285,6 @@ def read_trace(
             for name in reader.channels
         }
         return SampleFrame(time_s, channels)
-
-
-def _other_columns(source: Source, chosen: Mapping[str, ColumnMap]) -> dict[str, ColumnMap]:
-    """Columns that may hold numbers and are no channel, as they are."""
-    used = {column.column for column in chosen.values()} | {TIME, *CHANNELS, ""}
-    return {
-        name: ColumnMap(name)
-        for name in source.names
-        if name not in used and source.names.count(name) == 1 and source.holds_numbers(name)
-    }
 
 
 def _unreadable(path: Path, error: OSError) -> TraceError:

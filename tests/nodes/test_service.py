@@ -101,7 +101,7 @@ async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
 
 
 async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> None:
-    config = config_of("replay", {"path": str(trace_path), "speed": 0.0, "frame_s": 0.5})
+    config = config_of("replay", {"path": str(trace_path), "speed": 0.0})
     with open_trace(trace_path) as frames:
         offline = [
             e.model_dump_json() for e in estimates(frames, load_machine(DEFAULT_MACHINE), config)
@@ -211,7 +211,7 @@ async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_pat
     ]
     path = tmp_path / "faulty.csv"
     path.write_text("\n".join(faulty))
-    config = config_of("replay", {"path": str(path), "speed": 0.0, "frame_s": 0.5})
+    config = config_of("replay", {"path": str(path), "speed": 0.0})
     async with running(config, until_sources_end=True) as service:
         reports = service.bus.subscribe(
             config.keys.all_components(STATUS),

@@ -182,7 +182,7 @@ def test_a_cut_off_source_leaves_nothing_behind(tmp_path: Path) -> None:
 PEAK = """
 import re, sys
 from pathlib import Path
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.signals import ControllerAxis
 from edge_service.recordings.reader import open_trace
 with open_trace(Path(sys.argv[1]), axis=ControllerAxis(lead_m=0.01)) as reader:
     rows = sum(len(frame) for frame in reader)

@@ -131,7 +131,8 @@ RIGHT: dict[str, Callable[[], list[bytes]]] = {
 def _bomb_of_zeros() -> bytes:
     """A packed variable of 300 MB of zeros."""
     packer = zlib.compressobj()
-    packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(300)) + packer.flush()
+    packed = packer.compress(struct.pack("<II", 14, 300 << 20))
+    packed += b"".join(packer.compress(bytes(1 << 20)) for _ in range(300)) + packer.flush()
     header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2s", 0x0100, b"IM")
     return header + struct.pack("<II", 15, len(packed)) + packed
 

@@ -10,8 +10,7 @@ import pytest
 
 from edge_service.recordings.columns import ColumnMap, TraceError
 from edge_service.recordings.reader import open_trace, read_trace
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
-from edge_service.recordings.sinumerik.controller_signals import sinumerik_signal
+from edge_service.recordings.sinumerik.signals import ControllerAxis, sinumerik_signal
 
 AXIS = ControllerAxis(number=1, lead_m=0.01)
 RAD_PER_MM = 2.0 * math.pi / 10.0

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from edge_service.recordings.columns import ColumnMap, TraceError
-from edge_service.recordings.direction_sign import DirectionSign
-from edge_service.recordings.reader import read_trace
+from edge_service.recordings.reader import DirectionSign, read_trace
 
 
 @pytest.mark.parametrize("cut", range(9))

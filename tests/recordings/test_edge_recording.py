@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from edge_service.cli.entry import main
 from edge_service.recordings.columns import ROW_NUMBER, ColumnMap, TraceError
 from edge_service.recordings.reader import open_trace, read_trace
-from edge_service.recordings.sinumerik.block_events import block_number
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
-from edge_service.recordings.sinumerik.cycle_clock import RESTART_GAP_S, CycleClock
+from edge_service.recordings.sinumerik.edge import RESTART_GAP_S, CycleClock
+from edge_service.recordings.sinumerik.edge_context import block_number
+from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from .form_files import EDGE_NAMES, edge_json
 
@@ -215,7 +215,7 @@ def test_json_without_the_count_in_its_list_has_it_in_its_rows(tmp_path: Path) -
 
 
 def test_json_may_be_cut_at_any_chunk(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("edge_service.recordings.forms.json_messages.CHUNK_BYTES", 7)
+    monkeypatch.setattr("edge_service.recordings.forms.edge_json.CHUNK_BYTES", 7)
     path = tmp_path / "recording.json"
     content = edge_json(_rows(list(range(10, 40))))
     path.write_bytes(json.dumps(json.loads(content), indent=1).encode())

@@ -87,8 +87,8 @@ def test_mapped_column_that_is_nowhere_names_what_is_there(tmp_path: Path) -> No
 
 def test_a_long_list_of_columns_is_cut(tmp_path: Path) -> None:
     path = tmp_path / "trace.csv"
-    path.write_text(",".join(f"c{index}" for index in range(5000)) + "\n")
-    with pytest.raises(TraceError, match=r"and 4988 more$"):
+    path.write_text(",".join(f"c{index}" for index in range(4000)) + "\n")
+    with pytest.raises(TraceError, match=r"and 3988 more$"):
         open_trace(path)
 
 

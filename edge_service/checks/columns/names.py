@@ -22,7 +22,7 @@ from ...messages.channels import (
     TORQUE,
 )
 from ...messages.units import SI
-from ...recordings.sinumerik.controller_signals import (
+from ...recordings.sinumerik.signals import (
     EDGE_SIGNALS,
     SINUMERIK_SIGNALS,
     edge_signals,

@@ -28,7 +28,7 @@ from ...messages.samples import SampleFrame
 from ...models.screw.ball_screw import transmission_ratio
 from ...recordings.columns import ColumnMap, TraceError
 from ...recordings.reader import read_trace
-from ...recordings.sinumerik.controller_axis import ControllerAxis
+from ...recordings.sinumerik.signals import ControllerAxis
 from ...regression.interval_estimate import IntervalEstimate
 from ..document import Document
 from ..examination import examine

@@ -10,8 +10,8 @@ from ...checks.columns.names import QUANTITIES, ColumnName, Quantity, column_nam
 from ...messages.samples import Floats
 from ...recordings.columns import TraceError
 from ...recordings.forms.registry import open_source
-from ...recordings.sinumerik.controller_axis import ControllerAxis
-from ...recordings.sinumerik.edge_source import edge_recording
+from ...recordings.sinumerik.edge import edge_recording
+from ...recordings.sinumerik.signals import ControllerAxis
 
 _MOST_ROWS = 500_000
 """Rows that the meaning of the columns is judged by."""

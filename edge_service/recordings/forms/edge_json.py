@@ -1,69 +1,147 @@
-"""The JSON of Industrial Edge's "Capture4Analysis" (Analyze MyWorkpiece).
+"""The JSON of Industrial Edge's "Capture4Analysis" (Analyze MyWorkpiece), message by message.
 
 `Header` names the signals; `Payload` is a list of messages: `HFData`, a block of samples with one
 number per signal, and `HFBlockEvent`, the NC block that is begun. Others (`HFTimestamp`,
 `HFCallEvent`, `LFData`) say nothing of the axes.
 """
 
+import codecs
+import json
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from ..block import Block, number_rows
 from ..columns import TraceError
+from ..sinumerik.edge import EVENT, HEADER, PAYLOAD, SAMPLES, EdgeRows
 from ..sinumerik.edge_context import EdgeContext
-from ..sinumerik.edge_rows import EVENT, HEADER, PAYLOAD, SAMPLES, EdgeRows
-from .form import Form
-from .json_messages import JsonError, JsonMessages
+from ..source import Block, Form, Source
 
 BLOCK_ROWS = 1 << 12
+CHUNK_BYTES = 1 << 18
+LONGEST_ELEMENT = 1 << 23
+_SPACE = " \t\r\n"
 
 
-class EdgeJsonSource:
+class JsonError(Exception):
+    """JSON that is cut off or damaged, or another than expected; the text is one line."""
+
+
+class JsonMessages:
+    """Members of the object up to the list, then its elements one by one.
+
+    Args:
+        file: at its start.
+        list_name: of the long list.
+
+    Raises:
+        JsonError: there is no such list.
+    """
+
+    def __init__(self, file: IO[bytes], list_name: str) -> None:
+        self.members: dict[str, Any] = {}
+        self._file = file
+        self._text, self._position, self._passed = "", 0, 0
+        self._ended = False
+        self._decoder = codecs.getincrementaldecoder("utf-8-sig")("replace")
+        self._json = json.JSONDecoder()
+        self._done = False
+        self._first = True
+        self._expect("{")
+        self._open_list(list_name)
+
+    def next(self) -> Any:
+        """The next element; StopIteration at the end of the list. Raises JsonError."""
+        if not self._done:
+            if self._peek() == "]":
+                self._done = True
+            elif not self._first:
+                self._expect(",")
+        if self._done:
+            raise StopIteration
+        self._first = False
+        return self._value()
+
+    def _open_list(self, name: str) -> None:
+        while self._peek() != "}":
+            key = self._value()
+            self._expect(":")
+            if key == name and self._peek() == "[":
+                self._expect("[")
+                return
+            if not isinstance(key, str) or len(self.members) > 100:
+                break
+            self.members[key] = self._value()
+            if self._peek() == ",":
+                self._expect(",")
+        raise JsonError(f"no list {name!r}")
+
+    def _expect(self, mark: str) -> None:
+        if self._peek() != mark:
+            raise self._damaged(f"no {mark!r}")
+        self._position += 1
+
+    def _peek(self) -> str:
+        """The next character that is no space; empty at the end."""
+        while True:
+            while self._position < len(self._text) and self._text[self._position] in _SPACE:
+                self._position += 1
+            if self._position < len(self._text):
+                return self._text[self._position]
+            if not self._more(CHUNK_BYTES):
+                return ""
+
+    def _value(self) -> Any:
+        self._peek()
+        while True:
+            try:
+                value, end = self._json.raw_decode(self._text, self._position)
+            except RecursionError:
+                raise JsonError("its values are nested too deeply") from None
+            except ValueError as error:
+                if not self._more(max(len(self._text) - self._position, CHUNK_BYTES)):
+                    raise self._damaged(str(error)) from None
+                continue
+            if end == len(self._text) and self._more(CHUNK_BYTES):
+                continue  # a number may go on
+            self._position = end
+            return value
+
+    def _more(self, size: int) -> bool:
+        """Read on; False at the end of the file."""
+        if self._ended:
+            return False
+        if len(self._text) - self._position > LONGEST_ELEMENT:
+            raise JsonError(f"an element of more than {LONGEST_ELEMENT} characters")
+        raw = self._file.read(size)
+        self._ended = not raw
+        self._passed += self._position
+        self._text = self._text[self._position :] + self._decoder.decode(raw, self._ended)
+        self._position = 0
+        return not self._ended
+
+    def _damaged(self, reason: str) -> JsonError:
+        place = self._passed + self._position
+        return JsonError(f"cut off or damaged behind character {place} ({reason[:60]})")
+
+
+class EdgeJsonSource(Source):
     """An open recording. A row without a number for each signal is set aside and counted."""
 
-    remarks: tuple[str, ...] = ()
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        super().__init__(path, file)
         self.context = EdgeContext(has_events=True)
-        self._rows_seen = 0
-        self._wanted: list[str] = []
         self._waiting: list[Any] = []
         self._ended = False
-        self._bytes = path.stat().st_size
-        self._file = path.open("rb")
         try:
-            self._messages = JsonMessages(self._file, PAYLOAD)
-            self._rows = self._named(self._messages.members.get(HEADER))
+            self._messages = JsonMessages(file, PAYLOAD)
         except JsonError as error:
-            self._file.close()
             raise self._wrong(error) from None
-        except BaseException:
-            self._file.close()
-            raise
+        self._fill(1)
+        try:
+            header = self._messages.members.get(HEADER)
+            self._rows = EdgeRows(header, self._waiting, self.context)
+        except ValueError as error:
+            raise TraceError(f"{path}: {error}") from None
         self.names = self._rows.names
-
-    @property
-    def ragged_rows(self) -> int:
-        """Rows with too few or too many cells so far."""
-        return self._rows.ragged_rows
-
-    @property
-    def fraction_read(self) -> float:
-        """Fraction of the file that has been read, 0 to 1."""
-        return 1.0 if self._file.closed else self._file.tell() / max(self._bytes, 1)
-
-    def holds_numbers(self, name: str) -> bool:
-        """Any signal may."""
-        return name in self.names
-
-    def want(self, names: list[str]) -> None:
-        """Read these columns only."""
-        self._wanted = names
-
-    def close(self) -> None:
-        """Close the file; safe twice."""
-        self._file.close()
 
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError and OSError."""
@@ -72,20 +150,11 @@ class EdgeJsonSource:
             return None
         rows, self._waiting = self._waiting, []
         samples, kept = self._rows.numbers(rows)
-        number = number_rows(self._rows_seen, len(rows))[kept]
-        self._rows_seen += len(rows)
-        index = {name: column for column, name in enumerate(self.names)}
-        values = {name: samples[:, index[name]] for name in self._wanted}
+        self.ragged_rows = self._rows.ragged_rows
+        number = self._number_rows(len(rows))[kept]
+        values = {name: samples[:, self.names.index(name)] for name in self.wanted}
         text = self._rows.take_text()
-        return Block(values, number, {name: text[name] for name in self._wanted if name in text})
-
-    def _named(self, header: Any) -> EdgeRows:
-        """The signals of a row. Raises TraceError."""
-        self._fill(1)
-        try:
-            return EdgeRows(header, self._waiting, self.context)
-        except ValueError as error:
-            raise TraceError(f"{self.path}: {error}") from None
+        return Block(values, number, {name: text[name] for name in self.wanted if name in text})
 
     def _fill(self, rows: int) -> None:
         """Read messages until so many rows wait, or all have been read."""
@@ -114,4 +183,6 @@ def _recognises(head: bytes, _path: Path) -> bool:
     return start.startswith(b"{") and (b'"SignalListHFData"' in head or b'"HFData"' in head)
 
 
-FORM = Form("JSON of Industrial Edge", _recognises, lambda path, _axis: EdgeJsonSource(path))
+FORM = Form(
+    "JSON of Industrial Edge", _recognises, lambda path, file, _axis: EdgeJsonSource(path, file)
+)

@@ -3,148 +3,219 @@
 A column is a vector of numbers: a variable, a field of a struct, or a column of a matrix that a
 variable of names (char rows or a cell of strings) of the same width stands beside. The columns are
 those of the length that most of them have. MATLAB's own `table` and `timetable` are objects that
-nothing but MATLAB can read; version 7.3 is HDF5.
+nothing but MATLAB can read; version 7.3 is HDF5. Layout: MathWorks, "MAT-File Level 5 Format".
 """
 
-import json
-import subprocess
-import sys
-import tempfile
+import math
+import struct
 import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ...limited_process import ProcessLimits, limited_command, why_it_ended
-from ...messages.samples import Floats
-from ..block import Block, number_rows
 from ..columns import TraceError
-from .form import Form
+from ..source import MOST_COLUMNS, Block, Form, Source
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 BLOCK_ROWS = 1 << 14
 LARGEST_BYTES = 1 << 28
 """Of all variables together, unpacked."""
-_HEADER_BYTES, _TAG_BYTES, _COMPRESSED = 128, 8, 15
-LIMITS = ProcessLimits(memory_mb=2000.0, cpu_s=120.0)
-LONGEST_S = 180.0
-_CHUNK = 1 << 20
+DEEPEST = 16
+_HEADER_BYTES, _MATRIX, _COMPRESSED = 128, 14, 15
+_NUMBERS = dict(enumerate(["i1", "u1", "i2", "u2", "i4", "u4", "f4"], start=1)) | {
+    **{9: "f8", 12: "i8", 13: "u8"},
+    **{16: "u1", 17: "u2", 18: "u4"},  # of characters
+}
+_CELL, _STRUCT, _CHAR, _FIRST_NUMERIC, _LAST_NUMERIC = 1, 2, 4, 6, 15
+_OBJECTS, _OPAQUE = {3, 16, 17}, 17
+_COMPLEX = 0x800
+_NO_COLUMN = "no column; expected vectors of numbers"
+_AN_OBJECT = (
+    "a table or timetable object, which only MATLAB reads; write it with "
+    "writetimetable(T, 'x.csv') or writetable(T, 'x.csv')"
+)
+_OBJECT = object()
+Numbers = npt.NDArray[Any]
 
 
-class MatlabSource:
-    """The table of a file, which a process of its own unpacks: damaged ones can end loadmat."""
+class MatlabSource(Source):
+    """The table of a file. Numbers stay as they are packed until their rows are read."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.ragged_rows = 0
-        self._wanted: list[str] = []
-        self._start = 0
-        _check_size(path)
-        self._unpacked = tempfile.TemporaryFile()  # noqa: SIM115  # open as long as the source
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        super().__init__(path, file)
         try:
-            self._head = self._unpack()
-        except BaseException:
-            self._unpacked.close()
-            raise
-        self.names = tuple(self._head["columns"])
-        self._rows, self._first = int(self._head["rows"]), self._unpacked.tell()
-        other = self._head["other"]
-        self.remarks = (f"of another length: {', '.join(other[:12])}",) if other else ()
-
-    def _unpack(self) -> dict[str, Any]:
-        """Let a process write the columns; what it says of them. Raises TraceError and OSError."""
-        command = [sys.executable, "-m", "edge_service.recordings.matlab_process", str(self.path)]
-        try:
-            ended = subprocess.run(
-                limited_command(command, LIMITS, dies_with_caller=False),
-                stdin=subprocess.DEVNULL,
-                stdout=self._unpacked,
-                stderr=subprocess.DEVNULL,
-                check=False,
-                timeout=LONGEST_S,
-            )
-        except subprocess.TimeoutExpired:
-            raise TraceError(f"{self.path}: not unpacked within {LONGEST_S:g} s") from None
-        self._unpacked.seek(0)
-        line = self._unpacked.readline()
-        if ended.returncode != 0 or not line:
-            why = why_it_ended(ended.returncode, LIMITS) or "the process ended"
-            raise TraceError(f"{self.path}: a damaged MATLAB file ({why})")
-        head: dict[str, Any] = json.loads(line)
-        if "error" in head:
-            raise TraceError(f"{self.path}: {head['error']}")
-        return head
+            variables = dict(_variables(path, file))
+        except (ValueError, IndexError, KeyError, struct.error, zlib.error) as error:
+            reason = " ".join(str(error).split())[:100] or type(error).__name__
+            raise TraceError(f"{path}: a truncated or damaged MATLAB file ({reason})") from None
+        columns: dict[str, Numbers] = {}
+        for name, value in variables.items():
+            columns |= _columns_in(name, value, variables)
+        columns = dict(list(columns.items())[:MOST_COLUMNS])
+        lengths = Counter(len(values) for values in columns.values())
+        if not lengths:
+            objects = any(value is _OBJECT for value in variables.values())
+            raise TraceError(f"{path}: holds {_AN_OBJECT if objects else _NO_COLUMN}")
+        self._length = max(lengths, key=lambda each: (lengths[each], each))
+        self._table = {
+            name: values for name, values in columns.items() if len(values) == self._length
+        }
+        self.names = tuple(self._table)
+        self._others = [name for name in columns if name not in self._table]
 
     @property
     def fraction_read(self) -> float:
         """Fraction of the table that has been read, 0 to 1."""
-        return self._start / max(self._rows, 1)
+        return self._rows_seen / self._length
 
-    def holds_numbers(self, name: str) -> bool:
-        """Every column does."""
-        return name in self.names
-
-    def want(self, names: list[str]) -> None:
-        """Read these columns only."""
-        self._wanted = names
-
-    def close(self) -> None:
-        """Let go of the table; safe twice."""
-        self._unpacked.close()
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Names of the columns of another length."""
+        return (f"of another length: {', '.join(self._others[:12])}",) if self._others else ()
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end. Raises OSError."""
-        rows = min(BLOCK_ROWS, self._rows - self._start)
+        """The next rows, or None at the end."""
+        start = self._rows_seen
+        rows = min(BLOCK_ROWS, self._length - start)
         if rows <= 0:
             return None
-        values = {name: self._part(self.names.index(name), rows) for name in self._wanted}
-        number = number_rows(self._start, rows)
-        self._start += rows
-        return Block(values, number)
-
-    def _part(self, column: int, rows: int) -> Floats:
-        self._unpacked.seek(self._first + 8 * (column * self._rows + self._start))
-        values: Floats = np.frombuffer(self._unpacked.read(8 * rows))
-        return values
+        values = {
+            name: self._table[name][start : start + rows].astype(np.float64) for name in self.wanted
+        }
+        return Block(values, self._number_rows(rows))
 
 
-def _check_size(path: Path) -> None:
-    """Refuse a file that unpacks to more than it may take, before anything keeps it."""
-    size, whole = 0, path.stat().st_size
-    with path.open("rb") as file:
-        swapped = file.read(_HEADER_BYTES)[126:128] == b"MI"
-        while tag := file.read(_TAG_BYTES):
-            kind, length = (
-                int.from_bytes(each, "big" if swapped else "little") for each in (tag[:4], tag[4:])
-            )
-            if len(tag) < _TAG_BYTES or file.tell() + length > whole:
-                raise TraceError(f"{path}: a truncated or damaged MATLAB file")
-            if kind == _COMPRESSED:
-                size += _unpacked(file, length)
-            else:
-                size += length
-                file.seek(length, 1)
-            if size > LARGEST_BYTES:
-                raise TraceError(f"{path}: unpacks to more than {LARGEST_BYTES >> 20} MB")
+def _variables(path: Path, file: IO[bytes]) -> Iterator[tuple[str, Any]]:
+    """Variables of a file by name, unpacked within bounds."""
+    order = ">" if file.read(_HEADER_BYTES)[126:128] == b"MI" else "<"
+    whole = file.seek(0, 2)
+    position, unpacked = _HEADER_BYTES, 0
+    while position < whole:
+        file.seek(position)
+        tag = file.read(8)
+        kind, size = struct.unpack(f"{order}II", tag)
+        position += 8 + size
+        if position > whole:
+            raise ValueError("a length beyond the end of the file")
+        packed, unpacker = kind == _COMPRESSED, zlib.decompressobj()
+        if packed:  # the tag inside says how much it unpacks to
+            tag = unpacker.decompress(file.read(min(size, LARGEST_BYTES)), 8)
+            kind, size = struct.unpack(f"{order}II", tag)
+        unpacked += size
+        if unpacked > LARGEST_BYTES:
+            raise TraceError(f"{path}: unpacks to more than {LARGEST_BYTES >> 20} MB")
+        if size == 0:
+            continue
+        rest = unpacker.decompress(unpacker.unconsumed_tail, size) if packed else file.read(size)
+        content = tag + rest
+        kind, matrix, _ = _element(content, 0, order)
+        if kind == _MATRIX:
+            name, value = _matrix(matrix, order, 0)
+            if name and not name.startswith("__"):
+                yield name, value
 
 
-def _unpacked(file: BinaryIO, length: int) -> int:
-    """Bytes that a packed variable of a length holds, counted without keeping them."""
-    unpacker, count, end = zlib.decompressobj(), 0, file.tell() + length
-    while count <= LARGEST_BYTES and (packed := file.read(min(_CHUNK, end - file.tell()))):
-        try:
-            while packed and count <= LARGEST_BYTES:
-                count += len(unpacker.decompress(packed, _CHUNK))
-                packed = unpacker.unconsumed_tail
-        except zlib.error:
-            break  # whoever reads it says what is wrong
-    file.seek(end)
-    return count
+def _element(content: memoryview | bytes, at: int, order: str) -> tuple[int, memoryview, int]:
+    """Type and data of the element that begins somewhere, and where the next one begins."""
+    kind, size = struct.unpack_from(f"{order}II", content, at)
+    start = at + 8
+    if kind >> 16:  # a small one, whose data stand in its tag
+        kind, size, start = kind & 0xFFFF, kind >> 16, at + 4
+    if start + size > len(content) or (start == at + 4 and size > 4):
+        raise ValueError("an element beyond its end")
+    following = at + 8 if start == at + 4 else start + size + -size % 8
+    return kind, memoryview(content)[start : start + size], following
+
+
+def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
+    """Name and value: an array, rows of text, a list of a cell's values, a dict of a struct's.
+
+    None stands for what holds no column, `_OBJECT` for an object. Raises ValueError, IndexError,
+    KeyError or struct.error for damage.
+    """
+    if depth > DEEPEST:
+        raise ValueError(f"variables more than {DEEPEST} deep")
+    if not len(content):
+        return "", None
+    _, flags, at = _element(content, 0, order)
+    flag = struct.unpack_from(f"{order}I", flags)[0]
+    kind, shape = flag & 0xFF, ()
+    if kind != _OPAQUE:
+        _, dims, at = _element(content, at, order)
+        shape = tuple(np.frombuffer(dims, f"{order}u4").tolist())
+    _, raw, at = _element(content, at, order)
+    name = bytes(raw).decode("latin-1")
+    value: Any = None
+    if kind in _OBJECTS:
+        value = _OBJECT
+    elif kind == _CHAR or _FIRST_NUMERIC <= kind <= _LAST_NUMERIC:
+        stored, data, _ = _element(content, at, order)
+        values = np.frombuffer(data, f"{order}{_NUMBERS[stored]}")
+        if kind == _CHAR:
+            value = _rows_of_text(values, shape)
+        elif not flag & _COMPLEX:
+            value = values.reshape(shape, order="F")
+    elif kind == _STRUCT and math.prod(shape) == 1:
+        _, data, at = _element(content, at, order)
+        width = struct.unpack_from(f"{order}i", data)[0]
+        _, data, at = _element(content, at, order)
+        if width <= 0 or len(data) > width * MOST_COLUMNS:
+            raise ValueError(f"{name[:40]}: names of fields")
+        texts = [bytes(data[start : start + width]) for start in range(0, len(data), width)]
+        value = {}
+        for text in texts:
+            _, data, at = _element(content, at, order)
+            field = text.partition(b"\0")[0].decode("latin-1")
+            value[field] = _matrix(data, order, depth + 1)[1]
+    elif kind == _CELL and math.prod(shape) <= MOST_COLUMNS:
+        value = []
+        for _ in range(math.prod(shape)):
+            _, data, at = _element(content, at, order)
+            value.append(_matrix(data, order, depth + 1)[1])
+    return name, value
+
+
+def _rows_of_text(codes: Numbers, shape: tuple[int, ...]) -> list[str] | None:
+    """Rows of a matrix of characters; None for one that cannot hold names."""
+    if len(shape) != 2 or codes.size != shape[0] * shape[1] or shape[0] > MOST_COLUMNS:
+        return None
+    rows = codes.reshape(shape, order="F")
+    return ["".join(chr(min(code, 0xFFFF)) for code in row.tolist()) for row in rows]
+
+
+def _columns_in(name: str, value: Any, beside: Mapping[str, Any]) -> dict[str, Numbers]:
+    """Columns of a variable: a vector, a matrix with its names, a struct of such."""
+    if isinstance(value, dict):
+        columns: dict[str, Numbers] = {}
+        for field, each in value.items():
+            columns |= _columns_in(field, each, value)
+        return columns
+    if not isinstance(value, np.ndarray) or value.ndim != 2 or value.size < 2:
+        return {}
+    if 1 in value.shape:
+        return {name: value.ravel()}
+    width = value.shape[1]
+    names = [f"{name}_{column}" for column in range(1, min(width, MOST_COLUMNS) + 1)]
+    for each in beside.values():
+        texts = [_text(cell) for cell in each] if isinstance(each, list) else []
+        if len(texts) == width == len(set(texts)) and all(texts):
+            names = texts
+            break
+    return {each: value[:, column] for column, each in enumerate(names)}
+
+
+def _text(cell: Any) -> str:
+    """Text of a row or of a cell with one row; empty for anything else."""
+    text = cell[0] if isinstance(cell, list) and len(cell) == 1 else cell
+    return text.strip() if isinstance(text, str) else ""
 
 
 FORM = Form(
     "MATLAB 5",
     lambda head, _path: head.startswith(MAGIC),
-    lambda path, _axis: MatlabSource(path),
+    lambda path, file, _axis: MatlabSource(path, file),
 )

@@ -1,55 +1,53 @@
 """Rows of a Parquet file, block by block."""
 
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from ...messages.samples import Floats
-from ..block import Block, Text, floats_from_text, number_rows
 from ..columns import TraceError
-from .form import Form
+from ..source import MOST_COLUMNS, Block, Form, Source, Text, floats_from_text
 
 MAGIC = b"PAR1"
 PARQUET_SUFFIXES = (".parquet", ".pq")
-BLOCK_ROWS = 1 << 14
+BLOCK_ROWS, TEXT_ROWS = 1 << 14, 1 << 5
+LARGEST_PAGE_BYTES, LARGEST_TEXT_PAGE_BYTES = 1 << 26, 1 << 22
 _BUFFER_BYTES = 1 << 18
+_LARGEST_HEADER_BYTES = 1 << 12
 
 
-class ParquetSource:
+class ParquetSource(Source):
     """An open Parquet file. Nulls and cells that are no numbers become NaN."""
 
-    remarks: tuple[str, ...] = ()
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
         import pyarrow as pa
         import pyarrow.parquet
 
-        self.path = path
-        self.ragged_rows = 0
-        self._rows_seen = 0
-        self._wanted: list[str] = []
+        super().__init__(path, file)
         self._batches: Any = None
-        self._handle = path.open("rb")
         try:
             # Without pre-buffering a file of one huge row group is not read at once.
-            self._file = pyarrow.parquet.ParquetFile(
-                self._handle,
+            self._parquet = pyarrow.parquet.ParquetFile(
+                file,
                 buffer_size=_BUFFER_BYTES,
                 pre_buffer=False,
                 page_checksum_verification=True,
+                thrift_string_size_limit=1 << 24,
+                thrift_container_size_limit=1 << 16,
             )
-            self._schema = self._file.schema_arrow
+            self._schema = self._parquet.schema_arrow
         except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
-            self._handle.close()
             raise self._broken(error) from None
         self.names = tuple(self._schema.names)
+        if len(self.names) > MOST_COLUMNS:
+            raise TraceError(f"{path}: more than {MOST_COLUMNS} columns")
 
     @property
     def fraction_read(self) -> float:
         """Fraction of the file that has been read, 0 to 1."""
-        return self._rows_seen / max(int(self._file.metadata.num_rows), 1)
+        return self._rows_seen / max(int(self._parquet.metadata.num_rows), 1)
 
     def holds_numbers(self, name: str) -> bool:
-        """Tell whether a column is of a type that may hold numbers."""
+        """Return whether a column is of a type that may hold numbers."""
         cell_type = self._schema.field(name).type
         return _holds_numbers(cell_type) or _holds_text(cell_type)
 
@@ -61,13 +59,16 @@ class ParquetSource:
                 raise TraceError(
                     f"{self.path}: column {name!r} is of type {cell_type}; expected numbers"
                 )
-        self._wanted = names
-        self._batches = self._file.iter_batches(BLOCK_ROWS, columns=names, use_threads=False)
+        self.wanted = names
+        text = any(_holds_text(self._schema.field(name).type) for name in names)
+        self._check_pages(LARGEST_TEXT_PAGE_BYTES if text else LARGEST_PAGE_BYTES)
+        rows = TEXT_ROWS if text else BLOCK_ROWS
+        self._batches = self._parquet.iter_batches(rows, columns=names, use_threads=False)
 
     def close(self) -> None:
         """Close the file; safe twice."""
         self._batches = None
-        self._handle.close()
+        super().close()
 
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError."""
@@ -82,13 +83,36 @@ class ParquetSource:
     def _block(self, batch: Any) -> Block:
         values: dict[str, Floats] = {}
         text: dict[str, Text] = {}
-        for name in self._wanted:
+        for name in self.wanted:
             values[name], wrong = _floats(batch.column(name))
             if wrong is not None:
                 text[name] = wrong
-        number = number_rows(self._rows_seen, batch.num_rows)
-        self._rows_seen += batch.num_rows
-        return Block(values, number, text)
+        return Block(values, self._number_rows(batch.num_rows), text)
+
+    def _check_pages(self, largest_bytes: int) -> None:
+        """Refuse a wanted column with a page that unpacks to more: Arrow takes it at its word."""
+        metadata = self._parquet.metadata
+        for group in range(metadata.num_row_groups):
+            for column in range(metadata.num_columns):
+                chunk = metadata.row_group(group).column(column)
+                if chunk.path_in_schema.split(".")[0] not in self.wanted:
+                    continue
+                position = chunk.data_page_offset
+                if chunk.has_dictionary_page and chunk.dictionary_page_offset:
+                    position = min(position, chunk.dictionary_page_offset)
+                end = position + chunk.total_compressed_size
+                while 0 < position < min(end, self._bytes):
+                    self._file.seek(position)
+                    sizes = page_sizes(self._file.read(_LARGEST_HEADER_BYTES))
+                    if sizes is None:
+                        break  # Arrow says what is wrong with it
+                    header_bytes, unpacked_bytes, packed_bytes = sizes
+                    if unpacked_bytes > largest_bytes:
+                        raise TraceError(
+                            f"{self.path}: a page of {unpacked_bytes} bytes; "
+                            f"more than {largest_bytes} are not unpacked"
+                        )
+                    position += header_bytes + packed_bytes
 
     def _broken(self, error: Exception) -> TraceError:
         reason = " ".join(str(error).split())[:120]
@@ -128,9 +152,59 @@ def _floats(column: Any) -> tuple[Floats, Text | None]:
     return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), None
 
 
+def page_sizes(head: bytes) -> tuple[int, int, int] | None:
+    """Bytes of a page's header, of the page unpacked and packed; None for no header.
+
+    The header is a struct of Thrift's compact protocol; fields 2 and 3 are the sizes.
+    """
+    try:
+        fields: dict[int, int] = {}
+        end = _skip_struct(head, 0, fields, 0)
+    except IndexError:
+        return None
+    unpacked, packed = fields.get(2, -1), fields.get(3, -1)
+    return (end, unpacked, packed) if min(unpacked, packed) >= 0 else None
+
+
+def _varint(head: bytes, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while True:
+        value |= (head[at] & 0x7F) << shift
+        shift += 7
+        at += 1
+        if not head[at - 1] & 0x80:
+            return value, at
+
+
+def _skip_struct(head: bytes, at: int, fields: dict[int, int], depth: int) -> int:
+    """Pass a struct, and note its whole numbers by field; IndexError beyond `head`."""
+    number = 0
+    while head[at]:
+        delta, kind = head[at] >> 4, head[at] & 0x0F
+        at += 1
+        if delta:
+            number += delta
+        else:
+            zigzag, at = _varint(head, at)
+            number = (zigzag >> 1) ^ -(zigzag & 1)
+        if kind in (1, 2):  # a truth stands in the type
+            continue
+        if kind in (4, 5, 6):
+            zigzag, at = _varint(head, at)
+            fields[number] = (zigzag >> 1) ^ -(zigzag & 1)
+        elif kind == 8:
+            size, at = _varint(head, at)
+            at += size
+        elif kind == 12 and depth < 4:
+            at = _skip_struct(head, at, {}, depth + 1)
+        else:
+            raise IndexError  # neither lists nor doubles stand in a page's header
+    return at + 1
+
+
 def _recognises(head: bytes, path: Path) -> bool:
     magic = head[: len(MAGIC)]
     return magic == MAGIC or (not magic.strip() and path.suffix.lower() in PARQUET_SUFFIXES)
 
 
-FORM = Form("Parquet", _recognises, lambda path, _axis: ParquetSource(path))
+FORM = Form("Parquet", _recognises, lambda path, file, _axis: ParquetSource(path, file))

@@ -1,77 +1,71 @@
-"""Rows of a CSV file, block by block."""
+"""Rows of a text file, block by block, and its layout: delimiter, decimal point, column names."""
 
+import csv
 import re
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
-from ...messages.samples import Floats
-from ..block import Block, Text, floats_from_text, number_rows
-from ..columns import TraceError
-from .foreign import foreign
-from .form import Form
-from .text_layout import SPACES, read_layout
+from ..columns import BY_NUMBER, TraceError
+from ..source import MOST_COLUMNS, Block, Form, Source, floats_from_text
+from .registry import BYTE_ORDER_MARK, foreign
 
 BLOCK_BYTES = 1 << 19
 LONGEST_LINE = 1 << 22
+SPACES = " "
+"""Any number of spaces."""
 _ASCII = bytes(range(128)) + b"?" * 128
 _SPACES, _AT_ENDS = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _QUOTED = re.compile(rb'"([^"\r\n]*)"')
+_DELIMITERS = (",", ";", "\t")
+_SURE = ("\t", ";")
+_SAMPLE_LINES = 20
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ufffd]")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
+_WHOLE = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")
 
 
-class CsvSource:
+class CsvSource(Source):
     """An open CSV file. Cells that are no numbers become NaN, ragged rows are counted."""
 
-    remarks: tuple[str, ...] = ()
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.ragged_rows = 0
-        self._rows_seen = 0
-        self._bytes = path.stat().st_size
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        super().__init__(path, file)
         self._rest = b""
-        self._wanted: list[int] = []
-        self._file = path.open("rb")
-        try:
-            self._layout = read_layout(path, self._file.read(BLOCK_BYTES))
-            self._file.seek(self._layout.start)
-        except BaseException:
-            self._file.close()
-            raise
+        self._layout = read_layout(path, file.read(BLOCK_BYTES))
+        file.seek(self._layout.start)
         self.names = self._layout.names
-
-    @property
-    def fraction_read(self) -> float:
-        """Fraction of the file that has been read, 0 to 1."""
-        return 1.0 if self._file.closed else self._file.tell() / max(self._bytes, 1)
-
-    def holds_numbers(self, name: str) -> bool:
-        """Any column may."""
-        return name in self.names
-
-    def want(self, names: list[str]) -> None:
-        """Read these columns only."""
-        self._wanted = [self.names.index(name) for name in names]
-
-    def close(self) -> None:
-        """Close the file; safe twice."""
-        self._file.close()
+        if len(self.names) > MOST_COLUMNS:
+            raise TraceError(f"{path}: more than {MOST_COLUMNS} columns")
 
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError and OSError."""
         raw = self._read_lines()
         if raw is None:
             return None
+        import pyarrow as pa
+
         raw = self._plain(raw)
-        table, ragged = self._parse(raw)
+        try:
+            table, ragged = self._read_csv(raw, pa.float64())
+        except pa.ArrowInvalid:
+            table, ragged = self._read_csv(raw, pa.large_binary())
         rows = table.num_rows + len(ragged)
-        number = number_rows(self._rows_seen, rows)
+        number = self._number_rows(rows)
         if ragged:
             number = np.delete(number, [min(row, rows) - 1 for row in ragged])
-        self._rows_seen += rows
         self.ragged_rows += len(ragged)
-        return self._block(table, number)
+        block = Block({}, number)
+        for name, column in zip(dict.fromkeys(self.wanted), table.columns, strict=True):
+            if column.type == pa.float64():
+                block.values[name] = column.to_numpy()
+                continue
+            block.values[name], wrong = floats_from_text(column, self._layout.decimal_point)
+            if wrong is not None:
+                block.text[name] = wrong
+        return block
 
     def _read_lines(self) -> bytes | None:
         """Whole lines of about one block; at the end of the file whatever is left, then None."""
@@ -98,16 +92,8 @@ class CsvSource:
             raw = _AT_ENDS.sub(b"", _SPACES.sub(b" ", raw))
         return raw
 
-    def _parse(self, raw: bytes) -> tuple[Any, list[int]]:
-        """Arrow table of the wanted columns, and the row numbers (from 1) of the ragged rows."""
-        import pyarrow as pa
-
-        try:
-            return self._read_csv(raw, pa.float64())
-        except pa.ArrowInvalid:
-            return self._read_csv(raw, pa.large_binary())
-
     def _read_csv(self, raw: bytes, cell_type: Any) -> tuple[Any, list[int]]:
+        """Arrow table of the wanted columns, and the row numbers (from 1) of the ragged rows."""
         import pyarrow as pa
         import pyarrow.csv
 
@@ -118,7 +104,7 @@ class CsvSource:
             return "skip"
 
         keys = [str(index) for index in range(len(self.names))]
-        wanted = [keys[index] for index in self._wanted]
+        wanted = [keys[self.names.index(name)] for name in dict.fromkeys(self.wanted)]
         table = pyarrow.csv.read_csv(
             pa.BufferReader(raw),
             # Without threads the parser knows the number of a ragged row; block_size is one block.
@@ -137,25 +123,151 @@ class CsvSource:
         )
         return table, ragged
 
-    def _block(self, table: Any, number: Floats) -> Block:
-        import pyarrow as pa
 
-        values: dict[str, Floats] = {}
-        text: dict[str, Text] = {}
-        for index, column in zip(self._wanted, table.columns, strict=True):
-            name = self.names[index]
-            if column.type == pa.float64():
-                values[name] = column.to_numpy()
-                continue
-            values[name], wrong = floats_from_text(column, self._layout.decimal_point)
-            if wrong is not None:
-                text[name] = wrong
-        return Block(values, number, text)
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Layout of a text file.
+
+    Attributes:
+        names: one name per cell of a row; empty where the file gives none.
+        delimiter: between two cells.
+        decimal_point: inside a number.
+        terminator: end of a line.
+        start: position of the first byte after the header, or of the first row.
+    """
+
+    names: tuple[str, ...]
+    delimiter: str
+    decimal_point: str
+    terminator: bytes
+    start: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    number: int
+    start: int
+    text: str
+
+
+def read_layout(path: Path, head: bytes) -> Layout:
+    """Layout of a text file whose first bytes are `head`; TraceError if it is no trace."""
+    if not head.removeprefix(BYTE_ORDER_MARK).strip():
+        raise TraceError(f"{path}: the file is empty; expected a header such as time_s,...")
+    terminator = b"\n" if b"\n" in head else b"\r"
+    lines = _lines(head, terminator)
+    comments = []
+    while lines and (not lines[0].text or lines[0].text.startswith("#")):
+        comments.append(lines.pop(0))
+    if not lines and not comments:
+        raise TraceError(f"{path}: holds no line of text; expected a header such as time_s,...")
+    delimiter, names, rows = _names_and_rows(path, comments, lines)
+    cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
+    point, count = ".", len(names)
+    if delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row):
+        point = ","
+    wide = [row for row in cells if count < len(row) <= 2 * count]
+    wide = [row for row in wide if all(_WHOLE.fullmatch(cell) for cell in row)]
+    if delimiter == "," and count > 1 and cells and len(wide) == len(cells):
+        raise TraceError(
+            f"{path}: {count} names above rows of {len(wide[0])} whole numbers: commas stand in "
+            "the numbers and between them; expected decimal points, or semicolons between cells"
+        )
+    start = rows[0].start if rows else len(head)
+    return Layout(_fit_names(names, cells), delimiter, point, terminator, start)
+
+
+def _lines(head: bytes, terminator: bytes) -> list[_Line]:
+    """The lines of `head` with their positions."""
+    start = len(BYTE_ORDER_MARK) if head.startswith(BYTE_ORDER_MARK) else 0
+    lines = []
+    for number, raw in enumerate(head[start:].split(terminator), start=1):
+        try:
+            text = raw.decode("utf-8")
+        except UnicodeDecodeError:
+            text = raw.decode("latin-1")  # as older data loggers write units
+        lines.append(_Line(number, start, text.strip(" \r\n")))
+        start += len(raw) + len(terminator)
+    return lines
+
+
+def _names_and_rows(
+    path: Path, comments: list[_Line], lines: list[_Line]
+) -> tuple[str, list[str], list[_Line]]:
+    """Delimiter, names, and the lines below them.
+
+    Some programs (numpy.savetxt) write the names as a comment: the last comment is the header if
+    the first line below holds as many numbers. Columns without any name go by their number.
+    """
+    if not lines:
+        raise TraceError(f"{path}: holds comments only; expected a header such as time_s,...")
+    first = lines[0]
+    if _CONTROL.search(first.text):
+        raise TraceError(f"{path}: line {first.number}: no text; expected a header of column names")
+    delimiter, cells = _cells(first.text, lines[1].text if len(lines) > 1 else "")
+    if not _all_numbers(cells):
+        return delimiter, cells, lines[1:]
+    if comments and comments[-1].text:
+        names = _split(comments[-1].text.lstrip("# "), delimiter)
+        if len(names) == len(cells):
+            return delimiter, names, lines
+    return delimiter, [f"{BY_NUMBER}{column}" for column in range(1, len(cells) + 1)], lines
+
+
+def _cells(line: str, below: str) -> tuple[str, list[str]]:
+    """Delimiter and cells of the first line: the delimiter that gives the most cells.
+
+    Between numbers a comma may also be the decimal point: any other delimiter comes first. Spaces
+    part words within a name, too: they are the delimiter if nothing else is, and of numbers only.
+    """
+    cells = {delimiter: _split(line, delimiter) for delimiter in (*_DELIMITERS, SPACES)}
+    for delimiter in _SURE:
+        if len(cells[delimiter]) > 1 and _all_numbers(cells[delimiter]):
+            return delimiter, cells[delimiter]
+    delimiter = max(_DELIMITERS, key=lambda delimiter: len(cells[delimiter]))
+    row = cells[SPACES] if _all_numbers(cells[SPACES]) else _split(below, SPACES)
+    if len(cells[delimiter]) == 1 < len(cells[SPACES]) == len(row) and _all_numbers(row):
+        return SPACES, cells[SPACES]
+    return delimiter, cells[delimiter]
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == SPACES:
+        return line.split()
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error:
+        return [line]
+    return [cell.strip() for cell in cells]
+
+
+def _all_numbers(cells: list[str]) -> bool:
+    return all(_is_number(cell) for cell in cells if cell)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return cell.lower() not in {"nan", "inf"}
+
+
+def _fit_names(names: list[str], rows: list[list[str]]) -> tuple[str, ...]:
+    """Add or drop one empty name where header and rows differ by a trailing delimiter."""
+    if not rows:
+        return tuple(names)
+    width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    if width == len(names) + 1 and all(not row[-1] for row in rows if len(row) == width):
+        return (*names, "")
+    if width == len(names) - 1 and not names[-1]:
+        return tuple(names[:-1])
+    return tuple(names)
 
 
 FORM = Form(
     "text (CSV)",
     lambda head, _path: foreign(head) is None,
-    lambda path, _axis: CsvSource(path),
+    lambda path, file, _axis: CsvSource(path, file),
     rank=1,
 )

@@ -3,23 +3,50 @@
 An auto servo tuning (`DynamicModelAxisController`) holds the response of the mechanics, motor speed
 over torque in rad/(s N m), with its coherence, and what the tuning took from it. A measurement
 (`ResponseTest...`) holds three spectra in the order own, cross, own: the response is the first over
-the second, and its units are not told. Layout of both: eliasrhoden/Trace-Tools.
+the second, and its units are not told. Numbers are base 85 with an alphabet that avoids what XML
+would escape: five digits are four bytes, the greatest first, and `.` is four zeros, as the `z` of
+Ascii85. Layout of both: eliasrhoden/Trace-Tools.
 """
 
+import math
+import string
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
+from xml.etree.ElementTree import Element, TreeBuilder
 
 import numpy as np
+import numpy.typing as npt
 
 from ...messages.samples import Floats
 from ..columns import TraceError
-from .tuning_parser import MEASUREMENT_ROOT, SPECTRA, TUNING_ROOT, Complexes, TuningParser
+from .xml_reader import XmlReader
 
+TUNING_ROOT, MEASUREMENT_ROOT = "DynamicModelAxisController", "ResponseTest"
+MOST_FREQUENCIES, MOST_ELEMENTS, LONGEST_TEXT = 1 << 17, 1 << 17, 1 << 25
+"""Characters of all elements together."""
+SPECTRA = 3
 LARGEST = 1e30
 """No response and no frequency is greater; nor is its inverse."""
 _ROUNDING = 1e-6
 _LOWEST = 5
 """One in so many frequencies, the lowest, shows the sign of the phase."""
+_RESPONSES = {"FrequencyResponseFunction", "CrossSpectrum"}
+_STATED = {
+    "m_dMotorInertia": "motor_inertia_kg_m2",
+    "m_dTotalInertia": "total_inertia_kg_m2",
+    "m_uNumberOfAverages": "averages",
+    "m_uAxis": "axis",
+}
+ALPHABET = string.digits + string.ascii_lowercase + string.ascii_uppercase
+ALPHABET += "!#$`()*+-/:;=?@[]^_{|}~"
+_ZEROS, _NO_DIGIT = ".", 255
+_POWERS = 85 ** np.arange(4, -1, -1, dtype=np.uint64)
+_DIGITS = np.full(256, _NO_DIGIT, dtype=np.uint8)
+_DIGITS[np.frombuffer(ALPHABET.encode(), dtype=np.uint8)] = np.arange(85)
+
+Complexes = npt.NDArray[np.complex128]
+Curve = tuple[Floats, Complexes]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +73,7 @@ class MeasuredResponse:
 
 
 def is_tuning(head: bytes) -> bool:
-    """Tell whether the first bytes of a file are those of such an XML."""
+    """Return whether the first bytes of a file are those of such an XML."""
     return any(f"<{root}".encode() in head for root in (TUNING_ROOT, MEASUREMENT_ROOT))
 
 
@@ -54,35 +81,75 @@ def read_tuning(path: Path) -> MeasuredResponse:
     """Read the response of the mechanics. Raises TraceError, one line, for anything else."""
     try:
         with path.open("rb") as file:
-            found = TuningParser(path, file)
+            root = _read_tree(path, file)
+        return _of_tuning(root) if root.tag == TUNING_ROOT else _of_spectra(root)
     except OSError as error:
         raise TraceError(f"{path}: cannot be read ({error.strerror or error})") from None
-    try:
-        return _measured(found) if found.root == TUNING_ROOT else _from_spectra(found)
     except ValueError as error:
         raise TraceError(f"{path}: {error}") from None
 
 
-def _measured(found: TuningParser) -> MeasuredResponse:
-    if found.plant is None:
+def _read_tree(path: Path, file: IO[bytes]) -> Element:
+    """The elements of a file. Raises TraceError for another root, or more than a tuning holds."""
+    builder = TreeBuilder()
+    elements = characters = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal elements
+        elements += 1
+        if elements == 1 and tag != TUNING_ROOT and not tag.startswith(MEASUREMENT_ROOT):
+            raise TraceError(
+                f"{path}: an HTML or XML document <{tag[:40]}>; expected a SINUMERIK auto "
+                f"servo tuning <{TUNING_ROOT}> or a measurement <{MEASUREMENT_ROOT}...>"
+            )
+        if elements > MOST_ELEMENTS:
+            raise TraceError(f"{path}: more than {MOST_ELEMENTS} elements")
+        builder.start(tag, attributes)
+
+    def data(text: str) -> None:
+        nonlocal characters
+        characters += len(text)
+        if characters > LONGEST_TEXT:
+            raise TraceError(f"{path}: more than {LONGEST_TEXT} characters")
+        builder.data(text)
+
+    reader = XmlReader(path, file, start, builder.end, data)
+    while reader.feed():
+        pass
+    return builder.close()
+
+
+def _of_tuning(root: Element) -> MeasuredResponse:
+    """The last plant before a coherence, of those in the list of the speed controllers."""
+    plant = coherence = candidate = None
+    lists = [each for each in root.iter() if each.get("name") == "m_SpeedControllerList"]
+    for each in (each for parent in lists[:1] for each in parent.iter() if each.tag in _RESPONSES):
+        if each.get("name") == "m_pPlant":
+            candidate = each
+            plant = each if plant is None else plant
+        elif each.get("name") == "m_pMeasCoherence":
+            plant, coherence = candidate, each
+    if plant is None:
         raise ValueError("no measured response of the mechanics (m_pPlant); tune the axis first")
-    frequency, response = found.plant.curve()
-    if found.coherence is None:
+    frequency, response = _curve(plant)
+    if coherence is None:
         raise ValueError("a response without its coherence (m_pMeasCoherence)")
-    at, values = found.coherence.curve()
-    coherence = np.interp(frequency, at, values.real)
-    unit = "rad/(s N m)" if found.rotary else ""
-    return _checked(found, frequency, response, coherence, unit)
+    at, values = _curve(coherence)
+    rotary = [each.text for each in root.iter() if each.get("name") == "m_bMotorIsRotary"]
+    linear = bool(rotary) and (rotary[-1] or "").strip() == "false"
+    unit = "" if linear else "rad/(s N m)"
+    return _checked(root, frequency, response, np.interp(frequency, at, values.real), unit)
 
 
-def _from_spectra(found: TuningParser) -> MeasuredResponse:
+def _of_spectra(root: Element) -> MeasuredResponse:
     """G = S_yy / S_uy and |S_uy|^2 / (S_uu S_yy), of a measurement with its spectra.
 
     Which of the two is conjugated in S_uy no file says: a mass lags behind its torque.
     """
-    if len(found.spectra) < SPECTRA:
-        raise ValueError(f"{len(found.spectra)} spectra; expected own, cross and own spectrum")
-    curves = [each.curve() for each in found.spectra]
+    spectra = list(root.iter("CrossSpectrum"))[:SPECTRA]
+    if len(spectra) < SPECTRA:
+        raise ValueError(f"{len(spectra)} spectra; expected own, cross and own spectrum")
+    curves = [_curve(each) for each in spectra]
     frequency = curves[0][0]
     if any(not np.array_equal(frequency, each) for each, _ in curves):
         raise ValueError("spectra at different frequencies")
@@ -94,11 +161,11 @@ def _from_spectra(found: TuningParser) -> MeasuredResponse:
     lowest = lowest[np.isfinite(lowest)]
     if len(lowest) and np.median(lowest.imag) > 0.0:
         response = np.conj(response)
-    return _checked(found, frequency, response, coherence, "")
+    return _checked(root, frequency, response, coherence, "")
 
 
 def _checked(
-    found: TuningParser, frequency: Floats, response: Complexes, coherence: Floats, unit: str
+    root: Element, frequency: Floats, response: Complexes, coherence: Floats, unit: str
 ) -> MeasuredResponse:
     """The response where it is one. Raises ValueError for a coherence that is none."""
     kept = (frequency > 0.0) & (frequency < LARGEST) & np.isfinite(coherence)
@@ -107,13 +174,76 @@ def _checked(
         raise ValueError("a response without a number")
     if np.any((coherence[kept] < -_ROUNDING) | (coherence[kept] > 1.0 + _ROUNDING)):
         raise ValueError("a coherence that is not between 0 and 1")
-    number = found.stated.get("axis")
+    stated: dict[str, float] = {}
+    for each in root.iter():
+        name = _STATED.get(each.get("name", ""))
+        value = _positive(each.text) if name else None
+        if name and value is not None:  # later ones belong to what was tuned from the first
+            stated.setdefault(name, value)
+    names = [each.text or "" for each in root if each.get("name") == "m_szAxisName"]
+    number = stated.get("axis")
     return MeasuredResponse(
-        found.axis_name or ("" if number is None else f"{number:g}"),
+        names[-1].strip()[:40] if names else "" if number is None else f"{number:g}",
         frequency[kept],
         response[kept],
         np.clip(coherence[kept], 0.0, 1.0),
         unit,
-        found.stated.get("averages", 1.0),
-        {name: each for name, each in found.stated.items() if name.endswith("kg_m2")},
+        stated.get("averages", 1.0),
+        {name: each for name, each in stated.items() if name.endswith("kg_m2")},
     )
+
+
+def _positive(text: str | None) -> float | None:
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and value > 0.0 else None
+
+
+def _curve(response: Element) -> Curve:
+    """Frequencies and values of a response or spectrum, (n,) each. Raises ValueError."""
+    title = response.get("name") or response.tag
+    arrays: dict[str, Floats] = {}
+    for each in response.iter("NumericArray"):
+        name, form, text = each.get("name", ""), each.get("format", ""), each.findtext("raw") or ""
+        try:
+            if form == "base85":
+                arrays[name] = doubles_from_base85(text)
+            elif form == "CSV":
+                arrays[name] = np.array([float(cell) for cell in text.split(",") if cell.strip()])
+            else:
+                raise ValueError(f"numbers in the form {form[:20]!r}; expected base85 or CSV")
+        except ValueError as error:
+            raise ValueError(f"{title} {name}: {error}") from None
+    frequency = arrays.get("m_FrequencyVector", np.empty(0))
+    values = arrays.get("m_ValueVector", np.empty(0))
+    if len(frequency) > MOST_FREQUENCIES:
+        raise ValueError(f"more than {MOST_FREQUENCIES} frequencies")
+    if not len(frequency) or len(values) != 2 * len(frequency):
+        raise ValueError(
+            f"{title}: {len(frequency)} frequencies and {len(values) / 2:g} values; "
+            "expected as many of both"
+        )
+    if not np.isfinite(frequency).all() or np.any(np.diff(frequency) <= 0.0):
+        raise ValueError(f"{title}: its frequencies do not rise")
+    return frequency, values.view(np.complex128)
+
+
+def doubles_from_base85(text: str) -> Floats:
+    """Doubles in a text, white space aside, shape (n,).
+
+    Raises:
+        ValueError: one line; a character that is no digit, or no whole number of doubles.
+    """
+    plain = "".join(text.split()).replace(_ZEROS, ALPHABET[0] * 5)
+    digits = _DIGITS[np.frombuffer(plain.encode("latin-1", "replace"), dtype=np.uint8)]
+    if len(digits) % 10:
+        raise ValueError("no whole number of doubles")
+    if np.any(digits == _NO_DIGIT):
+        raise ValueError("a character that is no digit of base 85")
+    words = digits.reshape(-1, 5).astype(np.uint64) @ _POWERS
+    if np.any(words > 0xFFFF_FFFF):
+        raise ValueError("five digits that are more than four bytes")
+    values: Floats = np.frombuffer(words.astype(">u4").tobytes(), ">f8").astype(np.float64)
+    return values

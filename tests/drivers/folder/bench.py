@@ -1,12 +1,12 @@
 """A folder with one trace; it can be gone, and hold cells without a number."""
 
+import asyncio
 import itertools
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from drivers.folder.config import FolderConfig
-from drivers.folder.driver import FolderDriver
+from drivers.folder.driver import FolderConfig, FolderDriver
 
 from ..bench import CONTEXT, DriverBench
 
@@ -24,10 +24,13 @@ async def bench(folder: Path) -> AsyncIterator[DriverBench]:
     write_trace(trace)
     numbers = itertools.count()
 
+    async def soon(wait_s: float) -> None:
+        await asyncio.sleep(min(wait_s, 0.01))
+
     def make() -> FolderDriver:
         ledger = folder / f"ledger{next(numbers)}.json"
-        config = FolderConfig(folder=traces, ledger=ledger, settle_s=0.0, poll_s=0.01)
-        return FolderDriver(config, CONTEXT)
+        config = FolderConfig(folder=traces)
+        return FolderDriver(config, CONTEXT, sleep=soon, settle_s=0.0, ledger=ledger)
 
     async def lose() -> None:
         traces.rename(away)

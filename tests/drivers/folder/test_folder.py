@@ -9,10 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import DriverMisconfiguredError, DriverUnavailableError
-from drivers.folder.arrivals import Arrivals, has_proper_end
-from drivers.folder.config import FolderConfig
-from drivers.folder.driver import BETWEEN_S, FolderDriver
+from drivers.base import DriverUnavailableError
+from drivers.folder.driver import (
+    BETWEEN_S,
+    Arrivals,
+    FolderConfig,
+    FolderDriver,
+    has_proper_end,
+)
 from edge_service.messages.channels import TABLE_POSITION, TORQUE
 from edge_service.messages.samples import SampleFrame
 
@@ -38,10 +42,8 @@ class Watch:
             self.looks += wait_s > 0.0
             await asyncio.sleep(0.0)
 
-        config = FolderConfig.model_validate(
-            {"folder": self.folder, "settle_s": 0.0, "poll_s": 0.01, **settings}
-        )
-        return FolderDriver(config, CONTEXT, sleep=sleep)
+        config = FolderConfig.model_validate({"folder": self.folder, **settings})
+        return FolderDriver(config, CONTEXT, sleep=sleep, settle_s=0.0)
 
     def write(self, name: str, torque: float, rows: int = 500) -> Path:
         path = self.folder / name
@@ -180,12 +182,15 @@ async def test_a_folder_that_is_not_there_is_unavailable(tmp_path: Path) -> None
         await driver.probe()
 
 
-async def test_a_ledger_that_is_something_else_names_its_key(watch: Watch) -> None:
-    ledger = watch.folder / ".mine"
-    ledger.write_text("not json")
-    with pytest.raises(DriverMisconfiguredError, match=r"ledger: .*no ledger of this driver"):
-        await watch.driver(ledger=ledger).open()
-    assert ledger.read_text() == "not json"
+async def test_the_ledger_lies_in_the_state_folder_where_there_is_one(
+    watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    watch.write("a.csv", 1.0)
+    assert len(torques(await watch.read(watch.driver()))) == 500
+    assert await watch.read(watch.driver()) == []
+    assert (tmp_path / "state" / "folder-X.json").is_file()
+    assert [path.name for path in watch.folder.iterdir()] == ["a.csv"]
 
 
 async def test_only_names_of_the_pattern_are_read(watch: Watch) -> None:

@@ -20,7 +20,7 @@ from drivers.stub import Fault, FaultKind
 from edge_service.certificates import make_certificates
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.reader import read_trace
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
+from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ...bus.mqtt.conftest import MOSQUITTO, PATIENCE_S, Broker, needs_broker
 from ...recordings.form_files import edge_json

@@ -16,8 +16,8 @@ from drivers.mqtt.payload import MessageError, decode_object
 from edge_service.messages.quality import Quality, is_bad
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.reader import read_trace
-from edge_service.recordings.sinumerik.controller_axis import ControllerAxis
-from edge_service.recordings.sinumerik.cycle_clock import RESTART_GAP_S
+from edge_service.recordings.sinumerik.edge import RESTART_GAP_S
+from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ...recordings.form_files import EDGE_NAMES, edge_json
 

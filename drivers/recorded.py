@@ -1,0 +1,56 @@
+"""Reading of recordings in a thread, block by block."""
+
+from pathlib import Path
+
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
+from edge_service.recordings.reader import TraceReader, open_trace
+from edge_service.recordings.sinumerik.signals import ControllerAxis
+from edge_service.threads import Threads
+
+
+class RecordedRows:
+    """An axis' recordings, one at a time. One thread opens, reads and closes in turn."""
+
+    def __init__(self, name: str, machine: Machine, number: int | None = None) -> None:
+        self.reader: TraceReader | None = None
+        self._columns = machine.columns
+        self._axis = ControllerAxis(number or machine.axis.number, machine.axis.lead_m)
+        self._threads = Threads(name)
+        self._turn = 0  # grows with each close: an open that was given up before comes too late
+        self.run = self._threads.run
+
+    async def open(self, path: Path) -> TraceReader | None:
+        """Open a recording; None if it was closed meanwhile. Raises TraceError."""
+        turn = self._turn
+
+        def opened() -> TraceReader | None:
+            if self._turn == turn:
+                self.reader = self.open_now(path)
+            return self.reader
+
+        return await self.run(opened)
+
+    def is_open(self) -> bool:
+        """Return whether a recording is open."""
+        return self.reader is not None
+
+    def open_now(self, path: Path) -> TraceReader:
+        """A reader of a recording, for a thread of its own. Raises TraceError."""
+        return open_trace(path, self._columns, self._axis)
+
+    async def next(self, reader: TraceReader) -> SampleFrame | None:
+        """The next rows; None at the end, or once it is closed. Raises TraceError."""
+        return await self.run(lambda: next(reader, None) if self.reader is reader else None)
+
+    async def close(self) -> None:
+        """Close what is open, once a read that is under way has ended; safe twice."""
+        self._turn += 1
+        reader, self.reader = self.reader, None
+
+        def closed() -> None:
+            for each in (reader, self.reader):
+                if each is not None:
+                    each.close()
+
+        await self.run(closed)
