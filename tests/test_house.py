@@ -161,29 +161,29 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 2796,
+    "bus": 2682,
     "checks": 3974,
     "cli": 1893,
-    "config": 581,
+    "config": 550,
     "diagnose": 5604,
     "downsample": 1468,
-    "drivers": 5122,
+    "drivers": 4980,
     "estimate": 6293,
     "fingerprint": 3513,
     "health": 6991,
     "http_api": 3190,
-    "messages": 2433,
+    "messages": 2429,
     "models": 6478,
-    "nodes": 6909,
-    "offline": 8306,
+    "nodes": 6702,
+    "offline": 8304,
     "outputs": 1229,
-    "recordings": 4407,
+    "recordings": 3843,
     "regression": 1197,
-    "beside the rooms": 1555,
-    "tests": 65778,
+    "beside the rooms": 1373,
+    "tests": 65053,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 661
+MOST_FILES = 636
 """Modules of the product."""
 
 

@@ -1,4 +1,4 @@
-"""One Zenoh session: opened on loopback or with TLS, multicast scouting off."""
+"""One Zenoh session: opened on loopback, or as Zenoh's own file says; multicast scouting off."""
 
 import asyncio
 import socket
@@ -21,7 +21,7 @@ from .decoding import Decoding
 from .publisher import Publisher
 from .questions import Answer, Answering, ask
 from .refusals import Refusals, together
-from .settings import BusSettings, zenoh_config
+from .settings import BusConfigurationError, BusSettings, zenoh_config
 from .subscriber import Subscriber
 
 _EPHEMERAL_TRIES = 5
@@ -31,17 +31,12 @@ class BusUnavailableError(Exception):
     """The bus cannot be joined now."""
 
 
-class BusConfigurationError(Exception):
-    """The bus cannot be set up as asked."""
-
-
 class Bus:
     """A session with its publishers and subscribers; close it to undeclare them all."""
 
     def __init__(self, session: zenoh.Session, settings: BusSettings) -> None:
         self._session = session
-        self.endpoint = settings.endpoint if settings.security != "tls" else settings.there
-        self.tls_endpoint = settings.tls.endpoint if settings.tls else None
+        self.endpoint = settings.endpoint
         self._boot_epoch = now_ns()
         self._numbers: dict[str, count[int]] = {}
         self._decodings: dict[str, Decoding[Any]] = {}
@@ -59,8 +54,7 @@ class Bus:
             BusConfigurationError: the endpoint is not loopback, or in use (`router`).
             BusUnavailableError: nobody answers at the endpoint (`client`).
         """
-        endpoints = (settings.endpoint, settings.tls.endpoint if settings.tls else "")
-        free = settings.role == "router" and any(each.endswith(":0") for each in endpoints)
+        free = settings.role == "router" and settings.endpoint.endswith(":0")
         tries = _EPHEMERAL_TRIES if free else 1
         for attempt in range(tries):
             placed = _placed(settings)
@@ -70,9 +64,9 @@ class Bus:
                 if attempt + 1 < tries:
                     continue
                 if settings.role == "client":
-                    doubt = ", or it refuses the certificate of this process" if placed.tls else ""
-                    raise BusUnavailableError(f"no bus answers at {placed.there}{doubt}") from error
-                raise BusConfigurationError(f"cannot open the bus at {placed.there}") from error
+                    place = placed.zenoh_file or placed.endpoint
+                    raise BusUnavailableError(f"no bus answers at {place}") from error
+                raise BusConfigurationError(f"cannot open the bus at {placed.endpoint}") from error
             return cls(session, placed)
         raise AssertionError("unreachable")
 
@@ -157,31 +151,15 @@ class Bus:
 
 
 def _placed(settings: BusSettings) -> BusSettings:
-    """The settings with real ports, which nobody listens on yet if it is us who will."""
-    router = settings.role == "router"
-    endpoint = settings.endpoint
-    if settings.tls is None or (router and settings.security != "tls"):
-        endpoint = _real(endpoint, "tcp", router)
-    tls = settings.tls and replace(
-        settings.tls, endpoint=_real(settings.tls.endpoint, "tls", router)
-    )
-    return replace(settings, endpoint=endpoint, tls=tls)
-
-
-def _real(endpoint: str, protocol: str, router: bool) -> str:
-    """The endpoint with a real port."""
+    """The settings with a real port, on which nobody listens yet if it is us who will."""
     try:
-        host, port = split_endpoint(endpoint)
+        host, port = split_endpoint(settings.endpoint)
     except ValueError as error:
         raise BusConfigurationError(str(error)) from None
-    if not endpoint.startswith(f"{protocol}/"):
-        raise BusConfigurationError(
-            f"{endpoint!r} is not an endpoint of the form {protocol}/host:port"
-        )
-    real = f"{protocol}/{host}:{port or _free_port(host)}"
-    if router:
-        _check_free(real)
-    return real
+    endpoint = f"tcp/{host}:{port or _free_port(host)}"
+    if settings.role == "router":
+        _check_free(endpoint)
+    return replace(settings, endpoint=endpoint)
 
 
 def _free_port(host: str) -> int:

@@ -3,69 +3,12 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import zenoh
 
-from ..messages.addresses import Security
-from .access import access_control
-
-
-@dataclass(frozen=True, slots=True)
-class TlsSettings:
-    """Mutual TLS: both sides prove by certificates of one authority who they are.
-
-    Attributes:
-        endpoint: `tls/<address>:<port>`; listened at by the router, connected to by clients.
-        authority, certificate, key: files in PEM.
-    """
-
-    endpoint: str
-    authority: Path
-    certificate: Path
-    key: Path
-
-    @classmethod
-    def of_folder(cls, endpoint: str, folder: Path, name: str) -> Self:
-        """Files that `name` needs in a folder of certificates. Raises OSError if one is missing."""
-        settings = cls(endpoint, folder / "ca.pem", folder / f"{name}.pem", folder / f"{name}.key")
-        for path in (settings.authority, settings.certificate, settings.key):
-            path.read_bytes()
-        return settings
-
-
-@dataclass(frozen=True, slots=True)
-class BusSettings:
-    """Settings with which a process takes part in the bus.
-
-    Attributes:
-        endpoint: `tcp/<loopback address>:<port>`; port 0 takes any free one.
-        role: `router` listens there and passes on between all who connect; `client` connects
-            there, to a process with the role `router` or to any other Zenoh router.
-        security: of a router. `readers`: who connects to `endpoint` may only read; `tls`: nobody
-            connects there; `open`: whoever connects may do anything.
-        tls: how nodes with certificates take part; a client with it connects there instead.
-    """
-
-    endpoint: str
-    role: Literal["router", "client"]
-    security: Security = "readers"
-    tls: TlsSettings | None = None
-
-    @property
-    def there(self) -> str:
-        """The endpoint at which a client takes part, and a router with certificates is found."""
-        return self.tls.endpoint if self.tls else self.endpoint
-
-
-def zenoh_config(settings: BusSettings) -> zenoh.Config:
-    """Configuration of the session; the endpoints' ports are real ones."""
-    config = zenoh.Config()
-    place = _router(settings) if settings.role == "router" else _client(settings)
-    for key, value in (_COMMON | place | _tls(settings)).items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
+from ..messages.keys import COMPONENT, ROOT
+from ..messages.topics import OUTCOME
 
 MOST_MESSAGE_BYTES = 4_000_000
 """The longest payload of our own, half a second at 10 kHz, has a tenth of it."""
@@ -82,34 +25,105 @@ _COMMON: dict[str, Any] = {
     "transport/link/tx/queue/size/interactive_high": MOST_AT_ONCE,
     "timestamping/enabled": False,
 }
+_ROUTER: dict[str, Any] = {
+    "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
+    "transport/unicast/max_sessions": MOST_SESSIONS,
+}
 
 
-def _router(settings: BusSettings) -> dict[str, Any]:
-    plain = [] if settings.security == "tls" else [settings.endpoint]
-    secure = [settings.tls.endpoint] if settings.tls else []
-    place: dict[str, Any] = {"mode": "router", "listen/endpoints": plain + secure}
-    place["transport/link/rx/max_message_size"] = MOST_MESSAGE_BYTES
-    place["transport/unicast/max_sessions"] = MOST_SESSIONS
-    if settings.security != "open":
-        place["access_control"] = access_control()
-    return place
+class BusConfigurationError(Exception):
+    """The bus cannot be set up as asked."""
 
 
-def _client(settings: BusSettings) -> dict[str, Any]:
-    return {"mode": "client", "listen/endpoints": [], "connect/endpoints": [settings.there]}
+@dataclass(frozen=True, slots=True)
+class BusSettings:
+    """Settings with which a process takes part in the bus.
+
+    Attributes:
+        endpoint: `tcp/<loopback address>:<port>`; port 0 takes any free one.
+        role: `router` listens there and passes on between all who connect; `client` connects
+            there, to a process with the role `router` or to any other Zenoh router.
+        read_only: who connects to a router may read, and neither publish nor answer.
+        zenoh_file: Zenoh's own configuration, on which all this is laid: further endpoints, TLS,
+            access control. What it says of rights holds in place of `read_only`, and a client
+            connects where it says.
+    """
+
+    endpoint: str
+    role: Literal["router", "client"]
+    read_only: bool = True
+    zenoh_file: Path | None = None
 
 
-def _tls(settings: BusSettings) -> dict[str, Any]:
-    if settings.tls is None:
-        return {}
-    side = "listen" if settings.role == "router" else "connect"
+def zenoh_config(settings: BusSettings) -> zenoh.Config:
+    """Configuration of the session; the endpoint's port is a real one. BusConfigurationError."""
+    try:
+        path = settings.zenoh_file
+        config = zenoh.Config() if path is None else zenoh.Config.from_file(str(path))
+        stated = {key: json.loads(config.get_json(key)) for key in _ENDPOINTS}
+    except zenoh.ZError as error:
+        reason = " ".join(str(error).split()).partition(" at /")[0]
+        raise BusConfigurationError(f"bus.zenoh_file: {settings.zenoh_file}: {reason}") from None
+    if settings.role == "router":
+        listened = _of_mode(stated["listen/endpoints"], "router")
+        place = _ROUTER | {"mode": "router", "listen/endpoints": [settings.endpoint, *listened]}
+        if settings.read_only and not json.loads(config.get_json("access_control/enabled")):
+            place["access_control"] = _READ_ONLY
+    else:
+        connected = _of_mode(stated["connect/endpoints"], "client") or [settings.endpoint]
+        place = {"mode": "client", "listen/endpoints": [], "connect/endpoints": connected}
+    for key, value in (_COMMON | place).items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+_ENDPOINTS = ("listen/endpoints", "connect/endpoints")
+"""Of a Zenoh configuration: a list, or lists by mode."""
+
+
+def _of_mode(endpoints: Any, mode: str) -> list[str]:
+    found: list[str] = endpoints.get(mode, []) if isinstance(endpoints, dict) else endpoints
+    return [each for each in found if each != "tcp/[::]:7447"]  # Zenoh's own default
+
+
+_EVERYTHING = ["**", f"{ROOT}/*/*/{COMPONENT}/**", f"{ROOT}/*/*/@alive"]
+
+
+def _rule(name: str, permission: str, flow: str, messages: list[str], keys: list[str]) -> Any:
     return {
-        "transport/link/tls": {
-            "root_ca_certificate": str(settings.tls.authority),
-            f"{side}_certificate": str(settings.tls.certificate),
-            f"{side}_private_key": str(settings.tls.key),
-            "enable_mtls": True,
-            "verify_name_on_connect": True,
-            "close_link_on_expiration": False,  # or a wrong year would part the nodes
-        }
+        "id": name,
+        "permission": permission,
+        "flows": [flow],
+        "messages": messages,
+        "key_exprs": keys,
     }
+
+
+_READ_ONLY: dict[str, Any] = {
+    "enabled": True,
+    "default_permission": "deny",
+    "rules": [
+        _rule(
+            *("hear", "allow", "egress"),
+            [
+                "put",
+                "reply",
+                "liveliness_token",
+                "declare_subscriber",
+                "declare_queryable",
+                "query",
+            ],
+            _EVERYTHING,
+        ),
+        _rule(
+            *("read", "allow", "ingress"),
+            ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"],
+            _EVERYTHING,
+        ),
+        # The question for an outcome is a command.
+        _rule("command", "deny", "ingress", ["query"], [f"{ROOT}/*/*/*/{OUTCOME.name}"]),
+    ],
+    "subjects": [{"id": "anybody"}],
+    "policies": [{"rules": ["hear", "read", "command"], "subjects": ["anybody"]}],
+}
+"""Zenoh's access control: others may read. Publications of the router's process are not asked."""

@@ -24,7 +24,7 @@ from .tokens import token
 GONE: dict[str, str] = {
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
     "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
-    "plant": "gone; run zenohd with deploy/zenoh-router.json5, then edge-service fleet tcp/ROUTER",
+    "plant": "gone; run zenohd with deploy/zenoh.json5, then edge-service fleet tcp/ROUTER",
     "audit": "gone; GET /api/v1/log?kind=command",
     "certs": "gone; use your authority, or mkcert, and [http] certificate",
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
@@ -87,8 +87,8 @@ def _is_bad_input(error: Exception) -> bool:
 
     if isinstance(error, (InputError, ConfigError)):
         return True
-    from ..bus.session import BusConfigurationError, BusUnavailableError
-    from ..certificates import CertificateError
+    from ..bus.session import BusUnavailableError
+    from ..bus.settings import BusConfigurationError
     from ..fingerprint.document import FingerprintError
     from ..health.store.tokens import TokenError
     from ..http_api.serve import AddressError
@@ -99,7 +99,7 @@ def _is_bad_input(error: Exception) -> bool:
     from ..recordings.columns import TraceError
 
     bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    access = (CertificateError, TokenError, BackupError)
+    access = (TokenError, BackupError)
     twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
     return isinstance(error, (TraceError, *access, *bus, *twin))
 

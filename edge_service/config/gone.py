@@ -4,9 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 GONE: dict[str, str] = {
+    "bus.certificates": "gone; state them in [bus] zenoh_file (deploy/zenoh.json5)",
+    "bus.security": "gone; in run others may read; state more in [bus] zenoh_file",
+    "bus.tls_endpoint": "gone; state it in [bus] zenoh_file (deploy/zenoh.json5)",
     "opcua": "now [outputs.opcua], with endpoint for host and port",
     "mtconnect": "now [outputs.mtconnect], with endpoint for host and port",
-    "plant": "gone; state the router in [bus] zenoh_file (deploy/zenoh-router.json5)",
+    "plant": "gone; state the router in [bus] zenoh_file (deploy/zenoh.json5)",
     "http.allowed_hosts": "gone; http.url is the address of a proxy, own names are let in",
     "http.connections": "gone; the limits of a proxy are in its own file (deploy/nginx.conf)",
     "http.tokens_file": "gone; edge-service token CONFIG keeps tokens in the state folder",

@@ -68,7 +68,7 @@ def load_config(path: Path) -> EdgeConfig:
         "history": _placed(config.history, folder, "folder"),
         **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
-        "bus": _placed(config.bus, folder, "certificates"),
+        "bus": _placed(config.bus, folder, "zenoh_file"),
         "http": _with_key(config.http, folder, "certificate"),
         "outputs": {name: _anchored(table, folder) for name, table in config.outputs.items()},
         "vibration": _placed(config.vibration, folder, "keep_folder"),

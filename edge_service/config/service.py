@@ -17,7 +17,7 @@ from ..config_tables import (
     WebhookConfig,
 )
 from ..estimate.registry import AUTO, ESTIMATORS
-from ..messages.addresses import Security, is_http_url, is_loopback, split_endpoint
+from ..messages.addresses import is_http_url, is_loopback, split_endpoint
 from ..messages.components import check_component
 from ..messages.keys import MachineKeys
 from ..messages.names import check_part
@@ -38,55 +38,21 @@ class ServiceConfig(Table):
 
 
 class BusConfig(Table):
-    """`[bus]`: where the bus listens, and who may do what there.
+    """`[bus]`: where the bus listens.
 
     Attributes:
-        endpoint: `tcp/<loopback address>:<port>`, where any process of this machine may read.
-        security: `readers`: only with a certificate of a node may one publish; `tls`: only with a
-            certificate may one read; `open`: whoever connects to `endpoint` may publish anything.
-        certificates: folder that `edge-service certs` has made; without it nodes in processes of
-            their own make theirs, for their user alone.
-        tls_endpoint: where those with certificates take part; the port after that of `endpoint`
-            unless stated.
+        endpoint: `tcp/<loopback address>:<port>`. In `run` others may read there.
+        zenoh_file: Zenoh's own configuration (JSON5), passed through: TLS, access control, routers.
     """
 
     endpoint: str = "tcp/127.0.0.1:7447"
-    security: Security = "readers"
-    certificates: Path | None = None
-    tls_endpoint: str | None = None
+    zenoh_file: Path | None = None
 
     @field_validator("endpoint")
     @classmethod
     def _loopback(cls, value: str) -> str:
-        return _endpoint(value, "tcp")
-
-    @field_validator("tls_endpoint")
-    @classmethod
-    def _encrypted(cls, value: str | None) -> str | None:
-        return None if value is None else _endpoint(value, "tls")
-
-    @model_validator(mode="after")
-    def _certified(self) -> "BusConfig":
-        if self.security == "tls" and self.certificates is None:
-            raise ValueError('certificates: missing, security = "tls" needs them')
-        if self.security == "open" and self.certificates is not None:
-            raise ValueError('certificates: has no effect with security = "open"')
-        return self
-
-    @property
-    def secure_endpoint(self) -> str:
-        """The endpoint for those with certificates."""
-        if self.tls_endpoint is not None:
-            return self.tls_endpoint
-        host, port = split_endpoint(self.endpoint)
-        return f"tls/{host}:{port + 1 if port else 0}"
-
-
-def _endpoint(value: str, protocol: str) -> str:
-    split_endpoint(value)
-    if not value.startswith(f"{protocol}/"):
-        raise ValueError(f"{value!r}: expected an endpoint of the form {protocol}/127.0.0.1:7447")
-    return value
+        split_endpoint(value)
+        return value
 
 
 class HttpConfig(Table):

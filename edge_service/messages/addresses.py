@@ -2,11 +2,7 @@
 
 import ipaddress
 import re
-from typing import Literal
 from urllib.parse import urlsplit
-
-Security = Literal["readers", "tls", "open"]
-"""Rights at the TCP endpoint of the bus: to read, none, to do anything."""
 
 
 def is_loopback(host: str) -> bool:
@@ -18,17 +14,17 @@ def is_loopback(host: str) -> bool:
 
 
 def split_endpoint(endpoint: str) -> tuple[str, int]:
-    """Host and port of `tcp/host:port` on loopback, or `tls/host:port`; ValueError if it is none.
+    """Host and port of `tcp/host:port` on loopback; ValueError if it is none.
 
     What is not encrypted stays on this machine.
     """
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
-    if protocol not in ("tcp", "tls") or not host or not port.isdigit() or int(port) > 65535:
+    if protocol != "tcp" or not host or not port.isdigit() or int(port) > 65535:
         raise ValueError(f"{endpoint!r} is not an endpoint of the form tcp/127.0.0.1:7447")
-    if protocol == "tcp" and not is_loopback(host):
+    if not is_loopback(host):
         raise ValueError(
-            f"{endpoint!r}: tcp is for loopback addresses; others need tls and certificates"
+            f"{endpoint!r}: tcp is for loopback addresses; state others in bus.zenoh_file"
         )
     return host, int(port)
 

@@ -6,10 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..bus.session import Bus
+from ..bus.settings import BusSettings
 from ..config import ConfigError, EdgeConfig
 from ..messages.topics import RAW
 from ..recordings.writer import TraceWriter
-from .wiring.bus_rights import reader_settings
 
 FIRST_FRAME_S = 5.0
 
@@ -25,7 +25,8 @@ async def record_axis(
     Raises:
         ConfigError: nothing is published for the axis. BusUnavailableError: no service runs.
     """
-    bus = await Bus.open(reader_settings(config))
+    place = config.bus
+    bus = await Bus.open(BusSettings(place.endpoint, "client", zenoh_file=place.zenoh_file))
     try:
         subscriber = bus.subscribe(config.keys.key(axis, RAW), RAW, depth=4096)
         loop = asyncio.get_running_loop()

@@ -12,8 +12,8 @@ from typing import Any
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
-from ..bus.session import Bus, BusConfigurationError, BusUnavailableError
-from ..bus.settings import BusSettings
+from ..bus.session import Bus, BusUnavailableError
+from ..bus.settings import BusConfigurationError, BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..http_api.serve import AddressError
@@ -24,7 +24,6 @@ from .supervision.supervisor import START_S
 from .supervision.task import SupervisedTask, Work
 from .supervision.tasks import Tasks
 from .supervision.watchdog import Watchdog
-from .wiring.bus_rights import node_settings, router_settings
 from .wiring.context import NodeContext
 from .wiring.http_rights import check_access
 from .wiring.process import Process
@@ -47,7 +46,8 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     """
     await check_service(config)
     check_access(config)
-    bus = await Bus.open(router_settings(config))
+    place = config.bus
+    bus = await Bus.open(BusSettings(place.endpoint, "router", zenoh_file=place.zenoh_file))
     optional = (name for name in OPTIONAL if getattr(config, name) is not None)
     names = (*optional, *config.outputs, *PIPELINE)
     await _run_on(bus, config, names, on_http_ready)
@@ -59,14 +59,14 @@ async def run_node(config: EdgeConfig, name: str, on_http_ready: Callable[[str],
     if name not in there:
         raise ConfigError(f"no node {name!r}; there are {', '.join(sorted(there))}")
     await check_service(config)
-    settings = node_settings(config, name)
+    place = config.bus
     if name == "http":
         check_access(config)
-    if name == "bus":
-        bus = await Bus.open(settings)
+    if name == "bus":  # its nodes publish from processes of their own: so may others
+        bus = await Bus.open(BusSettings(place.endpoint, "router", False, place.zenoh_file))
         log.info("bus at %s", bus.endpoint)
     else:
-        bus = await _join(settings)
+        bus = await _join(BusSettings(place.endpoint, "client", zenoh_file=place.zenoh_file))
     await _run_on(bus, config, (name,), on_http_ready)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..bus.session import Bus
+from ..bus.settings import BusSettings
 from ..bus.subscriber import Subscriber
 from ..command_answer import Answer
 from ..config import AxisConfig, EdgeConfig, load_machine
@@ -13,7 +14,6 @@ from ..messages.printed import printed
 from ..messages.topics import PRELOAD
 from ..nodes.service import PIPELINE, check_service, run_nodes
 from ..nodes.supervision.signals import install_stop
-from ..nodes.wiring.bus_rights import router_settings
 from ..nodes.wiring.context import NodeContext
 from .document import Document
 
@@ -49,7 +49,8 @@ async def replay_trace(
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)
     config = config.model_copy(update={"axes": (axis,)})
     await check_service(config)
-    bus = await Bus.open(router_settings(config))
+    place = config.bus
+    bus = await Bus.open(BusSettings(place.endpoint, "router", zenoh_file=place.zenoh_file))
     try:
         bus.declare_alive(config.keys.alive)
         answers = bus.subscribe(config.keys.key(name, PRELOAD), PRELOAD)

@@ -18,17 +18,18 @@ import pytest
 from pydantic import ValidationError
 from rich.console import Console
 
-from edge_service.certificates import make_certificates
 from edge_service.cli.entry import main
 from edge_service.command_answer import Answer
 from edge_service.config import HttpConfig, ServiceConfig
-from edge_service.config_tables import FleetConfig, FleetServiceConfig
+from edge_service.config_tables import FleetConfig, FleetServiceConfig, HistoryConfig
 from edge_service.health.fleet.rows import FleetRow
-from edge_service.http_api.security.tokens import add_token
+from edge_service.health.store.store import FILE_NAME, Store
+from edge_service.health.store.tokens import Tokens
 from edge_service.messages.health import AxisCondition
 from edge_service.offline.fleet.ask import ask_fleet
 from edge_service.offline.fleet.rows import rows_of
 from edge_service.offline.fleet.table import Fleet, table_of, terminal_table
+from tests.certificates import write_certificates
 
 from ..nodes.conftest import Running, config_of, running, until
 
@@ -91,18 +92,14 @@ async def normal(service: Running) -> str:
 
 
 async def test_a_service_with_tls_and_tokens_is_asked_with_its_token(tmp_path: Path) -> None:
-    make_certificates(tmp_path, (), {}, 1)
-    secret = add_token(tmp_path / "tokens.json", "fleet", "viewer", 1, datetime.now(UTC))
+    certificate, key = write_certificates(tmp_path)
+    secret = Tokens(Store(tmp_path / "state" / FILE_NAME)).add("fleet", "viewer", 0)
     for name, content in (("token", secret), ("wrong", "edge-wrong"), ("read", secret)):
         (tmp_path / name).write_text(content)
         (tmp_path / name).chmod(0o644 if name == "read" else 0o600)
-    http = HttpConfig(
-        port=0,
-        certificate=tmp_path / "server.pem",
-        private_key=tmp_path / "server.key",
-        tokens_file=tmp_path / "tokens.json",
-    )
-    async with running(config_of("simulated", {}, http=http)) as service:
+    http = HttpConfig(port=0, certificate=certificate, private_key=key)
+    history = HistoryConfig(folder=tmp_path / "state")
+    async with running(config_of("simulated", {}, http=http, history=history)) as service:
         place = {"address": await service.address, "ca_certificate": tmp_path / "ca.pem"}
         cases = [{"token_file": tmp_path / name} for name in ("token", "wrong", "read")]
         asked = [place | more for more in (*cases, {}, {"ca_certificate": None})]

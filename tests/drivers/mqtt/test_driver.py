@@ -17,10 +17,10 @@ from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.mqtt.driver import MqttDriver
 from drivers.mqtt.link import MqttLink
 from drivers.stub import Fault, FaultKind
-from edge_service.certificates import make_certificates
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.reader import read_trace
 from edge_service.recordings.sinumerik.signals import ControllerAxis
+from tests.certificates import write_certificates
 
 from ...bus.mqtt.conftest import MOSQUITTO, PATIENCE_S, Broker, needs_broker
 from ...recordings.form_files import edge_json
@@ -201,7 +201,8 @@ async def test_a_wrong_password_names_a_key_and_a_right_one_is_let_in(tmp_path: 
 async def test_tls_to_a_known_authority_alone(tmp_path: Path) -> None:
     assert MOSQUITTO is not None
     for name in ("ours", "another"):
-        make_certificates(tmp_path / name, (), {}, 7)
+        (tmp_path / name).mkdir()
+        write_certificates(tmp_path / name)
     ours = tmp_path / "ours"
     broker = Broker(tmp_path, f"certfile {ours}/server.pem\nkeyfile {ours}/server.key\n")
     await broker.start()

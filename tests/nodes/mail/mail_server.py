@@ -14,7 +14,7 @@ from typing import Any
 
 from aiosmtpd.smtp import SMTP, AuthResult, Envelope, LoginPassword, Session
 
-from edge_service.certificates import make_certificates
+from tests.certificates import write_certificates
 
 USER, PASSWORD = b"edge", b"a password"
 
@@ -90,7 +90,7 @@ def _knows(server: SMTP, session: Session, envelope: Envelope, _mechanism: str, 
 
 def tls_of(folder: Path) -> ssl.SSLContext:
     """Context of a server, whose authority is `ca.pem` of the folder."""
-    make_certificates(folder, (), {}, 7)
+    write_certificates(folder)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(folder / "server.pem", folder / "server.key")
     return context
