@@ -3,11 +3,10 @@
 import re
 from pathlib import Path
 from typing import Literal
-from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
-from .messages.addresses import is_http_url, is_loopback, service_address
+from .messages.addresses import is_http_url, is_loopback
 from .messages.event import Severity
 from .messages.signing_key import signing_key
 
@@ -148,39 +147,6 @@ class AlarmsConfig(Table):
     raise_delay_s: float = Field(0.0, ge=0.0, le=3600.0)
     clear_delay_s: float = Field(5.0, ge=0.0, le=3600.0)
     data_lost_after_s: float = Field(5.0, ge=0.0, le=3600.0)
-
-
-class FleetServiceConfig(Table):
-    """`[[services]]` of a fleet file: where one service answers, and a name for people.
-
-    Attributes:
-        token_file: holds the token to show, of a viewer; sent by TLS or on loopback only.
-        ca_certificate: of the authority that signed the service's certificate, in PEM.
-    """
-
-    address: str
-    name: str = ""
-    token_file: Path | None = None
-    ca_certificate: Path | None = None
-
-    @field_validator("address")
-    @classmethod
-    def _http(cls, value: str) -> str:
-        return service_address(value)
-
-    @model_validator(mode="after")
-    def _unheard(self) -> "FleetServiceConfig":
-        parts = urlsplit(self.address)
-        if self.token_file and parts.scheme != "https" and not is_loopback(parts.hostname or ""):
-            raise ValueError("token_file: needs https, or the token could be read")
-        return self
-
-
-class FleetConfig(Table):
-    """A fleet file: the services of many machines."""
-
-    timeout_s: float = Field(5.0, gt=0.0, le=60.0)
-    services: tuple[FleetServiceConfig, ...] = Field(min_length=1)
 
 
 class EventOutputConfig(Table):

@@ -73,7 +73,7 @@ COMMANDS: dict[str, list[str]] = {
     "diagnose": ["diagnose", "{trace}", "--out", "{dir}/diagnosis"],
     "drift": ["drift", "{monday}", "{friday}"],
     "reproduce": ["reproduce", "wear", "{wear}", "--out", "{dir}/wear"],
-    "fleet": ["fleet", "http://127.0.0.1:9", "--timeout", "2"],
+    "fleet": ["fleet", "http://127.0.0.1:9"],
 }
 """Each on the smallest input that it answers; a command with several answers more than once."""
 

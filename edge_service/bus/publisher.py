@@ -2,15 +2,22 @@
 
 import time
 from collections.abc import Iterator
-from typing import Generic
+from typing import Any, Generic
 
 import zenoh
+from zenoh import ext
 
 from ..messages.codec.interface import T
 from ..messages.codec.json_message import JSON_ENCODING
 from ..messages.header import Header
 from ..messages.topics import Keep, Topic
 from .decoding import Decoding
+
+_HEARTBEAT_S = 10.0
+"""Period in which the number of the last payload is told, by which a reader learns what it missed.
+
+Told once, it would be lost with the router that was to pass it on.
+"""
 
 
 class Publisher(Generic[T]):
@@ -36,12 +43,25 @@ class Publisher(Generic[T]):
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
         self._key, self._topic, self._axis = key, topic, axis
-        self._publisher = session.declare_publisher(
-            key,
-            encoding=self._encoding,
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
-            express=urgent,
+        sending: dict[str, Any] = {
+            "encoding": self._encoding,
+            "congestion_control": zenoh.CongestionControl.DROP,
+            "priority": zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
+            "express": urgent,
+        }
+        self._publisher: Any = (
+            ext.declare_advanced_publisher(
+                session,
+                key,
+                **sending,
+                cache=ext.CacheConfig(max_samples=topic.cached),
+                sample_miss_detection=ext.MissDetectionConfig(
+                    heartbeat=_HEARTBEAT_S, sporadic_heartbeat=None
+                ),
+                publisher_detection=True,
+            )
+            if topic.cached
+            else session.declare_publisher(key, **sending)
         )
         self._last: bytes | None = None
         self._queryable = (

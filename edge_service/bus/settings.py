@@ -8,7 +8,7 @@ from typing import Any, Literal
 import zenoh
 
 from ..messages.keys import COMPONENT, ROOT
-from ..messages.topics import OUTCOME
+from ..messages.topics import OUTCOME, TOPICS
 
 MOST_MESSAGE_BYTES = 4_000_000
 """The longest payload of our own, half a second at 10 kHz, has a tenth of it."""
@@ -23,7 +23,7 @@ _COMMON: dict[str, Any] = {
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
     "transport/link/tx/queue/size/data": MOST_AT_ONCE,
     "transport/link/tx/queue/size/interactive_high": MOST_AT_ONCE,
-    "timestamping/enabled": False,
+    "timestamping/enabled": True,  # or the cache of a publisher cannot order what it holds
 }
 _ROUTER: dict[str, Any] = {
     "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
@@ -86,7 +86,9 @@ def _of_mode(endpoints: Any, mode: str) -> list[str]:
     return [each for each in found if each != "tcp/[::]:7447"]  # Zenoh's own default
 
 
-_EVERYTHING = ["**", f"{ROOT}/*/*/{COMPONENT}/**", f"{ROOT}/*/*/@alive"]
+_CACHES = [f"{ROOT}/*/*/*/{topic.name}/@adv/**" for topic in TOPICS.values() if topic.cached]
+"""Keys on which Zenoh's advanced publishers show presence and hand over what was missed."""
+_EVERYTHING = ["**", f"{ROOT}/*/*/{COMPONENT}/**", f"{ROOT}/*/*/@alive", *_CACHES]
 
 
 def _rule(name: str, permission: str, flow: str, messages: list[str], keys: list[str]) -> Any:

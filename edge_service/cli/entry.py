@@ -23,6 +23,7 @@ from .tokens import token
 
 GONE: dict[str, str] = {
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
+    "fleet --services": "gone; name the addresses, their tokens in .netrc",
     "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
     "plant": "gone; run zenohd with deploy/zenoh.json5, then edge-service fleet tcp/ROUTER",
     "audit": "gone; GET /api/v1/log?kind=command",

@@ -5,7 +5,6 @@ from .loading import (
     DEFAULT_CONFIG,
     check_settings,
     load_config,
-    load_fleet,
     load_machine,
 )
 from .mistakes import ConfigError, explain
@@ -39,6 +38,5 @@ __all__ = [
     "check_settings",
     "explain",
     "load_config",
-    "load_fleet",
     "load_machine",
 ]

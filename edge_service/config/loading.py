@@ -14,7 +14,6 @@ from ..config_secrets import open_secrets, with_secrets, with_table_secrets
 from ..config_tables import (
     EmailConfig,
     EventOutputConfig,
-    FleetConfig,
     Table,
 )
 from ..messages.outputs import OF_HTTP
@@ -122,14 +121,6 @@ def load_machine(path: Path, axis_number: int | None = None) -> Machine:
         except ValueError as error:
             raise ConfigError(f"{path}: effects: {error}") from None
     return machine
-
-
-def load_fleet(path: Path) -> FleetConfig:
-    """Read and check a fleet file. Raises ConfigError like `load_config`."""
-    fleet = _checked(FleetConfig, _read_toml(path), path)
-    files = ("token_file", "ca_certificate")
-    services = tuple(_placed(each, path.parent, *files) for each in fleet.services)
-    return fleet.model_copy(update={"services": services})
 
 
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:

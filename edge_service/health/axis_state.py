@@ -52,6 +52,7 @@ class AxisState:
         return PreloadEstimate(
             time_s=estimate.time_s,
             status=estimate.status,
+            method=estimate.method,
             reasons=estimate.reasons,
             level=estimate.level,
             data_used_s=estimate.data_used_s,
@@ -62,7 +63,13 @@ class AxisState:
         last = self.health or AxisHealth(
             axis=self.axis, condition=AxisCondition.UNAVAILABLE, since_time_ns=started_ns
         )
-        changes: dict[str, object] = {}
+        estimate, heard = self.readable(now_ns), self.preload_input.header
+        changes: dict[str, object] = {
+            "status": estimate.status,
+            "method": estimate.method,
+            "measured_time_ns": None if heard is None else heard.source_time_ns,
+            "limits": None if self.limits is None else self.limits.shown,
+        }
         missing = self.missing(now_ns)
         if missing:
             own = last.reasons if last.condition is AxisCondition.UNAVAILABLE else ()
@@ -70,7 +77,7 @@ class AxisState:
         if missing and last.condition is not AxisCondition.UNAVAILABLE:
             changes["condition"] = AxisCondition.UNAVAILABLE
             changes["since_time_ns"] = max(self._missing_since_ns(now_ns), started_ns)
-        return consistent(last.model_copy(update=changes), self.readable(now_ns))
+        return consistent(last.model_copy(update=changes), estimate)
 
     def _missing_preload(self, now_ns: int) -> str | None:
         heard = self.preload_input

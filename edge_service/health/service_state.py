@@ -60,7 +60,7 @@ class ServiceState:
         strokes: What is known of each axis along its stroke.
         place: Site and machine that the axes belong to.
         refused: Payloads refused on the bus so far, by key and reason.
-        running: What the service was started with.
+        configuration: Digest of what the service was started with.
     """
 
     def __init__(

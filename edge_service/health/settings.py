@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from ..messages.health import Limits
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 
 
@@ -13,6 +14,15 @@ class AxisLimits:
     warning_percent: float
     fault_percent: float
     hysteresis_percent: float
+
+    @property
+    def shown(self) -> Limits:
+        """Those that people see."""
+        return Limits(
+            fresh_percent=self.fresh_percent,
+            warning_percent=self.warning_percent,
+            fault_percent=self.fault_percent,
+        )
 
 
 @dataclass(frozen=True, slots=True)

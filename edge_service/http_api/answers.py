@@ -5,6 +5,7 @@ from the attributes of the same name, or of the name that their `validation_alia
 shown as it is has no answer of its own.
 """
 
+import math
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
@@ -14,7 +15,7 @@ from ..messages.advice import Headline, Subject, Task
 from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
 from ..messages.event import Severity
-from ..messages.health import AxisCondition, ComponentHealth, ConsistencyState
+from ..messages.health import AxisCondition, ComponentHealth, ConsistencyState, Limits
 from ..messages.sentence import Sentence, is_none
 from ..messages.trend import TrendStatus
 from .times import rfc3339, rfc3339_s
@@ -75,6 +76,7 @@ class PreloadAnswer(Answer):
 
     axis: str
     status: EstimateStatus = Field(description="Whether the numbers may be read.")
+    method: str | None = Field(default=None, description="Estimator that says so.")
     preload_percent: float | None = Field(
         description="Preload in percent of the screw's dynamic load rating."
     )
@@ -292,32 +294,54 @@ class ServiceAnswer(Answer):
     axes: list[HealthAnswer]
 
 
-class LimitsAnswer(Answer):
-    """Limits of one axis, percent of the dynamic load rating."""
+WORST_FIRST = (
+    AxisCondition.FAULT,
+    AxisCondition.WARNING,
+    AxisCondition.UNAVAILABLE,
+    AxisCondition.NORMAL,
+)
 
-    fresh_percent: float = Field(description="Preload of the fresh screw, percent.")
-    warning_percent: float = Field(description="WARNING below this preload, percent.")
-    fault_percent: float = Field(description="FAULT below this preload, percent.")
 
-
-class AxisAnswer(Answer):
-    """One axis, with the paths of its answers."""
+class AxisRow(Answer):
+    """One axis in a list of many; numbers are null where nothing may be read."""
 
     axis: str
     condition: AxisCondition
+    headline: Headline | None = None
+    advice: list[AdviceAnswer] = Field([], description="Tasks, the most urgent first.")
     status: EstimateStatus
-    limits: LimitsAnswer | None = Field(description="null if the fresh preload is not known.")
-    preload: str = Field(examples=["/api/v1/axes/X/preload"])
-    health: str = Field(examples=["/api/v1/axes/X/health"])
-    history: str = Field(examples=["/api/v1/axes/X/history"])
+    method: str | None = Field(None, description="Estimator of the preload.")
+    of_fresh: Interval | None = Field(
+        None, description="Preload in percent of the fresh screw's, with its bounds."
+    )
+    measured_at: Timestamp | None = Field(
+        None, description="Time of the newest sample behind it; null if there is none."
+    )
+    age_s: float | None = Field(None, description="Time since then, s.")
+    next_limit: CrossingAnswer | None = Field(
+        None, description="The first limit ahead for which there is a date."
+    )
+    rate_fresh_percent_per_h: Interval | None = Field(
+        None, description="Change in percent of the fresh screw's preload per hour."
+    )
+    alarms: list[AlarmAnswer] = []
+    limits: Limits | None = Field(None, description="null if the fresh preload is not known.")
+
+    @property
+    def urgency(self) -> tuple[int, str, float]:
+        """Key to sort by, the worst first: condition, date of the next limit, preload."""
+        limit = self.next_limit
+        date = "" if limit is None else limit.likely or limit.earliest or ""
+        percent = math.inf if self.of_fresh is None else self.of_fresh.value
+        return WORST_FIRST.index(self.condition), date or "never", percent
 
 
 class AxesAnswer(Answer):
-    """All axes of one machine."""
+    """All axes of one machine, the worst first."""
 
     site: str = Field(examples=["bench"])
     machine: str = Field(examples=["lfd"])
-    axes: list[AxisAnswer]
+    axes: list[AxisRow]
     history: str = Field(description="Where and how long the history is kept.")
 
 

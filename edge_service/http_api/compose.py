@@ -9,15 +9,15 @@ from ..health.service_state import ServiceState
 from ..health.stroke import StrokeBand
 from ..messages.answer import of_fresh, reasons_together
 from ..messages.estimate import PreloadEstimate
+from ..messages.health import AxisHealth
 from ..messages.samples import Floats
 from ..messages.trend import FrictionCurve
 from .answers import (
     AxesAnswer,
-    AxisAnswer,
+    AxisRow,
     BucketAnswer,
     HealthAnswer,
     HistoryAnswer,
-    LimitsAnswer,
     PreloadAnswer,
     ServiceAnswer,
 )
@@ -73,25 +73,25 @@ def service_answer(state: ServiceState, now_ns: int) -> ServiceAnswer:
 
 
 def axes_answer(state: ServiceState, now_ns: int) -> AxesAnswer:
-    """All axes, in the order of the configuration."""
+    """All axes, the worst first."""
+    rows = [axis_row(state.health(axis, now_ns), now_ns) for axis in state.axes]
     return AxesAnswer(
         site=state.place.site,
         machine=state.place.machine,
-        axes=[_axis(state, axis, now_ns) for axis in state.axes],
+        axes=sorted(rows, key=lambda row: row.urgency),
         history=state.keeping.place,
     )
 
 
-def _axis(state: ServiceState, axis: str, now_ns: int) -> AxisAnswer:
-    limits, path = state.limits(axis), f"/api/v1/axes/{axis}"
-    return AxisAnswer(
-        axis=axis,
-        condition=state.health(axis, now_ns).condition,
-        status=state.preload(axis, now_ns).estimate.status,
-        limits=None if limits is None else LimitsAnswer.model_validate(limits),
-        preload=f"{path}/preload",
-        health=f"{path}/health",
-        history=f"{path}/history",
+def axis_row(health: AxisHealth, now_ns: int) -> AxisRow:
+    """Row of an axis from the last word on it."""
+    names = AxisRow.model_fields.keys() & AxisHealth.model_fields.keys()
+    measured_ns, trend = health.measured_time_ns, health.trend
+    return AxisRow(
+        **{name: getattr(health, name) for name in names},
+        measured_at=measured_ns,
+        age_s=None if measured_ns is None else max(now_ns - measured_ns, 0) / 1e9,
+        rate_fresh_percent_per_h=None if trend is None else trend.rate_fresh_percent_per_h,
     )
 
 

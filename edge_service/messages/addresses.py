@@ -37,10 +37,3 @@ def is_http_url(address: str) -> bool:
     except ValueError:  # the port is no number, or the host is none
         right = False
     return bool(right) and not re.search(r"[\s\x00-\x1f]", address)
-
-
-def service_address(address: str) -> str:
-    """The address of a service without the slash at its end; ValueError says what is wrong."""
-    if not is_http_url(address) or set(address) & set("?#"):
-        raise ValueError(f"{address!r} is no address of the form http://127.0.0.1:8080/")
-    return address.rstrip("/")

@@ -34,6 +34,7 @@ class PreloadEstimate(Frozen):
     Attributes:
         time_s: end of the interval that it rests on, on the axis' clock, s.
         status: whether the numbers may be read.
+        method: of the estimator that says so; None before any has.
         reasons: why there is no number, or what to keep in mind; `code: sentence`.
         preload_percent: percent of the dynamic load rating, with its `low` and `high` bounds.
         level: probability that the interval [low, high] aims to hold the truth.
@@ -54,6 +55,7 @@ class PreloadEstimate(Frozen):
 
     time_s: float
     status: EstimateStatus
+    method: str | None = None
     reasons: tuple[str, ...] = ()
     preload_percent: float | None = None
     low: float | None = None

@@ -8,9 +8,9 @@ from pydantic import AfterValidator, Field
 from .advice import Advice, Headline, PreloadFall
 from .alarm import Alarm
 from .components import check_component
-from .estimate import Frozen
+from .estimate import EstimateStatus, Frozen, Interval
 from .sentence import Code, Sentence, is_none
-from .trend import FrictionCurve, Trend, Use
+from .trend import Crossing, FrictionCurve, Trend, Use
 
 
 class AxisCondition(StrEnum):
@@ -76,10 +76,28 @@ class Consistency(Frozen):
     recording: str | None = None
 
 
+class Limits(Frozen):
+    """Limits of one axis, percent of the dynamic load rating.
+
+    Attributes:
+        fresh_percent: preload of the fresh screw.
+        warning_percent, fault_percent: WARNING and FAULT below this preload.
+    """
+
+    fresh_percent: float
+    warning_percent: float
+    fault_percent: float
+
+
 class AxisHealth(Frozen):
     """Condition of one axis, why, since when, and the state of the data behind it.
 
     Attributes:
+        status, method: of the estimate that it rests on.
+        of_fresh: preload, percent of the fresh screw's; None where there is no number.
+        measured_time_ns: UNIX time of the newest sample behind it, ns; None before the first.
+        limits: None if the fresh preload is not known.
+        next_limit: the first limit ahead for which there is a date.
         since_time_ns: UNIX time in ns at which the condition was entered.
         data_faults: count of faulty intervals per kind since start.
         alarms: those that a person should see, the gravest first.
@@ -92,6 +110,12 @@ class AxisHealth(Frozen):
 
     axis: str
     condition: AxisCondition
+    status: EstimateStatus = EstimateStatus.UNESTIMATED
+    method: str | None = None
+    of_fresh: Interval | None = None
+    measured_time_ns: int | None = None
+    limits: Limits | None = None
+    next_limit: Crossing | None = None
     reasons: tuple[str, ...] = ()
     since_time_ns: int
     components: tuple[ComponentHealth, ...] = ()

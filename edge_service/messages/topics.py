@@ -34,6 +34,7 @@ class Topic(Generic[T]):
         keep: what is answered to a query.
         most_bytes: a longer payload is refused unread.
         most_hz: more payloads of one key than this, over a second, are refused unread.
+        cached: payloads that a publisher keeps for readers that come later, or were away.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Topic(Generic[T]):
     keep: Keep
     most_bytes: int
     most_hz: float
+    cached: int = 0
 
     @property
     def payload(self) -> str:
@@ -75,7 +77,9 @@ _COMMANDS = JsonCodec("command/1", Command, strict=False)  # as people's program
 RAW = Topic("raw", SampleCodec("samples/1"), 10.0, 2.0, Keep.LAST, 2_000_000, 5000.0)
 FEAT = Topic("feat", FeatureCodec("features/1"), 10.0, 2.0, Keep.LAST, 10_000, 5000.0)
 PRELOAD = Topic("preload", _ESTIMATES, 10.0, 2.0, Keep.LAST, 20_000, 5000.0)
-HEALTH = Topic("health", JsonCodec("health/1", AxisHealth), 1.0, 5.0, Keep.LAST, 100_000, 200.0)
+HEALTH = Topic(
+    "health", JsonCodec("health/1", AxisHealth), 1.0, 5.0, Keep.LAST, 100_000, 200.0, cached=600
+)
 EVENT = Topic("event", JsonCodec("event/1", Event), 0.0, _NEVER, Keep.LAST, 20_000, 100.0)
 COMMAND = Topic("command", _COMMANDS, 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
 STATUS = Topic("status", JsonCodec("status/1", ComponentHealth), 1.0, 5.0, Keep.LAST, 20_000, 50.0)

@@ -23,6 +23,7 @@ async def test_preload_is_the_answer_of_the_contract(scene, client):
     assert answer.json() == {
         "axis": "X",
         "status": "estimated",
+        "method": None,
         "preload_percent": 6.71,
         "low": 6.58,
         "high": 6.84,
@@ -80,15 +81,19 @@ async def test_nothing_is_told_twice_as_of_two_moments(scene, client):
     ]
 
 
-async def test_axes_with_condition_limits_and_paths_that_work(scene, client):
+async def test_axes_the_worst_first_with_limits_and_percent_of_fresh(scene, client):
     scene.hear_all()
+    scene.hear_health("Y", AxisCondition.FAULT)
     axes = (await client.get("/api/v1/axes")).json()["axes"]
-    assert [axis["axis"] for axis in axes] == ["X", "Y"]
+    assert [(axis["axis"], axis["condition"]) for axis in axes] == [
+        ("Y", "FAULT"),
+        ("X", "NORMAL"),
+    ]
     limits = {"fresh_percent": 10.0, "warning_percent": 6.0, "fault_percent": 3.0}
-    assert (axes[0]["limits"], axes[1]["limits"]) == (limits, None)
-    for axis in axes:
-        for member in ("preload", "health", "history"):
-            assert (await client.get(axis[member])).json()["axis"] == axis["axis"]
+    assert (axes[1]["limits"], axes[0]["limits"]) == (limits, None)
+    assert axes[1]["of_fresh"]["value"] == pytest.approx(67.1)
+    assert axes[1]["measured_at"] == "2026-01-31T12:00:00.000Z"
+    assert axes[0]["of_fresh"] is None
 
 
 async def test_health_of_an_axis(scene, client):

@@ -182,6 +182,7 @@ class ImmPreloadEstimator:
             return PreloadEstimate(
                 time_s=time_s,
                 status=status,
+                method=self._settings.method,
                 reasons=reasons,
                 data_used_s=self._validity.informative_s,
             )
@@ -190,6 +191,7 @@ class ImmPreloadEstimator:
             return PreloadEstimate(
                 time_s=time_s,
                 status=status,
+                method=self._settings.method,
                 reasons=(
                     f"no_percent: preload in % is not available, {missing} is unknown; "
                     "the drag torque is",
@@ -212,6 +214,7 @@ class ImmPreloadEstimator:
         return PreloadEstimate(
             time_s=time_s,
             status=EstimateStatus.ESTIMATED,
+            method=self._settings.method,
             preload_percent=percent,
             low=low,
             high=high,

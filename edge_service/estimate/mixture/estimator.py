@@ -208,6 +208,7 @@ class FusedPreloadEstimator:
             return PreloadEstimate(
                 time_s=self._validity.time_s,
                 status=status,
+                method="fused",
                 reasons=reasons,
                 data_used_s=self._validity.informative_s,
             )
@@ -218,6 +219,7 @@ class FusedPreloadEstimator:
         return PreloadEstimate(
             time_s=self._validity.time_s,
             status=status,
+            method="fused",
             reasons=(*reasons, *self._caveats()),
             preload_percent=percent,
             low=low,

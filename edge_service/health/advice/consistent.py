@@ -1,5 +1,6 @@
 """One answer about an axis in which no statement contradicts another."""
 
+from ...messages.answer import of_fresh as share_of_fresh
 from ...messages.estimate import Interval, PreloadEstimate
 from ...messages.health import AxisCondition, AxisHealth
 from ...messages.trend import Trend
@@ -13,8 +14,15 @@ _PASSED = {
 
 
 def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHealth:
-    """Return the health with a trend that fits its condition, and with headline and advice."""
-    told = health.model_copy(update={"trend": _ahead(health.trend, health.condition)})
+    """Return the health with number and trend that fit its condition, headline and advice."""
+    trend, number = _ahead(health.trend, health.condition), None
+    if estimate is not None and health.condition is not AxisCondition.UNAVAILABLE:
+        fresh = None if health.limits is None else health.limits.fresh_percent
+        number = share_of_fresh(estimate, fresh)
+    dated = (each for each in (trend.crossings if trend else ()) if each.earliest_ns is not None)
+    told = health.model_copy(
+        update={"trend": trend, "of_fresh": number, "next_limit": next(dated, None)}
+    )
     return told.model_copy(update={"headline": headline(told), "advice": advice(told, estimate)})
 
 

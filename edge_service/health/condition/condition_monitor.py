@@ -51,6 +51,7 @@ class ConditionMonitor:
         self._settings = settings
         limits = settings.limits(fresh_preload_percent)
         self._limits = None if limits is None else LimitTracker(limits, settings)
+        self._shown_limits = None if limits is None else limits.shown
         self._preload_input = InputWatch(settings.preload_stale_after_s)
         self._feature_input = InputWatch(settings.feature_stale_after_s)
         self._components = ComponentWatch(settings.component_silent_after_s)
@@ -114,9 +115,16 @@ class ConditionMonitor:
         condition, reasons = self._verdict(now_ns)
         is_known = condition is not AxisCondition.UNAVAILABLE
         below = self._limits.below if is_known and self._limits is not None else None
+        estimate, header = self.estimate, self._preload_input.header
+        if self._preload_input.is_stale(now_ns):
+            estimate = None
         return AxisHealth(
             axis=self.axis,
             condition=condition,
+            status=EstimateStatus.UNESTIMATED if estimate is None else estimate.status,
+            method=None if estimate is None else estimate.method,
+            measured_time_ns=None if header is None else header.source_time_ns,
+            limits=self._shown_limits,
             reasons=reasons,
             since_time_ns=self._since_ns if condition is self._condition else now_ns,
             components=self._components.reports(now_ns),

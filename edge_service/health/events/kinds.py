@@ -28,6 +28,7 @@ _KEPT = (
     "alarm_unshelved",
     "note",
     "part_replaced",
+    "command",
     "preload_rose",
     "model_disagrees",
     "model_agrees",

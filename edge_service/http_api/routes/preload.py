@@ -60,7 +60,7 @@ async def service_health(state: StateDep, now_ns: NowDep) -> ServiceAnswer:
 
 @axis_router.get("/axes", response_model=AxesAnswer)
 async def axes(state: StateDep, now_ns: NowDep) -> AxesAnswer:
-    """All axes with their condition and limits."""
+    """All axes, the worst first: condition, what to do, preload, next limit."""
     return axes_answer(state, now_ns)
 
 

@@ -75,6 +75,7 @@ async function start() {
   try {
     await findSignedName();
     const { axes, site, machine } = await fetchJson("/api/v1/axes");
+    axes.sort((one, other) => one.axis.localeCompare(other.axis));
     write(byId("place"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
     const logs = await Promise.all(axes.map(({ axis }) => fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/log`)));

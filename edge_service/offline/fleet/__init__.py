@@ -1,1 +1,0 @@
-"""Axes of many services in one table."""
