@@ -23,7 +23,7 @@ class SignalConfig(BaseModel):
     Attributes:
         channel: the channel that it becomes.
         unit: of the scaled value; the channel's own unless given.
-        inverted: positive there is negative here.
+        scale: a negative one turns the sign.
         low, high: of the scaled value; outside it is bad, as no such value is possible.
     """
 
@@ -33,7 +33,6 @@ class SignalConfig(BaseModel):
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
-    inverted: bool = False
     low: float | None = Field(None)
     high: float | None = Field(None)
 
@@ -99,12 +98,9 @@ class Scaling:
             raise DriverMisconfiguredError(
                 f"{key}.unit", f"{unit!r} is no unit of {config.channel}, which is in {wanted!r}"
             )
-        sign = -1.0 if config.inverted else 1.0
-        bounds = [
-            sign * to_si * (bound if bound is not None else far)
-            for bound, far in ((config.low, -math.inf), (config.high, math.inf))
-        ]
-        return cls(sign * to_si * config.scale, sign * to_si * config.offset, *sorted(bounds))
+        low = -math.inf if config.low is None else to_si * config.low
+        high = math.inf if config.high is None else to_si * config.high
+        return cls(to_si * config.scale, to_si * config.offset, low, high)
 
     def si(self, raw: float) -> tuple[float, Quality]:
         """Value in SI units and its quality; NaN where it is bad."""

@@ -29,7 +29,7 @@ MODBUS = """
 name = "X"
 driver = "modbus"
 [axes.settings]
-port = {port}
+url = "modbus://127.0.0.1:{port}"
 poll_groups = {{ all = 0.02 }}
 registers = [{{ channel = "torque_command_nm", address = 0{more} }}]
 """

@@ -1,25 +1,127 @@
 """Modbus TCP: registers polled in groups, rows of samples out."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Awaitable, Callable
+import math
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 from edge_service.messages.channels import CHANNELS
 from edge_service.messages.quality import Quality
 from edge_service.messages.samples import SampleFrame
+from edge_service.models.machine import Machine
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..rows import QualityCounts, RowBlock, Values
-from .config import ModbusConfig
+from ..signals import Scaling
 from .link import ModbusLink, Reply
-from .polling import PollGroup
-from .reading import RegisterReader
-from .requests import ReadRequest
+from .registers import ModbusConfig, ReadRequest, RegisterConfig, decode_number, plan_requests
 
 ANSWERED = (Quality.GOOD, Quality.DEVICE_EXCEPTION)
 """Qualities of a reply from a device that is present."""
 LATE_SHARE = 0.5
 """A read that takes longer than this share of its period says too little of when it was."""
+FRAME_S = 0.1
+"""Rows of so much time are published together."""
+CONSTANT_TOLERANCE = 1e-6
+"""Relative difference by which a constant may be off: float32 has seven digits."""
+
+
+@dataclass(slots=True)
+class PollGroup:
+    """A group on a fixed grid of time, so that nothing drifts.
+
+    Attributes:
+        period_s: between two polls, s.
+        requests: what one poll asks for.
+        due_s: when the next poll is due, on the event loop's clock.
+    """
+
+    period_s: float
+    requests: tuple[ReadRequest, ...]
+    due_s: float
+
+    @classmethod
+    def all_of(cls, config: ModbusConfig, now_s: float) -> "list[PollGroup]":
+        """Every group that has registers, the fastest first."""
+        groups = [
+            cls(period_s, requests, now_s)
+            for name, period_s in config.poll_groups.items()
+            if (requests := plan_requests(config.of_group(name)))
+        ]
+        return sorted(groups, key=lambda group: group.period_s)
+
+    def step(self, now_s: float) -> int:
+        """On to the next poll; returns how many were missed and are let go."""
+        missed = max(math.floor((now_s - self.due_s) / self.period_s), 0)
+        self.due_s += (1 + missed) * self.period_s
+        return missed
+
+
+class RegisterReader:
+    """Reads values out of replies, and keeps watch over constants and heartbeats.
+
+    Raises:
+        DriverMisconfiguredError: a unit that does not measure what its channel means.
+    """
+
+    def __init__(self, config: ModbusConfig, machine: Machine) -> None:
+        self._config = config
+        self._scalings: Mapping[str, Scaling] = {
+            register.channel: Scaling.of(register, machine, f"registers[{number}]")
+            for number, register in enumerate(config.registers)
+            if register.channel is not None
+        }
+        self._beats: dict[int, tuple[float, float]] = {}  # address -> value, since when
+
+    def values(self, exchanges: Sequence[tuple[ReadRequest, Reply]]) -> Values:
+        """Value and quality of each channel of a poll group, from its requests and replies.
+
+        A constant that reads otherwise, or a heartbeat that rests, speaks for the whole group.
+        """
+        values: dict[str, tuple[float, Quality]] = {}
+        spoiled = Quality.GOOD
+        for request, reply in exchanges:
+            for register in request.registers:
+                if reply.quality is not Quality.GOOD:
+                    if register.channel is not None:
+                        values[register.channel] = (math.nan, reply.quality)
+                    continue
+                number = self._number(register, request, reply)
+                if register.channel is not None:
+                    values[register.channel] = self._scalings[register.channel].si(number)
+                else:
+                    spoiled = max(spoiled, self._guard(register, number, reply.midpoint_s))
+        if spoiled is Quality.GOOD:
+            return values
+        return dict.fromkeys(values, (math.nan, spoiled))
+
+    def forget(self) -> None:
+        """Forget heartbeats: the device may have started anew."""
+        self._beats.clear()
+
+    def _number(self, register: RegisterConfig, request: ReadRequest, reply: Reply) -> float:
+        first = register.address - request.address
+        words = reply.words[first : first + register.words]
+        config = self._config
+        return decode_number(
+            words,
+            register.type,
+            register.word_order or config.word_order,
+            config.byte_order,
+        )
+
+    def _guard(self, register: RegisterConfig, number: float, now_s: float) -> Quality:
+        """Quality that a constant or a heartbeat implies for the values beside it."""
+        if register.equals is not None:
+            right = math.isclose(number, register.equals, rel_tol=CONSTANT_TOLERANCE)
+            return Quality.GOOD if right else Quality.WRONG_CONSTANT
+        known, since_s = self._beats.get(register.address, (math.nan, now_s))
+        if number != known:
+            self._beats[register.address] = (number, now_s)
+            return Quality.GOOD
+        rests = now_s - since_s > self._config.stale_after_s(register)
+        return Quality.STALE if rests else Quality.GOOD
 
 
 class ModbusDriver:
@@ -44,7 +146,7 @@ class ModbusDriver:
         self._config = config
         self._sleep = sleep
         self._reader = RegisterReader(config, context.machine)
-        self._link = ModbusLink(config.host, config.port, config.device_id, config.timeout_s)
+        self._link = ModbusLink(*config.endpoint, config.timeout_s)
         self._channels = tuple(
             name for name in CHANNELS if name in {each.channel for each in config.registers}
         )
@@ -79,10 +181,10 @@ class ModbusDriver:
             raise
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
-        """Frames of about `frame_s` until `close`, or DriverUnavailableError."""
+        """Frames of about 0.1 s until `close`, or DriverUnavailableError."""
         epoch, loop = self._epoch, asyncio.get_running_loop()
         if not self._link.connected:
-            raise DriverUnavailableError(f"{self._address}: the device is not open")
+            raise DriverUnavailableError(f"{self._config.address}: the device is not open")
         self._valid_s = loop.time()
         self._reader.forget()
         groups = PollGroup.all_of(self._config, loop.time())
@@ -95,13 +197,13 @@ class ModbusDriver:
             if self._epoch != epoch:
                 return
             block.add(time_s, values)
-            if block.span_s + groups[0].period_s >= self._config.frame_s:
+            if block.span_s + groups[0].period_s >= FRAME_S:
                 yield block.take()
             self._check_alive(loop.time())
 
     async def probe(self) -> Probe:
         """Channels and rate, once the device has answered every request. Raises like `open`."""
-        link = ModbusLink(*self._endpoint, self._config.timeout_s)
+        link = ModbusLink(*self._config.endpoint, self._config.timeout_s)
         try:
             await link.connect()
             for group in PollGroup.all_of(self._config, 0.0):
@@ -110,27 +212,19 @@ class ModbusDriver:
         finally:
             link.close()
         fastest_s = self._config.poll_groups[self._config.fastest_group]
-        return Probe(f"Modbus device {self._address}", self._channels, 1.0 / fastest_s)
+        return Probe(f"Modbus device {self._config.address}", self._channels, 1.0 / fastest_s)
 
     async def close(self) -> None:
         """End `frames` and let go of the connection; safe twice."""
         self._epoch += 1
         self._link.close()
 
-    @property
-    def _address(self) -> str:
-        return f"{self._config.host}:{self._config.port} unit {self._config.device_id}"
-
-    @property
-    def _endpoint(self) -> tuple[str, int, int]:
-        return self._config.host, self._config.port, self._config.device_id
-
     async def _hear(self) -> None:
         """One read of the fastest group: a device that only takes connections is not there."""
         request = PollGroup.all_of(self._config, 0.0)[0].requests[0]
         reply = await self._link.read(request)
         if reply.quality not in ANSWERED:
-            raise DriverUnavailableError(f"{self._address}: {reply.problem}")
+            raise DriverUnavailableError(f"{self._config.address}: {reply.problem}")
 
     async def _try(self, link: ModbusLink, request: ReadRequest) -> None:
         reply = await link.read(request)
@@ -138,7 +232,8 @@ class ModbusDriver:
             key = self._config.key_of(request.registers[0])
             last = request.address + request.count - 1
             raise DriverUnavailableError(
-                f"{self._address}: {key}: registers {request.address} to {last}: {reply.problem}"
+                f"{self._config.address}: {key}: registers {request.address} to {last}: "
+                f"{reply.problem}"
             )
 
     async def _poll(self, groups: list[PollGroup], now_s: float) -> tuple[float, Values]:
@@ -193,7 +288,7 @@ class ModbusDriver:
         if self._valid_s is not None and now_s - self._valid_s > self._config.lost_after_s:
             self._link.close()
             raise DriverUnavailableError(
-                f"{self._address}: no valid reply for {now_s - self._valid_s:.1f} s "
+                f"{self._config.address}: no valid reply for {now_s - self._valid_s:.1f} s "
                 f"({self._problem})"
             )
 

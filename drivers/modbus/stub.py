@@ -13,8 +13,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from ..base import DriverMisconfiguredError
 from ..signals import Scaling
 from ..stub import Fault, FaultKind, Following, StubAxis
-from .config import ModbusConfig, Order, RegisterConfig, Table
-from .numbers import encode_number
+from .registers import ModbusConfig, Order, RegisterConfig, Table, encode_number
 
 FAULT_ADDRESS = 65_000
 """Holding register: write a fault's number here, its amount in thousandths into the next one."""
@@ -47,21 +46,21 @@ class ModbusStub:
             if register.channel is not None
         }
         for axis in axes[1:]:
-            if (axis.config.host, axis.config.port) != (self._config.host, self._config.port):
+            if axis.config.endpoint[:2] != self._config.endpoint[:2]:
                 raise DriverMisconfiguredError(
-                    "port",
+                    "url",
                     f"axis {axis.name} has another address than {axes[0].name}; choose --axis",
                 )
 
     async def start(self) -> str:
         """Listen; returns the address. Raises DriverMisconfiguredError."""
         await self._following.start()
-        units = sorted({axis.config.device_id for axis in self._axes})
-        host, port = self._config.host, self._config.port
+        units = sorted({axis.config.endpoint[2] for axis in self._axes})
+        host, port, _ = self._config.endpoint
         server = ModbusTcpServer([self._device(unit) for unit in units], address=(host, port))
         if not await server.listen():
             await self._following.close()
-            raise DriverMisconfiguredError("port", f"{host}:{port} is in use or not ours")
+            raise DriverMisconfiguredError("url", f"{host}:{port} is in use or not ours")
         self._server = server
         return f"{host}:{port}"
 
@@ -74,7 +73,7 @@ class ModbusStub:
             await server.shutdown()
 
     def _device(self, unit: int) -> SimDevice:
-        axes = [axis for axis in self._axes if axis.config.device_id == unit]
+        axes = [axis for axis in self._axes if axis.config.endpoint[2] == unit]
         fault = dict.fromkeys((FAULT_ADDRESS, FAULT_ADDRESS + 1), True)
         holding, inputs = _block(_taken(axes, "holding") | fault), _block(_taken(axes, "input"))
         bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
@@ -135,9 +134,8 @@ class ModbusStub:
                 word_order = register.word_order or config.word_order
                 if self.fault.kind is FaultKind.WORD_ORDER:
                     word_order = _OPPOSITE[word_order]
-                byte_order = register.byte_order or config.byte_order
                 value = self._raw(axis, register)
-                words = encode_number(value, register.type, word_order, byte_order)
+                words = encode_number(value, register.type, word_order, config.byte_order)
                 first = register.address - start
                 registers[first : first + len(words)] = words
 

@@ -1,1 +1,1 @@
-"""JSON off an MQTT broker: the capture of Industrial Edge, or any other by a map of members."""
+"""JSON off an MQTT broker."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import socket
 from collections.abc import AsyncGenerator, Iterator
 from contextlib import suppress
 from typing import Any, ClassVar
@@ -14,16 +15,15 @@ from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..rows import LARGEST_FRAME
-from .config import MqttSourceConfig
-from .edge_stream import EdgeStream
-from .link import MqttLink
-from .mapped_stream import MappedStream
-from .payload import MessageError, decode_object
+from .link import MqttLink, MqttSourceConfig
+from .streams import EdgeStream, MappedStream, MessageError, decode_object
 
 log = logging.getLogger(__name__)
 LISTEN_S = 10.0
 """Longest time that a probe listens."""
 MOST_TOPICS = 5
+LARGEST_BYTES = 4_000_000
+"""Of a message; a larger one is skipped."""
 _LONGEST_LINE = 200
 
 
@@ -41,15 +41,16 @@ class MqttDriver:
         self._config, self._context = config, context
         self._link: MqttLink | None = None
         self._stream = self._new_stream()
-        self._counts = {"messages": 0, "malformed_messages": 0, "connections": 0}
+        self._counts = dict.fromkeys(
+            ("messages", "malformed_messages", "oversized_messages", "connections"), 0
+        )
         self._bad: dict[str, int] = {}
         self._told: set[str] = set()
-        self._inbox_counts = {"oversized_messages": 0, "dropped_messages": 0}
 
     @property
     def counters(self) -> dict[str, int]:
         """Messages; samples lost, repeated, late; samples that were not good, by reason."""
-        return self._counts | self._inboxes() | self._stream.counters | self._bad
+        return self._counts | self._stream.counters | self._bad
 
     @property
     def readings(self) -> dict[str, float]:
@@ -61,13 +62,11 @@ class MqttDriver:
         if self._link is not None and self._link.connected:
             return
         await self._leave()
-        config = self._config
-        client_id = config.client_id or f"edge-service-{self._context.axis}-samples"
-        link = MqttLink(config, client_id, keep_session=config.keep_session)
-        self._link = link
+        client_id = f"edge-service-{socket.gethostname()}-{self._context.axis}-samples"
+        link = self._link = MqttLink(self._config, client_id, keep_session=True)
         try:
             await link.connect()
-            await link.subscribe(config.topic)
+            await link.subscribe(self._config.topic)
         except asyncio.CancelledError:
             raise  # `close` waits for what the library has begun
         except BaseException:
@@ -119,11 +118,14 @@ class MqttDriver:
         config, machine = self._config, self._context.machine
         if config.signals:
             return MappedStream(config, machine)
-        axis = ControllerAxis(config.axis_number or machine.axis.number, machine.axis.lead_m)
+        axis = ControllerAxis(machine.axis.number, machine.axis.lead_m)
         return EdgeStream(config.address, machine.columns, axis)
 
     def _read(self, stream: EdgeStream | MappedStream, payload: Any) -> Iterator[SampleFrame]:
         self._counts["messages"] += 1
+        if len(payload or b"") > LARGEST_BYTES:
+            self._counts["oversized_messages"] += 1
+            return
         try:
             frames = stream.frames(decode_object(payload))
         except MessageError as error:
@@ -152,18 +154,7 @@ class MqttDriver:
     async def _leave(self) -> None:
         link, self._link = self._link, None
         if link is not None:
-            self._inbox_counts = self._inboxes(link)
             await link.close()
-
-    def _inboxes(self, link: MqttLink | None = None) -> dict[str, int]:
-        link = link or self._link
-        if link is None:
-            return self._inbox_counts
-        counts = {
-            "oversized_messages": link.inbox.oversized,
-            "dropped_messages": link.inbox.dropped,
-        }
-        return {name: count + self._inbox_counts[name] for name, count in counts.items()}
 
 
 def _parts(frame: SampleFrame) -> Iterator[SampleFrame]:

@@ -20,8 +20,7 @@ from edge_service.recordings.sinumerik.signals import (
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from ..stub import Fault, FaultKind, StubAxis
-from .config import MqttSourceConfig
-from .link import MqttLink
+from .link import MqttLink, MqttSourceConfig
 
 BLOCK_ROWS = 25
 FIRST_COUNT = 5000
@@ -64,7 +63,7 @@ class MqttStub:
                 self._links.append(await _reached(axis.config))
         except DriverUnavailableError as error:
             await self.close()
-            raise DriverMisconfiguredError("host", f"no broker: {error}") from None
+            raise DriverMisconfiguredError("url", f"no broker: {error}") from None
         links = zip(self._axes, self._links, strict=True)
         self._senders = [asyncio.create_task(self._send(*each)) for each in links]
         return ", ".join(str(axis.config.address) for axis in self._axes)
@@ -121,8 +120,8 @@ class EdgeWriter:
     """Samples of an axis as messages of the capture, in the units of the control."""
 
     def __init__(self, axis: StubAxis) -> None:
-        machine, config = axis.context.machine, axis.config
-        number = config.axis_number or machine.axis.number or 1
+        machine = axis.context.machine
+        number = machine.axis.number or 1
         controller = ControllerAxis(number, machine.axis.lead_m)
         self._factors: dict[str, float] = {}
         signals = [{"Name": EDGE_CYCLE, "Type": "INT", "Axis": "", "Address": EDGE_CYCLE}]

@@ -4,7 +4,8 @@ import asyncio
 import logging
 import math
 import time
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, ClassVar
 
@@ -12,6 +13,7 @@ from asyncua import ua
 
 from edge_service.cancellation import heed_cancellation
 from edge_service.messages.channels import CHANNELS
+from edge_service.messages.quality import Quality
 from edge_service.messages.samples import SampleFrame
 
 from ..base import (
@@ -23,23 +25,140 @@ from ..base import (
 )
 from ..rows import QualityCounts, RowBlock, Values
 from ..signals import Scaling
-from .config import OpcuaConfig
-from .granted import Granted
-from .notifications import Change, RowMaker
-from .session import OpcuaSession
+from .session import LOST_AFTER_S, Granted, OpcuaSession
+from .variables import OpcuaConfig
 
 log = logging.getLogger(__name__)
 MERGE_SHARE = 0.5
 """Changes closer together than this share of the sampling interval were sampled together."""
 MOST_WAITING = 1000
 """Publications that may wait for a reader that is too slow; the oldest is dropped."""
+_SEVERITY = 0xC000_0000
+_UNCERTAIN = 0x4000_0000
+_OVERFLOW = 0x480
+"""Info type "data value" with its overflow bit (OPC UA part 4, 7.39.1)."""
+WILDEST_TIME_S = 1e11
+"""No UNIX time in the next three thousand years is as large."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One notification.
+
+    Attributes:
+        channel: of the variable; None for a heartbeat.
+        value: as it was sent.
+        status: OPC UA status code.
+        source_s, server_s: UNIX times that the server gave, s; None where it gave none.
+    """
+
+    channel: str | None
+    value: object
+    status: int
+    source_s: float | None
+    server_s: float | None
+
+
+class RowMaker:
+    """Puts changes that belong together into rows.
+
+    A variable of which nothing is heard has not changed: that is what a subscription means, as long
+    as it is alive. So a row holds the last values of all variables, at the source's time of those
+    that changed. Changes within half a sampling interval are one row.
+
+    Args:
+        scalings: channel -> how its raw value becomes SI.
+        merge_s: changes so close in time are one row.
+        stale_after_s: a heartbeat that rests for so long makes a row bad; infinite without one.
+    """
+
+    def __init__(
+        self, scalings: dict[str, Scaling], merge_s: float, stale_after_s: float = math.inf
+    ) -> None:
+        self._scalings = scalings
+        self._merge_s = merge_s
+        self._held = dict.fromkeys(scalings, (math.nan, Quality.NO_VALUE))
+        self._stale_after_s = stale_after_s
+        self._beat_s: float | None = None
+        self._newest_s = -math.inf
+        self._heard_s = -math.inf
+
+    def rows(self, changes: Sequence[Change], now_s: float) -> list[tuple[float, Values]]:
+        """Rows of one publication, in the order of their times.
+
+        Args:
+            changes: what it holds.
+            now_s: UNIX time of its arrival, for what has no time of its own.
+        """
+        timed = sorted(
+            ((self._time_of(change, now_s), change) for change in changes), key=lambda each: each[0]
+        )
+        rows: list[tuple[float, Values]] = []
+        start_s, heard = -math.inf, set[str | None]()
+        for time_s, change in timed:
+            if time_s - start_s > self._merge_s or change.channel in heard:
+                start_s, heard = time_s, set()
+                rows.append((time_s, {}))
+            heard.add(change.channel)
+            if change.channel is None:
+                self._beat_s = time_s
+            else:
+                self._held[change.channel] = self._sample(change, change.channel)
+            rows[-1] = (start_s, self._row(start_s))
+        if rows:
+            self._newest_s, self._heard_s = rows[-1][0], now_s
+        return rows
+
+    def unchanged(self, now_s: float, back_s: float) -> list[tuple[float, Values]]:
+        """The row that a sign of life without changes stands for: all is as it was.
+
+        Its time is `back_s` before what the source's clock must show now, so that what follows is
+        not earlier.
+        """
+        time_s = self._newest_s + (now_s - self._heard_s) - back_s
+        if not math.isfinite(time_s) or time_s <= self._newest_s:
+            return []
+        self._newest_s, self._heard_s = time_s, now_s - back_s
+        return [(time_s, self._row(time_s))]
+
+    def _row(self, time_s: float) -> Values:
+        """Held values, or all marked stale; a heartbeat counts from the first row on."""
+        if self._beat_s is None:
+            self._beat_s = time_s
+        if time_s - self._beat_s > self._stale_after_s:
+            return dict.fromkeys(self._held, (math.nan, Quality.STALE))
+        return dict(self._held)
+
+    def _time_of(self, change: Change, now_s: float) -> float:
+        for time_s in (change.source_s, change.server_s):
+            if time_s is not None and 0.0 < time_s < WILDEST_TIME_S:
+                return time_s
+        return now_s
+
+    def _sample(self, change: Change, channel: str) -> tuple[float, Quality]:
+        severity = change.status & _SEVERITY
+        if severity not in (0, _UNCERTAIN):
+            return math.nan, Quality.SOURCE_BAD
+        if isinstance(change.value, bool) or not isinstance(change.value, int | float):
+            return math.nan, Quality.NOT_A_NUMBER
+        value, quality = self._scalings[channel].si(float(change.value))
+        return value, quality if quality is not Quality.GOOD else self._doubt(change)
+
+    def _doubt(self, change: Change) -> Quality:
+        if change.status & _SEVERITY == _UNCERTAIN:
+            return Quality.SOURCE_UNCERTAIN
+        if change.status & _OVERFLOW == _OVERFLOW:
+            return Quality.OVERFLOW
+        if change.source_s is None or not 0.0 < change.source_s < WILDEST_TIME_S:
+            return Quality.NO_SOURCE_TIME
+        return Quality.GOOD
 
 
 class OpcuaDriver:
     """One axis on one server, over a session of its own.
 
     Values come as the server publishes them, with the source's own times and its judgement of
-    them. A server that says nothing for `lost_after_s`, not even that it is alive, is lost.
+    them. A server that says nothing for 2 s, or three publications, is lost.
     """
 
     config_model: ClassVar[type[DriverConfig]] = OpcuaConfig
@@ -94,8 +213,20 @@ class OpcuaDriver:
             raise
         heed_cancellation()
         self._counts["sessions"] += 1
-        self._maker = self._make_maker(self._granted)
-        self._tell_what_was_granted(self._granted)
+        self._maker = RowMaker(
+            self._scalings,
+            MERGE_SHARE * max(self._granted.sampling_s, 1e-3),
+            self._config.stale_after_s,
+        )
+        asked_s, granted = self._config.sampling_s, self._granted
+        if max(granted.sampling_s, granted.publishing_s) > asked_s:
+            log.info(
+                "%s: asked for %g s, got %g s sampling and %g s publishing",
+                self._config.url,
+                asked_s,
+                granted.sampling_s,
+                granted.publishing_s,
+            )
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """A frame per publication until `close`, or DriverUnavailableError."""
@@ -104,7 +235,7 @@ class OpcuaDriver:
         if not session.connected or granted is None or maker is None:
             raise DriverUnavailableError(f"{self._config.url}: the session is not open")
         block = RowBlock(self._channels)
-        patience_s = max(self._config.lost_after_s, 3.0 * granted.publishing_s)
+        patience_s = max(LOST_AFTER_S, 3.0 * granted.publishing_s)
         while True:
             result = await self._next(session, waiting, patience_s)
             if result is None or self._session is not session:
@@ -139,12 +270,6 @@ class OpcuaDriver:
         self._session = OpcuaSession(self._config)
         _push(waiting, None)
         await session.close()
-
-    def _make_maker(self, granted: Granted) -> RowMaker:
-        config = self._config
-        merge_s = MERGE_SHARE * max(granted.sampling_s, 1e-3)
-        stale_after_s = config.stale_after_s if config.has_heartbeat else math.inf
-        return RowMaker(self._scalings, merge_s, stale_after_s)
 
     async def _next(
         self,
@@ -205,18 +330,6 @@ class OpcuaDriver:
             source_s=_unix_s(data.SourceTimestamp),
             server_s=_unix_s(data.ServerTimestamp),
         )
-
-    def _tell_what_was_granted(self, granted: Granted) -> None:
-        asked = self._config
-        if granted.sampling_s > asked.sampling_s or granted.publishing_s > asked.publishing_s:
-            log.info(
-                "%s: asked for %g s sampling and %g s publishing, got %g s and %g s",
-                asked.url,
-                asked.sampling_s,
-                asked.publishing_s,
-                granted.sampling_s,
-                granted.publishing_s,
-            )
 
 
 def _push(waiting: "asyncio.Queue[ua.PublishResult | None]", result: Any) -> bool:

@@ -4,21 +4,31 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from asyncua import ua
 from asyncua.client.client import Client
 from asyncua.common.node import Node
-from asyncua.crypto import security_policies
+from asyncua.crypto import security_policies, uacrypto
 from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds
+from asyncua.ua.status_codes import StatusCodes, get_name_and_doc
+from asyncua.ua.uaerrors import (
+    BadBrowseNameInvalid,
+    BadNodeIdInvalid,
+    BadNodeIdUnknown,
+    BadNoMatch,
+    UaError,
+    UaStatusCodeError,
+    UaStringParsingError,
+)
+from cryptography import x509
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
-from .config import NodeConfig, OpcuaConfig
-from .errors import FAILURES, NOT_THERE, say, translated
-from .granted import LIMITS, Granted
-from .names import browse_path, is_path, node_id
-from .units import unit_of_code
+from .variables import NodeConfig, OpcuaConfig, browse_path, is_path, node_id, unit_of_code
 
 # What the library finds wrong is logged once, by the driver; its own log holds tracebacks.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
@@ -26,6 +36,85 @@ SESSION_S = 20.0
 """A server keeps the session of a client that vanished for so long; it has few to give away."""
 GOODBYE_S = 1.0
 """Longest time a server may take to close a session."""
+APPLICATION_URI = "urn:edge-service:client"
+"""Ours, where no certificate of ours says another."""
+ANSWER_S = LOST_AFTER_S = 2.0
+QUEUE_SIZE = 20
+"""Values that the server keeps for us between two publications."""
+FAILURES = (OSError, TimeoutError, UaError)
+"""Errors raised by the library when communication with a server fails, or the server refuses."""
+NOT_THERE = (
+    BadBrowseNameInvalid,
+    BadNoMatch,
+    BadNodeIdInvalid,
+    BadNodeIdUnknown,
+    UaStringParsingError,
+    ValueError,
+)
+"""Errors raised for a variable that the server does not have, or for an invalid name."""
+_REFUSED = {
+    StatusCodes.BadUserAccessDenied: "user",
+    StatusCodes.BadIdentityTokenRejected: "user",
+    StatusCodes.BadIdentityTokenInvalid: "user",
+    StatusCodes.BadSecurityChecksFailed: "certificate",
+    StatusCodes.BadCertificateUntrusted: "certificate",
+    StatusCodes.BadCertificateInvalid: "certificate",
+    StatusCodes.BadCertificateTimeInvalid: "certificate",
+    StatusCodes.BadCertificateUriInvalid: "certificate",
+    StatusCodes.BadSecurityPolicyRejected: "security",
+    StatusCodes.BadSecurityModeRejected: "security",
+}
+"""A refusal that trying again does not change -> the key to look at."""
+
+
+@asynccontextmanager
+async def translated(url: str) -> AsyncIterator[None]:
+    """Every failure inside becomes one of the two driver errors."""
+    try:
+        yield
+    except FAILURES as error:
+        key = _REFUSED.get(error.code) if isinstance(error, UaStatusCodeError) else None
+        if key is not None:
+            raise DriverMisconfiguredError(key, f"{url}: refused, {say(error)}") from None
+        raise DriverUnavailableError(f"{url}: {say(error)}") from None
+
+
+def say(error: Exception) -> str:
+    """An error in a few words."""
+    if isinstance(error, UaStatusCodeError):
+        return str(get_name_and_doc(error.code)[0])
+    if isinstance(error, TimeoutError):
+        return "no answer in time"
+    return str(error) or type(error).__name__
+
+
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """Granted parameters: intervals in s, values that the server queues, limits that it names."""
+
+    publishing_s: float
+    sampling_s: float
+    queue_size: int
+    limits: dict[str, float]
+
+    def as_readings(self) -> dict[str, float]:
+        """Granted values by name."""
+        return {
+            "publishing_s": self.publishing_s,
+            "sampling_s": self.sampling_s,
+            "queue_size": float(self.queue_size),
+        } | self.limits
+
+
+LIMITS = {
+    "min_supported_sample_s": (ObjectIds.Server_ServerCapabilities_MinSupportedSampleRate, 1e-3),
+    "max_sessions": (ObjectIds.Server_ServerCapabilities_MaxSessions, 1.0),
+    "max_monitored_items_per_call": (
+        ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall,
+        1.0,
+    ),
+}
+"""Name -> variable of the server and its factor to SI; servers may lack them."""
 
 
 class OpcuaSession:
@@ -49,10 +138,10 @@ class OpcuaSession:
     async def connect(self) -> None:
         """Connect. Raises DriverUnavailableError and DriverMisconfiguredError."""
         config = self._config
-        client = Client(config.url, timeout=config.timeout_s)
+        client = Client(config.url, timeout=ANSWER_S)
         client.name = client.description = "edge-service"
-        client.application_uri = config.application_uri
-        client.session_timeout = round(1e3 * max(SESSION_S, 3.0 * config.lost_after_s))
+        client.application_uri = APPLICATION_URI
+        client.session_timeout = round(1e3 * SESSION_S)
         client.connection_lost_callback = self._note_loss
         if config.user is not None:
             client.set_user(config.user)
@@ -112,8 +201,8 @@ class OpcuaSession:
             callback: called with each publication of the server.
         """
         config, session = self._config, self._require().uaclient.session
-        asked_ms = 1e3 * config.publishing_s
-        keep_alive = max(int(config.lost_after_s / config.publishing_s / 3.0), 1)
+        asked_ms = 1e3 * config.sampling_s
+        keep_alive = max(int(LOST_AFTER_S / config.sampling_s / 3.0), 1)
         parameters = ua.CreateSubscriptionParameters(
             RequestedPublishingInterval=asked_ms,
             RequestedLifetimeCount=10 * keep_alive + 100,
@@ -154,29 +243,34 @@ class OpcuaSession:
             RequestedParameters=ua.MonitoringParameters(
                 ClientHandle=number,
                 SamplingInterval=1e3 * self._config.sampling_s,
-                QueueSize=self._config.queue_size,
+                QueueSize=QUEUE_SIZE,
                 DiscardOldest=True,
             ),
         )
 
     async def _secure(self, client: Client) -> None:
         config = self._config
-        if config.security_policy == "None":
+        if config.security == "None":
             return
         assert config.certificate and config.private_key and config.server_certificate
         for key in ("certificate", "private_key", "server_certificate"):
             path = getattr(config, key)
             if not path.is_file():
                 raise DriverMisconfiguredError(key, f"{path}: no such file")
-        policy = getattr(security_policies, f"SecurityPolicy{config.security_policy}")
+        policy = getattr(security_policies, f"SecurityPolicy{config.security}")
         try:
             await client.set_security(
                 policy,
                 config.certificate,
                 config.private_key,
                 server_certificate=str(config.server_certificate),
-                mode=ua.MessageSecurityMode[config.security_mode],
+                mode=ua.MessageSecurityMode.SignAndEncrypt,
             )
+            ours = await uacrypto.load_certificate(config.certificate)
+            with contextlib.suppress(x509.ExtensionNotFound, IndexError):
+                names = ours.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+                uris = names.get_values_for_type(x509.UniformResourceIdentifier)
+                client.application_uri = uris[0]
         except (ValueError, TypeError, OSError) as error:
             raise DriverMisconfiguredError("certificate", f"cannot be used: {error}") from None
 

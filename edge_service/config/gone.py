@@ -15,6 +15,20 @@ GONE: dict[str, str] = {
     "http.tokens_file": "gone; edge-service token CONFIG keeps tokens in the state folder",
 }
 """Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""
+GONE_SETTINGS: dict[str, str] = {
+    "ledger": "gone; what was read is written into the service's state folder",
+    "settle_s": "gone; a file that has rested for 2 s is complete",
+    "poll_s": "gone; the folder is looked into every second",
+    "host": 'gone; url = "modbus://HOST:PORT/UNIT" or "mqtt://USER@HOST:PORT"',
+    "lost_after_s": "gone; deadlines follow the poll period",
+    "stale_after_s": "gone; deadlines follow the poll period",
+    "registers.inverted": "now a negative scale",
+    "signals.inverted": "now a negative scale",
+    "security_policy": "now security; messages are signed and encrypted",
+    "publishing_s": "now sampling_s",
+    "keep_session": "gone; the broker always keeps what comes while we are away",
+}
+"""Key of a driver's settings that its model does not know -> what to do."""
 
 
 def gone_key(content: object, gone: Mapping[str, str] = GONE) -> str | None:

@@ -19,7 +19,7 @@ from ..config_tables import (
 from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
-from .gone import gone_key
+from .gone import GONE_SETTINGS, gone_key
 from .mistakes import ConfigError, explain
 from .service import AxisConfig, EdgeConfig, HttpConfig
 
@@ -130,6 +130,10 @@ def check_settings(model: type[_Model], settings: dict[str, Any], where: str) ->
     except SecretError as error:
         raise ConfigError(f"{where}.{error}") from None
     except ValidationError as error:
+        for each in error.errors():
+            key = ".".join(part for part in each["loc"] if isinstance(part, str))
+            if each["type"] == "extra_forbidden" and key in GONE_SETTINGS:
+                raise ConfigError(f"{where}.{key}: {GONE_SETTINGS[key]}") from None
         raise ConfigError(f"{where}.{explain(error, model)}") from None
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from drivers.base import DriverContext
-from drivers.mqtt.config import MqttSourceConfig
 from drivers.mqtt.driver import MqttDriver
+from drivers.mqtt.link import MqttSourceConfig
 from drivers.mqtt.stub import BLOCK_ROWS, MqttStub
 from drivers.stub import StubAxis
 from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_machine
@@ -148,7 +148,7 @@ async def test_the_numbers_are_those_of_the_file(
     broker = Broker(tmp_path)
     await broker.start()
     try:
-        settings = {"host": "127.0.0.1", "port": broker.port, "topic": TOPIC}
+        settings = {"url": f"mqtt://127.0.0.1:{broker.port}", "topic": TOPIC}
         config = config_of("mqtt", settings)
         axis = config.axes[0].model_copy(update={"machine": MACHINE_FILE})
         config = config.model_copy(update={"axes": (axis,)})

@@ -16,7 +16,7 @@ CONFIG = EdgeConfig.model_validate(
                 "driver": "modbus",
                 "machine": DEFAULT_MACHINE,
                 "settings": {
-                    "port": 1,
+                    "url": "modbus://127.0.0.1:1",
                     "poll_groups": {"all": 0.02},
                     "registers": [{"channel": "torque_command_nm", "address": 0}],
                 },

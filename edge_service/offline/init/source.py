@@ -11,7 +11,7 @@ from .greetings import find_devices, usual_ports
 
 EXPECTED = "expected a recording, a host, or modbus://, opc.tcp:// or mqtt:// with host and port"
 HERE = "127.0.0.1"
-_PORTS = {"modbus": 502, "mqtt": 1883}
+_PORTS = {"modbus": 502, "mqtt": 1883, "mqtts": 8883}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +60,12 @@ def _of_address(text: str) -> Source:
         return Source("opcua", {"url": text})
     if parts.scheme not in _PORTS:
         raise ConfigError(f"{text}: {EXPECTED}")
-    at: dict[str, str | int] = {
-        "host": parts.hostname or "",
-        "port": parts.port or _PORTS[parts.scheme],
-    }
-    topic = parts.path.strip("/")
-    if parts.scheme == "mqtt" and topic:
-        return Source("mqtt", {**at, "topic": topic})
-    return Source(parts.scheme, at)
+    url, rest = f"{parts.scheme}://{parts.netloc}", parts.path.strip("/")
+    if parts.port is None:
+        url += f":{_PORTS[parts.scheme]}"
+    if parts.scheme == "modbus":
+        return Source("modbus", {"url": f"{url}/{rest or 1}"})
+    return Source("mqtt", {"url": url, "topic": rest} if rest else {"url": url})
 
 
 def _split(address: str, given: str) -> SplitResult:

@@ -23,7 +23,7 @@ from edge_service.nodes.acquire_node import BACKOFF_CAP_S, BACKOFF_FIRST_S
 from ..table import Figure, PipelineBenchError
 
 RESPONDER = Path(__file__).with_name("modbus_responder.py")
-REGISTERS = 20
+REGISTERS = 17
 DEVICES, RATE_HZ = 32, 10.0
 ADDED_JITTER_S = 5e-3
 STALE_S = 2.0
@@ -70,16 +70,14 @@ def make_driver(port: int, period_s: float) -> Driver:
     driver = load_driver("modbus")
     words = ["torque_command_nm", "motor_angle_rad", "table_position_m", "temperature_c"]
     registers: list[dict[str, Any]] = [
-        {"channel": name, "address": 4 * number, "type": "uint16"}
+        {"channel": name, "address": 4 * number, "type": "uint64"}
         for number, name in enumerate(words)
     ]
     registers += [{"heartbeat": True, "address": REGISTERS - 1, "type": "uint16"}]
     settings = {
-        "port": port,
+        "url": f"modbus://127.0.0.1:{port}",
         "poll_groups": {"all": period_s},
         "registers": registers,
-        "max_gap": REGISTERS,
-        "stale_after_s": 3600.0,
     }
     context = DriverContext("X", load_machine(DEFAULT_MACHINE))
     return driver(driver.config_model.model_validate(settings), context)

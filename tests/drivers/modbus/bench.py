@@ -4,8 +4,8 @@ from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any
 
-from drivers.modbus.config import ModbusConfig
 from drivers.modbus.driver import ModbusDriver
+from drivers.modbus.registers import ModbusConfig
 from drivers.modbus.stub import ModbusStub
 from drivers.stub import FaultKind, StubAxis
 
@@ -23,12 +23,10 @@ REGISTERS = [
 
 def config_of(port: int, **changes: Any) -> ModbusConfig:
     settings = {
-        "port": port,
+        "url": f"modbus://127.0.0.1:{port}/{changes.pop('device_id', 1)}",
         "timeout_s": 0.2,
-        "lost_after_s": 0.3,
         "poll_groups": {"fast": 0.01},
         "registers": REGISTERS,
-        "frame_s": 0.02,
     }
     return ModbusConfig.model_validate(settings | changes)
 

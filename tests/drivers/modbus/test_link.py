@@ -13,9 +13,8 @@ from pymodbus.transport import CommParams, CommType, ModbusProtocol
 from pymodbus.transport.transport import NULLMODEM_HOST, NullModem
 
 from drivers.base import DriverUnavailableError
-from drivers.modbus.config import RegisterConfig
 from drivers.modbus.link import ModbusLink
-from drivers.modbus.requests import ReadRequest
+from drivers.modbus.registers import ReadRequest, RegisterConfig
 from edge_service.messages.quality import Quality
 
 REGISTER = RegisterConfig(channel="torque_command_nm", address=0)

@@ -10,10 +10,16 @@ from pydantic import ValidationError
 from pymodbus.client.mixin import ModbusClientMixin
 
 from drivers.base import DriverMisconfiguredError
-from drivers.modbus.config import MOST_REGISTERS, WORDS_OF, ModbusConfig, RegisterConfig
-from drivers.modbus.numbers import decode_number, encode_number
-from drivers.modbus.reading import RegisterReader
-from drivers.modbus.requests import plan_group, plan_requests
+from drivers.modbus.driver import RegisterReader
+from drivers.modbus.registers import (
+    FORMATS,
+    MOST_REGISTERS,
+    ModbusConfig,
+    RegisterConfig,
+    decode_number,
+    encode_number,
+    plan_requests,
+)
 from edge_service.config import explain
 
 from ..bench import MACHINE
@@ -49,7 +55,7 @@ def test_numbers_in_every_order(
 
 @given(
     value=st.floats(-1e6, 1e6),
-    kind=st.sampled_from(sorted(WORDS_OF)),
+    kind=st.sampled_from(sorted(FORMATS)),
     word_order=st.sampled_from(["big", "little"]),
 )
 def test_numbers_agree_with_the_library(value: float, kind: Any, word_order: Any) -> None:
@@ -66,8 +72,8 @@ def register(address: int, kind: Any = "uint16", table: Any = "holding") -> Regi
     return RegisterConfig(channel="torque_command_nm", address=address, type=kind, table=table)
 
 
-def spans(*registers: RegisterConfig, max_gap: int = 0) -> list[tuple[int, int, int]]:
-    return [(r.function, r.address, r.count) for r in plan_requests(registers, max_gap)]
+def spans(*registers: RegisterConfig) -> list[tuple[int, int, int]]:
+    return [(r.function, r.address, r.count) for r in plan_requests(registers)]
 
 
 def test_contiguous_registers_are_read_in_one_request() -> None:
@@ -76,10 +82,8 @@ def test_contiguous_registers_are_read_in_one_request() -> None:
     ]
 
 
-def test_a_gap_parts_requests_unless_it_may_be_read_along() -> None:
+def test_a_gap_parts_requests() -> None:
     assert spans(register(0), register(3)) == [(3, 0, 1), (3, 3, 1)]
-    assert spans(register(0), register(3), max_gap=2) == [(3, 0, 4)]
-    assert spans(register(0), register(3), max_gap=1) == [(3, 0, 1), (3, 3, 1)]
 
 
 def test_tables_are_never_mixed() -> None:
@@ -99,9 +103,9 @@ def test_no_request_is_longer_than_allowed_and_no_value_is_split() -> None:
             assert each.address + 4 <= request.address + request.count
 
 
-@given(st.lists(st.integers(0, 400), unique=True, min_size=1), st.integers(0, 20))
-def test_every_plan_covers_each_register_once(addresses: list[int], max_gap: int) -> None:
-    requests = plan_requests([register(address) for address in addresses], max_gap)
+@given(st.lists(st.integers(0, 400), unique=True, min_size=1))
+def test_every_plan_covers_each_register_once(addresses: list[int]) -> None:
+    requests = plan_requests([register(address) for address in addresses])
     planned = [each.address for request in requests for each in request.registers]
     assert sorted(planned) == sorted(addresses)
     assert all(request.count <= MOST_REGISTERS for request in requests)
@@ -110,7 +114,7 @@ def test_every_plan_covers_each_register_once(addresses: list[int], max_gap: int
 def test_groups_are_planned_apart() -> None:
     config = ModbusConfig.model_validate(
         {
-            "port": 502,
+            "url": "modbus://mill",
             "poll_groups": {"slow": 1.0, "fast": 0.1},
             "registers": [
                 {"channel": "torque_command_nm", "address": 0, "group": "fast"},
@@ -119,8 +123,8 @@ def test_groups_are_planned_apart() -> None:
         }
     )
     assert config.fastest_group == "fast"
-    assert [request.address for request in plan_group(config, "fast")] == [0]
-    assert [request.address for request in plan_group(config, "slow")] == [2]
+    assert [request.address for request in plan_requests(config.of_group("fast"))] == [0]
+    assert [request.address for request in plan_requests(config.of_group("slow"))] == [2]
 
 
 TORQUE = {"channel": "torque_command_nm", "address": 0}
@@ -166,7 +170,12 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
         "registers[0].group: torque_command_nm makes the rows",
     ),
     "no time": ({"poll_groups": {"fast": 0.0}}, "poll_groups.fast: 0 s"),
-    "no such port": ({"port": 70_000}, "port: "),
+    "no such port": ({"url": "modbus://mill:70000"}, "url: "),
+    "no such unit": (
+        {"url": "modbus://mill/256"},
+        "url: expected a port above 0 and a unit up to 255",
+    ),
+    "another protocol": ({"url": "http://mill"}, "url: expected modbus://HOST:PORT/UNIT"),
 }
 
 
@@ -174,7 +183,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
 def test_a_mistake_names_its_key(name: str) -> None:
     changes, expected = MISTAKES[name]
     settings = {
-        "port": 502,
+        "url": "modbus://mill",
         "poll_groups": {"fast": 0.01, "slow": 1.0},
         "registers": [TORQUE],
     } | changes

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from drivers.modbus.vetting import Asked, Verdict, vet
+from drivers.modbus.link import Asked, Verdict, vet
 
 ASKED = Asked(transaction=7, unit=1, function=3, count=2)
 GOOD = bytes.fromhex("0007 0000 0007 01 03 04 4049 0fdb")

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from drivers.mqtt.config import MqttSourceConfig
 from drivers.mqtt.driver import MqttDriver
+from drivers.mqtt.link import MqttSourceConfig
 from drivers.mqtt.stub import MqttStub
 from drivers.stub import Fault, FaultKind, StubAxis
 from edge_service.messages.samples import SampleFrame
@@ -20,7 +20,9 @@ TOPIC = "edge/capture/1"
 
 
 def config_of(port: int, **changes: Any) -> MqttSourceConfig:
-    settings = {"host": "127.0.0.1", "port": port, "topic": TOPIC, "keep_session": False}
+    user = f"{changes.pop('user')}@" if "user" in changes else ""
+    scheme = "mqtts" if "ca_certificate" in changes else "mqtt"
+    settings = {"url": f"{scheme}://{user}127.0.0.1:{port}", "topic": TOPIC}
     return MqttSourceConfig.model_validate(settings | changes)
 
 

@@ -156,7 +156,7 @@ async def test_a_broker_that_starts_again_is_a_gap_and_no_new_clock(broker: Brok
 
 
 async def test_the_broker_keeps_what_comes_while_the_session_is_away(broker: Broker) -> None:
-    config, sent = config_of(broker.port, keep_session=True), messages(recorded())
+    config, sent = config_of(broker.port), messages(recorded())
     driver = MqttDriver(config, CONTEXT)
     await driver.open()
     await driver.close()
@@ -187,7 +187,7 @@ async def test_a_wrong_password_names_a_key_and_a_right_one_is_let_in(tmp_path: 
             driver = MqttDriver(config_of(broker.port, **changes), CONTEXT)
             with pytest.raises(DriverMisconfiguredError) as refused:
                 await driver.open()
-            assert refused.value.key in ("user", "password")
+            assert refused.value.key in ("url", "password")
             assert "wrong" not in str(refused.value)
             await driver.close()
         driver = MqttDriver(config_of(broker.port, user="edge", password="right"), CONTEXT)

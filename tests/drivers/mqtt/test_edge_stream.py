@@ -10,9 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
-from drivers.mqtt.edge_stream import EdgeStream
-from drivers.mqtt.order import MOST_LATE
-from drivers.mqtt.payload import MessageError, decode_object
+from drivers.mqtt.streams import MOST_LATE, EdgeStream, MessageError, decode_object
 from edge_service.messages.quality import Quality, is_bad
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.reader import read_trace
@@ -130,7 +128,7 @@ def test_several_axes_are_refused_with_their_list_unless_one_is_named() -> None:
     sent = messages(rows, names=names)
     with pytest.raises(DriverMisconfiguredError, match=r"axes there are: 1 \(X1\), 4") as refused:
         stream_of(ControllerAxis(lead_m=0.01)).frames(sent[0])
-    assert refused.value.key == "axis_number"
+    assert refused.value.key == "topic"
     got = heard(stream_of(ControllerAxis(number=4, lead_m=0.01)), sent)
     np.testing.assert_array_equal(got.channels["torque_command_nm"], rows[:, 4])
 

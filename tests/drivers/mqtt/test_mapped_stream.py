@@ -7,8 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.base import DriverMisconfiguredError
-from drivers.mqtt.mapped_stream import MappedStream
-from drivers.mqtt.payload import MessageError
+from drivers.mqtt.streams import MappedStream, MessageError
 from edge_service.messages.quality import Quality
 
 from ..bench import MACHINE
@@ -22,7 +21,7 @@ def stream_of(time: str | None = "t", **changes: Any) -> MappedStream:
         "signals",
         [
             {"channel": TORQUE, "member": "d.torque", "unit": "mN m"},
-            {"channel": ANGLE, "member": "d.angle", "unit": "deg", "inverted": True},
+            {"channel": ANGLE, "member": "d.angle", "unit": "deg", "scale": -1.0},
             {"channel": HEAT, "member": "heat", "low": 0.0, "high": 100.0},
         ],
     )
@@ -114,8 +113,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "half a wildcard": ({"topic": "a/b+"}, "whole levels"),
     "a wildcard in the middle": ({"topic": "a/#/b"}, "whole levels"),
     "a password in the open": (
-        {"host": "10.0.0.1", "user": "u", "password": "p"},
-        "user: needs ca_certificate",
+        {"url": "mqtt://u@10.0.0.1", "password": "p"},
+        "url: a user needs mqtts://",
     ),
 }
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.base import DriverContext
-from drivers.mqtt.config import MqttSourceConfig
+from drivers.mqtt.link import MqttSourceConfig
 from drivers.mqtt.stub import FIRST_COUNT, EdgeWriter
 from drivers.stub import StubAxis
 from edge_service.config import DEFAULT_MACHINE, load_machine
@@ -22,7 +22,7 @@ async def _nothing() -> Any:
 
 def writer() -> EdgeWriter:
     context = DriverContext("X", load_machine(DEFAULT_MACHINE))
-    config = MqttSourceConfig(host="127.0.0.1", topic="t")
+    config = MqttSourceConfig(url="mqtt://127.0.0.1", topic="t")
     return EdgeWriter(StubAxis("X", config, context, _nothing()))
 
 

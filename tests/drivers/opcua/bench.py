@@ -4,9 +4,9 @@ from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any
 
-from drivers.opcua.config import OpcuaConfig
 from drivers.opcua.driver import OpcuaDriver
 from drivers.opcua.stub import OpcuaStub
+from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import FaultKind, StubAxis
 
 from ..bench import CONTEXT, DriverBench, counting_source, free_port, stub_bench
@@ -24,8 +24,6 @@ def config_of(port: int, **changes: Any) -> OpcuaConfig:
     settings = {
         "url": f"opc.tcp://127.0.0.1:{port}",
         "signals": SIGNALS,
-        "timeout_s": 2.0,
-        "lost_after_s": 1.5,
     }
     return OpcuaConfig.model_validate(settings | changes)
 

@@ -4,8 +4,8 @@ from collections.abc import AsyncIterator
 
 import pytest_asyncio
 
-from drivers.opcua.config import OpcuaConfig
 from drivers.opcua.stub import OpcuaStub
+from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import Fault
 
 from ..bench import free_port

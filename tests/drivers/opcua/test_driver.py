@@ -17,10 +17,9 @@ from asyncua.client.client import Client
 from pydantic import ValidationError
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
-from drivers.opcua.config import OpcuaConfig
 from drivers.opcua.driver import OpcuaDriver
-from drivers.opcua.limited_server import LEAST_INTERVAL_S, MOST_SESSIONS
-from drivers.opcua.stub import OpcuaStub
+from drivers.opcua.stub import LEAST_INTERVAL_S, MOST_SESSIONS, OpcuaStub
+from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import Fault, FaultKind
 from edge_service.config import explain
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
@@ -84,7 +83,7 @@ async def test_values_and_times_are_those_of_the_source(driver: OpcuaDriver) -> 
 async def test_the_server_gives_less_than_was_asked_for_and_the_driver_says_so(
     config: OpcuaConfig, stub: OpcuaStub, caplog: pytest.LogCaptureFixture
 ) -> None:
-    hasty = config.model_copy(update={"publishing_s": 0.001, "sampling_s": 0.001})
+    hasty = config.model_copy(update={"sampling_s": 0.001})
     driver = OpcuaDriver(hasty, CONTEXT)
     with caplog.at_level("INFO"):
         await driver.open()
@@ -93,7 +92,7 @@ async def test_the_server_gives_less_than_was_asked_for_and_the_driver_says_so(
         assert driver.readings["sampling_s"] == pytest.approx(LEAST_INTERVAL_S)
         assert driver.readings["min_supported_sample_s"] == pytest.approx(LEAST_INTERVAL_S)
         assert driver.readings["max_sessions"] == MOST_SESSIONS
-        assert "got 0.1 s and 0.1 s" in caplog.text
+        assert "got 0.1 s sampling and 0.1 s publishing" in caplog.text
         frames = await take(driver, 5)
         rows = sum(map(len, frames))
         span_s = frames[-1].time_s[-1] - frames[0].time_s[0]
@@ -222,15 +221,18 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
     "no address": ({"url": "http://127.0.0.1"}, "url: 'http://127.0.0.1': expected opc.tcp://"),
     "password in the address": ({"url": "opc.tcp://a:b@127.0.0.1:4840"}, "url: user and password"),
     "policy without certificate": (
-        {"security_policy": "Basic256Sha256"},
-        "certificate: missing, security_policy Basic256Sha256 needs it",
+        {"security": "Basic256Sha256"},
+        "certificate: missing, security Basic256Sha256 needs it",
     ),
-    "a broken policy": ({"security_policy": "Basic128Rsa15"}, "security_policy:"),
+    "a broken policy": ({"security": "Basic128Rsa15"}, "security:"),
     "password that could be read": (
         {"url": "opc.tcp://10.0.0.1:4840", "user": "u", "password": "p"},
-        "user: needs a security_policy",
+        "user: needs security",
     ),
-    "a certificate that nothing asks for": ({"certificate": "c.pem"}, "certificate: is for a"),
+    "a certificate that nothing asks for": (
+        {"certificate": "c.pem"},
+        "certificate: is for",
+    ),
     "no node id": (
         {"signals": [{"channel": TORQUE, "node": "ns=2;X.torque"}]},
         "signals[0].node: 'ns=2;X.torque' is no node: expected ns=2;s=",

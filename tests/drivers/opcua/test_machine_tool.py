@@ -9,8 +9,8 @@ import pytest_asyncio
 from asyncua.client.client import Client
 
 from drivers.base import DriverMisconfiguredError
-from drivers.opcua.config import OpcuaConfig
 from drivers.opcua.driver import OpcuaDriver
+from drivers.opcua.variables import OpcuaConfig
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 
 from ..bench import CONTEXT, ROOT, free_port
@@ -36,7 +36,7 @@ async def config() -> AsyncIterator[OpcuaConfig]:
         {"channel": ANGLE, "node": f"{AXIS}/{{{OWN}}}Angle", "unit": "deg"},
         {"channel": TEMPERATURE, "node": f"{AXIS}/{{{OWN}}}Temperature"},
     ]
-    made = config_of(free_port(), signals=signals, timeout_s=4.0, lost_after_s=2.0)
+    made = config_of(free_port(), signals=signals)
     stub = stub_of(made, NODESETS)
     await stub.start()
     yield made

@@ -5,10 +5,15 @@ import math
 import pytest
 from asyncua.ua.status_codes import StatusCodes
 
-from drivers.opcua.config import NodeConfig
-from drivers.opcua.names import browse_path, is_path, node_id
-from drivers.opcua.notifications import Change, RowMaker
-from drivers.opcua.units import code_of_unit, unit_of_code
+from drivers.opcua.driver import Change, RowMaker
+from drivers.opcua.variables import (
+    NodeConfig,
+    browse_path,
+    code_of_unit,
+    is_path,
+    node_id,
+    unit_of_code,
+)
 from drivers.signals import Scaling
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 from edge_service.messages.quality import Quality

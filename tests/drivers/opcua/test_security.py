@@ -15,8 +15,8 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
-from drivers.opcua.config import OpcuaConfig
 from drivers.opcua.driver import OpcuaDriver
+from drivers.opcua.variables import OpcuaConfig
 
 from ..bench import CONTEXT, free_port
 from .bench import config_of, stub_of
@@ -79,13 +79,12 @@ async def secured(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Opc
     write_pair(folder, "stranger", "urn:edge-service:client")
     config = config_of(
         free_port(),
-        security_policy="Basic256Sha256",
+        security="Basic256Sha256",
         certificate=client,
         private_key=client.with_suffix(".key.pem"),
         server_certificate=server,
         user="operator",
         password="correct horse",
-        timeout_s=4.0,
     )
     stub = stub_of(config)
     await stub.start()
@@ -139,15 +138,13 @@ async def test_a_server_with_another_certificate_is_not_talked_to(secured: Opcua
 
 
 async def test_a_policy_that_the_server_does_not_offer(secured: OpcuaConfig) -> None:
-    config = OpcuaConfig.model_validate(
-        secured.model_dump() | {"security_policy": "Aes256Sha256RsaPss"}
-    )
+    config = OpcuaConfig.model_validate(secured.model_dump() | {"security": "Aes256Sha256RsaPss"})
     with pytest.raises((DriverMisconfiguredError, DriverUnavailableError)):
         await OpcuaDriver(config, CONTEXT).open()
 
 
 async def test_an_open_session_is_refused_by_a_secured_server(secured: OpcuaConfig) -> None:
     files = dict.fromkeys(("certificate", "private_key", "server_certificate"))
-    config = OpcuaConfig.model_validate(secured.model_dump() | {"security_policy": "None"} | files)
+    config = OpcuaConfig.model_validate(secured.model_dump() | {"security": "None"} | files)
     with pytest.raises((DriverMisconfiguredError, DriverUnavailableError)):
         await OpcuaDriver(config, CONTEXT).open()

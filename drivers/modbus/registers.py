@@ -1,9 +1,13 @@
-"""User configuration of a Modbus device: network address and register map."""
+"""Register map of a Modbus device: what a user sets, numbers in registers, requests for them."""
 
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
+from urllib.parse import urlsplit
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ..base import DriverConfig
 from ..signals import JOINT_CHANNELS, SignalConfig, check_channels
@@ -12,17 +16,18 @@ Order = Literal["big", "little"]
 Table = Literal["holding", "input"]
 FUNCTION_OF: dict[Table, int] = {"holding": 3, "input": 4}
 NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
-WORDS_OF: dict[NumberType, int] = {
-    "int16": 1,
-    "uint16": 1,
-    "int32": 2,
-    "uint32": 2,
-    "int64": 4,
-    "uint64": 4,
-    "float32": 2,
-    "float64": 4,
+FORMATS: dict[NumberType, str] = {
+    "int16": ">h",
+    "uint16": ">H",
+    "int32": ">i",
+    "uint32": ">I",
+    "int64": ">q",
+    "uint64": ">Q",
+    "float32": ">f",
+    "float64": ">d",
 }
 REGISTERS = 65_536
+USUAL_PORT, MOST_UNITS = 502, 255
 MOST_REGISTERS = 125
 """Of one request (Modbus application protocol 1.1b3, 6.3)."""
 
@@ -35,7 +40,7 @@ class RegisterConfig(SignalConfig):
         table: holding registers (function 3) or input registers (function 4).
         type: of the number.
         group: poll group; the first one unless given.
-        word_order, byte_order: the device's unless given.
+        word_order: the device's unless given.
         equals: no channel but a constant: where it reads otherwise, map or word order is wrong.
         heartbeat: no channel but a counter: while it rests, the device repeats old values.
     """
@@ -45,7 +50,6 @@ class RegisterConfig(SignalConfig):
     type: NumberType = "float32"
     group: str | None = None
     word_order: Order | None = None
-    byte_order: Order | None = None
     equals: float | None = None
     heartbeat: bool = False
 
@@ -61,38 +65,38 @@ class RegisterConfig(SignalConfig):
     @property
     def words(self) -> int:
         """Registers that it takes."""
-        return WORDS_OF[self.type]
+        return struct.calcsize(FORMATS[self.type]) // 2
 
 
 class ModbusConfig(DriverConfig):
     """Settings of the Modbus driver.
 
     Attributes:
-        host, port: of the device or gateway.
-        device_id: the unit behind it.
+        url: `modbus://HOST:PORT/UNIT` of the device or gateway, and the unit behind it.
         timeout_s: for a connection and for each reply.
-        lost_after_s: without a valid reply for this long the device is lost.
-        stale_after_s: a heartbeat that rests for this long makes its group's values bad.
         word_order, byte_order: of numbers longer than a register, and within a register.
-        max_gap: unused registers that may be read along to save a request.
-        frame_s: rows of so much time are published together.
         poll_groups: name -> period, s. The fastest makes the rows; a slower one's values come
             with the next row, and are missing in the others.
         registers: the map.
     """
 
-    host: str = "127.0.0.1"
-    port: int = Field(ge=1, le=65_535)
-    device_id: int = Field(1, ge=0, le=255)
+    url: str
     timeout_s: float = Field(0.5, gt=0.0, le=30.0)
-    lost_after_s: float = Field(1.5, gt=0.0, le=60.0)
-    stale_after_s: float = Field(1.0, gt=0.0, le=3600.0)
     word_order: Order = "big"
     byte_order: Order = "big"
-    max_gap: int = Field(0, ge=0, lt=MOST_REGISTERS)
-    frame_s: float = Field(0.1, ge=0.001, le=1.0)
     poll_groups: dict[str, float] = Field(min_length=1)
     registers: tuple[RegisterConfig, ...] = Field(min_length=1)
+
+    @field_validator("url")
+    @classmethod
+    def _is_a_device(cls, value: str) -> str:
+        parts = urlsplit(value)
+        unit = parts.path.strip("/") or "1"
+        if parts.scheme != "modbus" or not parts.hostname or not unit.isdecimal():
+            raise ValueError("expected modbus://HOST:PORT/UNIT, such as modbus://192.168.0.5:502/1")
+        if parts.port == 0 or int(unit) > MOST_UNITS:
+            raise ValueError(f"expected a port above 0 and a unit up to {MOST_UNITS}")
+        return value
 
     @model_validator(mode="after")
     def _check_map(self) -> "ModbusConfig":
@@ -105,10 +109,6 @@ class ModbusConfig(DriverConfig):
                 raise ValueError(
                     f"registers[{number}].group: {register.group!r} is not one of {known}"
                 )
-        self._check_channels()
-        return self
-
-    def _check_channels(self) -> None:
         check_channels("registers", self.registers)
         self._check_overlaps()
         for number, register in enumerate(self.registers):
@@ -118,6 +118,7 @@ class ModbusConfig(DriverConfig):
                     f"registers[{number}].group: {register.channel} makes the rows and must be in "
                     f"the fastest group, {self.fastest_group!r}"
                 )
+        return self
 
     def _check_overlaps(self) -> None:
         """Two channels in part of the same registers: one of them reads nonsense."""
@@ -131,6 +132,27 @@ class ModbusConfig(DriverConfig):
                 )
 
     @property
+    def endpoint(self) -> tuple[str, int, int]:
+        """Host, port and unit."""
+        parts = urlsplit(self.url)
+        unit = int(parts.path.strip("/") or 1)
+        return parts.hostname or "", parts.port or USUAL_PORT, unit
+
+    @property
+    def address(self) -> str:
+        """The same in words."""
+        return "{}:{} unit {}".format(*self.endpoint)
+
+    @property
+    def lost_after_s(self) -> float:
+        """Without a valid reply for this long the device is lost."""
+        return 3.0 * max(self.timeout_s, self.poll_groups[self.fastest_group])
+
+    def stale_after_s(self, register: RegisterConfig) -> float:
+        """A heartbeat that rests for this long makes its group's values bad."""
+        return max(1.0, 3.0 * self.poll_groups[self.group_of(register)])
+
+    @property
     def fastest_group(self) -> str:
         """The group that makes the rows."""
         return min(self.poll_groups, key=lambda name: self.poll_groups[name])
@@ -139,6 +161,64 @@ class ModbusConfig(DriverConfig):
         """The poll group of a register."""
         return register.group or next(iter(self.poll_groups))
 
+    def of_group(self, name: str) -> list[RegisterConfig]:
+        """Registers of a poll group."""
+        return [each for each in self.registers if self.group_of(each) == name]
+
     def key_of(self, register: RegisterConfig) -> str:
         """Key of a register in the configuration."""
         return f"registers[{self.registers.index(register)}]"
+
+
+def decode_number(
+    words: Sequence[int], kind: NumberType, word_order: Order = "big", byte_order: Order = "big"
+) -> float:
+    """The number in as many registers as `kind` takes; first register first."""
+    ordered = words if word_order == "big" else words[::-1]
+    raw = struct.pack(f"{'>' if byte_order == 'big' else '<'}{len(words)}H", *ordered)
+    return float(struct.unpack(FORMATS[kind], raw)[0])
+
+
+def encode_number(
+    value: float, kind: NumberType, word_order: Order = "big", byte_order: Order = "big"
+) -> list[int]:
+    """Registers that hold a number; an integer type takes the nearest one that it can hold."""
+    number = value
+    if not kind.startswith("float"):
+        bits, signed = 8 * struct.calcsize(FORMATS[kind]), kind.startswith("int")
+        low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
+        number = min(max(round(value), low), high)
+    raw = struct.pack(FORMATS[kind], number)
+    words = struct.unpack(f"{'>' if byte_order == 'big' else '<'}{len(raw) // 2}H", raw)
+    return list(words if word_order == "big" else words[::-1])
+
+
+@dataclass(frozen=True, slots=True)
+class ReadRequest:
+    """One read: function code, first address, number of registers, and what is wanted of it."""
+
+    function: int
+    address: int
+    count: int
+    registers: tuple[RegisterConfig, ...]
+
+
+def plan_requests(registers: Iterable[RegisterConfig]) -> tuple[ReadRequest, ...]:
+    """As few requests as possible, in the order of function and address.
+
+    Contiguous registers are read together, up to 125 at once; no value is split, and nothing that
+    nobody asked for is read: a device may refuse a whole request for a register that it lacks.
+    """
+    requests: list[ReadRequest] = []
+    for register in sorted(registers, key=lambda each: (FUNCTION_OF[each.table], each.address)):
+        function, end = FUNCTION_OF[register.table], register.address + register.words
+        last = requests[-1] if requests else None
+        if last and last.function == function and register.address <= last.address + last.count:
+            count = max(last.count, end - last.address)
+            if count <= MOST_REGISTERS:
+                requests[-1] = ReadRequest(
+                    function, last.address, count, (*last.registers, register)
+                )
+                continue
+        requests.append(ReadRequest(function, register.address, register.words, (register,)))
+    return tuple(requests)

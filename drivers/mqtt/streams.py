@@ -1,0 +1,431 @@
+"""JSON of strangers as rows of samples: Industrial Edge's capture, or any other by a map."""
+
+import io
+import json
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_service.messages.channels import CHANNELS, TIME
+from edge_service.messages.quality import Quality
+from edge_service.messages.samples import Booleans, Floats, SampleFrame
+from edge_service.models.machine import Machine
+from edge_service.recordings.columns import AxisError, ColumnLike, TraceError
+from edge_service.recordings.reader import TraceReader, read_source
+from edge_service.recordings.sinumerik.edge import (
+    HEADER,
+    PAYLOAD,
+    RESTART_GAP_S,
+    SAMPLES,
+    WIDE,
+    EdgeRows,
+    EdgeSource,
+    edge_recording,
+)
+from edge_service.recordings.sinumerik.edge_context import EdgeContext
+from edge_service.recordings.sinumerik.signals import EDGE_CYCLE, ControllerAxis
+from edge_service.recordings.source import Block, Source
+
+from ..base import DriverMisconfiguredError, DriverUnavailableError
+from ..rows import RowBlock, Values
+from ..signals import Scaling
+from .link import MqttSourceConfig
+
+LARGEST_COUNT = 2.0**53
+"""Beyond it neighbouring counts are the same double."""
+MEMORY = 1 << 15
+"""Samples that are remembered: a minute at 500 Hz."""
+MOST_LATE = 500
+"""Late ones in a row: after so many it is the newest key that was wrong."""
+MOST_ROWS = 100_000
+"""Of one message."""
+_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+class MessageError(Exception):
+    """A message that is skipped; the text is a part of a line."""
+
+
+def decode_object(payload: Any) -> dict[str, Any]:
+    """The object that a payload holds. Raises MessageError."""
+    try:
+        content = json.loads(payload)
+    except RecursionError:
+        raise MessageError("JSON that is nested too deeply") from None
+    except (ValueError, TypeError) as error:
+        raise MessageError(f"no JSON ({str(error)[:60]})") from None
+    if not isinstance(content, dict):
+        raise MessageError(f"JSON that is no object but a {type(content).__name__}")
+    return content
+
+
+class Order:
+    """Keeps a sample that is new, or the first of a new run; drops one that is neither.
+
+    A key that is known, with the same values, comes again. An unknown one between known ones comes
+    late, and its place has been passed. Any other that does not rise begins a new run; so does one
+    behind too many late ones.
+
+    Attributes:
+        repeated, late, restarts: how many of each.
+    """
+
+    def __init__(self) -> None:
+        self.repeated = self.late = self.restarts = 0
+        self._known: OrderedDict[float, int] = OrderedDict()
+        self._newest = -math.inf
+        self._late_in_a_row = 0
+
+    def keep(self, keys: Floats, rows: Floats) -> Booleans:
+        """Mask of the samples to keep, (n,).
+
+        Args:
+            keys: count or time, (n,); a sample without one is kept, and judged by its reader.
+            rows: the values, (n, m).
+        """
+        kept = [
+            math.isnan(key) or self._is_wanted(key, hash(row.tobytes()))
+            for key, row in zip(keys.tolist(), rows, strict=True)
+        ]
+        return np.array(kept, dtype=bool)
+
+    def forget(self) -> None:
+        """Begin anew: what comes next belongs to another run."""
+        self._known.clear()
+        self._newest = -math.inf
+
+    def _is_wanted(self, key: float, content: int) -> bool:
+        if key <= self._newest:
+            known = self._known.get(key)
+            if known == content:
+                self.repeated += 1
+                return False
+            if known is None and self._is_late(key):
+                self.late += 1
+                self._late_in_a_row += 1
+                return False
+            self.restarts += 1
+            self._known.clear()
+        self._late_in_a_row = 0
+        self._newest = key
+        self._known[key] = content
+        if len(self._known) > MEMORY:
+            self._known.popitem(last=False)
+        return True
+
+    def _is_late(self, key: float) -> bool:
+        return key > next(iter(self._known)) and self._late_in_a_row < MOST_LATE
+
+
+class LiveRows(Source):
+    """Rows as they come, one block at a time, where a file would be."""
+
+    def __init__(self, path: Path, rows: EdgeRows, context: EdgeContext) -> None:
+        super().__init__(path, io.BytesIO())
+        self.names, self.context = rows.names, context
+        self._rows = rows
+        self._block: Block | None = None
+
+    def put(self, samples: Floats) -> None:
+        """Take rows, (n, signals), to be read next."""
+        values = {name: samples[:, self.names.index(name)] for name in self.wanted}
+        self._block = Block(values, np.arange(float(len(samples))), self._rows.take_text())
+
+    def read_block(self) -> Block | None:
+        """The rows that were put in, once."""
+        self.ragged_rows = self._rows.ragged_rows
+        block, self._block = self._block, None
+        return block
+
+
+class _Capture:
+    """Rows, clock and reader of the run that one `Header` has begun."""
+
+    def __init__(
+        self,
+        path: Path,
+        header: Any,
+        first: list[Any],
+        columns: Mapping[str, ColumnLike],
+        axis: ControllerAxis,
+    ) -> None:
+        context = EdgeContext()
+        try:
+            self.rows = EdgeRows(header, first, context)
+        except ValueError as error:
+            raise TraceError(f"{path}: {error}") from None
+        if EDGE_CYCLE not in self.rows.names:
+            raise TraceError(f"{path}: no {EDGE_CYCLE}, and nothing else tells what was lost")
+        self.live = LiveRows(path, self.rows, context)
+        source = edge_recording(path, self.live, columns)
+        if not isinstance(source, EdgeSource):
+            raise TraceError(f"{path}: no signal is known by its name, such as TORQUE|1")
+        self.clock = source.clock
+        self.reader: TraceReader = read_source(path, source, columns, axis)
+
+
+class EdgeStream:
+    """Frames of one axis out of messages with `Header`, `Payload` and `HFData`.
+
+    The count tells what is lost, repeated or late; the sample after a gap is marked. A new `Header`
+    is a new run, a second after the one before.
+
+    Args:
+        path: of the source, for messages.
+        columns: of the machine file.
+        axis: which of several axes, and what its units need.
+    """
+
+    def __init__(self, path: Path, columns: Mapping[str, ColumnLike], axis: ControllerAxis) -> None:
+        self._path, self._axis = path, axis
+        self._columns = {
+            name: column
+            for name, column in columns.items()
+            if name != TIME or column.column == EDGE_CYCLE
+        }
+        self._order = Order()
+        self._header: Any = None
+        self._capture: _Capture | None = None
+        self._ended = {"lost_samples": 0, "gaps": 0, "ragged_rows": 0, "restarts": 0}
+        self._shift_s, self._newest_s = 0.0, -np.inf
+        self._delivered = 0
+        self.channels: tuple[str, ...] = ()
+        """Channels of the axis; none before a message said them."""
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Samples lost, repeated and late, gaps, restarts of the count, and rows set aside."""
+        repeated = {"repeated_samples": self._order.repeated, "late_samples": self._order.late}
+        return self._sums() | repeated
+
+    @property
+    def readings(self) -> dict[str, float]:
+        """Time from one sample to the next, and percent of the samples that were lost."""
+        lost = self._sums()["lost_samples"]
+        told = {"lost_percent": 100.0 * lost / (lost + self._delivered)} if self._delivered else {}
+        step_s = None if self._capture is None else self._capture.clock.step_s
+        return told if step_s is None else told | {"sample_s": step_s}
+
+    def frames(self, message: dict[str, Any]) -> list[SampleFrame]:
+        """Frames of a message.
+
+        Raises:
+            MessageError: it says nothing that can be read.
+            DriverMisconfiguredError: its signals cannot be read as they are configured.
+            DriverUnavailableError: it has other channels than those before.
+        """
+        header = message.get(HEADER)
+        payload = message.get(PAYLOAD, message)
+        parts = payload if isinstance(payload, list) else [payload]
+        blocks = [each[SAMPLES] for each in parts if isinstance(each, dict) and SAMPLES in each]
+        if not all(isinstance(block, list) for block in blocks):
+            raise MessageError(f"{SAMPLES} that is no list of rows")
+        if header is not None and _signals(header) != _signals(self._header):
+            self._header = header
+            self._end_capture()
+        rows = [row for block in blocks for row in block]
+        if not rows:
+            return []
+        if self._header is None:
+            raise MessageError(f"{SAMPLES} before a {HEADER} that names its signals")
+        capture = self._capture or self._begin(rows)
+        frame = self._read(capture, rows)
+        return [] if frame is None else [frame]
+
+    def _begin(self, rows: list[Any]) -> _Capture:
+        header, self._header = self._header, None
+        try:
+            capture = _Capture(self._path, header, rows, self._columns, self._axis)
+        except TraceError as error:
+            if isinstance(error, AxisError) and not self._delivered:
+                raise DriverMisconfiguredError("topic", str(error)) from None
+            raise MessageError(str(error)) from None
+        self._header, self._capture = header, capture
+        if self._delivered:
+            self._shift_s = self._newest_s + RESTART_GAP_S
+        before, self.channels = self.channels, capture.reader.channels
+        if before and before != self.channels:
+            raise DriverUnavailableError(f"{self._path}: the capture has other channels now")
+        return capture
+
+    def _read(self, capture: _Capture, rows: list[Any]) -> SampleFrame | None:
+        samples, _ = capture.rows.numbers(rows)
+        counts = samples[:, capture.rows.names.index(EDGE_CYCLE)]
+        counts[~(np.abs(counts) < LARGEST_COUNT)] = np.nan
+        kept = self._order.keep(counts, samples)
+        if not kept.any():
+            return None
+        capture.live.put(samples[kept])
+        try:
+            frame = next(capture.reader, None)
+        except TraceError as error:
+            raise MessageError(str(error)) from None
+        return None if frame is None else self._judged(capture, frame)
+
+    def _judged(self, capture: _Capture, frame: SampleFrame) -> SampleFrame:
+        """The frame on the clock of all runs, with the quality of each sample."""
+        time_s = frame.time_s + self._shift_s
+        steps_s = np.diff(time_s, prepend=self._newest_s if self._delivered else time_s[0])
+        after_gap = steps_s > WIDE * (capture.clock.step_s or np.inf)
+        quality = {}
+        for name, values in frame.channels.items():
+            codes = np.where(after_gap, Quality.OVERFLOW, Quality.GOOD).astype(np.uint8)
+            codes[np.isnan(values)] = Quality.NOT_A_NUMBER
+            quality[name] = codes
+        self._newest_s = float(time_s[-1])
+        self._delivered += len(frame)
+        return SampleFrame(time_s, frame.channels, quality)
+
+    def _sums(self) -> dict[str, int]:
+        """Counts of all captures; the order sees a restart before their clocks do."""
+        sums = dict(self._ended)
+        if self._capture is not None:
+            sums["lost_samples"] += round(self._capture.clock.lost)
+            sums["gaps"] += self._capture.clock.gaps
+            sums["ragged_rows"] += self._capture.rows.ragged_rows
+            sums["restarts"] += self._capture.clock.restarts
+        return sums
+
+    def _end_capture(self) -> None:
+        self._ended, self._capture = self._sums(), None
+        self._order.forget()
+
+
+def _signals(header: Any) -> Any:
+    """Members of a header that say how rows are to be read; others may change at will."""
+    if not isinstance(header, dict):
+        return header
+    return header.get("SignalListHFData"), header.get("CycleTimeMs")
+
+
+class MappedStream:
+    """Frames out of messages by the members that the configuration names.
+
+    Raises:
+        DriverMisconfiguredError: a unit that does not measure what its channel means.
+    """
+
+    def __init__(
+        self, config: MqttSourceConfig, machine: Machine, clock: Callable[[], float] = time.time
+    ) -> None:
+        self._config, self._clock = config, clock
+        self._scalings = {
+            signal.channel: Scaling.of(signal, machine, f"signals[{at}]")
+            for at, signal in enumerate(config.signals)
+        }
+        self._members = {signal.channel: signal.member for signal in config.signals}
+        self.channels = tuple(name for name in CHANNELS if name in self._scalings)
+        self._order = Order()
+        self.readings: dict[str, float] = {}
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Samples that came again or late, and how often the source's clock was set back."""
+        order = self._order
+        return {
+            "repeated_samples": order.repeated,
+            "late_samples": order.late,
+            "restarts": order.restarts,
+        }
+
+    def frames(self, message: dict[str, Any]) -> list[SampleFrame]:
+        """Frames of a message. Raises MessageError."""
+        found = {name: values_at(message, place) for name, place in self._members.items()}
+        if not any(found.values()):
+            raise MessageError("none of the members that signals name")
+        rows = max(len(values) for values in found.values())
+        if rows > MOST_ROWS:
+            raise MessageError(f"more than {MOST_ROWS} samples")
+        for name, values in found.items():
+            if len(values) not in (0, 1, rows):
+                raise MessageError(f"{len(values)} values of {name} beside {rows} of others")
+        raw = np.full((rows, len(self.channels)), np.nan)
+        for at, name in enumerate(self.channels):
+            raw[: len(found[name]), at] = [number(value) for value in found[name]]
+        times_s = self._times_s(message, rows)
+        kept = self._order.keep(times_s, raw)
+        block = RowBlock(self.channels)
+        for row in np.flatnonzero(kept):
+            block.add(float(times_s[row]), self._values(int(row), raw, found))
+        return [block.take()] if len(block) else []
+
+    def _values(self, row: int, raw: Floats, found: dict[str, list[Any]]) -> Values:
+        """Cells of a row; a slower signal stands in the first row only."""
+        values = {}
+        for at, name in enumerate(self.channels):
+            if not found[name] and row == 0:
+                values[name] = (math.nan, Quality.NO_VALUE)
+            elif row < len(found[name]):
+                value, code = self._scalings[name].si(float(raw[row, at]))
+                doubted = code is Quality.GOOD and self._config.time is None
+                values[name] = (value, Quality.NO_SOURCE_TIME if doubted else code)
+        return values
+
+    def _times_s(self, message: dict[str, Any], rows: int) -> Floats:
+        """Times of the samples, (n,). Raises MessageError where they cannot be told."""
+        config = self._config
+        told = [self._clock()]
+        if config.time is not None:
+            told = [self._seconds(value) for value in values_at(message, config.time)]
+        if len(told) == 1 and rows > 1 and config.period_s is not None:
+            first_s = told[0] - (rows - 1) * config.period_s if config.time is None else told[0]
+            told = [first_s + row * config.period_s for row in range(rows)]
+        times_s = np.array(told)
+        if len(times_s) != rows:
+            raise MessageError(f"{len(times_s)} times for {rows} samples; is period_s missing?")
+        if not np.isfinite(times_s).all():
+            raise MessageError(f"a time that is no number of {config.time_unit}")
+        return times_s
+
+    def _seconds(self, value: Any) -> float:
+        unit = self._config.time_unit
+        if unit != "iso":
+            return number(value) * _FACTORS[unit]
+        try:
+            moment = datetime.fromisoformat(value)
+            return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+        except (TypeError, ValueError, OverflowError):
+            return math.nan
+
+
+def values_at(document: Any, member: str) -> list[Any]:
+    """Values at a place: the elements of a list, or the only one; none where nothing is there.
+
+    Between dots stands the name of a member; `*` is every element of a list, and `name=text` are
+    those elements whose member `name` is that text or number.
+    """
+    found = [document]
+    for part in member.split("."):
+        found = [value for each in found for value in _step(each, part)]
+    if len(found) == 1 and isinstance(found[0], list):
+        return found[0]
+    return found
+
+
+def number(value: Any) -> float:
+    """A value as a number; NaN for what is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return float("nan")
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        return float("nan")
+
+
+def _step(document: Any, part: str) -> list[Any]:
+    if isinstance(document, dict):
+        return [document[part]] if part in document else []
+    if not isinstance(document, list):
+        return []
+    name, equals, text = part.partition("=")
+    if equals:
+        return [e for e in document if isinstance(e, dict) and str(e.get(name)) == text]
+    if part != "*":
+        raise MessageError(f"a list where {part!r} is expected")
+    return document
