@@ -34,7 +34,7 @@ def test_every_route_keeps_what_its_schema_says(tmp_path: Path) -> None:
             assert service.stdout is not None
             line = next(each for each in service.stdout if "http://" in each)
             address = line[line.index("http://") :].split()[0]
-            assert httpx.get(f"{address}openapi.json").status_code == 200
+            assert httpx.get(f"{address}openapi.json", timeout=120.0).status_code == 200
             said = _examined(f"{address}openapi.json", tmp_path)
         finally:
             service.terminate()
