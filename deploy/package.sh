@@ -60,7 +60,7 @@ fi
 sed -i "1s|^#!.*|#!/opt/edge-service/bin/python3|" "$program/bin/edge-service"
 
 step 2/3 "configuration and documents"
-sed 's|^# folder = "history".*|folder = "/var/lib/edge-service"  # of the user edge-service|' \
+sed 's|^# folder = "state".*|folder = "/var/lib/edge-service"  # of the user edge-service|' \
   deploy/edge.toml >"$STAGE/edge.toml"
 VERSION=${VERSION:-$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)}
 MAINTAINER=${MAINTAINER:-edge-service <edge-service@localhost>}

@@ -122,8 +122,8 @@ class VibrationConfig(Table):
         return self
 
 
-class HistoryConfig(Table):
-    """`[history]`: where history, events and the state of alarms, trends and estimates are kept."""
+class StoreConfig(Table):
+    """`[store]`: where history, events and the state of alarms, trends and estimates are kept."""
 
     folder: Path | None = None
     budget_mb: float = Field(2000.0, ge=10.0)

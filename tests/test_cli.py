@@ -39,7 +39,7 @@ def private(folder: Path, name: str, text: str) -> str:
     return path
 
 
-KEPT = '[history]\nfolder = "state"\n[[axes]]\nname = "X"\n'
+KEPT = '[store]\nfolder = "state"\n[[axes]]\nname = "X"\n'
 AXIS = '[[axes]]\nname = "X"\n'
 TRACE = "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n"
 Case = Callable[[Path], list[str]]
@@ -146,7 +146,7 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "tokens without a state folder": (
         lambda p: ["token", write(p, "a.toml", AXIS)],
-        "history.folder: missing; tokens are kept in the state folder",
+        "store.folder: missing; tokens are kept in the state folder",
     ),
     "a token for nobody": (
         lambda p: ["token", write(p, "a.toml", KEPT), "--add", "", "--role", "viewer"],

@@ -16,8 +16,8 @@ from edge_service.health.alarms.latch import AlarmLatch, AlarmRule
 from edge_service.health.axis_events import (
     clock_changed,
     consistency_changed,
-    disagreement_recorded,
     preload_rose,
+    recording_kept,
     recording_name,
 )
 from edge_service.health.condition.data_faults import DataFaults
@@ -189,7 +189,7 @@ def test_each_kind_of_alarm_is_told_in_german(kind: AlarmKind) -> None:
 
 
 IN_ENGLISH = {
-    *("status_changed", "component_changed", "payloads_refused", "state_damaged"),
+    *("status_changed", "component_changed", "store_damaged", "command"),
     *("note", "part_replaced"),  # the words of a person
 }
 """Events that parts and people tell in words of their own."""
@@ -217,7 +217,7 @@ def events() -> list[Event]:
     found += [preload_rose("X", 2.0, 7.0, fresh, 0) for fresh in (None, 7.0)]
     found += [consistency_changed("X", each, START_NS, START_NS) for each in differs]
     found += [clock_changed(step * NS, 0) for step in (-90_000, -3, 5, 7200)]
-    found.append(disagreement_recorded("X", recording_name("X", START_NS), 0))
+    found.append(recording_kept("X", recording_name("X", START_NS), 0))
     return found + answered() + conditions()
 
 

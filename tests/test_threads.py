@@ -15,7 +15,8 @@ from drivers import replay
 from drivers.base import DriverContext
 from drivers.replay import ReplayConfig, ReplayDriver
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.health.events.diary import Diary
+from edge_service.health.store.events import EventLog
+from edge_service.health.store.store import Store
 from edge_service.http_api.context import from_history
 from edge_service.nodes.supervision.heartbeat import Heartbeat
 from edge_service.threads import Threads
@@ -105,11 +106,11 @@ class _HungProcess:
         pass
 
 
-async def answers(diary: Diary) -> None:
+async def answers(log: EventLog) -> None:
     """Everything else that reads in threads: requests, outputs, tasks and the loop itself."""
     async with asyncio.timeout(PATIENCE_S):
         assert await from_history(int, 7) == 7
-        assert await Threads("missed events").run(diary.after, 0, 1) == ()
+        assert await Threads("missed events").run(log.after, 0, 1) == []
         assert await Heartbeat("task", float("inf"), lambda: 0.0).in_thread(int, 7) == 7
         assert await asyncio.get_running_loop().getaddrinfo("127.0.0.1", 9)
 
@@ -128,7 +129,7 @@ async def test_forty_reads_that_hang_starve_nobody_else(
             reads.append(asyncio.ensure_future(anext(driver.frames(), None)))
         for driver in drivers:
             await until_waiting(driver._threads, 1)
-        await answers(Diary())
+        await answers(EventLog(Store(None)))
         go_on.set()
         await asyncio.gather(*reads)
         for driver in drivers:

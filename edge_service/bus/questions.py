@@ -14,7 +14,10 @@ MOST_BYTES = 16_384
 """Length of a question; a longer one gets no answer."""
 
 Answer = Callable[[str, bytes, Callable[[bytes | None], None]], None]
-"""(key, question, reply): replies now or later; None says that there is no answer."""
+"""(key, question, reply): replies now or later; None says that there is no answer.
+
+A question is the payload, or without one the parameters of the selector.
+"""
 
 
 class Answering:
@@ -45,13 +48,14 @@ class Answering:
     def _on_query(self, query: zenoh.Query) -> None:
         """Runs in a thread of Zenoh; a flood of questions ends here, and not in the loop."""
         payload = query.payload
-        is_fit = payload is not None and len(payload) <= MOST_BYTES and len(self._open) < MOST_OPEN
-        if payload is None or not is_fit or self._loop.is_closed():
+        asked = str(query.parameters).encode() if payload is None else payload.to_bytes()
+        is_fit = len(asked) <= MOST_BYTES and len(self._open) < MOST_OPEN
+        if not is_fit or self._loop.is_closed():
             self.refused += 1
             query.drop()
             return
         self._open.add(query)
-        self._loop.call_soon_threadsafe(self._begin, query, payload.to_bytes())
+        self._loop.call_soon_threadsafe(self._begin, query, asked)
 
     def _begin(self, query: zenoh.Query, question: bytes) -> None:
         if self._closed:
@@ -77,7 +81,9 @@ class Answering:
                 self._reply(query, None)
 
 
-async def ask(session: zenoh.Session, key: str, question: bytes, timeout_s: float) -> bytes | None:
+async def ask(
+    session: zenoh.Session, key: str, question: bytes | None, timeout_s: float
+) -> bytes | None:
     """The first answer to a question; None if nobody is there, or answers in time."""
     loop = asyncio.get_running_loop()
     answered: asyncio.Future[bytes | None] = loop.create_future()

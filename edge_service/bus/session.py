@@ -111,7 +111,7 @@ class Bus:
         self._answering.append(answering)
         return answering
 
-    async def ask(self, key: str, question: bytes, timeout_s: float) -> bytes | None:
+    async def ask(self, key: str, question: bytes | None, timeout_s: float) -> bytes | None:
         """The first answer to a question; None if nobody is there, or answers in time."""
         return await ask(self._session, key, question, timeout_s)
 

@@ -22,11 +22,13 @@ from .sources import doctor, stub
 from .tokens import token
 
 GONE: dict[str, str] = {
+    "restore --config": "now edge-service restore ARCHIVE CONFIG",
+    "restore --history": "gone; history goes where the configuration keeps it",
+    "audit": "gone; GET /api/v1/log?kind=command",
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
     "fleet --services": "gone; name the addresses, their tokens in .netrc",
     "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
     "plant": "gone; run zenohd with deploy/zenoh.json5, then edge-service fleet tcp/ROUTER",
-    "audit": "gone; GET /api/v1/log?kind=command",
     "certs": "gone; use your authority, or mkcert, and [http] certificate",
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
     "token add": "now token CONFIG --add NAME --role viewer|operator",
@@ -94,7 +96,7 @@ def _is_bad_input(error: Exception) -> bool:
     from ..health.store.tokens import TokenError
     from ..http_api.serve import AddressError
     from ..models.motions.registry import MotionError
-    from ..offline.backup.contents import BackupError
+    from ..offline.backup import BackupError
     from ..offline.diagnosis.sessions import DiagnosisError
     from ..offline.simulate import SimulationError
     from ..recordings.columns import TraceError

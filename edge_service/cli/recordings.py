@@ -89,15 +89,20 @@ def convert(
     interpolate: bool,
     keep_all: bool,
 ) -> Answer:
-    """Convert a recording to a trace: CSV, Parquet or MCAP.
+    """Convert a recording or the kept history to another format: CSV, Parquet or MCAP.
 
     SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace, a recording of Industrial Edge or a
     MATLAB 5 file; SINUMERIK and Industrial Edge names are known. The machine file gives the lead
-    and, under [columns], names that take precedence.
+    and, under [columns], names that take precedence. Of edge-service.sqlite the history of all axes
+    is written, with a column `axis`.
     """
     from ..config import load_machine
     from ..offline.convert import convert as convert_trace
+    from ..offline.convert import convert_history, is_database
     from ..offline.recordings import controller_axis
+
+    if is_database(source):
+        return convert_history(source, out, progress)
 
     model = load_machine(machine)
     axis = controller_axis(

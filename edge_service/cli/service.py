@@ -155,36 +155,30 @@ def replay(
 @click.command(epilog="Example: edge-service backup /etc/edge-service/edge.toml --out backup.zip")
 @click.argument("config", type=PATH)
 @out_option("File to write; it may hold secrets, and is for its owner alone.")
-@click.option("--recordings", is_flag=True, help="Keep the recordings of the history as well.")
+@click.option("--recordings", is_flag=True, help="Keep the recordings as well.")
 @answering
 def backup(config: Path, out: Path, recordings: bool) -> Answer:
-    """Copy the configuration, the files that it names and the history into one file.
-
-    The service may be running.
-    """
-    from ..offline.backup.backup import back_up
+    """Copy configuration and history while the service runs."""
+    from ..offline.backup import back_up
 
     progress("copying")
     return back_up(config, out, recordings=recordings)
 
 
-@click.command(
-    epilog="Example: edge-service restore backup.zip --config /etc/edge-service/edge.toml"
-    " --history /var/lib/edge-service"
+@click.command(epilog="Example: edge-service restore backup.zip /etc/edge-service/edge.toml")
+@click.argument("archive", type=PATH)
+@click.argument("config", type=PATH)
+@click.option(
+    "--force", is_flag=True, help="Replace what differs; it stays beside, as NAME.before-TIME."
 )
-@click.argument("file", type=PATH)
-@click.option("--config", type=PATH, help="Configuration to write, with the files that it names.")
-@click.option("--history", type=PATH, help="History folder to fill; it must be empty.")
-@click.option("--force", is_flag=True, help="Replace files of the configuration that differ.")
 @answering
-def restore(file: Path, config: Path | None, history: Path | None, force: bool) -> Answer:
-    """Put back what `edge-service backup` has copied: all of it is checked before.
+def restore(archive: Path, config: Path, force: bool) -> Answer:
+    """Put a backup in place, whole or not at all.
 
-    No service may be running on that history.
+    CONFIG is the configuration to write, with the files that it names beside it; the history goes
+    where that configuration keeps it. No service may be running on it.
     """
-    from ..offline.backup import restore as backups
+    from ..offline import backup as backups
 
-    if config is None and history is None:
-        raise InputError("expected --config, --history or both: where to restore to")
     progress("checking the backup")
-    return backups.restore(file, config, history, force=force)
+    return backups.restore(archive, config, force=force)

@@ -70,8 +70,8 @@ def token(config: Path, added: str | None, role: "Role | None", revoked: str | N
     if (added is None) != (role is None) or (added and revoked):
         raise InputError("expected --add NAME --role viewer|operator, or --revoke NAME, or neither")
     settings = load_config(config)
-    if settings.history.folder is None:
-        raise InputError(f"{config}: history.folder: missing; tokens are kept in the state folder")
+    if settings.store.folder is None:
+        raise InputError(f"{config}: store.folder: missing; tokens are kept in the state folder")
     tokens = tokens_of(settings)
     try:
         if added is not None and role is not None:

@@ -1,11 +1,12 @@
 """The service's configuration and machine files: read, checked, every mistake told by its key."""
 
-from ..config_tables import AlarmsConfig, HistoryConfig, Table
+from ..config_tables import AlarmsConfig, StoreConfig, Table
 from .loading import (
     DEFAULT_CONFIG,
     check_settings,
     load_config,
     load_machine,
+    state_folder,
 )
 from .mistakes import ConfigError, explain
 from .service import (
@@ -31,12 +32,13 @@ __all__ = [
     "EdgeConfig",
     "EstimatorConfig",
     "HealthConfig",
-    "HistoryConfig",
     "HttpConfig",
     "ServiceConfig",
+    "StoreConfig",
     "Table",
     "check_settings",
     "explain",
     "load_config",
     "load_machine",
+    "state_folder",
 ]

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 GONE: dict[str, str] = {
+    "history.folder": "now store.folder",
+    "history.budget_mb": "now store.budget_mb",
     "bus.certificates": "gone; state them in [bus] zenoh_file (deploy/zenoh.json5)",
     "bus.security": "gone; in run others may read; state more in [bus] zenoh_file",
     "bus.tls_endpoint": "gone; state it in [bus] zenoh_file (deploy/zenoh.json5)",

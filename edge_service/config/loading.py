@@ -3,6 +3,7 @@
 import hashlib
 import json
 import logging
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -14,6 +15,7 @@ from ..config_secrets import open_secrets, with_secrets, with_table_secrets
 from ..config_tables import (
     EmailConfig,
     EventOutputConfig,
+    StoreConfig,
     Table,
 )
 from ..messages.outputs import OF_HTTP
@@ -64,7 +66,7 @@ def load_config(path: Path) -> EdgeConfig:
     folder = path.parent
     placed = {
         "axes": axes,
-        "history": _placed(config.history, folder, "folder"),
+        "store": _stored(config.store, folder),
         **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
         "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "zenoh_file"),
@@ -93,10 +95,27 @@ def _with_key(table: HttpConfig, folder: Path, *keys: str) -> Table | None:
     return _placed(table.model_copy(update={"private_key": key}), folder, *keys)
 
 
+def state_folder(named: Path | None, folder: Path) -> Path | None:
+    """Folder of the store, by default the one that systemd gives the service; None: none.
+
+    Args:
+        named: as the configuration names it.
+        folder: of the configuration.
+    """
+    given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    if named is not None:
+        return folder / named
+    return Path(given) if given else None
+
+
+def _stored(table: StoreConfig, folder: Path) -> Table:
+    return table.model_copy(update={"folder": state_folder(table.folder, folder)})
+
+
 def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputConfig:
-    """Events wait in the folder of the history, unless something else is said."""
+    """Events wait in the folder of the store, unless something else is said."""
     table: EventOutputConfig = getattr(config, output)
-    usual = (config.history.folder or folder) / f"{output}-buffer.sqlite"
+    usual = (config.store.folder or folder) / f"{output}-buffer.sqlite"
     placed = table.model_copy(update={"buffer": folder / (table.buffer or usual)})
     if isinstance(placed, EmailConfig) and placed.ca_certificate is not None:
         return placed.model_copy(update={"ca_certificate": folder / placed.ca_certificate})

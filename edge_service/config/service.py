@@ -9,9 +9,9 @@ from pydantic_core import PydanticCustomError
 from ..config_tables import (
     AlarmsConfig,
     EmailConfig,
-    HistoryConfig,
     JobsConfig,
     MqttConfig,
+    StoreConfig,
     Table,
     VibrationConfig,
     WebhookConfig,
@@ -172,7 +172,7 @@ class EdgeConfig(Table):
     alarms: AlarmsConfig = AlarmsConfig()
     webhook: WebhookConfig = WebhookConfig()
     email: EmailConfig = EmailConfig()
-    history: HistoryConfig = HistoryConfig()
+    store: StoreConfig = StoreConfig()
     jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
     _digest: str = PrivateAttr("")

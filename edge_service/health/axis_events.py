@@ -66,12 +66,12 @@ def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: 
     )
 
 
-def disagreement_recorded(axis: str, name: str, now_ns: int) -> Event:
+def recording_kept(axis: str, name: str, now_ns: int) -> Event:
     """Event of a recording that is ready to diagnose."""
     words = told(Code.DISAGREEMENT_RECORDED, recording=name)
     return Event(
         axis=axis,
-        kind="disagreement_recorded",
+        kind="recording_kept",
         severity=Severity.INFO,
         message=words.text,
         sentence=words.sentence,
@@ -84,7 +84,7 @@ def state_damaged(axis: str, words: str, now_ns: int) -> Event:
     """Event of a kept state that could not be read."""
     return Event(
         axis=axis,
-        kind="state_damaged",
+        kind="store_damaged",
         severity=Severity.WARNING,
         message=words,
         time_ns=now_ns,
@@ -122,4 +122,19 @@ def log_entry(axis: str, command: Command, now_ns: int) -> Event:
         message=f"{words} ({command.user})",
         time_ns=now_ns,
         data={"user": command.user},
+    )
+
+
+def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Event:
+    """Event of a command that would have changed nothing."""
+    about = "" if command.alarm is None else f" {command.alarm}"
+    return Event(
+        axis=axis,
+        kind="command",
+        severity=Severity.INFO,
+        message=f"{command.action}{about} was refused: {reason}",
+        time_ns=now_ns,
+        who=command.user,
+        origin=command.origin or "bus",
+        data={"action": command.action, "outcome": "refused"},
     )

@@ -20,7 +20,7 @@ from .advice.consistent import consistent, of_fresh
 from .alarms.axis_alarms import AlarmSettings, AxisAlarms
 from .alarms.latch import LatchSnapshot
 from .answered import AnsweredCommand, AnsweredCommands
-from .axis_events import consistency_changed, disagreement_recorded, log_entry, preload_rose
+from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
 from .condition.condition_monitor import ConditionMonitor
 from .condition.input_watch import NS_PER_S, moved
 from .model_watch.channel_model import LearnedChannel
@@ -142,7 +142,9 @@ class AxisMonitor:
     def obey(self, command: Command, now_ns: int) -> tuple[Outcome, tuple[Event, ...]]:
         """Do what a person asks, or refuse what would change nothing."""
         refusal = self._alarms.refusal(command)
+        asked = {"who": command.user, "origin": command.origin or "bus"}
         events = () if refusal else self.on_command(command, now_ns)
+        events = tuple(event.model_copy(update=asked) for event in events)
         message = refusal or next((event.message for event in events), "")
         outcome = Outcome(accepted=not refusal, message=message)
         self._answered.note(command, outcome)
@@ -156,7 +158,7 @@ class AxisMonitor:
             return (log_entry(self.axis, command, now_ns),)
         if command.action == "recorded":
             self._recording = command.note
-            return (disagreement_recorded(self.axis, command.note, now_ns),)
+            return (recording_kept(self.axis, command.note, now_ns),)
         return self._alarms.on_command(command, now_ns)
 
     def tick(self, now_ns: int) -> tuple[Event, ...]:

@@ -5,7 +5,6 @@ from ..messages.health import AxisCondition, AxisHealth
 from .advice.consistent import consistent
 from .condition.component import ComponentWatch
 from .condition.input_watch import InputWatch
-from .history.archive import AxisArchive
 from .model_watch.live_features import LiveFeatures
 from .settings import AxisLimits
 from .state_settings import Keeping, StateSettings
@@ -23,7 +22,6 @@ class AxisState:
         components: ComponentWatch | None = None,
     ) -> None:
         self.axis, self.limits = axis, limits
-        self.archive = keeping.archives.get(axis) or AxisArchive()
         self.live = LiveFeatures(keeping.ratios_m_per_rad.get(axis))
         self._components = components or ComponentWatch(settings.component_silent_after_s)
         self.versions: dict[str, int] = {}

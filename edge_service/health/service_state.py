@@ -16,14 +16,13 @@ from .axis_state import AxisState
 from .condition.component import ComponentWatch
 from .condition.input_watch import NS_PER_S
 from .condition.refusal_watch import Refused
-from .events.diary import Diary
-from .events.fan_out import FanOut
-from .events.log import LoggedEvent
-from .history.buckets import Bucket
-from .history.rows import Rows
 from .model_watch.live_features import ChannelQuality, LivePoint
 from .settings import AxisLimits
 from .state_settings import Keeping, StateSettings
+from .store.events import EventLog, StoredEvent
+from .store.fan_out import FanOut
+from .store.history import History
+from .store.store import Store
 from .stroke import StrokeModel
 
 _LATEST_NS = 3600 * NS_PER_S
@@ -86,7 +85,8 @@ class ServiceState:
             for axis, limits in axes.items()
         }
         self._strokes = dict(strokes or {})
-        self.events = keeping.diary or Diary()
+        self.events = keeping.events or EventLog(Store(None))
+        self.history = keeping.history or History(self.events.store)
         self.readers = FanOut(settings.backlog_capacity)
         self.ignored_payloads = 0
 
@@ -102,7 +102,8 @@ class ServiceState:
             return
         state.estimate = estimate
         if now_ns - header.source_time_ns < _LATEST_NS:
-            state.archive.append(header.source_time_ns, estimate, state.live.temperature_c)
+            temperature_c = state.live.temperature_c
+            self.history.append(axis, header.source_time_ns, estimate, temperature_c)
         self._mark(state, PRELOAD.name, axis)
 
     def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
@@ -124,9 +125,9 @@ class ServiceState:
         """Tell whether an event is of the service or of one of its axes."""
         return not event.axis or self._known(event.axis) is not None
 
-    def tell(self, logged: LoggedEvent) -> None:
+    def tell(self, stored: StoredEvent) -> None:
         """Hand an event that is kept to the live readers."""
-        self.readers.put_event(logged)
+        self.readers.put_event(stored)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> None:
         """Take a component's report in."""
@@ -161,14 +162,6 @@ class ServiceState:
     def stroke(self, axis: str) -> StrokeModel | None:
         """Stroke model of an axis: what is known of it along its stroke."""
         return self._strokes.get(axis)
-
-    def history(self, axis: str, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
-        """Buckets of the axis' history; see AxisArchive.buckets. For any thread."""
-        return self._axes[axis].archive.buckets(start_s, end_s, step_s)
-
-    def history_rows(self, axis: str, start_s: float, end_s: float, step_s: float) -> Rows:
-        """Rows of the axis' history; see AxisArchive.rows. For any thread."""
-        return self._axes[axis].archive.rows(start_s, end_s, step_s)
 
     def live(self, axis: str, since_ns: int = 0) -> tuple[LivePoint, ...]:
         """The axis' last intervals after a time, oldest first."""

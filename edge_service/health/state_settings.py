@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..messages.topics import HEALTH, PRELOAD
-from .events.diary import Diary
-from .history.archive import AxisArchive
+from .store.events import EventLog
+from .store.history import History
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +30,12 @@ class Keeping:
     """Data that outlive the process; by default none do.
 
     Attributes:
-        archives: history of each axis; one that is absent keeps its history in memory.
-        diary: events; one in memory if there is none.
+        history, events: in the store; in memory if there is none.
         ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
         place: where the history is, for people.
     """
 
-    archives: Mapping[str, AxisArchive] = field(default_factory=dict)
-    diary: Diary | None = None
+    history: History | None = None
+    events: EventLog | None = None
     ratios_m_per_rad: Mapping[str, float] = field(default_factory=dict)
     place: str = "in memory only: it ends with the service"

@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
+from ..health.store.store import StoreFailedError
 from ..health.store.tokens import Role, Token, Tokens, token_of
 from .guard import SAFE_METHODS
 
@@ -35,6 +36,9 @@ class Authenticator:
 
     Args:
         required: a token is needed even while there is none.
+
+    Attributes:
+        problem: reason for which the tokens were not read yet, so nobody is let in; else empty.
     """
 
     def __init__(self, tokens: Tokens | None = None, *, required: bool = False) -> None:
@@ -42,8 +46,11 @@ class Authenticator:
         self._required = required
         self._known: tuple[Token, ...] = ()
         self._used: set[str] = set()
-        if tokens is not None:
-            self._known = tokens.all()
+        self.problem = ""
+        try:
+            self._known = () if tokens is None else tokens.all()
+        except StoreFailedError as error:
+            self.problem = str(error)
 
     def refresh(self, now_ns: int) -> None:
         """Read the tokens, and note which were used. Raises StoreFailedError."""
@@ -54,6 +61,7 @@ class Authenticator:
             if token.name in used and now_ns - (token.used_ns or 0) > _USED_NS:
                 self.tokens.note_use(token.name, now_ns)
         self._known = self.tokens.all()
+        self.problem = ""
 
     @property
     def needs_token(self) -> bool:
@@ -89,6 +97,8 @@ def _secret(authorization: str) -> str:
 async def authorized(request: Request) -> Caller:
     """Caller of a route that may take it; every route but `/healthz` depends on this."""
     authenticator: Authenticator = request.app.state.authenticator
+    if authenticator.problem:
+        raise HTTPException(503, f"nobody knows who may be let in: {authenticator.problem}")
     caller = authenticator.caller(request)
     if caller is None:
         words = "a token is needed: Authorization: Bearer TOKEN, or as the password of a browser"

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
-from ..health.history.buckets import Spread
+from ..health.store.rows import Spread
 from ..messages.advice import Headline, Subject, Task
 from ..messages.alarm import AlarmKind
 from ..messages.estimate import EstimateStatus, Interval
@@ -118,6 +118,7 @@ Told = Annotated[
 ]
 _ALARM_EXAMPLE: dict[str, Any] = {
     "alarm": "sudden_drop",
+    "occurrence": 1769860800000,
     "severity": "error",
     "active": True,
     "message": "preload fell suddenly by 64 points, from 100 to 36 % of the fresh screw's",
@@ -135,6 +136,7 @@ class AlarmAnswer(Answer):
     model_config = ConfigDict(json_schema_extra={"examples": [_ALARM_EXAMPLE]})
 
     alarm: AlarmKind = Field(validation_alias="kind")
+    occurrence: int = Field(description="Which time of this alarm; `acknowledge` names it.")
     severity: Severity
     active: bool = Field(description="Whether its cause is present now.")
     message: str
@@ -379,8 +381,16 @@ class EventAnswer(Answer):
     severity: Severity
     message: str
     time: Timestamp = Field(validation_alias="time_ns")
+    who: str = Field("", description="Who asked for it; empty if nobody did.")
+    origin: str = Field("", description="Address, `bus`, or a process of the service.")
     data: dict[str, str | float | int | None]
     sentence: Told = None
+
+
+class NumberedEventAnswer(EventAnswer):
+    """One event with the number under which the live stream knows it."""
+
+    id: int
 
 
 class ReadyAnswer(Answer):

@@ -23,8 +23,9 @@ from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response
 from .routes.axis import SendCommand, work_router
 from .routes.diagnose import diagnose_router
 from .routes.docs import docs_router
-from .routes.download import download_router
+from .routes.history import history_router
 from .routes.jobs import job_router, on_refused
+from .routes.log import log_router
 from .routes.motions import MotionDesk, motion_router
 from .routes.outputs import output_router
 from .routes.preload import alive_router, axis_router, service_router
@@ -113,7 +114,8 @@ def create_app(
         service_router,
         axis_router,
         work_router,
-        download_router,
+        history_router,
+        log_router,
         schema_router,
         stream_router,
         metrics_router,

@@ -6,25 +6,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ..health.model_watch.live_features import ChannelQuality
 from ..messages.alarm import AlarmKind
-from .answers import Answer, EventAnswer, Timestamp
+from .answers import Answer, Timestamp
 
 Measured = Annotated[
     float | None, AfterValidator(lambda value: None if value is None else float(f"{value:.7g}"))
 ]
 """A measured value to seven digits: more than any was measured with; null if it was not."""
-
-
-class NumberedEventAnswer(EventAnswer):
-    """One event with the number under which the live stream knows it."""
-
-    id: int
-
-
-class LogAnswer(Answer):
-    """Events and notes of an axis, oldest first."""
-
-    axis: str
-    events: list[NumberedEventAnswer]
 
 
 class UseAnswer(Answer):
@@ -139,13 +126,22 @@ class CommandBody(BaseModel):
         extra="forbid",
         json_schema_extra={
             "examples": [
-                {"action": "acknowledge", "alarm": "sudden_drop", "user": "Kim", "note": "seen"}
+                {
+                    "action": "acknowledge",
+                    "alarm": "sudden_drop",
+                    "occurrence": 1795000000123,
+                    "user": "Kim",
+                    "note": "seen",
+                }
             ]
         },
     )
 
     action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced"]
     alarm: AlarmKind | None = None
+    occurrence: int | None = Field(
+        None, ge=0, description="That of the alarm that is acknowledged; 409 once it is over."
+    )
     user: str = Field(min_length=1, max_length=100)
     note: str = Field("", max_length=1000)
     duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0, allow_inf_nan=False)

@@ -24,8 +24,6 @@ from .answers import (
 from .axis_answers import (
     FrictionAnswer,
     LiveAnswer,
-    LogAnswer,
-    NumberedEventAnswer,
     ProfileAnswer,
     StrokeAnswer,
     TracesAnswer,
@@ -99,27 +97,13 @@ def history_answer(
     state: ServiceState, axis: str, start_s: float, end_s: float, step_s: float
 ) -> HistoryAnswer:
     """History of one axis."""
-    buckets = state.history(axis, start_s, end_s, step_s)
+    buckets = state.history.buckets(axis, start_s, end_s, step_s)
     return HistoryAnswer(
         axis=axis,
         start=rfc3339_s(start_s),
         end=rfc3339_s(end_s),
         step_s=step_s,
         buckets=[BucketAnswer.model_validate(bucket) for bucket in buckets],
-    )
-
-
-def log_answer(
-    state: ServiceState, axis: str, start_s: float, end_s: float, limit: int
-) -> LogAnswer:
-    """The newest events and notes."""
-    events = state.events.between(round(start_s * 1e9), round(end_s * 1e9), axis, limit)
-    return LogAnswer(
-        axis=axis,
-        events=[
-            NumberedEventAnswer.model_validate(dict(logged.event) | {"id": logged.id})
-            for logged in events
-        ],
     )
 
 

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, WithJsonSchema
 from starlette.exceptions import HTTPException
 
 from ..health.service_state import ServiceState
+from ..health.store.store import StoreFailedError
 from ..threads import Threads
 from .times import LAST_S, parse_moment
 
@@ -103,6 +104,5 @@ async def from_history(
             return await QUESTIONS.run(ask, *args, **kwargs)
     except TimeoutError:
         raise HTTPException(503, "the disk with the history does not answer") from None
-    except OSError as error:
-        detail = f"the history cannot be read now ({error.strerror or error})"
-        raise HTTPException(503, detail) from None
+    except (OSError, StoreFailedError) as error:
+        raise HTTPException(503, f"the history cannot be read now ({error})") from None

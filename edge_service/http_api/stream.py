@@ -10,9 +10,9 @@ from fastapi.sse import format_sse_event
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from ..health.events.fan_out import Batch, Subscription, concerns
-from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
+from ..health.store.events import StoredEvent
+from ..health.store.fan_out import Batch, Subscription, concerns
 from ..messages.addresses import is_loopback
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .access import Authenticator
@@ -144,7 +144,7 @@ async def _stream(
     allowed: Callable[[], bool],
 ) -> AsyncIterator[bytes]:
     seen_id = 0 if resume_id is None else resume_id
-    first_id = state.events.last_id if resume_id is None else resume_id
+    first_id = await QUESTIONS.run(state.events.last_id) if resume_id is None else resume_id
     yield format_sse_event(id=str(first_id), retry=RETRY_MS)
     if resume_id and not await QUESTIONS.run(state.events.holds_all_after, resume_id):
         yield _lost(None, "older events are no longer kept")
@@ -167,7 +167,7 @@ async def _stream(
             yield message
 
 
-async def _missed(state: ServiceState, seen_id: int) -> tuple[LoggedEvent, ...]:
+async def _missed(state: ServiceState, seen_id: int) -> list[StoredEvent]:
     """The next events that a reader has not seen, a page of them."""
     return await QUESTIONS.run(state.events.after, seen_id, _PAGE)
 
@@ -192,7 +192,7 @@ def _news(encoded: _Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterato
         yield encoded.value(topic, axis, now_ns)
 
 
-def _event(logged: LoggedEvent) -> bytes:
+def _event(logged: StoredEvent) -> bytes:
     data = EventAnswer.model_validate(logged.event).model_dump_json()
     return format_sse_event(event="event", id=str(logged.id), data_str=data)
 

@@ -30,6 +30,7 @@ class Alarm(Frozen):
 
     Attributes:
         active: whether its cause holds now.
+        occurrence: number of this time that it was raised; each is greater than those before.
         message, sentence: its cause in English, and for readers of other languages.
         raised_time_ns, cleared_time_ns: UNIX times, ns, of the last change either way.
         acknowledged_by, note: who took note of it, and their words; None if nobody.
@@ -39,6 +40,7 @@ class Alarm(Frozen):
     kind: AlarmKind
     severity: Severity
     active: bool
+    occurrence: int = Field(0, ge=0)
     message: str
     raised_time_ns: int
     cleared_time_ns: int | None = None
@@ -56,6 +58,7 @@ class Command(Frozen):
             was replaced or set anew (`part_replaced`), which begins its trend and use anew; or that
             the trace named by the note is kept (`recorded`, from the service itself).
         alarm: the alarm meant; None for the other actions.
+        occurrence: which time of that alarm `acknowledge` means; refused once that is over.
         user: who asks.
         note: their words.
         duration_s: how long to shelve, s.
@@ -66,6 +69,7 @@ class Command(Frozen):
 
     action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced", "recorded"]
     alarm: AlarmKind | None = None
+    occurrence: int | None = Field(None, ge=0)
     user: str = Field(min_length=1, max_length=100)
     note: str = Field("", max_length=1000)
     duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0)

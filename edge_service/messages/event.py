@@ -10,6 +10,11 @@ from .names import Kind, check_recording
 from .sentence import Sentence, is_none
 
 
+def is_empty(text: str) -> bool:
+    """True of text that need not be written."""
+    return not text
+
+
 class Severity(StrEnum):
     """Level of attention that an event asks for."""
 
@@ -25,6 +30,7 @@ class Event(Frozen):
         kind: e.g. `condition_changed`, `status_changed`, `component_changed`, `data_fault`.
         message, sentence: in English, and for readers of other languages.
         time_ns: UNIX time in ns.
+        who, origin: who asked for it, and from where; empty if nobody did.
         data: the values that changed; `recording` names a trace that the service keeps.
     """
 
@@ -34,6 +40,8 @@ class Event(Frozen):
     message: str
     time_ns: int
     data: dict[str, str | float | int | None] = {}
+    who: str = Field("", max_length=100, exclude_if=is_empty)
+    origin: str = Field("", max_length=200, exclude_if=is_empty)
     sentence: Sentence | None = Field(None, exclude_if=is_none)
 
     @model_validator(mode="after")

@@ -4,29 +4,32 @@ import logging
 from contextlib import AsyncExitStack
 from functools import partial
 
-from ..clock import CLOCK
+from ..clock import CLOCK, now_ns
+from ..health.store.states import DamagedStateError, State, load_state, set_state_aside
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, FEAT, PRELOAD
-from .stores.estimate_store import EstimateStore, Kept, identity_of
 from .supervision.heartbeat import Heartbeat
 from .supervision.task import TaskChange
 from .wiring.context import NodeContext, Reporter
+from .wiring.estimate_state import Kept, StateError, identity_of
+from .wiring.event_dispatcher import try_to_save
 from .wiring.guarded_axis import GuardedAxis
 from .wiring.stages import WARM_UP_S, load_machines, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 PREPARING = "the estimator is being prepared; after an installation or upgrade that takes a minute"
 PART_REPLACED = "part_replaced"
-RETRY_PERIOD_S = 2.0
+STATE = "estimate"
+"""Name of the states in the store."""
 SAVE_PERIOD_S = 60.0
 """Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
 
-class _Axes:
-    """The estimators of all axes, and where their state is kept."""
+class Estimators:
+    """The estimators of all axes, and their states in the store."""
 
     def __init__(self, context: NodeContext) -> None:
         config = context.config
@@ -34,14 +37,13 @@ class _Axes:
         self.machines = load_machines(config)
         self.parts = {axis: Reporter(context, "estimate", axis) for axis in self.machines}
         self.axes = {axis: self._guarded(axis) for axis in self.machines}
-        identities = {
+        self._identities = {
             axis: identity_of(machine, config.estimator) for axis, machine in self.machines.items()
         }
-        folder = config.history.folder if context.keeps_estimates else None
-        self._store = None if folder is None else EstimateStore(folder, identities)
-        self._unwritten: dict[str, Kept] = {}
+        self.damaged = 0
+        """States that were none."""
         self.problem = ""
-        """Reason for which states cannot be kept now; empty if they are."""
+        """Reason for which a state cannot be kept now; empty if it can."""
 
     def _guarded(self, name: str) -> GuardedAxis:
         part = self.parts[name]
@@ -57,38 +59,43 @@ class _Axes:
         return axis
 
     def load(self) -> None:
-        """Go on where the last process was."""
-        if self._store is not None:
-            for name, axis in self.axes.items():
-                replaced = self._context.diary.diary.newest(name, PART_REPLACED)
-                axis.load(self._store, 0 if replaced is None else replaced.event.time_ns)
-
-    def to_keep(self) -> dict[str, Kept]:
-        """State of every axis that has gone on; only in the thread of the event loop."""
-        if self._store is None:
-            return {}
-        kept = {name: axis.to_keep() for name, axis in self.axes.items()}
-        return {name: each for name, each in kept.items() if each is not None}
-
-    def write(self, kept: dict[str, Kept]) -> None:
-        """Write states, from any thread; what a full disk does not take is tried again."""
-        if self._store is None:
+        """Go on where the last process was. Raises StoreFailedError."""
+        if not self._context.keeps_estimates:
             return
-        self._unwritten |= kept
-        problem = ""
-        for axis, each in tuple(self._unwritten.items()):
+        for name, axis in self.axes.items():
             try:
-                self._store.save({axis: each})
-                self._unwritten.pop(axis, None)
-            except (OSError, ValueError) as error:
-                problem = f"the state of the estimator cannot be saved (axis {axis}: {error})"
-        if problem and not self.problem:
-            log.warning("%s", problem)
-        self.problem = problem
+                kept = self._kept(name)
+                if kept is not None:
+                    axis.load(kept)
+            except StateError as error:
+                aside = ""
+                if error.damaged:
+                    self.damaged += 1
+                    aside = f", kept as {set_state_aside(self._context.store, STATE, name)}"
+                log.warning("axis %s: its estimate starts over: %s%s", name, error, aside)
 
-    def damaged_files(self) -> int:
-        """Files that were set aside."""
-        return 0 if self._store is None else self._store.damaged_files
+    def _kept(self, name: str) -> Kept | None:
+        try:
+            document = load_state(self._context.store, STATE, name)
+        except DamagedStateError as error:
+            raise StateError(f"its state is damaged ({error})", damaged=True) from None
+        if document is None:
+            return None
+        replaced = self._context.events.newest(name, PART_REPLACED)
+        replaced_ns = 0 if replaced is None else replaced.event.time_ns
+        return Kept.of(document, name, self._identities[name]).as_of(now_ns(), replaced_ns)
+
+    def keep(self) -> None:
+        """Let the state of every axis that has gone on wait for the disk; never waits itself."""
+        self.problem = ""
+        for name, axis in self.axes.items() if self._context.keeps_estimates else ():
+            kept = axis.to_keep()
+            if kept is not None:
+                try:
+                    state = State.of(STATE, name, kept.document(name, self._identities[name]))
+                    self._context.events.put((), now_ns(), (state,))
+                except ValueError as error:
+                    self.problem = f"axis {name}: the state of the estimator is none ({error})"
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
@@ -97,25 +104,20 @@ class _Axes:
 
     def forget(self, axis: str) -> None:
         """Begin anew: the part is another."""
-        taken = self.axes[axis].forget()
-        self._unwritten.pop(axis, None)
-        try:
-            if self._store is not None:
-                self._store.forget(axis, taken)
-        except OSError as error:
-            log.warning("the state of axis %s cannot be removed (%s)", axis, error)
+        self.axes[axis].forget()
+        self._context.events.put((), now_ns(), (State(STATE, axis, None),))
 
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
     config = context.config
-    estimated = _Axes(context)
+    estimated = Estimators(context)
     axes = estimated.axes
     publishers = {axis: context.publisher(axis, PRELOAD) for axis in axes}
     features = context.subscribe(FEAT, depth=1024)
     events = context.subscribe(EVENT)
     reporter = Reporter(context, "estimate")
-    reporter.counters = lambda: features.counts() | {"damaged_files": estimated.damaged_files()}
+    reporter.counters = lambda: features.counts() | {"damaged_states": estimated.damaged}
     reporter.problems = lambda: [estimated.problem] if estimated.problem else []
 
     def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
@@ -129,8 +131,9 @@ async def run(context: NodeContext) -> None:
 
     async def keep(heart: Heartbeat) -> None:
         while True:
-            await heart.sleep(RETRY_PERIOD_S if estimated.problem else SAVE_PERIOD_S)
-            await heart.in_thread(estimated.write, estimated.to_keep())
+            await heart.sleep(SAVE_PERIOD_S)
+            estimated.keep()
+            await heart.in_thread(try_to_save, context.events)
 
     async with AsyncExitStack() as parts, reporter.running() as tasks:
         for part in estimated.parts.values():
@@ -141,7 +144,7 @@ async def run(context: NodeContext) -> None:
         await context.heart.in_thread(
             warm_up, config.downsample, config.estimator, machines, limit_s=WARM_UP_S
         )
-        estimated.load()
+        await context.from_store(reporter, estimated.load)
         for each in (reporter, *estimated.parts.values()):
             each.to(ComponentStatus.OK)
         try:
@@ -151,4 +154,5 @@ async def run(context: NodeContext) -> None:
             with CLOCK.telling(estimated.move):
                 await context.forever()
         finally:
-            estimated.write(estimated.to_keep())
+            estimated.keep()
+            try_to_save(context.events)

@@ -1,6 +1,7 @@
 """Estimates, features, reports and commands in; condition and events out: all axes."""
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Callable
 from functools import partial
 
 from ..clock import CLOCK, now_ns
@@ -8,11 +9,11 @@ from ..config import HealthConfig
 from ..config_tables import AlarmsConfig
 from ..health.advice.announced import announced
 from ..health.alarms.axis_alarms import AlarmSettings
-from ..health.axis_events import state_damaged
+from ..health.axis_events import refused_command, state_damaged
 from ..health.axis_monitor import AxisFacts, AxisMonitor
-from ..health.events.audit import AuditEntry
-from ..health.events.kinds import is_chatter
 from ..health.settings import HealthSettings
+from ..health.store.events import StoredEvent, is_chatter
+from ..health.store.states import DamagedStateError, State, load_state, set_state_aside
 from ..health.trend.usage import ScrewGeometry
 from ..messages.alarm import Command, Outcome
 from ..messages.estimate import PreloadEstimate
@@ -22,13 +23,15 @@ from ..messages.header import Header
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
 from ..models.machine import Machine
-from .stores.watch_store import State, WatchStore
 from .supervision.heartbeat import Heartbeat
-from .wiring.announcer import Announcement, Announcer
-from .wiring.commands import NotedCommand, obey_all
+from .wiring.commands import obey_all
 from .wiring.context import NodeContext, Reporter
+from .wiring.event_dispatcher import EventDispatcher
 from .wiring.stages import load_machines
 
+log = logging.getLogger(__name__)
+STATE = "monitor"
+"""Name of the states in the store."""
 HEALTH_PERIOD_S = 1.0
 SAVE_PERIOD_S = 10.0
 
@@ -52,32 +55,48 @@ def axis_facts(axis: str, machine: Machine) -> AxisFacts:
     return AxisFacts(axis, machine.fresh_preload_percent, geometry)
 
 
-class _Monitors:
-    """Monitors of all axes: what they say is kept, then announced."""
+class Monitors:
+    """Monitors of all axes: what they say is kept, then published."""
 
     def __init__(self, context: NodeContext) -> None:
         config = context.config
-        self._diary = context.diary.diary
-        self.store = WatchStore(config.history.folder)
-        settings, alarms = health_settings(config.health), alarm_settings(config.alarms)
+        self._events, self._store = context.events, context.store
+        self._settings = health_settings(config.health), alarm_settings(config.alarms)
+        self._machines = load_machines(config)
+        self.axes: dict[str, AxisMonitor] = {}
+        self.damaged = 0
+        """States that were none."""
+        self._health = {axis: context.publisher(axis, HEALTH) for axis in self._machines}
+        self._event = {axis: context.publisher(axis, EVENT) for axis in self._machines}
+        self.dispatcher = EventDispatcher(context.events)
+
+    def load(self) -> None:
+        """Go on where the last process was. Raises StoreFailedError."""
+        self.axes = {axis: self._loaded(axis) for axis in self._machines}
+
+    def _loaded(self, axis: str) -> AxisMonitor:
+        """Monitor of an axis as it was, or a new one: then a damaged state is set aside."""
         begun_ns = now_ns()
-        self.axes = {
-            axis: self.store.load(
-                axis, partial(AxisMonitor, axis_facts(axis, machine), settings, alarms, begun_ns)
-            )
-            for axis, machine in load_machines(config).items()
-        }
-        for axis in self.axes:  # what a crash may have kept out of the diary
-            self._diary.add(self.store.announced(axis), begun_ns)
-        damages = [state_damaged(*each, begun_ns) for each in self.store.damages]
-        self._diary.add(damages, begun_ns)
-        self._health = {axis: context.publisher(axis, HEALTH) for axis in self.axes}
-        self._event = {axis: context.publisher(axis, EVENT) for axis in self.axes}
-        self.announcer = Announcer(self._keep, self._publish)
+        make = partial(
+            AxisMonitor, axis_facts(axis, self._machines[axis]), *self._settings, begun_ns
+        )
+        monitor = make()
+        try:
+            document = load_state(self._store, STATE, axis)
+            if document is not None:
+                monitor.restore(document)
+            return monitor
+        except (DamagedStateError, ValueError, RecursionError) as error:
+            aside = set_state_aside(self._store, STATE, axis)
+            words = f"alarms, trend and use start over: {error}; their state is kept as {aside}"
+            log.warning("axis %s: %s", axis, words)
+            self.damaged += 1
+            self._events.put((state_damaged(axis, words, begun_ns),), begun_ns)
+        return make()
 
     def problems(self) -> list[str]:
         """Reason for which nothing is kept of what is said; empty if it is."""
-        return [each for each in (self.store.problem, self._diary.problem) if each]
+        return [self._store.problem] if self._store.problem else []
 
     def keep(self) -> None:
         """Keep the state of every axis."""
@@ -87,7 +106,7 @@ class _Monitors:
     def end(self) -> None:
         """Keep all that must outlive the process, now."""
         self.keep()
-        self.announcer.flush()
+        self.dispatcher.flush()
 
     def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in."""
@@ -115,16 +134,16 @@ class _Monitors:
     ) -> None:
         """Do what is asked of an axis; the outcome is told once it is kept."""
         at_ns, monitor = now_ns(), self.axes[axis]
-        known, change = monitor.answered(command), NotedCommand(axis, command, at_ns)
+        known = monitor.answered(command)
         outcome, events = (known, ()) if known else monitor.obey(command, at_ns)
 
         def tell(problem: str) -> None:
             message = problem or outcome.message
             told(outcome.model_copy(update={"kept": not problem, "message": message}))
 
-        noted = () if known else change.outcome(outcome)
-        intents = change.intent() if events else ()
-        self._announce(axis, events, noted, tell, intents=intents, keeps=bool(command.key))
+        if not (known or outcome.accepted):
+            events = (refused_command(axis, command, outcome.message, at_ns),)
+        self._announce(axis, events, tell, keeps=bool(command.key))
 
     def renew(self, axis: str) -> None:
         """Let time pass on an axis, and announce its condition."""
@@ -151,44 +170,35 @@ class _Monitors:
         self,
         axis: str,
         events: tuple[Event, ...],
-        entries: tuple[AuditEntry, ...] = (),
         told: Callable[[str], None] = lambda _problem: None,
         *,
-        intents: tuple[AuditEntry, ...] = (),
         keeps: bool = False,
     ) -> None:
+        """Publish events and condition once they are kept with the state of the axis."""
         monitor = self.axes[axis]
-        keeps = keeps or any(not is_chatter(event.kind) for event in events)
-        snapshot = monitor.snapshot() if keeps else None
         health = monitor.health(now_ns())
         events = announced(events, health)
-        self.announcer.put(Announcement(axis, events, health, snapshot, entries, told, intents))
+        states: tuple[State, ...] = ()
+        if keeps or any(not is_chatter(event.kind) for event in events):
+            states = (State.of(STATE, axis, monitor.snapshot()),)
 
-    def _keep(self, batch: Sequence[Announcement]) -> str:
-        events = [event for each in batch for event in each.events]
-        states = [State(each.axis, each.order, each.snapshot) for each in batch if each.snapshot]
-        intents = [intent for each in batch for intent in each.intents]
-        if intents:  # on the disk before what they announce
-            self._diary.add((), now_ns(), intents)
-        problem = self.store.save(states, events) if states else ""
-        self._diary.add(events, now_ns(), [entry for each in batch for entry in each.entries])
-        return problem or self._diary.problem
+        def publish(kept: list[StoredEvent], problem: str) -> None:
+            for each in kept:
+                self._event[axis].publish(each.event, each.event.time_ns)
+            self._health[axis].publish(health, now_ns())
+            told(problem)
 
-    def _publish(self, announcement: Announcement) -> None:
-        axis = announcement.axis
-        for event in announcement.events:
-            self._event[axis].publish(event, event.time_ns)
-        self._health[axis].publish(announcement.health, now_ns())
+        self.dispatcher.put(events, publish, states)
 
 
 async def run(context: NodeContext) -> None:
     """Monitor every configured axis until cancelled."""
-    monitors = _Monitors(context)
+    monitors = Monitors(context)
     preloads, features = context.subscribe(PRELOAD), context.subscribe(FEAT)
     reports = context.subscribe_to_components(STATUS)
     commands = context.subscribe(COMMAND)
     reporter = Reporter(context, "health")
-    reporter.counters = lambda: preloads.counts() | {"damaged_files": len(monitors.store.damages)}
+    reporter.counters = lambda: preloads.counts() | {"damaged_states": monitors.damaged}
     reporter.problems = monitors.problems
 
     def renew() -> None:
@@ -205,14 +215,14 @@ async def run(context: NodeContext) -> None:
 
     async def keep(heart: Heartbeat) -> None:
         while True:
-            await heart.sleep(HEALTH_PERIOD_S if monitors.store.problem else SAVE_PERIOD_S)
+            await heart.sleep(SAVE_PERIOD_S)
             monitors.keep()
 
     async with reporter.running() as tasks:
+        await context.from_store(reporter, monitors.load)
         reporter.to(ComponentStatus.OK)
         try:
-            tasks.start("announce", monitors.announcer.announce, vital=True)
-            tasks.start("write", monitors.announcer.write)
+            tasks.start("events", monitors.dispatcher.run, vital=True)
             tasks.follow("preloads", preloads, monitors.take_preload, vital=True)
             tasks.follow("features", features, monitors.take_features, vital=True)
             tasks.follow("reports", reports, monitors.take_report)

@@ -4,17 +4,20 @@ import asyncio
 import logging
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from ..clock import CLOCK, now_ns
+from ..config import EdgeConfig
 from ..health.axis_events import clock_changed
 from ..health.condition.refusal_watch import RefusalWatch
-from ..health.events.log import LoggedEvent
 from ..health.service_state import ServiceState
 from ..health.settings import AxisLimits
+from ..health.state_settings import Keeping
+from ..health.store.events import StoredEvent
+from ..health.store.history import MEMORY_MB, History
 from ..health.store.store import StoreFailedError
+from ..health.store.tokens import Tokens
 from ..http_api.access import Authenticator, Caller
 from ..http_api.app import create_app
 from ..http_api.guard import own_hosts
@@ -34,20 +37,19 @@ from .jobs.motion_desk import LiveMotionDesk
 from .outputs.desk import OutputDesk
 from .outputs.latest_answers import answer_of
 from .stores.disagreement_recorder import DisagreementRecorder
-from .stores.history_store import open_history
-from .stores.history_watch import HistoryWatch
 from .supervision.heartbeat import Heartbeat
-from .supervision.task import TASK_EVENTS, Work
+from .supervision.task import Work
 from .supervision.tasks import Tasks
 from .wiring.commands import give
-from .wiring.context import NodeContext, Reporter
-from .wiring.http_rights import Address, needs_token, server_files, tokens_of
+from .wiring.context import OWN_EVENTS, NodeContext, Reporter
+from .wiring.event_dispatcher import EventDispatcher
+from .wiring.history_queries import answer_history
+from .wiring.http_rights import Address, needs_token, server_files
 from .wiring.stages import load_machines
-from .wiring.teller import Teller
 
 log = logging.getLogger(__name__)
-REFUSALS_PERIOD_S = 1.0
-TOKENS_PERIOD_S = 1.0
+REFUSALS_PERIOD_S = FLUSH_PERIOD_S = TOKENS_PERIOD_S = 1.0
+_FLUSH_LIMIT_S = 60.0
 SAMPLES_PERIOD_S = 0.1  # of samples that recordings may need later: nobody waits for them
 
 
@@ -65,16 +67,22 @@ async def run(context: NodeContext) -> None:
     Raises AddressError and ConfigError before anything is served.
     """
     config = context.config
-    http, machines = config.http, load_machines(config)
-    authenticator = Authenticator(tokens_of(config), required=needs_token(http))
+    http, machines, folder = config.http, load_machines(config), config.store.folder
+    authenticator = Authenticator(Tokens(context.store), required=needs_token(http))
     tls = server_files("http", http.certificate, http.private_key)
-    store = open_history(
-        config, {axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()}
+    history = History(context.store, MEMORY_MB if folder is None else config.store.budget_mb)
+    keeping = Keeping(
+        history=history,
+        events=context.events,
+        ratios_m_per_rad={
+            axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()
+        },
+        place=_place(config),
     )
     state = ServiceState(
         _limits(context),
         now_ns(),
-        keeping=replace(store.keeping, diary=context.diary.diary),
+        keeping=keeping,
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
         refused=context.bus.refused,
@@ -83,9 +91,8 @@ async def run(context: NodeContext) -> None:
     answers = partial(answer_of, state, config.health)
     outputs = await context.heart.patiently(OutputDesk.open(context, answers))
     machine_files = {axis.name: axis.machine for axis in config.axes}
-    desk = ProcessJobDesk(config.history.folder, machine_files, config.jobs)
-    reporter, keeper = Reporter(context, "http"), Reporter(context, "history")
-    reporter.readings = context.diary.readings
+    desk = ProcessJobDesk(config.store.folder, machine_files, config.jobs)
+    reporter = Reporter(context, "http")
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def on_kept(axis: str, name: str) -> None:
@@ -108,36 +115,53 @@ async def run(context: NodeContext) -> None:
     try:
         async with (
             outputs.running(),
-            keeper.running() as keeping,
             reporter.running() as tasks,
         ):
             tasks.start("server", _server(context, reporter, serve_app, state), vital=True)
             _follow(context, reporter, tasks, state)
-            tell = _follow_events(context, tasks, state, outputs, recorder, live)
+            dispatcher = EventDispatcher(context.events)
+            tell = _follow_events(context, tasks, state, outputs, dispatcher, recorder, live)
             app.state.note_change = partial(_note_change, tell)
             tasks.start("tokens", partial(_follow_tokens, authenticator))
             tasks.repeat("refusals", REFUSALS_PERIOD_S, _telling_refusals(state, tell))
-            watch = HistoryWatch(keeper.to, tell)
-            keeper.counters, keeper.readings = watch.counts, watch.readings
-            keeping.start("flush", partial(store.run, watch))
+            tasks.start("history", partial(_keep_history, history))
             tasks.start("recorder", recorder.run)
             tasks.start("live_recorder", live.run)
             tasks.start("jobs", desk.run)
-            tasks.start("diary", partial(context.diary.run, tell))
+            tasks.start("store", partial(dispatcher.watch, tell))
+            answer_history(context, state)
             with CLOCK.telling(partial(_clock_set, state, tell)):
                 await context.forever()
     finally:
         await desk.close()
         outputs.close()
-        store.close()
+        with suppress(StoreFailedError):
+            history.flush(now_ns() / 1e9)
+
+
+def _place(config: EdgeConfig) -> str:
+    """Place of history and events, for people."""
+    if config.store.folder is None:
+        return "in memory only: it ends with the service"
+    return f"on disk, up to {config.store.budget_mb:g} MB; the oldest estimates go first"
+
+
+async def _keep_history(history: History, heart: Heartbeat) -> None:
+    """Write what was heard once a second, until cancelled; what fails is tried again."""
+    while True:
+        await heart.next(FLUSH_PERIOD_S)
+        with suppress(StoreFailedError):  # the watch of the store tells of it
+            await heart.in_thread(history.flush, now_ns() / 1e9, limit_s=_FLUSH_LIMIT_S)
 
 
 def _follow(context: NodeContext, reporter: Reporter, tasks: Tasks, state: ServiceState) -> None:
     """Take in what is shown."""
     preloads = context.subscribe(PRELOAD)
-    diary = context.diary.diary
-    reporter.counters = lambda: preloads.counts() | diary.counters()
-    reporter.problems = lambda: [diary.problem] if diary.problem else []
+    events, store = context.events, context.store
+    reporter.counters = lambda: (
+        preloads.counts() | events.counters() | {"lost_estimates": state.history.lost}
+    )
+    reporter.problems = lambda: [store.problem] if store.problem else []
     reports = context.subscribe_to_components(STATUS)
 
     def take_preload(axis: str, header: Header, estimate: PreloadEstimate) -> None:
@@ -160,6 +184,7 @@ def _follow_events(
     tasks: Tasks,
     state: ServiceState,
     outputs: OutputDesk,
+    dispatcher: EventDispatcher,
     recorder: DisagreementRecorder,
     live: LiveRecorder,
 ) -> Callable[[Event], None]:
@@ -169,23 +194,22 @@ def _follow_events(
     """
     of_service = context.subscribe_to_components(EVENT)
 
-    def tell(logged: LoggedEvent) -> None:
-        state.tell(logged)
-        with tasks.failures.borne("outputs", logged.event.axis):
-            outputs.put(logged)
-
-    teller = Teller(context.diary.diary, tell)
+    def tell(kept: list[StoredEvent], _problem: str) -> None:
+        for each in kept:
+            state.tell(each)
+            with tasks.failures.borne("outputs", each.event.axis):
+                outputs.put(each)
 
     def take(event: Event) -> None:
         if state.concerns(event):
-            teller.put(event)
+            dispatcher.put((event,), tell)
         recorder.note(event)
 
     def take_event(_axis: str, _header: Header, event: Event) -> None:
         take(event)
 
     def take_service_event(_axis: str, _header: Header, event: Event) -> None:
-        if event.kind in TASK_EVENTS:  # nothing else is theirs to tell
+        if event.kind in OWN_EVENTS:  # nothing else is theirs to tell
             take(event)
 
     samples = context.subscribe(RAW, depth=1024)
@@ -195,7 +219,7 @@ def _follow_events(
         live.follow(axis, frame)
         samples.rest(axis, SAMPLES_PERIOD_S)
 
-    tasks.start("teller", teller.run)
+    tasks.start("events", dispatcher.run)
     tasks.follow("events", context.subscribe(EVENT), take_event)
     tasks.follow("service_events", of_service, take_service_event)
     tasks.follow("samples", samples, take_samples)
@@ -220,7 +244,8 @@ def _note_change(tell: Callable[[Event], None], caller: Caller, action: str) -> 
             severity=Severity.INFO,
             message=f"{who or 'somebody'} ({caller.origin}): {action}",
             time_ns=now_ns(),
-            data={"who": who, "origin": caller.origin},
+            who=who,
+            origin=caller.origin,
         )
     )
 

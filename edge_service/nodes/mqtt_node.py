@@ -56,7 +56,7 @@ async def run(context: NodeContext) -> None:
             "waiting": len(spool),
         },
     )
-    missed = MissedEvents(context.diary.diary, spool, (axis.name for axis in config.axes))
+    missed = MissedEvents(context.events, spool, (axis.name for axis in config.axes))
     try:
         context.spools["mqtt"] = spool
         await context.heart.patiently(missed.put())

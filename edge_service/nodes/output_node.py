@@ -43,7 +43,7 @@ def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Outp
         site=config.service.site,
         machine=config.service.machine,
         axes=tuple(axis.name for axis in config.axes),
-        folder=config.history.folder,
+        folder=config.store.folder,
         knows=knows_of(config),
         is_test=is_test,
     )

@@ -2,8 +2,10 @@
 
 import asyncio
 import gc
+import getpass
 import logging
 import math
+import os
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from functools import partial
@@ -12,11 +14,13 @@ from typing import Any
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
+from .. import __version__
 from ..bus.session import Bus, BusUnavailableError
 from ..bus.settings import BusConfigurationError, BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..http_api.serve import AddressError
+from ..messages.event import Event, Severity
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node, output_node
 from .supervision.heartbeat import Heartbeat
 from .supervision.signals import install_stop
@@ -25,9 +29,9 @@ from .supervision.task import SupervisedTask, Work
 from .supervision.tasks import Tasks
 from .supervision.watchdog import Watchdog
 from .wiring.context import NodeContext
+from .wiring.event_dispatcher import try_to_save
 from .wiring.http_rights import check_access
 from .wiring.process import Process
-from .wiring.start_entry import end_entry, start_entry
 
 log = logging.getLogger(__name__)
 OPTIONAL = ("mqtt", "vibration")
@@ -88,13 +92,37 @@ async def _run_on(
     try:
         bus.declare_alive(config.keys.alive)
         context = NodeContext(config, bus, on_http_ready)
-        diary = context.diary.diary
-        diary.add((), now_ns(), (start_entry(config, names),))
+        _name_old_files(config)
+        context.events.put((_service_started(config, names),), now_ns())
         await run_nodes(context, names, install_stop())
-        diary.add((), now_ns(), (end_entry(names),))
-        context.diary.close()
     finally:
         await bus.close()
+
+
+def _service_started(config: EdgeConfig, names: tuple[str, ...]) -> Event:
+    try:
+        who = getpass.getuser()
+    except (KeyError, OSError):  # a user without a name
+        who = str(os.getuid())
+    return Event(
+        axis="",
+        kind="service_started",
+        severity=Severity.INFO,
+        message=f"edge-service {__version__} started: {' '.join(names)}",
+        time_ns=now_ns(),
+        who=who,
+        origin=f"process {os.getpid()}",
+        data={"version": __version__, "configuration_digest": config.digest},
+    )
+
+
+def _name_old_files(config: EdgeConfig) -> None:
+    """Say once which files in the state folder nobody reads any more."""
+    folder = config.store.folder
+    if folder is not None and folder.is_dir():
+        old = sorted(path.name for path in (*folder.glob("axis=*"), *folder.glob("@*.sqlite")))
+        if old:
+            log.warning("%s: of a former version, and not read: %s", folder, ", ".join(old))
 
 
 async def run_nodes(
@@ -123,7 +151,7 @@ async def run_nodes(
         serves="http" in names,
         watchdog=Watchdog.of_environment(),
     )
-    async with closing_diary(context), process.running() as tasks:
+    async with closing_store(context), process.running() as tasks:
         tasks.repeat("clock", CLOCK_PERIOD_S, CLOCK.follow)
         sources = _begin(process.context, tasks, names)
 
@@ -137,12 +165,13 @@ async def run_nodes(
 
 
 @asynccontextmanager
-async def closing_diary(context: NodeContext) -> AsyncIterator[None]:
-    """Close the diary when all nodes have ended."""
+async def closing_store(context: NodeContext) -> AsyncIterator[None]:
+    """Write what waits and close the store when all nodes have ended."""
     try:
         yield
     finally:
-        context.diary.close()
+        try_to_save(context.events)
+        context.store.close()
 
 
 def _begin(context: NodeContext, tasks: Tasks, names: tuple[str, ...]) -> list[SupervisedTask]:

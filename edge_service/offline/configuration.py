@@ -61,8 +61,8 @@ def check_configuration(path: Path) -> Answer:
         bus_endpoint=settings.bus.endpoint,
         bus_access="bus for others to read (of node bus: to publish too)",
         outputs=[_output(name, table) for name, table in settings.outputs.items()],
-        history_folder=None if settings.history.folder is None else str(settings.history.folder),
-        history_budget_mb=settings.history.budget_mb,
+        history_folder=None if settings.store.folder is None else str(settings.store.folder),
+        history_budget_mb=settings.store.budget_mb,
         drivers_installed=list(driver_names()),
     )
     return Answer("\n".join(_lines(checked)), checked)
@@ -104,5 +104,5 @@ def _lines(checked: CheckedConfiguration) -> Iterator[str]:
 
 def _history(checked: CheckedConfiguration) -> str:
     if checked.history_folder is None:
-        return "history in memory, it ends with the service ([history] folder)"
+        return "history in memory, it ends with the service ([store] folder)"
     return f"history in {checked.history_folder}, up to {checked.history_budget_mb:g} MB"

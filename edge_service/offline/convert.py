@@ -1,12 +1,18 @@
 """A recording of any form in, a trace of another form out: CSV, Parquet or MCAP."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..atomic import replaced_bytes
 from ..checks.positions import speed_doubts
+from ..command_answer import Answer
+from ..health.store.history import History
+from ..health.store.history_file import HistoryForm, write_history
+from ..health.store.store import Store, StoreFailedError
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..recordings.columns import TraceError
@@ -62,6 +68,15 @@ class ConvertSummary:
         return "\n".join(lines)
 
 
+@dataclass(frozen=True, slots=True)
+class ConvertedHistory:
+    """File that was written from a store."""
+
+    out: Path
+    rows: int
+    axes: tuple[str, ...]
+
+
 def convert(
     source: Path,
     out: Path,
@@ -112,6 +127,38 @@ def convert(
         ignored=reader.ignored,
         remarks=(*reader.remarks, *doubts),
     )
+
+
+def is_database(source: Path) -> bool:
+    """True of a file that SQLite has written."""
+    try:
+        with source.open("rb") as file:
+            return file.read(16) == b"SQLite format 3\0"
+    except OSError:
+        return False
+
+
+def convert_history(source: Path, out: Path, progress: Progress = silent) -> Answer:
+    """Write the history in a store, all of it with a column `axis`, as CSV or Parquet.
+
+    The service may be running. Raises TraceError, one line.
+    """
+    try:
+        form = HistoryForm(out.suffix.removeprefix("."))
+    except ValueError:
+        raise TraceError(f"{out}: history goes into .csv or .parquet") from None
+    progress(f"converting {source.name}")
+    try:
+        with closing(Store(source, mends=False)) as store, replaced_bytes(out) as file:
+            history = History(store)
+            axes = history.axes()
+            rows = write_history(file, form, history, axes)
+    except StoreFailedError as error:
+        raise TraceError(str(error)) from None
+    except OSError as error:
+        raise TraceError(f"{out}: {error.strerror}") from None
+    text = f"{out}: {rows} rows of {len(axes)} axes: {', '.join(axes) or 'none'}"
+    return Answer(text, ConvertedHistory(out=out, rows=rows, axes=tuple(axes)))
 
 
 class _Rows:

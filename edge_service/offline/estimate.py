@@ -10,7 +10,7 @@ from ..config import ConfigError, EdgeConfig, load_machine
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..nodes.stores.estimate_store import (
+from ..nodes.wiring.estimate_state import (
     DAMAGED,
     Kept,
     StateError,

@@ -1,7 +1,6 @@
 """Alarms: when they come and go, who has seen them, and what outlives a restart."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -185,6 +184,35 @@ def _settled(percent: float = 7.0, **alarms: float) -> Axis:
     return axis
 
 
+def acknowledge(occurrence: int | None) -> Command:
+    alarm = AlarmKind.DATA_LOST
+    return Command(action="acknowledge", alarm=alarm, occurrence=occurrence, user="Kim")
+
+
+def test_an_acknowledgement_names_the_occurrence_that_it_means() -> None:
+    latch = AlarmLatch("X", AlarmKind.DATA_LOST, AlarmRule(Severity.WARNING, 0.0, 0.0))
+    occurrences = []
+    for at_ns in (5 * NS, 7 * NS):
+        latch.update(True, Told("gone"), at_ns)
+        alarm = latch.shown()
+        assert alarm is not None
+        occurrences.append(alarm.occurrence)
+        assert latch.refusal(acknowledge(alarm.occurrence)) == ""
+        latch.update(False, Told(""), at_ns + NS)
+    first, second = occurrences
+    assert first < second
+    assert "is over" in latch.refusal(acknowledge(first))
+    assert "no occurrence was named" in latch.refusal(acknowledge(None))
+    restored = AlarmLatch("X", AlarmKind.DATA_LOST, latch.rule)
+    restored.restore(latch.snapshot())
+    restored.acknowledge("Kim", "", 9 * NS)
+    assert "no alarm data_lost" in restored.refusal(acknowledge(second))
+    restored.update(True, Told("gone"), 0)
+    again = restored.shown()
+    assert again is not None
+    assert again.occurrence > second
+
+
 def test_a_sudden_drop_is_an_alarm_at_once_and_until_it_is_acknowledged():
     axis = _settled()
     axis.hear(1.0)
@@ -353,16 +381,3 @@ def test_a_damaged_snapshot_is_refused(damage):
     axis = _settled()
     with pytest.raises(ValueError):
         axis.watch.restore(axis.watch.snapshot() | damage)
-
-
-def test_a_snapshot_of_version_0_1_0_can_be_read():
-    recorded = json.loads(Path(__file__).with_name("recorded_snapshot.json").read_text())
-    monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), START_NS)
-    monitor.restore(recorded)
-    snapshot = monitor.snapshot()
-    assert snapshot["alarms"].pop("service") == {"alarm": None, "shelved_until_ns": None}
-    learned = snapshot.pop("consistency")
-    assert all(each["numbers"][0] == 0 for each in learned.values())  # it followed less: anew
-    del recorded["consistency"]
-    assert snapshot == recorded | {"saved_ns": START_NS, "answered": [], "fall": None}
-    monitor.restore(recorded)

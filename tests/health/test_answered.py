@@ -26,7 +26,13 @@ def test_the_same_command_has_the_same_outcome_wherever_it_comes_from(outcome: O
     assert known.outcome(note("b")) is None
 
 
-CHANGES = {"note": "x", "user": "Lee", "action": "part_replaced", "duration_s": 1.0}
+CHANGES = {
+    "note": "x",
+    "user": "Lee",
+    "action": "part_replaced",
+    "duration_s": 1.0,
+    "occurrence": 3,
+}
 
 
 @pytest.mark.parametrize("member", CHANGES)

@@ -5,10 +5,10 @@ import asyncio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.health.events.fan_out import FanOut
-from edge_service.health.events.log import LoggedEvent
 from edge_service.health.service_state import ServiceState
 from edge_service.health.state_settings import StateSettings
+from edge_service.health.store.events import StoredEvent
+from edge_service.health.store.fan_out import FanOut
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.header import Header
@@ -164,7 +164,7 @@ async def test_slow_reader_loses_the_oldest_events_and_is_told():
     with readers.subscribe() as slow, readers.subscribe() as fast:
         received = []
         for number in range(1000):
-            readers.put_event(LoggedEvent(number, _event(number)))
+            readers.put_event(StoredEvent(number, _event(number)))
             readers.mark("preload", "X")
             received += [logged.id for logged in (await fast.next(1.0)).events]
             assert slow.backlog <= 11
@@ -179,7 +179,7 @@ async def test_reader_of_one_axis_hears_it_and_the_service():
     readers = FanOut(capacity=10)
     with readers.subscribe("X") as reader:
         for number, axis in enumerate(["X", "Y", ""]):
-            readers.put_event(LoggedEvent(number, _event(number, axis)))
+            readers.put_event(StoredEvent(number, _event(number, axis)))
             readers.mark("health", axis)
         batch = await reader.next(1.0)
     assert [logged.event.axis for logged in batch.events] == ["X", ""]

@@ -88,7 +88,7 @@ class Scene:
         )
         for logged in self.state.events.add((event,), self.now_ns):
             self.state.tell(logged)
-        return self.state.events.last_id
+        return self.state.events.last_id()
 
     def hear_all(self) -> None:
         """Both axes are well."""

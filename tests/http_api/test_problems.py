@@ -6,6 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.http_api.app import STATIC, create_app
 from edge_service.http_api.guard import SECURITY_HEADERS
 
@@ -141,14 +142,16 @@ async def test_page_asks_for_nothing_outside_and_runs_nothing_inline(client):
         assert answer.status_code == 200
 
 
-@pytest.mark.parametrize("path", ["history", "history.parquet", "history.arrow"])
+@pytest.mark.parametrize("path", ["axes/X/history", "axes/X/history?format=csv", "log"])
 async def test_a_history_that_cannot_be_read_now_is_no_failure_of_the_service(
     client, monkeypatch, path
 ):
     def fail(*_: object) -> None:
-        raise OSError(24, "Too many open files")
+        raise StoreFailedError("a.sqlite: Too many open files")
 
-    monkeypatch.setattr("edge_service.health.history.archive.AxisArchive.rows", fail)
-    answer = await client.get(f"/api/v1/axes/X/{path}")
+    monkeypatch.setattr(Store, "read", fail)
+    answer = await client.get(f"/api/v1/{path}")
     assert answer.status_code == 503
-    assert answer.json()["detail"] == "the history cannot be read now (Too many open files)"
+    assert (
+        answer.json()["detail"] == "the history cannot be read now (a.sqlite: Too many open files)"
+    )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
-from edge_service.health.events import kinds
+from edge_service.health.store import events
 from edge_service.http_api.serve import AddressError, PortInUseError, bind, serve
 from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
@@ -104,7 +104,7 @@ async def test_stream_is_resumed_where_it_broke_off(scene):
 
 
 async def test_reader_that_was_away_too_long_is_told(make_scene, monkeypatch):
-    monkeypatch.setattr(kinds, "KINDS", {"condition_changed": 40})  # a 20th in memory
+    monkeypatch.setattr(events, "MOST_KEPT", 40)  # a 20th in memory
     scene = make_scene()
     first = scene.hear_event("seen")
     for number in range(499):

@@ -4,11 +4,9 @@ import io
 
 import httpx
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from edge_service.health.history.archive import AxisArchive
 from edge_service.http_api.app import create_app
 from edge_service.messages.alarm import Alarm, AlarmKind, Command, Outcome
 from edge_service.messages.event import Severity
@@ -38,7 +36,8 @@ def _feature(**values: object) -> FeatureBlock:
 
 
 async def test_a_command_is_passed_on(client, sent):
-    body = {"action": "acknowledge", "alarm": "sudden_drop", "user": "Kim", "note": "seen"}
+    body = {"action": "acknowledge", "alarm": "sudden_drop", "occurrence": 7}
+    body |= {"user": "Kim", "note": "seen"}
     answer = await client.post(f"{BASE}/commands", json=body)
     assert answer.status_code == 202
     assert answer.json() == {"accepted": True, "outcome": "seen (Kim)"}
@@ -47,6 +46,7 @@ async def test_a_command_is_passed_on(client, sent):
     assert command == Command(
         action="acknowledge",
         alarm=AlarmKind.SUDDEN_DROP,
+        occurrence=7,
         user="Kim",
         note="seen",
         origin="127.0.0.1",
@@ -68,7 +68,7 @@ async def test_a_command_that_is_not_done_and_kept_is_not_accepted(
         return outcome
 
     scene.app.state.send_command = send
-    body = {"action": "acknowledge", "alarm": "rate", "user": "Kim"}
+    body = {"action": "acknowledge", "alarm": "rate", "occurrence": 7, "user": "Kim"}
     answer = await client.post(f"{BASE}/commands", json=body)
     assert (answer.status_code, answer.json()["status"]) == (status, status)
     assert said in answer.json()["detail"]
@@ -81,13 +81,15 @@ async def test_a_command_that_is_not_done_and_kept_is_not_accepted(
         ({"alarm": None}, "alarm"),
         ({"action": "note"}, "alarm"),
         ({"alarm": "fire"}, "alarm"),
+        ({"occurrence": None}, "occurrence"),
+        ({"action": "shelve"}, "occurrence"),
         ({"user": ""}, "user"),
         ({"duration_s": -1.0}, "duration_s"),
         ({"more": 1}, "more"),
     ],
 )
 async def test_a_wrong_command_is_told_by_its_member(client, sent, change, parameter):
-    body = {"action": "acknowledge", "alarm": "rate", "user": "Kim"} | change
+    body = {"action": "acknowledge", "alarm": "rate", "occurrence": 7, "user": "Kim"} | change
     answer = await client.post(f"{BASE}/commands", json=body)
     assert answer.status_code == 422
     assert [each["parameter"] for each in answer.json()["errors"]] == [parameter]
@@ -148,6 +150,7 @@ async def test_alarms_and_trend_are_told(scene, client):
     answer = (await client.get(f"{BASE}/health")).json()
     assert answer["alarms"][0] == {
         "alarm": "rate",
+        "occurrence": 0,
         "severity": "warning",
         "active": True,
         "message": "fast",
@@ -199,34 +202,41 @@ async def test_traces_are_the_last_intervals_with_null_for_what_is_missing(scene
     assert answer["channels"][0] == {"channel": "torque", "state": "ok", "good_share": 1.0}
 
 
-async def test_the_log_holds_the_events_of_the_axis_and_the_service(scene, client):
-    ids = [scene.hear_event(axis, axis) for axis in ("X", "Y", "")]
-    events = (await client.get(f"{BASE}/log")).json()["events"]
-    assert [event["id"] for event in events] == [ids[0], ids[2]]
-    (newest,) = (await client.get(f"{BASE}/log", params={"limit": 1})).json()["events"]
-    assert newest["id"] == ids[2]
+async def test_the_log_is_read_page_by_page_from_the_newest(scene, client):
+    x, y, service = (scene.hear_event(axis, axis) for axis in ("X", "Y", ""))
+
+    async def ids(**params: object) -> list[int]:
+        answer = (await client.get("/api/v1/log", params=params)).json()
+        return [each["id"] for each in answer["items"]]
+
+    assert await ids() == [service, y, x]
+    assert await ids(axis="X") == [service, x]
+    assert await ids(kind="note") == []
+    assert await ids(kind=["note", "condition_changed"], limit=1) == [service]
+    first = (await client.get("/api/v1/log", params={"axis": "X", "limit": 1})).json()
+    last = (await client.get(first["next"])).json()
+    assert ([each["id"] for each in last["items"]], last["next"]) == ([x], None)
     scene.wait(60.0)
-    later = await client.get(f"{BASE}/log", params={"from": scene.now_ns / 1e9 - 30.0})
-    assert later.json()["events"] == []
+    after = scene.now_ns / 1e9 - 30.0
+    assert await ids(**{"from": after}) == []
+    assert await ids(to=after) == [service, y, x]
+    assert (await client.get("/api/v1/log?axis=Q")).status_code == 404
 
 
-@pytest.mark.parametrize("form", ["parquet", "arrow"])
-async def test_history_can_be_taken_along(scene, client, form):
+async def test_history_can_be_taken_along(scene, client):
     values = np.random.default_rng(1).uniform(3.0, 7.0, 50)
     for value in values.tolist():
         scene.hear_preload(preload_percent=value)
         scene.wait(0.5)
-    answer = await client.get(f"{BASE}/history.{form}")
+    answer = await client.get(f"{BASE}/history", params={"format": "parquet"})
     assert "attachment" in answer.headers["content-disposition"]
-    source = io.BytesIO(answer.content)
-    table = pq.read_table(source) if form == "parquet" else pa.ipc.open_file(source).read_all()
+    table = pq.read_table(io.BytesIO(answer.content))
     np.testing.assert_array_equal(table["preload_percent"].to_numpy(), values)
-    assert table["status"].to_pylist()[0] == "estimated"
-    assert table["time"].type == pa.timestamp("us", "UTC")
-
-
-async def test_no_other_form_is_known(client):
-    assert (await client.get(f"{BASE}/history.xlsx")).status_code == 422
+    assert set(table["axis"].to_pylist()) == {"X"}
+    text = (await client.get(f"{BASE}/history", params={"format": "csv"})).text
+    assert len(text.splitlines()) == 51
+    for wrong in ({"format": "xlsx"}, {"format": "csv", "step": 1.0}):
+        assert (await client.get(f"{BASE}/history", params=wrong)).status_code == 422
 
 
 async def test_a_schema_describes_every_payload(client):
@@ -236,40 +246,6 @@ async def test_a_schema_describes_every_payload(client):
     assert set(schemas) == {topic.payload for topic in TOPICS.values()}
     assert schemas["preload/1"]["properties"]["schema"] == {"const": "preload/1"}
     assert schemas["features/1"]["columns"]["torque_mean_nm"] == "N m"
-
-
-async def test_a_year_is_answered_at_screen_resolution_in_time(tmp_path, make_scene):
-    """The figure of the benchmarks, in processor time: what else a machine does must not count."""
-    from time import process_time
-
-    from edge_service.health.history.file_tier import FileTier
-    from edge_service.health.history.rows import single_rows
-    from edge_service.health.history.tier import HOUR
-    from edge_service.health.service_state import ServiceState
-    from edge_service.health.state_settings import Keeping
-
-    scene = make_scene()
-    year_s = 365 * 86400.0
-    end_s = scene.now_ns / 1e9
-    times = end_s - year_s + 3600.0 * np.arange(365 * 24)
-    values = np.random.default_rng(2).uniform(3.0, 7.0, (5, times.size))
-    rows = single_rows(times, np.zeros(times.size, np.int64), values[0], values[1], values)
-    FileTier(HOUR, tmp_path / "X", [].append).replace(times[0], end_s, rows)
-    keeping = Keeping(archives={"X": AxisArchive(tmp_path / "X")})
-    state = ServiceState({"X": None}, scene.now_ns, keeping=keeping)
-    app = create_app(state, lambda: scene.now_ns)
-    import httpx
-
-    transport = httpx.ASGITransport(app=app)
-    query = {"from": str(end_s - year_s), "to": str(end_s), "step": str(year_s / 1000.0)}
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
-        taken_s = []
-        for _ in range(3):
-            began_s = process_time()
-            answer = await client.get(f"{BASE}/history", params=query)
-            taken_s.append(process_time() - began_s)
-    assert len(answer.json()["buckets"]) == 1000
-    assert min(taken_s) < 0.2
 
 
 def test_examples_are_what_they_are_examples_of():

@@ -6,7 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from edge_service.config_tables import HistoryConfig
+from edge_service.config_tables import StoreConfig
 from edge_service.messages.alarm import Command
 from edge_service.messages.topics import COMMAND
 
@@ -18,7 +18,7 @@ PATH = "api/v1/axes/X/commands"
 
 
 async def test_without_a_monitor_no_command_is_accepted_and_none_is_lost(tmp_path: Path) -> None:
-    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
     alone: tuple[str, ...] = ("http",)
     async with running(config, alone) as service:
         address = await asyncio.wait_for(service.address, 20.0)
@@ -26,31 +26,32 @@ async def test_without_a_monitor_no_command_is_accepted_and_none_is_lost(tmp_pat
             answer = await client.post(PATH, json=NOTE)
             assert answer.status_code == 503
             assert "does not answer" in answer.json()["detail"]
-            assert (await client.get("api/v1/axes/X/log")).json()["events"] == []
+            assert (await client.get("api/v1/log")).json()["items"] == []
 
 
 @pytest.mark.parametrize("folder", [True, False], ids=["on disk", "in memory"])
 async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Path) -> None:
-    history = HistoryConfig(folder=tmp_path if folder else None)
-    async with running(config_of("simulated", HEALTHY, history=history)) as service:
+    store = StoreConfig(folder=tmp_path if folder else None)
+    async with running(config_of("simulated", HEALTHY, store=store)) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:
             answer = await done(client, PATH, NOTE, key="a")
             assert answer.json() == {"accepted": True, "outcome": "greased (Kim)"}
-            events = (await client.get("api/v1/axes/X/log")).json()["events"]
-            assert [each["message"] for each in events if each["kind"] == "note"] == [
-                "greased (Kim)"
-            ]
-            for action in ("acknowledge", "unshelve"):
+            (note,) = (await client.get("api/v1/log?kind=note")).json()["items"]
+            assert (note["message"], note["who"]) == ("greased (Kim)", "Kim")
+            for action, more in (("acknowledge", {"occurrence": 1}), ("unshelve", {})):
                 body = {"action": action, "alarm": "sudden_drop", "user": "Kim"}
-                answer = await client.post(PATH, json=body)
+                answer = await client.post(PATH, json=body | more)
                 assert answer.status_code == 409, action
                 assert "sudden_drop" in answer.json()["detail"]
+            refused = (await client.get("api/v1/log?kind=command")).json()["items"]
+            assert [(each["who"], each["origin"]) for each in refused] == [("Kim", "127.0.0.1")] * 2
+            assert [each["data"]["action"] for each in refused] == ["unshelve", "acknowledge"]
 
 
 async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path) -> None:
     """By HTTP and by the bus, with another start between."""
-    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
     header, notes = {"idempotency-key": '"a"'}, []
     command = Command(action="note", user="Kim", note="greased", key="a")
     for _ in range(2):
@@ -65,6 +66,6 @@ async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path
                 other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=header)
                 assert other.status_code == 422
                 assert "another command" in other.json()["detail"]
-                events = (await client.get("api/v1/axes/X/log")).json()["events"]
-                notes.append([each["message"] for each in events if each["kind"] == "note"])
+                found = (await client.get("api/v1/log?kind=note&kind=command")).json()["items"]
+                notes.append([each["message"] for each in found])
     assert notes == [["greased (Kim)"]] * 2

@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.config_tables import HistoryConfig
+from edge_service.config_tables import StoreConfig
 
 from .conftest import config_of, running
 
@@ -36,7 +36,7 @@ async def test_what_begins_in_mid_run_is_seen_kept_and_named(
         "effects": ["position_friction:excess_nm=0.15"],
         "effects_from_s": CHANGES_S,
     }
-    config = config_of("simulated", settings, history=HistoryConfig(folder=tmp_path / "history"))
+    config = config_of("simulated", settings, store=StoreConfig(folder=tmp_path / "history"))
     async with running(config) as service:
         address = await asyncio.wait_for(service.address, 60.0)
         async with httpx.AsyncClient(base_url=f"{address}api/v1/", timeout=60.0) as client:
@@ -45,11 +45,11 @@ async def test_what_begins_in_mid_run_is_seen_kept_and_named(
             assert health["consistency"]["state"] == "disagrees"
             raised = lambda h: "model" in [each["alarm"] for each in h["alarms"]]  # noqa: E731
             await once(client, "axes/X/health", raised)
-            log = (await client.get("axes/X/log")).json()["events"]
+            log = (await client.get("log?axis=X")).json()["items"]
             ours = [each for each in log if each.get("data", {}).get("recording") == name]
             told = {each["kind"]: each for each in ours}
             assert told["model_disagrees"]["data"]["since_s"] == pytest.approx(CHANGES_S, abs=15.0)
-            assert "disagreement_recorded" in told
+            assert "recording_kept" in told
             kept = (await client.get("recordings")).json()["recordings"]
             assert name in [each["name"] for each in kept]
             asked = await client.post("axes/X/diagnose", json={"recordings": [name]})

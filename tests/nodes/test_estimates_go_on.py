@@ -2,16 +2,18 @@
 
 import asyncio
 import base64
-import hashlib
 import json
 import logging
 import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -28,9 +30,11 @@ from edge_service.config import (
     HttpConfig,
     load_machine,
 )
-from edge_service.config_tables import HistoryConfig
+from edge_service.config_tables import StoreConfig
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
-from edge_service.health.events.diary import Diary
+from edge_service.health.store.events import EventLog
+from edge_service.health.store.states import State, load_state
+from edge_service.health.store.store import FILE_NAME, Store
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FeatureBlock
@@ -40,13 +44,14 @@ from edge_service.messages.topics import EVENT, FEAT, PRELOAD, STATUS
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
-from edge_service.nodes.stores.diary_store import DIARY
-from edge_service.nodes.stores.estimate_store import (
+from edge_service.nodes import estimate_node
+from edge_service.nodes.wiring.context import NodeContext
+from edge_service.nodes.wiring.estimate_state import (
     AHEAD_S,
     LONGEST_STOP_S,
     UNKNOWN_STOP_S,
-    EstimateStore,
     Kept,
+    StateError,
     identity_of,
     read_kept,
     write_kept,
@@ -88,7 +93,7 @@ def config_in(folder: Path | None, **changes: Any) -> EdgeConfig:
         bus=BusConfig(endpoint="tcp/127.0.0.1:0"),
         http=HttpConfig(port=0),
         axes=(axis,),
-        history=HistoryConfig(folder=folder),
+        store=StoreConfig(folder=folder),
         **changes,
     )
 
@@ -154,8 +159,21 @@ async def fed(config: EdgeConfig, given: Sequence[FeatureBlock], begin_ns: int) 
         return await feed.send(given, begin_ns)
 
 
-def state_file(folder: Path) -> Path:
-    return folder / "axis=X" / "estimate.json"
+def store_in(folder: Path) -> Store:
+    return Store(folder / FILE_NAME)
+
+
+def document_in(folder: Path) -> Any:
+    """Kept state of axis X."""
+    with closing(store_in(folder)) as store:
+        return load_state(store, estimate_node.STATE, "X")
+
+
+def put_state(folder: Path, document: Any) -> None:
+    with closing(store_in(folder)) as store:
+        log = EventLog(store)
+        log.put((), 1, (State(estimate_node.STATE, "X", json.dumps(document)),))
+        log.save()
 
 
 async def test_a_stopped_and_restarted_service_goes_on_bit_equal(tmp_path: Path) -> None:
@@ -172,7 +190,7 @@ async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) 
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router", "open"))
     file = tmp_path / "edge.toml"
     file.write_text(
-        f"[bus]\nsecurity = 'open'\n[history]\nfolder = '{tmp_path}'\n"
+        f"[bus]\nsecurity = 'open'\n[store]\nfolder = '{tmp_path}'\n"
         f"[[axes]]\nname = 'X'\nmachine = '{COMMISSIONED}'\n"
     )
     code = (
@@ -190,9 +208,7 @@ async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) 
         await feed.send(blocks()[:60], begin_ns)
 
         async def kept() -> Any:
-            path = state_file(tmp_path)
-            content = json.loads(read_checked(path) or "{}")
-            return content.get("time_s") == blocks()[59].time_s
+            return (document_in(tmp_path) or {}).get("time_s") == blocks()[59].time_s
 
         await until(kept)
     finally:
@@ -229,10 +245,9 @@ async def test_a_part_replaced_while_the_estimator_was_away_is_not_the_old_one(
 ) -> None:
     config, begin_ns = config_in(tmp_path), time.time_ns() - 20 * NS
     await fed(config, blocks()[:40], begin_ns)
-    assert state_file(tmp_path).exists()
-    diary = Diary(tmp_path / DIARY)
-    diary.add((replaced(time.time_ns()),), time.time_ns())
-    diary.close()
+    assert document_in(tmp_path)["axis"] == "X"
+    with closing(store_in(tmp_path)) as store:
+        EventLog(store).add((replaced(time.time_ns()),), time.time_ns())
     later = blocks()[40:60]
     assert await fed(config, later, begin_ns) == one_piece(later)
 
@@ -243,15 +258,10 @@ async def test_a_replaced_part_is_not_taken_for_the_old_one(tmp_path: Path) -> N
         feed = Feed(service, config)
         await feed.ready()
         await feed.send(blocks()[:40], begin_ns)
-        state_file(tmp_path).parent.mkdir(exist_ok=True)
-        state_file(tmp_path).write_text("old")
         feed.tell(replaced(time.time_ns()))
-
-        async def forgotten() -> bool:
-            return not state_file(tmp_path).exists()
-
-        await until(forgotten)
-        assert await feed.send(blocks()[40:60], begin_ns) == one_piece(blocks()[40:60])
+        answers = await feed.send(blocks()[40:60], begin_ns)
+        assert answers == one_piece(blocks()[40:60])
+    assert document_in(tmp_path)["time_s"] == blocks()[59].time_s
 
 
 async def test_without_a_folder_nothing_is_kept() -> None:
@@ -263,77 +273,67 @@ async def test_without_a_folder_nothing_is_kept() -> None:
 
 
 async def test_a_replay_neither_reads_nor_leaves_a_state(trace_path: Path, tmp_path: Path) -> None:
-    state_file(tmp_path).parent.mkdir()
-    state_file(tmp_path).write_text("of the axis itself")
+    put_state(tmp_path, ["of the axis itself"])
     config = config_in(tmp_path)
     answer = await replay_trace(
         config, trace_path, COMMISSIONED, 0.0, loop=False, hold=False, announce=str
     )
     assert "199 estimates" in answer.words
-    assert state_file(tmp_path).read_text() == "of the axis itself"
-    assert not list(state_file(tmp_path).parent.glob("*.damaged"))
+    assert document_in(tmp_path) == ["of the axis itself"]
 
 
 # what is refused
 
 
-def store_in(folder: Path, of: Machine | None = None) -> EstimateStore:
-    return EstimateStore(folder, {"X": identity_of(of or machine(), EstimatorConfig())})
+def identity(of: Machine | None = None) -> str:
+    return identity_of(of or machine(), EstimatorConfig())
 
 
-def keep_some(folder: Path, end_ns: int) -> None:
+def kept_at(end_ns: int) -> Kept:
     axis = EstimatedAxis("X", FusedPreloadEstimator(machine()))
     for number, block in enumerate(blocks()[:50]):
         axis.take(Header(number, 1, end_ns - (49 - number) * NS // 10, 0), block)
     kept = axis.to_keep()
     assert kept is not None
-    store_in(folder).save({"X": kept})
+    assert axis.to_keep() is None  # nothing new
+    return kept
 
 
-def edited(**changes: Any) -> Callable[[str], str]:
-    return lambda text: json.dumps(json.loads(text) | changes)
-
-
-def other_state(text: str) -> str:
-    """A state of another estimator, whole."""
-    state = json.dumps({"schema": "imm-preload/2"})
-    return edited(state=state, sha256=hashlib.sha256(state.encode()).hexdigest())(text)
-
-
-def not_finite(text: str) -> str:
+def not_finite(snapshot: dict[str, Any]) -> dict[str, Any]:
     """A state that was whole when it was written, of a filter that had failed."""
-    state = json.loads(json.loads(text)["state"])
-    arrays = state["bank"]["arrays"]
+    changed: dict[str, Any] = json.loads(json.dumps(snapshot))
+    arrays = changed["bank"]["arrays"]
     mean = np.frombuffer(base64.b64decode(arrays["mean"])).copy()
     mean[3] = np.nan
     arrays["mean"] = base64.b64encode(mean.tobytes()).decode()
-    told = json.dumps(state)
-    return edited(state=told, sha256=hashlib.sha256(told.encode()).hexdigest())(text)
+    return changed
 
 
-DAMAGED: dict[str, Callable[[str], str]] = {
-    "torn": lambda text: text[: len(text) // 2],
-    "empty": lambda _text: "",
-    "garbage": lambda _text: "\x00\x01{[",
-    "deep": lambda _text: "[" * 100_000,
-    "of other kind": lambda _text: '{"schema": "axis-watch/1", "axis": "X"}',
-    "a list": lambda _text: "[1, 2]",
-    "of another axis": edited(axis="Y"),
-    "a digit off": lambda text: text.replace("A", "B", 1),
-    "without time": edited(time_s=float("inf")),
-    "of another estimator": other_state,
-    "not finite": not_finite,
+DAMAGED: dict[str, Callable[[Kept], Any]] = {
+    "of other kind": lambda _kept: {"schema": "axis-watch/1", "axis": "X"},
+    "a list": lambda _kept: [1, 2],
+    "of another axis": lambda kept: kept.document("Y", identity()),
+    "a digit off": lambda kept: kept.document("X", identity()) | {"state": "{}"},
+    "without time": lambda kept: kept.document("X", identity()) | {"time_s": None},
+    "of another estimator": lambda kept: replace(kept, snapshot={"schema": "imm-preload/2"}),
+    "not finite": lambda kept: replace(kept, snapshot=not_finite(kept.snapshot)),
 }
 
 
-def fresh_and_warned(store: EstimateStore, caplog: pytest.LogCaptureFixture, *words: str) -> None:
+def fresh_and_warned(
+    folder: Path, document: Any, caplog: pytest.LogCaptureFixture, *words: str
+) -> None:
     """One line says why, and the estimator is as new."""
-    axis = EstimatedAxis("X", FusedPreloadEstimator(machine()))
-    with caplog.at_level(logging.WARNING):
-        axis.restore(store)
+    given = document.document("X", identity()) if isinstance(document, Kept) else document
+    put_state(folder, given)
+    context = NodeContext(config_in(folder), MagicMock())
+    with closing(context.store), caplog.at_level(logging.WARNING):
+        estimators = estimate_node.Estimators(context)
+        estimators.load()
     (record,) = caplog.records
-    for word in ("estimate.json", "starts over", *words):
+    for word in ("axis X", "starts over", *words):
         assert word in record.getMessage()
+    axis = estimators.axes["X"]
     told = [
         axis.take(Header(n, 1, time.time_ns(), 0), block).model_dump_json()
         for n, block in enumerate(blocks()[:20])
@@ -345,42 +345,42 @@ def fresh_and_warned(store: EstimateStore, caplog: pytest.LogCaptureFixture, *wo
 def test_a_damaged_state_is_set_aside(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    keep_some(tmp_path, time.time_ns())
-    path = state_file(tmp_path)
-    spoiled = DAMAGED[name](read_checked(path) or "")
-    path.write_text(spoiled)
-    fresh_and_warned(store_in(tmp_path), caplog, "kept as estimate.json.damaged")
-    assert path.with_name("estimate.json.damaged").read_text() == spoiled
-    assert not path.exists()
+    spoiled = DAMAGED[name](kept_at(time.time_ns()))
+    fresh_and_warned(tmp_path, spoiled, caplog, "kept as estimate.damaged-")
+    assert document_in(tmp_path) is None
 
 
 def test_a_state_that_is_too_old_is_refused(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    keep_some(tmp_path, time.time_ns() - round((LONGEST_STOP_S + 3600.0) * NS))
-    fresh_and_warned(store_in(tmp_path), caplog, "30 days old")
+    kept = kept_at(time.time_ns() - round((LONGEST_STOP_S + 3600.0) * NS))
+    fresh_and_warned(tmp_path, kept, caplog, "30 days old")
+
+
+def test_a_state_of_another_machine_file_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    heavier = machine().model.model_copy(update={"inertia_kg_m2": Quantity(value=2e-3)})
+    other = machine().model_copy(update={"model": heavier})
+    document = kept_at(time.time_ns()).document("X", identity(other))
+    fresh_and_warned(tmp_path, document, caplog, "another machine file")
 
 
 @pytest.mark.parametrize("ahead_s", [2 * AHEAD_S, 74 * 365 * 86400.0])
 def test_a_state_of_the_future_counts_as_of_a_day_ago(
-    ahead_s: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ahead_s: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     now_ns = time.time_ns()
-    keep_some(tmp_path, now_ns + round(ahead_s * NS))
-    kept = store_in(tmp_path).load("X", now_ns)
-    assert kept is not None
+    kept = kept_at(now_ns + round(ahead_s * NS)).as_of(now_ns)
     assert now_ns - kept.source_time_ns == UNKNOWN_STOP_S * NS
     assert "in the future" in caplog.text
 
 
-def test_a_state_is_kept_after_the_clock_was_set_back(tmp_path: Path) -> None:
-    axis, store = EstimatedAxis("X", FusedPreloadEstimator(machine())), store_in(tmp_path)
-    for number, source_ns in enumerate((9000 * NS, 1800 * NS)):
-        axis.take(Header(number, 1, source_ns, 0), blocks()[number])
-        kept = axis.to_keep()
-        assert kept is not None
-        store.save({"X": kept})
-    assert json.loads(read_checked(store.path("X")) or "")["source_time_ns"] == 1800 * NS
+def test_a_state_of_a_part_that_was_replaced_is_refused() -> None:
+    kept = Kept(1.0, 1000 * NS, {})
+    with pytest.raises(StateError, match="replaced"):
+        kept.as_of(1200 * NS, 1100 * NS)
+    assert kept.as_of(1200 * NS, 900 * NS) == kept
 
 
 @pytest.mark.parametrize("step_s", [74 * 365 * 86400.0, -7200.0])
@@ -395,55 +395,8 @@ def test_a_step_of_the_clock_changes_no_estimate(step_s: float) -> None:
     assert told == one_piece(blocks())
 
 
-def test_a_state_of_another_machine_file_is_refused(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    keep_some(tmp_path, time.time_ns())
-    heavier = machine().model.model_copy(update={"inertia_kg_m2": Quantity(value=2e-3)})
-    other = machine().model_copy(update={"model": heavier})
-    fresh_and_warned(store_in(tmp_path, other), caplog, "another machine file")
-
-
-def test_a_state_that_cannot_be_read_is_said(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    state_file(tmp_path).mkdir(parents=True)
-    fresh_and_warned(store_in(tmp_path), caplog)
-
-
-def test_an_older_state_never_replaces_a_newer_one(tmp_path: Path) -> None:
-    axis, store = EstimatedAxis("X", FusedPreloadEstimator(machine())), store_in(tmp_path)
-    kept = []
-    for number, block in enumerate(blocks()[:2]):
-        axis.take(Header(number, 1, (number + 1) * NS, 0), block)
-        each = axis.to_keep()
-        assert each is not None
-        kept.append(each)
-    assert axis.to_keep() is None  # nothing new
-    store.save({"X": kept[1]})
-    store.save({"X": kept[0]})
-    assert json.loads(read_checked(state_file(tmp_path)) or "")["source_time_ns"] == 2 * NS
-
-
-def test_a_state_of_the_part_before_is_not_written_behind_its_back(tmp_path: Path) -> None:
-    """A thread may be about to write it when the part is replaced."""
-    store = store_in(tmp_path)
-    axis = EstimatedAxis("X", FusedPreloadEstimator(machine()))
-    axis.take(Header(0, 1, NS, 0), blocks()[0])
-    of_old = axis.to_keep()
-    assert of_old is not None
-    store.forget("X", axis.forget())
-    store.save({"X": of_old})
-    assert not store.path("X").exists()
-    axis.take(Header(1, 1, 2 * NS, 0), blocks()[1])
-    of_new = axis.to_keep()
-    assert of_new is not None
-    store.save({"X": of_new})
-    assert json.loads(read_checked(store.path("X")) or "")["source_time_ns"] == 2 * NS
-
-
 def test_the_default_configuration_keeps_nothing() -> None:
-    assert EdgeConfig.model_validate({"axes": [{"name": "X"}]}).history.folder is None
+    assert EdgeConfig.model_validate({"axes": [{"name": "X"}]}).store.folder is None
     assert "# folder" in DEFAULT_CONFIG.read_text()
 
 

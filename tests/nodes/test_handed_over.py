@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from edge_service.bus.decoding import Decoding
-from edge_service.config_tables import HistoryConfig
+from edge_service.config_tables import StoreConfig
 from edge_service.messages.header import Header
 
 from .conftest import config_of, running, until
@@ -42,7 +42,7 @@ async def test_what_is_handed_over_is_what_is_decoded(
                 differing.append((self._recent[payload], decoded))
 
     monkeypatch.setattr(Decoding, "sent", sent)
-    config = config_of("simulated", SUDDEN, history=HistoryConfig(folder=tmp_path))
+    config = config_of("simulated", SUDDEN, store=StoreConfig(folder=tmp_path))
     async with running(config):
 
         async def heard() -> bool:

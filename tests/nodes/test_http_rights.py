@@ -8,7 +8,7 @@ import pytest
 import trustme
 
 from edge_service.config import ConfigError, HttpConfig
-from edge_service.config_tables import HistoryConfig
+from edge_service.config_tables import StoreConfig
 from edge_service.nodes.wiring.http_rights import check_access, server_files, tokens_of
 from tests.certificates import write_certificates
 
@@ -16,8 +16,8 @@ from .conftest import config_of, running, until
 
 
 def configured(folder: Path, **http: Any) -> Any:
-    history = HistoryConfig(folder=folder / "state")
-    return config_of("simulated", {}, http=HttpConfig(port=0, **http), history=history)
+    store = StoreConfig(folder=folder / "state")
+    return config_of("simulated", {}, http=HttpConfig(port=0, **http), store=store)
 
 
 def test_loopback_needs_nothing_until_a_token_exists(tmp_path: Path) -> None:

@@ -8,27 +8,26 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.atomic import read_checked
 from edge_service.cli.entry import main
-from edge_service.config import DEFAULT_MACHINE, ConfigError
-from edge_service.config_tables import HistoryConfig
-from edge_service.nodes.stores.history_store import open_history
-from edge_service.nodes.stores.watch_store import snapshot_path
+from edge_service.clock import now_ns
+from edge_service.config import DEFAULT_MACHINE
+from edge_service.config_tables import StoreConfig
+from edge_service.health.store.store import FILE_NAME
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.topics import PRELOAD
 
-from .conftest import config_of, running, until
+from .conftest import config_of, done, running, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 READERS = 50
 LIVE = 10
 
 
-def state_in(path: Path) -> Any:
-    """State that a file keeps."""
-    return json.loads(read_checked(path) or "")
+NOTES = {"axis": "X", "kind": "note"}
 
 
 async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
-    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
     async with running(config) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:
@@ -39,21 +38,20 @@ async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
 
             await until(estimated)
             body = {"action": "note", "user": "Kim", "note": "greased"}
-            await client.post("api/v1/axes/X/commands", json=body)
+            await done(client, "api/v1/axes/X/commands", body, key="a")
 
             async def noted() -> Any:
-                events = (await client.get("api/v1/axes/X/log")).json()["events"]
-                return [event for event in events if event["kind"] == "note"]
+                return (await client.get("api/v1/log", params=NOTES)).json()["items"]
 
             (note,) = await until(noted)
             way_m = (await client.get("api/v1/axes/X/use")).json()["distance_m"]
-    assert state_in(snapshot_path(tmp_path, "X"))["axis"] == "X"
     async with running(config) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:
             buckets = (await client.get("api/v1/axes/X/history")).json()["buckets"]
             assert sum(bucket["estimated"] for bucket in buckets) > 0
-            assert note in (await client.get("api/v1/axes/X/log")).json()["events"]
+            assert [note] == (await client.get("api/v1/log", params=NOTES)).json()["items"]
+            assert (note["who"], note["origin"]) == ("Kim", "127.0.0.1")
 
             async def counted() -> Any:
                 use = (await client.get("api/v1/axes/X/use")).json()
@@ -62,33 +60,70 @@ async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
             await until(counted)
 
 
-async def test_one_folder_has_one_service(tmp_path: Path) -> None:
-    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
-    first = open_history(config, {})
-    with pytest.raises(ConfigError, match="in use by another service"):
-        open_history(config, {})
-    first.close()
-    open_history(config, {}).close()
+async def test_a_store_that_cannot_be_read_is_waited_for_said_and_left_as_it_is(
+    tmp_path: Path,
+) -> None:
+    """Rights of another user after a restore: latched alarms are not forgotten."""
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
+    path, elsewhere, nodes = tmp_path / FILE_NAME, tmp_path / "elsewhere", ("http", "health")
+    note = {"action": "note", "user": "Kim", "note": "greased"}
+    async with (
+        running(config, nodes) as service,
+        httpx.AsyncClient(base_url=await service.address) as client,
+    ):
+        await done(client, "api/v1/axes/X/commands", note, key="a")
+    path.rename(elsewhere)
+    path.mkdir()
+    async with (
+        running(config, nodes) as service,
+        httpx.AsyncClient(base_url=await service.address) as client,
+    ):
+        for page in ("readyz", "api/v1/health", "api/v1/log"):
+            answer = await client.get(page)
+            assert answer.status_code == 503
+            assert "Is a directory" in answer.json()["detail"]
+        assert (await client.get("healthz")).status_code == 200
+        path.rmdir()
+        elsewhere.rename(path)
+
+        async def known() -> Any:
+            answer = await client.get("api/v1/log", params=NOTES)
+            return answer.status_code == 200 and answer.json()["items"]
+
+        (found,) = await until(known)
+        assert found["message"] == "greased (Kim)"
+        again = await done(client, "api/v1/axes/X/commands", note, key="a")
+        assert again.json()["outcome"] == "greased (Kim)"
+        assert len((await client.get("api/v1/log", params=NOTES)).json()["items"]) == 1
+    assert not list(tmp_path.glob("*damaged*"))
 
 
-async def test_a_damaged_state_is_set_aside(tmp_path: Path) -> None:
-    path = snapshot_path(tmp_path, "X")
-    path.parent.mkdir()
-    path.write_text("{")
-    config = config_of("simulated", HEALTHY, history=HistoryConfig(folder=tmp_path))
-    async with running(config) as service:
-        address = await asyncio.wait_for(service.address, 20.0)
-        async with httpx.AsyncClient(base_url=address) as client:
+async def test_who_asks_on_the_bus_is_answered_as_by_http() -> None:
+    config = config_of("simulated", HEALTHY)
+    async with running(config, ("http",)) as service:
+        publisher = service.bus.publisher(config.keys.key("X", PRELOAD), PRELOAD, "X")
+        async with httpx.AsyncClient(base_url=await service.address) as client:
 
-            async def alive() -> Any:
-                return (await client.get("api/v1/axes/X/use")).json()
+            async def asked(selector: str) -> Any:
+                key = f"{config.keys.root}/X/history?{selector}"
+                answer = await service.bus.ask(key, None, 10.0)
+                return json.loads(answer or b"null")
 
-            await until(alive)
-            events = (await client.get("api/v1/axes/X/log")).json()["events"]
-            (damaged,) = [each for each in events if each["kind"] == "state_damaged"]
-            assert "watch.json.damaged" in damaged["message"]
-    assert path.with_name("watch.json.damaged").read_text() == "{"
-    assert state_in(path)["axis"] == "X"
+            async def kept() -> Any:
+                estimate = PreloadEstimate(time_s=0.0, status=EstimateStatus.UNESTIMATED)
+                publisher.publish(estimate, now_ns())
+                return (await client.get("api/v1/axes/X/history")).json()["buckets"]
+
+            (first, *_) = await until(kept)
+            span = {"from": first["time"], "to": "2100-01-01T00:00:00Z", "step": "86400000"}
+            by_http = (await client.get("api/v1/axes/X/history", params=span)).json()
+            by_bus = await asked(";".join(f"{name}={value}" for name, value in span.items()))
+            for each in (by_http, by_bus):
+                assert each["axis"] == "X"
+                assert [bucket["time"] for bucket in each["buckets"]] == [first["time"]]
+            assert set(by_http) == set(by_bus)
+            assert "more than 5000" in (await asked("from=0;step=1"))["detail"]
+            assert "speed: unknown" in (await asked("speed=1"))["detail"]
 
 
 async def test_fifty_readers_get_every_event_while_one_reads_nothing() -> None:
@@ -138,7 +173,7 @@ async def _notes(client: httpx.AsyncClient, count: int) -> tuple[list[str], int]
 
 @pytest.mark.parametrize(
     ("table", "said"),
-    [("", "history in memory, it ends with the service"), ("[history]\nfolder = 'kept'", "kept")],
+    [("", "history in memory, it ends with the service"), ("[store]\nfolder = 'kept'", "kept")],
 )
 def test_check_config_says_where_history_lives(
     table: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

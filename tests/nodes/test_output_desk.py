@@ -10,8 +10,9 @@ from edge_service.bus.mqtt.packet import GONE
 from edge_service.bus.session import Bus, BusSettings
 from edge_service.bus.spool.message import DeadLetter
 from edge_service.bus.spool.spool import Spool
-from edge_service.config_tables import HistoryConfig, WebhookConfig
-from edge_service.health.events.diary import Diary
+from edge_service.config_tables import StoreConfig, WebhookConfig
+from edge_service.health.store.events import EventLog
+from edge_service.health.store.store import Store
 from edge_service.messages.event import Event, Severity
 from edge_service.nodes.mqtt_node import SENT
 from edge_service.nodes.outputs.desk import OutputDesk
@@ -37,7 +38,7 @@ async def _waiting(context: NodeContext) -> list[str]:
 
 
 async def test_mqtt_catches_up_with_the_diary_and_sends_nothing_twice(tmp_path: Path) -> None:
-    diary = Diary(tmp_path / "diary.sqlite")
+    diary = EventLog(Store(tmp_path / "diary.sqlite"))
 
     async def started(*heard: Event) -> list[str]:
         """Events that wait after a start, and after events that were heard."""
@@ -58,13 +59,13 @@ async def test_mqtt_catches_up_with_the_diary_and_sends_nothing_twice(tmp_path: 
     assert await started() == ["1", "2", "3"]
     diary.add([_event(4), _event(5)], 10**18)
     assert await started() == ["1", "2", "3", "4", "5"]
-    diary.close()
-    diary = Diary(tmp_path / "diary.sqlite")
+    diary.store.close()
+    diary = EventLog(Store(tmp_path / "diary.sqlite"))
     spoken = _event(6)
     assert await started(_event(7)) == ["1", "2", "3", "4", "5", "7"]  # not of this diary
     diary.add([spoken], 10**18)
     assert await started() == ["1", "2", "3", "4", "5", "7", "6"]
-    diary.close()
+    diary.store.close()
 
 
 async def test_dead_letters_of_a_node_beside_are_shown_and_tried_again(tmp_path: Path) -> None:
@@ -102,10 +103,10 @@ async def test_an_event_between_diary_and_output_is_sent_after_the_next_start(
         kinds=("note",),
         buffer=tmp_path / "spool",
     )
-    config = config_of("simulated", {}, webhook=webhook, history=HistoryConfig(folder=tmp_path))
+    config = config_of("simulated", {}, webhook=webhook, store=StoreConfig(folder=tmp_path))
     bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
     context = NodeContext(config, bus)
-    diary = context.diary.diary
+    diary = context.events
     diary.add([_event(0)], 10**18)
     assert await _waiting(context) == []  # it was before there was an output
     diary.add([_event(1), _event(2, "alarm_raised"), _event(3)], 10**18)

@@ -1,33 +1,39 @@
 """Whatever a kept file holds, a start goes on: it is taken, or set aside, named and counted."""
 
+import contextlib
 import json
 import math
+import re
 from collections.abc import Iterator
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
-from edge_service.atomic import write_checked
 from edge_service.config import EstimatorConfig
+from edge_service.config_tables import StoreConfig
 from edge_service.estimate.registry import make_estimator
 from edge_service.health.alarms.axis_alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.settings import HealthSettings
+from edge_service.health.store.states import State
 from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.header import Header
-from edge_service.nodes.stores.estimate_store import DAMAGED, EstimateStore, Kept, StateError
-from edge_service.nodes.stores.watch_store import WatchStore, snapshot_path
-from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
+from edge_service.nodes import estimate_node, health_node
+from edge_service.nodes.wiring.context import NodeContext
+from edge_service.nodes.wiring.estimate_state import DAMAGED, Kept, StateError
 
 from ..bench.estimator.axis import OwnAxis
 from ..documents import ROOT
+from .conftest import config_of
 
 NS = 10**9
 NOW_NS = 1_795_000_000 * NS
-RAW = ["[]", "{}", "1", '"x"', "null", "NaN", "", "[[", "[" * 100_000, '{"a": ', "\x00", "true"]
+RAW = ["[]", "{}", "1", '"x"', "NaN", "", "[[", "[" * 100_000, '{"a": ', "\x00", "true"]
 SHAPES: list[Any] = [[], {}, 1, -1, "x", None, True, math.nan, math.inf, 1e308, 2**70, [[]], ""]
 RECORDED = json.loads((ROOT / "tests/health/recorded_snapshot.json").read_text("utf-8"))
 FUSED = json.loads((ROOT / "tests/estimate/states/fused.json").read_text("utf-8"))
@@ -73,56 +79,67 @@ def use(monitor: AxisMonitor) -> None:
     json.dumps(monitor.snapshot(), allow_nan=False)
 
 
-def starts(folder: Path) -> int:
-    """Start with what the folder holds; files that were set aside."""
-    store = WatchStore(folder)
-    use(store.load("X", monitor))
-    store.announced("X")
-    assert len(list(snapshot_path(folder, "X").parent.glob("*.damaged*"))) == len(store.damages)
-    return len(store.damages)
+def context_in(folder: Path) -> NodeContext:
+    """Context whose publications nobody hears."""
+    return NodeContext(config_of("simulated", {}, store=StoreConfig(folder=folder)), MagicMock())
+
+
+def put_raw(context: NodeContext, name: str, body: str) -> None:
+    """A state of any content, with the right checksum."""
+    context.events.put((), NOW_NS, (State(name, "X", body),))
+    context.events.save()
+
+
+def names(context: NodeContext) -> list[str]:
+    rows = context.store.read(lambda file: file.execute("SELECT name FROM states").fetchall())
+    return [re.sub("-.*", "", name) for (name,) in rows]
 
 
 @pytest.mark.parametrize("content", RAW, ids=range(len(RAW)))
-def test_a_state_of_any_content_is_set_aside_and_counted(content: str, tmp_path: Path) -> None:
-    path = snapshot_path(tmp_path, "X")
-    path.parent.mkdir()
-    path.write_text(content)
-    assert starts(tmp_path) == 1
-    assert not path.exists()
+def test_states_of_any_content_are_set_aside_named_and_counted(
+    content: str, tmp_path: Path
+) -> None:
+    context = context_in(tmp_path)
+    with closing(context.store):
+        put_raw(context, health_node.STATE, content)
+        put_raw(context, estimate_node.STATE, content)
+        monitors, estimators = health_node.Monitors(context), estimate_node.Estimators(context)
+        monitors.load()
+        estimators.load()
+        assert monitors.damaged == estimators.damaged == 1
+        use(monitors.axes["X"])
+        monitors.end()
+        (*_, told) = context.events.page(10)
+        assert told.event.kind == "store_damaged"
+        assert "monitor.damaged-" in told.event.message
+        assert names(context) == ["estimate.damaged", "monitor", "monitor.damaged"]
 
 
-@pytest.mark.parametrize("part", [None, *RECORDED, "events"])
-def test_a_state_of_any_shape_within_never_ends_a_start(part: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", [health_node.STATE, estimate_node.STATE])
+def test_a_state_whose_row_was_changed_is_set_aside(name: str, tmp_path: Path) -> None:
+    context = context_in(tmp_path)
+    with closing(context.store):
+        put_raw(context, name, json.dumps(RECORDED))
+        change = "UPDATE states SET body = replace(body, '1', '2')"
+        context.store.write(lambda file: file.execute(change))
+        monitors, estimators = health_node.Monitors(context), estimate_node.Estimators(context)
+        monitors.load()
+        estimators.load()
+        assert names(context) == [f"{name}.damaged"]
+        assert monitors.damaged + estimators.damaged == 1
+
+
+@pytest.mark.parametrize("part", [None, *RECORDED])
+def test_a_snapshot_of_any_shape_within_is_refused_or_taken(part: str | None) -> None:
     """Its digest is right: somebody else has written it."""
-    document = RECORDED | {"events": []}
-    path = snapshot_path(tmp_path, "X")
-    for place in [()] if part is None else [(part, *each) for each in places(document[part])]:
+    for place in [()] if part is None else [(part, *each) for each in places(RECORDED[part])]:
         for shape in SHAPES:
-            write_checked(path, json.dumps(with_shape(document, place, shape)))
-            for old in path.parent.glob("*.damaged"):
-                old.unlink()
-            starts(tmp_path)
-
-
-def test_a_folder_in_the_place_of_a_state_never_ends_a_start(tmp_path: Path) -> None:
-    (snapshot_path(tmp_path, "X") / "full").mkdir(parents=True)
-    assert starts(tmp_path) == 1
-
-
-def estimated(folder: Path) -> EstimatedAxis:
-    machine = OwnAxis(1, one_encoder=True).commissioned()
-    axis = EstimatedAxis("X", make_estimator("fused", machine, EstimatorConfig(method="fused")))
-    axis.restore(EstimateStore(folder, {"X": "abc"}))
-    return axis
-
-
-@pytest.mark.parametrize("content", RAW, ids=range(len(RAW)))
-def test_an_estimate_of_any_content_is_set_aside(content: str, tmp_path: Path) -> None:
-    path = EstimateStore(tmp_path, {}).path("X")
-    path.parent.mkdir()
-    path.write_text(content)
-    estimated(tmp_path)
-    assert [each.name for each in path.parent.iterdir()] == ["estimate.json.damaged"]
+            restored = monitor()
+            try:
+                restored.restore(with_shape(RECORDED, place, shape))
+            except (ValueError, RecursionError):
+                continue
+            use(restored)
 
 
 @pytest.mark.parametrize("part", FUSED)
@@ -142,15 +159,8 @@ def test_an_estimate_of_any_shape_within_is_refused_or_taken(part: str) -> None:
 
 
 @pytest.mark.parametrize("member", ["time_s", "source_time_ns", "sha256", "axis", "schema"])
-def test_a_kept_file_with_any_member_of_another_shape_is_refused(
-    member: str, tmp_path: Path
-) -> None:
-    store = EstimateStore(tmp_path, {"X": "abc"})
-    store.save({"X": Kept(1.0, NOW_NS, {"a": 1.0})})
-    content = json.loads(store.path("X").read_text("utf-8"))["content"]
+def test_an_estimate_with_any_member_of_another_shape_is_refused(member: str) -> None:
+    content = Kept(1.0, NOW_NS, {"a": 1.0}).document("X", "abc")
     for shape in SHAPES:
-        write_checked(store.path("X"), json.dumps(content | {member: shape}))
-        try:
-            store.load("X", NOW_NS)
-        except (StateError, OSError):
-            continue
+        with contextlib.suppress(StateError):
+            Kept.of(content | {member: shape}, "X", "abc").as_of(NOW_NS)

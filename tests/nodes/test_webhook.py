@@ -15,7 +15,7 @@ from pydantic import SecretStr
 
 from edge_service.bus.spool.spool import Spool
 from edge_service.config_tables import WebhookConfig
-from edge_service.health.events.log import LoggedEvent
+from edge_service.health.store.events import StoredEvent
 from edge_service.messages.event import Event, Severity
 from edge_service.nodes.outputs import post
 from edge_service.nodes.outputs.signature import DELIVERY, SIGNATURE, TIMESTAMP
@@ -48,8 +48,8 @@ def _event(number: int, kind: str = "alarm_raised") -> Event:
     return Event(axis="X", kind=kind, severity=Severity.ERROR, message=str(number), time_ns=number)
 
 
-def _logged(number: int, kind: str = "alarm_raised") -> LoggedEvent:
-    return LoggedEvent(number + 1, _event(number, kind))
+def _logged(number: int, kind: str = "alarm_raised") -> StoredEvent:
+    return StoredEvent(number + 1, _event(number, kind))
 
 
 class Sender:

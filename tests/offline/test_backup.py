@@ -1,35 +1,35 @@
 """A backup is put back whole, or refused with one line and nothing changed."""
 
-import errno
 import json
+import os
 import random
+import sqlite3
 import zipfile
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from edge_service.cli.entry import main
-from edge_service.config import ConfigError, load_config
-from edge_service.nodes.stores.history_store import open_history
+from edge_service.health.store.events import EventLog
+from edge_service.health.store.store import FILE_NAME, Store
+from edge_service.messages.event import Event, Severity
 
 CONFIG = """
-[history]
-folder = "{history}"
+[store]
+folder = "{folder}"
 [[axes]]
 name = "X"
 machine = "machines/x.toml"
 """
 FILES = {
-    "axis=X/watch.json": b'{"sha256": "0", "content": 1}\n',
-    "axis=X/raw/2026-01-01T00.parquet": b"PAR1" * 500,
-    "@jobs/1/report.html": b"<p>a report</p>",
-    "@recordings/X/healthy.csv": b"time_s,torque_nm\n",
-    "@bus/acquire.key": b"secret",
-    "@diary.copy.sqlite": b"copy",
-    "axis=X/.watch.json.0.part": b"half",
+    "axes/Y/axis.toml": b"name = 'Y'",
+    "recordings/healthy_X_20261121T081530Z.parquet": b"PAR1" * 500,
+    "jobs/1/report.html": b"<p>a report</p>",
+    f"{FILE_NAME}.damaged-20261121T081530Z": b"half",
 }
-LEFT_OUT = {"@bus/acquire.key", "@diary.copy.sqlite", "axis=X/.watch.json.0.part"}
+KEPT = {"axes/Y/axis.toml", FILE_NAME}
 MACHINE = (Path(__file__).parents[2] / "deploy" / "machine.toml").read_bytes()
 State = dict[str, bytes]
 
@@ -42,19 +42,45 @@ def written(folder: Path, files: State) -> None:
 
 
 def state(folder: Path) -> State:
-    """All files below a folder but the lock."""
-    found = (path for path in folder.rglob("*") if path.is_file() and path.name != "@lock")
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
+    """All files below a folder, but what SQLite keeps beside a store."""
+    found = (path for path in folder.rglob("*") if path.is_file())
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in found
+        if not path.name.endswith(("-wal", "-shm"))
+    }
 
 
-@pytest.fixture
-def place(tmp_path: Path) -> Path:
-    """A configuration in `etc`, a history in `var`, and `backup.zip` of both."""
-    etc = {"edge.toml": CONFIG.format(history=tmp_path / "var").encode(), "tokens.json": b"{}"}
+def note(folder: Path, text: str) -> None:
+    event = Event(axis="X", kind="note", severity=Severity.INFO, message=text, time_ns=1)
+    with closing(Store(folder / FILE_NAME)) as store:
+        EventLog(store).add((event,), 1)
+
+
+def notes(folder: Path) -> list[str]:
+    with closing(Store(folder / FILE_NAME, mends=False)) as store:
+        return [each.event.message for each in EventLog(store).after(0, 10)]
+
+
+@pytest.fixture(params=["apart", "inside"])
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A configuration in `etc`, its state in `etc/var` or `var`, and `backup.zip` of both."""
+    folder = "var" if request.param == "inside" else "../var"
+    etc = {"edge.toml": CONFIG.format(folder=folder).encode(), "tokens.json": b"{}"}
     written(tmp_path / "etc", etc | {"machines/x.toml": MACHINE, "other.txt": b"not ours"})
-    written(tmp_path / "var", FILES)
+    written(var_of(tmp_path / "etc", folder), FILES)
+    note(var_of(tmp_path / "etc", folder), "before")
     assert main(["backup", str(tmp_path / "etc/edge.toml"), "--out", str(backup(tmp_path))]) == 0
+    (tmp_path / "kind").write_text(folder)
     return tmp_path
+
+
+def var_of(etc: Path, folder: str) -> Path:
+    return Path(os.path.normpath(etc / folder))
+
+
+def var(place: Path, root: str = ".") -> Path:
+    return var_of(place / root / "etc", (place / "kind").read_text())
 
 
 def backup(place: Path) -> Path:
@@ -62,10 +88,8 @@ def backup(place: Path) -> Path:
 
 
 def restored(place: Path, *more: str) -> int:
-    """Exit status of a restore to `new/etc` and `new/var`."""
-    new = place / "new"
-    line = ["restore", str(backup(place)), "--config", str(new / "etc/mill.toml")]
-    return main([*line, "--history", str(new / "var"), *more])
+    """Exit status of a restore to `new/etc`."""
+    return main(["restore", str(backup(place)), str(place / "new/etc/mill.toml"), *more])
 
 
 @pytest.mark.parametrize("recordings", [False, True])
@@ -73,11 +97,15 @@ def test_what_was_there_is_there_again(place: Path, recordings: bool) -> None:
     line = ["backup", str(place / "etc/edge.toml"), "--out", str(backup(place))]
     assert main([*line, *(["--recordings"] if recordings else [])]) == 0
     assert restored(place) == 0
-    left_out = LEFT_OUT if recordings else LEFT_OUT | {"@recordings/X/healthy.csv"}
-    assert state(place / "new/var") == {n: c for n, c in FILES.items() if n not in left_out}
+    assert notes(var(place, "new")) == ["before"]
+    extra = {name for name in FILES if recordings and name.startswith("recordings")}
+    assert set(state(var(place, "new"))) == KEPT | extra
     etc = state(place / "new/etc")
-    assert etc.pop("mill.toml") == (place / "etc/edge.toml").read_bytes()
-    assert etc == {"tokens.json": b"{}", "machines/x.toml": MACHINE}
+    assert etc["mill.toml"] == (place / "etc/edge.toml").read_bytes()
+    assert {name for name in etc if not name.startswith("var")} == {
+        *("mill.toml", "tokens.json", "machines/x.toml")
+    }
+    assert (var(place, "new") / FILE_NAME).stat().st_mode & 0o777 == 0o640
 
 
 def test_secrets_stay_with_their_owner(place: Path) -> None:
@@ -143,21 +171,19 @@ def refused(place: Path, capsys: pytest.CaptureFixture[str], *more: str) -> str:
 
 
 HOSTILE = {
-    "upwards": added("history/../../escaped"),
+    "upwards": added("state/../../escaped"),
     "upwards at once": added("../escaped"),
     "absolute": added("/tmp/escaped"),
-    "absolute within": added("history//tmp/escaped"),
+    "absolute within": added("state//tmp/escaped"),
     "elsewhere": added("etc/passwd"),
-    "no folder": added("history"),
-    "a folder": added("history/"),
+    "no folder": added("state"),
+    "a folder": added("state/"),
     "a dot": added("config/./edge.toml"),
-    "the lock": added("history/@lock"),
-    "the mark of a restore": added("history/@restore/x"),
-    "a line break": added("history/a\nb"),
+    "a line break": added("state/a\nb"),
     "a file as a folder": added("config/tokens.json/x"),
-    "too long": added("history/" + "x" * 300),
-    "less than described": without("history/axis=X/watch.json"),
-    "newer format": described(format="backup/2"),
+    "too long": added("state/" + "x" * 300),
+    "less than described": without("state/axes/Y/axis.toml"),
+    "newer format": described(format="backup/3"),
     "newer version": described(version="99.0.0"),
     "no version": described(version="one"),
     "no files": described(files={}),
@@ -171,14 +197,14 @@ def test_a_hostile_archive_is_refused(
 ) -> None:
     rebuilt(place, HOSTILE[how])
     line = refused(place, capsys)
-    assert ("newer version" in line or "99.0.0" in line) is how.startswith("newer")
+    assert ("another version" in line or "99.0.0" in line) is how.startswith("newer")
     assert not Path("/tmp/escaped").exists()
 
 
 def test_a_link_comes_as_no_link(place: Path) -> None:
-    rebuilt(place, added("history/link"))
+    rebuilt(place, added("state/link"))
     with zipfile.ZipFile(backup(place), "a") as archive:
-        archive.getinfo("history/link").external_attr = 0o120777 << 16
+        archive.getinfo("state/link").external_attr = 0o120777 << 16
         archive._didModify = True  # type: ignore[attr-defined]
     restored(place)
     assert not [path for path in place.rglob("*") if path.is_symlink()]
@@ -186,7 +212,7 @@ def test_a_link_comes_as_no_link(place: Path) -> None:
 
 def test_a_bomb_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with zipfile.ZipFile(backup(place), "a", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("history/bomb", bytes(10_000_000))
+        archive.writestr("state/bomb", bytes(10_000_000))
     assert "compressed" in refused(place, capsys)
 
 
@@ -214,43 +240,68 @@ def test_damage_is_refused_or_harmless(
     before = state(place)
     status = restored(place)
     if status == 0:
-        wanted = {n: c for n, c in FILES.items() if n not in LEFT_OUT and "@rec" not in n}
-        assert state(place / "new/var") == wanted
+        assert notes(var(place, "new")) == ["before"]
         return
     assert status == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert state(place) == before
 
 
-def test_nothing_that_is_there_is_overwritten(
+def test_nothing_that_is_there_is_overwritten_unless_it_is_wanted(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert restored(place) == 0
-    assert "is not empty" in refused(place, capsys, "--force")
+    note(var(place, "new"), "later")
+    assert "is not empty" in refused(place, capsys)
     (place / "new/etc/tokens.json").write_bytes(b"mine")
-    line = ["restore", str(backup(place)), "--config", str(place / "new/etc/mill.toml")]
-    assert main(line) == 2
-    assert (place / "new/etc/tokens.json").read_bytes() == b"mine"
-    assert main([*line, "--force"]) == 0
+    (place / "new/etc/beside.txt").write_bytes(b"beside")
+    assert "tokens.json is there already, and differs" in refused(place, capsys)
+    assert restored(place, "--force") == 0
     assert (place / "new/etc/tokens.json").read_bytes() == b"{}"
+    assert (place / "new/etc/beside.txt").read_bytes() == b"beside"
+    assert notes(var(place, "new")) == ["before"]
+    (before,) = (place / "new").glob("etc.before-*")
+    assert (before / "tokens.json").read_bytes() == b"mine"
+    aside = before / "var" if (before / "var").exists() else next((place / "new").glob("var.b*"))
+    assert notes(aside) == ["before", "later"]
 
 
-def test_a_restore_that_was_cut_off_starts_no_service(
-    place: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_store_that_a_service_uses_is_refused(
+    place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A power failure between two files leaves a mark, so that half a history is taken for none."""
-    left, replace = ["once"], Path.replace
+    assert restored(place) == 0
+    with closing(sqlite3.connect(var(place, "new") / FILE_NAME)) as other:
+        other.execute("PRAGMA journal_mode = WAL")
+        other.execute("SELECT * FROM events").fetchall()
+        assert "stop the service first" in refused(place, capsys, "--force")
+
+
+@pytest.mark.parametrize("fails_at", [0, 1, 2, 3])
+def test_a_folder_that_cannot_be_replaced_leaves_all_as_it_was(
+    place: Path,
+    fails_at: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert restored(place) == 0
+    note(var(place, "new"), "later")
+    (place / "new/etc/tokens.json").write_bytes(b"mine")
+    rename, left = Path.rename, [fails_at]
+    places = {place / "new/etc", var(place, "new")}
 
     def failing(path: Path, target: Path) -> Path:
-        if not left:
-            raise OSError(errno.EIO, "Input/output error", str(path))
-        left.pop()
-        return replace(path, target)
+        if path in places or target in places:
+            left[0] -= 1
+            if left[0] == -1:
+                raise OSError(16, "Device or resource busy", str(path))
+        return rename(path, target)
 
-    monkeypatch.setattr(Path, "replace", failing)
-    assert main(["restore", str(backup(place)), "--history", str(place / "new/var")]) == 2
+    monkeypatch.setattr(Path, "rename", failing)
+    if restored(place, "--force") == 0:
+        assert left[0] >= 0  # there are fewer renames than that
+        return
     monkeypatch.undo()
-    config = load_config(place / "etc/edge.toml")
-    kept = config.history.model_copy(update={"folder": place / "new/var"})
-    with pytest.raises(ConfigError, match="was interrupted"):
-        open_history(config.model_copy(update={"history": kept}), {})
+    assert "busy" in capsys.readouterr().err
+    assert notes(var(place, "new")) == ["before", "later"]
+    assert (place / "new/etc/tokens.json").read_bytes() == b"mine"
+    assert not [path for path in place.rglob("*") if "before-" in path.name]

@@ -91,7 +91,7 @@ def test_what_is_written_is_right(
     config = load_config(out)
     assert [(axis.name, axis.driver) for axis in config.axes] == [("Z", driver)]
     assert load_machine(config.axes[0].machine).axis.lead_m == pytest.approx(0.02)
-    assert config.history.folder == out.parent / "history"
+    assert config.store.folder == out.parent / "history"
     assert sorted(each.name for each in out.parent.iterdir()) == ["edge.toml", "machine.toml"]
     said = capsys.readouterr().out
     assert "not reachable now" in said

@@ -17,8 +17,8 @@ from edge_service.config import (
     AxisConfig,
     BusConfig,
     EdgeConfig,
-    HistoryConfig,
     HttpConfig,
+    StoreConfig,
 )
 from edge_service.config_tables import WebhookConfig
 from edge_service.nodes.service import PIPELINE, run_nodes
@@ -139,7 +139,7 @@ class Service:
             bus=BusConfig(endpoint="tcp/127.0.0.1:0"),
             http=self._http.model_copy(update={"port": self._port}),
             alarms=AlarmsConfig(rate_percent_per_1000_h=1e9),
-            history=HistoryConfig(folder=self._folder),
+            store=StoreConfig(folder=self._folder),
             webhook=self._webhook,
             axes=axes,
         )

@@ -16,7 +16,7 @@ _HEAD = """\
 endpoint = "tcp/127.0.0.1:0"
 [http]
 port = 0
-[history]
+[store]
 folder = "history"
 """
 _AXIS = """

@@ -102,7 +102,7 @@ class AxisAlarms:
             AlarmKind.DATA_LOST: AlarmRule(Severity.WARNING, *lost),
             AlarmKind.SERVICE: AlarmRule(Severity.WARNING, 0.0, settings.clear_delay_s),
         }
-        self._latches = {kind: AlarmLatch(axis, kind, rule) for kind, rule in rules.items()}
+        self._latches = {kind: AlarmLatch(axis, kind, rule, now_ns) for kind, rule in rules.items()}
         share = 0.0 if fresh_percent is None else fresh_percent / 100.0
         self._drop = SuddenDrop(settings.sudden_drop_percent * share, settings.sudden_drop_within_s)
         self._parts = Parts()
@@ -180,7 +180,7 @@ class AxisAlarms:
             return ""
         if command.alarm is None:
             return f"{command.action} names no alarm"
-        return self._latches[command.alarm].refusal(command.action)
+        return self._latches[command.alarm].refusal(command)
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Acknowledge, shelve or unshelve."""

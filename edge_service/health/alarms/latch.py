@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 
-from ...messages.alarm import Alarm, AlarmKind
+from ...messages.alarm import Alarm, AlarmKind, Command
 from ...messages.event import Event, Severity
 from ...messages.sentence import Code, Told, told
 from ..condition.input_watch import NS_PER_S, moved
+
+_NS_PER_MS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,7 @@ class LatchSnapshot:
 
     alarm: Alarm | None
     shelved_until_ns: int | None
+    occurrence: int = 0
 
 
 class AlarmLatch:
@@ -41,13 +44,14 @@ class AlarmLatch:
     are for information only.
     """
 
-    def __init__(self, axis: str, kind: AlarmKind, rule: AlarmRule) -> None:
+    def __init__(self, axis: str, kind: AlarmKind, rule: AlarmRule, begun_ns: int = 0) -> None:
         self.rule = rule
         self._axis = axis
         self._kind = kind
         self._alarm: Alarm | None = None
         self._shelved_until_ns: int | None = None
         self._change_since_ns: int | None = None
+        self._occurrence = begun_ns // _NS_PER_MS  # so a state that was lost repeats none
 
     @property
     def active(self) -> bool:
@@ -80,15 +84,19 @@ class AlarmLatch:
             said = {"message": words.text, "sentence": words.sentence}
             self._alarm = self._alarm.model_copy(update=said)
 
-    def refusal(self, action: str) -> str:
-        """Reason for which an action of a person would change nothing; empty if it would."""
+    def refusal(self, command: Command) -> str:
+        """Reason for which a command would change nothing, or the wrong thing; else empty."""
         name, alarm = self._kind.value, self._alarm
-        if action == "unshelve":
+        if command.action == "unshelve":
             return "" if self._shelved_until_ns is not None else f"alarm {name} is not shelved"
-        if action != "acknowledge":
+        if command.action != "acknowledge":
             return ""
         if alarm is None:
             return f"there is no alarm {name} to acknowledge"
+        if command.occurrence is None:
+            return f"alarm {name}: no occurrence was named; now it is {alarm.occurrence}"
+        if command.occurrence != alarm.occurrence:
+            return f"occurrence {command.occurrence} of alarm {name} is over, or never was"
         by = alarm.acknowledged_by
         return "" if by is None else f"alarm {name} was acknowledged by {by} already"
 
@@ -146,17 +154,20 @@ class AlarmLatch:
 
     def snapshot(self) -> LatchSnapshot:
         """State that outlives the process."""
-        return LatchSnapshot(self._alarm, self._shelved_until_ns)
+        return LatchSnapshot(self._alarm, self._shelved_until_ns, self._occurrence)
 
     def restore(self, snapshot: LatchSnapshot) -> None:
         """Go on from a snapshot."""
         self._alarm, self._shelved_until_ns = snapshot.alarm, snapshot.shelved_until_ns
+        self._occurrence = snapshot.occurrence
 
     def _raise(self, words: Told, now_ns: int) -> tuple[Event, ...]:
+        self._occurrence += 1
         self._alarm = Alarm(
             kind=self._kind,
             severity=self.rule.severity,
             active=True,
+            occurrence=self._occurrence,
             message=words.text,
             raised_time_ns=now_ns,
             sentence=words.sentence,
@@ -197,7 +208,11 @@ class AlarmLatch:
             severity=severity,
             message=words.text + (f": {note}" if note else ""),
             time_ns=now_ns,
-            data={"alarm": self._kind.value, "shelved": int(self._shelved_until_ns is not None)}
+            data={
+                "alarm": self._kind.value,
+                "occurrence": self._occurrence,
+                "shelved": int(self._shelved_until_ns is not None),
+            }
             | ({"note": note} if note else {}),
             sentence=words.sentence,
         )

@@ -39,7 +39,7 @@ class RefusalWatch:
         words = ", ".join(reason.replace("_", " ") for reason in sorted(reasons))
         return Event(
             axis="",
-            kind="payloads_refused",
+            kind="component_changed",
             severity=Severity.WARNING,
             message=f"{new} payloads on {key} were refused ({words}): who sends them?",
             time_ns=now_ns,

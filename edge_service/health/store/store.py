@@ -38,14 +38,16 @@ class Store:
 
     Args:
         path: of the file; its folder is made. None: the store lives in memory.
+        mends: False: a file that is damaged, missing or of others is refused, and left as it is.
 
     Attributes:
         damages: files that were set aside, a line each.
         problem: reason for which nothing can be kept now; empty if it can.
     """
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, *, mends: bool = True) -> None:
         self.path = path
+        self._mends = mends
         self.damages: list[str] = []
         self.problem = ""
         self._name = "the store" if path is None else str(path)
@@ -67,6 +69,7 @@ class Store:
                     self._writer.executescript(schema)
                 else:
                     self._close_writer()
+                    self._opened += 1
 
     def write(self, work: Callable[[sqlite3.Connection], T]) -> T:
         """Result of work in one transaction, on the disk when it returns. Raises StoreFailedError.
@@ -220,6 +223,8 @@ class Store:
         else:
             damage = ""
         if damage or not path.exists():
+            if not self._mends:
+                raise OSError(0, damage or "there is no such file", str(path))
             self._begin_anew(path)
             if damage:
                 aside = f", kept as {_set_aside(path)}" if path.exists() else ""
@@ -245,6 +250,11 @@ class Store:
                     _rescue(old, file)
         sync_file(new)
         new.replace(_new_of(path))
+
+
+def damaged_name(name: str) -> str:
+    """Name under which what is found damaged now is kept."""
+    return f"{name}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
 
 
 def _rescue(old: sqlite3.Connection, new: sqlite3.Connection) -> None:
@@ -282,6 +292,7 @@ def _damage_of(path: Path, check: str) -> str:
     """Damage of a file; empty if there is none. Raises sqlite3.Error, OSError: unreadable now."""
     try:
         with closing(sqlite3.connect(path, _BUSY_S)) as file:
+            file.text_factory = _text
             ((mark,),) = file.execute("PRAGMA application_id").fetchall()
             if mark != APPLICATION_ID:
                 return "it is no store of this service"
@@ -314,7 +325,7 @@ def _code(error: BaseException) -> int:
 
 def _set_aside(path: Path) -> str:
     """Name under which a damaged file is kept beside its place from now on."""
-    aside = path.with_name(f"{path.name}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
+    aside = path.with_name(damaged_name(path.name))
     path.replace(aside)
     sync_folder(path.parent)
     return aside.name

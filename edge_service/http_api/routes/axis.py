@@ -8,25 +8,22 @@ from pydantic import AfterValidator
 from starlette.exceptions import HTTPException
 
 from ...messages.alarm import Command, Outcome
-from ...messages.topics import PRELOAD
 from ..access import CallerDep
 from ..axis_answers import (
     CommandAnswer,
     CommandBody,
     FrictionAnswer,
-    LogAnswer,
     StrokeAnswer,
     TracesAnswer,
     UseAnswer,
 )
 from ..compose import (
     friction_answer,
-    log_answer,
     stroke_answer,
     traces_answer,
     use_answer,
 )
-from ..context import AxisDep, Moment, NowDep, StateDep, from_history, moment_query, parameter_error
+from ..context import AxisDep, NowDep, StateDep, parameter_error
 from ..problems import documented
 
 _LOG_SPAN_S = 30 * 86400.0
@@ -90,23 +87,6 @@ async def friction(axis: AxisDep, state: StateDep, now_ns: NowDep) -> FrictionAn
     return friction_answer(state, axis, now_ns)
 
 
-@work_router.get("/log", response_model=LogAnswer, responses=documented(422))
-async def log(
-    axis: AxisDep,
-    state: StateDep,
-    now_ns: NowDep,
-    start_s: Annotated[Moment | None, moment_query("from", "30 days before `to`")] = None,
-    end_s: Annotated[Moment | None, moment_query("to", "now")] = None,
-    limit: Annotated[
-        int, Query(ge=1, le=20_000, description="At most this many, the newest.")
-    ] = 1000,
-) -> LogAnswer:
-    """Events and notes of the axis and of the service."""
-    end_s = now_ns / 1e9 + 1.0 / PRELOAD.rate_hz if end_s is None else end_s
-    start_s = end_s - _LOG_SPAN_S if start_s is None else start_s
-    return await from_history(log_answer, state, axis, start_s, end_s, limit)
-
-
 @work_router.post(
     "/commands",
     response_model=CommandAnswer,
@@ -123,14 +103,18 @@ async def command(
     """Acknowledge, shelve or unshelve an alarm, write a note, or say that a part was replaced.
 
     It is done, and kept, when this is answered; it is an event as well, in the live stream and in
-    the log. 503: nobody answered, so ask again with the same `Idempotency-Key`, or look at the log
-    first. Whoever has sent a token is named by it, whatever `user` says.
+    the log. 409: it would change nothing, or that occurrence is over. 503: nobody answered, so ask
+    again with the same `Idempotency-Key`, or look at the log first. Whoever has sent a token is
+    named by it, whatever `user` says.
     """
     if send is None:
         raise HTTPException(503, "this service takes no commands")
     if (body.alarm is None) == (body.action in _ABOUT_AN_ALARM):
         expected = "is needed for" if body.alarm is None else "has no meaning for"
         raise parameter_error("alarm", f"{expected} {body.action}")
+    if (body.occurrence is None) == (body.action == "acknowledge"):
+        expected = "is needed for" if body.occurrence is None else "has no meaning for"
+        raise parameter_error("occurrence", f"{expected} {body.action}")
     asked = {"user": caller.name or body.user, "origin": caller.origin}
     asked["key"] = idempotency_key
     outcome = await send(axis, Command.model_validate(body.model_dump() | asked))

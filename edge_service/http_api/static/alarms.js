@@ -26,8 +26,9 @@ function together(alarms) {
   const found = new Map();
   for (const alarm of alarms) {
     const key = JSON.stringify(alarm.alarm === "service" ? [alarm.message, alarm.active, alarm.acknowledged_by, Boolean(alarm.shelved_until)] : [alarm.axis, alarm.alarm]);
-    if (found.has(key)) found.get(key).axes.push(alarm.axis);
-    else found.set(key, { ...alarm, axes: [alarm.axis] });
+    if (!found.has(key)) found.set(key, { ...alarm, axes: [], occurrences: {} });
+    found.get(key).axes.push(alarm.axis);
+    found.get(key).occurrences[alarm.axis] = alarm.occurrence;
   }
   return [...found.values()];
 }
@@ -53,5 +54,5 @@ function buttonsNode(alarm, about) {
     return button(t(`alarm.${action}`), { "aria-label": title }, () => ask(alarm.axes, { action, alarm: alarm.alarm, ...more }, title, t(`alarm.${action}.text`)));
   };
   const shelf = alarm.shelved_until ? act("unshelve") : act("shelve", { duration_s: SHELVED_S });
-  return element("div", { class: "buttons" }, ...(alarm.acknowledged_by ? [] : [act("acknowledge")]), shelf);
+  return element("div", { class: "buttons" }, ...(alarm.acknowledged_by ? [] : [act("acknowledge", { occurrences: alarm.occurrences })]), shelf);
 }

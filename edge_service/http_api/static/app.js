@@ -78,11 +78,11 @@ async function start() {
     axes.sort((one, other) => one.axis.localeCompare(other.axis));
     write(byId("place"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
-    const logs = await Promise.all(axes.map(({ axis }) => fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/log`)));
+    const logs = await Promise.all(axes.map(({ axis }) => fetchJson(`/api/v1/log?axis=${encodeURIComponent(axis)}&limit=${KEPT_EVENTS}`)));
     axes.forEach((each, i) => {
       const state = new AxisState(each);
-      const { events } = logs[i];
-      state.events = events.slice(-KEPT_EVENTS);
+      const events = logs[i].items.reverse();
+      state.events = events;
       lastEventId = Math.max(lastEventId, events.at(-1)?.id ?? 0);
       states.set(each.axis, state);
     });

@@ -30,11 +30,12 @@ export function ask(axes, command, title, text) {
 // Of getRandomValues: randomUUID is missing where the page comes over plain http from another host.
 const newKey = () => crypto.getRandomValues(new Uint32Array(4)).join("-");
 
-async function send(axes, key, command) {
+async function send(axes, key, { occurrences, ...command }) {
   try {
     localStorage.setItem("user", command.user);
-    const request = { method: "POST", headers: { "content-type": "application/json", "idempotency-key": `"${key}"` }, body: JSON.stringify(command) };
-    await Promise.all(axes.map((axis) => fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/commands`, request)));
+    const headers = { "content-type": "application/json", "idempotency-key": `"${key}"` };
+    const body = (axis) => JSON.stringify({ ...command, occurrence: occurrences?.[axis] });
+    await Promise.all(axes.map((axis) => fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/commands`, { method: "POST", headers, body: body(axis) })));
     byId("ask").close();
   } catch (error) {
     write(byId("ask-error"), t("ask.refused", { why: error.message }));

@@ -12,7 +12,7 @@ const SPANS = [["min", 15, 15 * MINUTE_S], ["h", 8, 8 * 3600], ["days", 7, 7 * D
 const BUCKETS = 450;
 const LEAST_SPAN_S = 10;
 const MARKED = ["condition_changed", "alarm_raised", "part_replaced", "note"];
-const FORMS = ["csv", "parquet", "arrow"];
+const FORMS = ["csv", "parquet"];
 // `end` is null while the newest is followed.
 const view = { span: null, end: null, chart: null, state: null, loadedMs: -Infinity, asked: 0 };
 
@@ -107,7 +107,7 @@ async function load(state) {
   view.chart.set(columns(buckets, step));
   [view.from.value, view.to.value] = document.activeElement?.closest(".range") ? [view.from.value, view.to.value] : [first, end].map(local);
   write(view.note, buckets.length ? "" : t("history.empty"));
-  const links = () => FORMS.map((form) => element("a", { href: `${pathOf(state)}.${form}?from=${from}${view.end === null ? "" : `&to=${end}`}`, download: "" }, form.toUpperCase()));
+  const links = () => FORMS.map((form) => element("a", { href: `${pathOf(state)}?format=${form}&from=${from}${view.end === null ? "" : `&to=${end}`}`, download: "" }, form.toUpperCase()));
   refill(view.download, `${state.axis} ${view.span} ${view.end}`, () => [t("history.download"), " ", ...links().flatMap((link, i) => (i ? [", ", link] : [link]))]);
 }
 

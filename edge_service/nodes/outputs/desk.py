@@ -8,8 +8,7 @@ from typing import Any
 
 from ...bus.spool.message import DeadLetter
 from ...bus.spool.spool import Spool
-from ...health.events.diary import Diary
-from ...health.events.log import LoggedEvent
+from ...health.store.events import EventLog, StoredEvent
 from ...http_api.jobs import RefusedError
 from ...http_api.outputs import DeadLetterAnswer
 from ..wiring.context import NodeContext
@@ -45,10 +44,10 @@ class OutputDesk:
                 report.watch(output.spool, partial(_counters, output))
                 report.tell("")
                 desk._outputs[name] = output, report
-                await _catch_up(output, context.diary.diary)
+                await _catch_up(output, context.events)
         return desk
 
-    def put(self, logged: LoggedEvent) -> None:
+    def put(self, logged: StoredEvent) -> None:
         """Offer an event to all."""
         for output, _ in self._outputs.values():
             output.put(logged)
@@ -96,7 +95,7 @@ class OutputDesk:
         return spool
 
 
-async def _catch_up(output: OrderedOutput, diary: Diary) -> None:
+async def _catch_up(output: OrderedOutput, diary: EventLog) -> None:
     """Offer an output what came into the diary and, as the service ended then, not to the output.
 
     A new output begins with the events to come.
@@ -104,7 +103,7 @@ async def _catch_up(output: OrderedOutput, diary: Diary) -> None:
     if output.spool.mark:
         for logged in diary.after(output.spool.mark, MOST_MISSED):
             output.put(logged)
-    await output.spool.set_mark(diary.last_id)
+    await output.spool.set_mark(diary.last_id())
 
 
 def _counters(output: OrderedOutput) -> dict[str, int]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from ...bus.spool.spool import Spool
 from ...clock import now_ns
-from ...health.events.diary import Diary
+from ...health.store.events import EventLog
 from ...messages.event import Event
 from ...messages.header import Header
 from ...messages.topics import EVENT
@@ -22,14 +22,14 @@ class MissedEvents:
         axes: whose events are wanted.
     """
 
-    def __init__(self, diary: Diary, spool: Spool, axes: Iterable[str]) -> None:
+    def __init__(self, diary: EventLog, spool: Spool, axes: Iterable[str]) -> None:
         self._diary, self._spool, self._axes = diary, spool, frozenset(axes)
         self._mark = spool.mark
         self._thread = Threads("missed events")
 
     async def put(self) -> None:
         """Put what was missed before this start; a new spool has missed nothing."""
-        last_id = self._diary.last_id
+        last_id = self._diary.last_id()
         if self._mark:
             found = await self._thread.run(self._diary.after, self._mark, _MOST_MISSED)
             epoch_ns = now_ns()

@@ -14,7 +14,7 @@ from ...bus.spool.message import DeadLetter, Message, SpoolError
 from ...bus.spool.spool import Spool
 from ...clock import now_ns
 from ...config_tables import EventOutputConfig
-from ...health.events.log import LoggedEvent
+from ...health.store.events import StoredEvent
 from ...messages.answer import AxisAnswer
 from ...messages.event import Event
 from ..supervision.heartbeat import THREAD_LIMIT_S, Heartbeat
@@ -107,7 +107,7 @@ class OrderedOutput(ABC):
         """Tell whether an event is of a configured kind."""
         return event.kind in self._kinds
 
-    def put(self, logged: LoggedEvent) -> None:
+    def put(self, logged: StoredEvent) -> None:
         """Keep an event, if it is wanted, on disk to be sent; never waits."""
         event = logged.event
         if self.wants(event):

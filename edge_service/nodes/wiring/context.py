@@ -13,11 +13,12 @@ from ...bus.subscriber import Subscriber
 from ...clock import now_ns
 from ...config import EdgeConfig
 from ...health.condition.component import ComponentStatusMachine
+from ...health.store.events import EventLog
+from ...health.store.store import FILE_NAME, Store, StoreFailedError
 from ...messages.codec.interface import T
 from ...messages.event import Event, Severity
 from ...messages.health import ComponentHealth, ComponentStatus
 from ...messages.topics import EVENT, STATUS, Topic
-from ..stores.diary_store import DiaryStore
 from ..supervision.heartbeat import Heartbeat
 from ..supervision.supervisor import Supervisor
 from ..supervision.task import TaskChange
@@ -25,6 +26,8 @@ from ..supervision.tasks import Tasks
 from ..supervision.words import said
 
 REPORT_PERIOD_S = 1.0
+_OPENING_S = 300.0
+"""Longest check of a large file on a slow disk."""
 
 
 @dataclass(slots=True)
@@ -49,16 +52,23 @@ class NodeContext:
     )
 
     spools: dict[str, Spool] = field(default_factory=dict)
-    _diary: DiaryStore | None = None
+    _events: EventLog | None = None
 
     def __post_init__(self) -> None:
-        self._diary = self._diary or DiaryStore(self.config.history.folder)
+        folder = self.config.store.folder
+        path = None if folder is None else folder / FILE_NAME
+        self._events = self._events or EventLog(Store(path))
 
     @property
-    def diary(self) -> DiaryStore:
-        """Events and audit log; the nodes of a process share one."""
-        assert self._diary is not None
-        return self._diary
+    def events(self) -> EventLog:
+        """Events in the store; the nodes of a process share one."""
+        assert self._events is not None
+        return self._events
+
+    @property
+    def store(self) -> Store:
+        """The store of the process."""
+        return self.events.store
 
     def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
         """Declare the publisher of one topic of one axis."""
@@ -81,6 +91,15 @@ class NodeContext:
         """The context of one life of one node: what it declares on the bus ends with it."""
         with self.bus.scope() as bus:
             yield replace(self, bus=bus, heart=heart)
+
+    async def from_store(self, reporter: "Reporter", work: Callable[[], T]) -> T:
+        """Result of work on the store; while that cannot be read, it is waited for, and said."""
+        while True:
+            try:
+                return await self.heart.in_thread(work, limit_s=_OPENING_S)
+            except StoreFailedError as error:
+                reporter.to(ComponentStatus.RECOVERABLE_ERROR, str(error))
+                await self.heart.sleep(REPORT_PERIOD_S)
 
     async def forever(self) -> None:
         """Wait until the node is ended; its tasks do the work."""
@@ -167,13 +186,14 @@ class Reporter:
         at_ns = now_ns()
         event = Event(
             axis=self._axis or "",
-            kind=change.kind,
+            kind=change.kind if change.kind in OWN_EVENTS else "component_changed",
             severity=_SEVERITY.get(change.kind, Severity.WARNING),
             message=f"{self._machine.component}: {change.task} {change.reason}",
             time_ns=at_ns,
             data={
                 "component": self._machine.component,
                 "task": change.task,
+                "change": change.kind,
                 "restarts": change.restarts,
             },
         )
@@ -181,5 +201,7 @@ class Reporter:
         self.publish()
 
 
+OWN_EVENTS = ("component_changed", "estimator_reset")
+"""Kinds of events that components tell of themselves."""
 _ENDING = (ComponentStatus.STOPPING, ComponentStatus.STOPPED)
 _SEVERITY = {"task_recovered": Severity.INFO, "task_given_up": Severity.ERROR}

@@ -9,10 +9,10 @@ from ...estimate.interface import PreloadEstimator
 from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.features import FeatureBlock
 from ...messages.header import Header
-from ..stores.estimate_store import EstimateStore, Kept
 from ..supervision.failures import Borne
 from ..supervision.policy import RestartPolicy, Restarts
 from ..supervision.words import said
+from .estimate_state import Kept
 from .estimated_axis import EstimatedAxis
 
 POLICY = RestartPolicy(first_s=0.5, cap_s=30.0, most=1 << 62, steady_s=60.0)
@@ -62,11 +62,10 @@ class GuardedAxis:
             estimate = (self._again if failed else self._go_on)(header, block)
         return estimate or self._nothing(block)
 
-    def load(self, store: EstimateStore, replaced_ns: int) -> None:
-        """Go on from what was kept, see `EstimatedAxis.restore`."""
-        with Borne(partial(self._failed, None)):
-            self._axis.restore(store, replaced_ns)
-            self._sound = self._axis.now()
+    def load(self, kept: Kept) -> None:
+        """Go on from what was kept. Raises StateError if that is none."""
+        self._axis.restore(kept)
+        self._sound = self._axis.now()
 
     def to_keep(self) -> Kept | None:
         """The state, if something was taken in since it was last asked for and it is sound."""
@@ -76,11 +75,10 @@ class GuardedAxis:
                 kept = self._axis.to_keep()
         return kept
 
-    def forget(self) -> int:
-        """The part is another; returns the number of intervals that were of the old one."""
+    def forget(self) -> None:
+        """Begin anew: the part is another."""
         self._axis.begin(self._make())
         self._sound, self.problem, self._blamed = None, "", 0
-        return self._axis.taken
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""

@@ -15,7 +15,7 @@ _FIRST = "edge-service token CONFIG --add NAME --role operator"
 
 def tokens_of(config: EdgeConfig) -> Tokens:
     """Tokens in the store of a configuration; in memory if it keeps nothing."""
-    folder = config.history.folder
+    folder = config.store.folder
     return Tokens(Store(None if folder is None else folder / FILE_NAME))
 
 

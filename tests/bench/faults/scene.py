@@ -48,7 +48,7 @@ def configuration(
         folder: of the history; None keeps nothing.
         tables: further TOML tables.
     """
-    history = "" if folder is None else f'[history]\nfolder = "{folder}"\n'
+    history = "" if folder is None else f'[store]\nfolder = "{folder}"\n'
     machine = _CHECKOUT / "deploy" / "commissioned.toml"
     body = [
         _AXIS.format(name=name, machine=machine, scenario=scenario, seed=seed)

@@ -1,20 +1,22 @@
 """Parts of the service by themselves, each beside what does the same without it."""
 
+import sqlite3
 import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.integrate import solve_ivp
 
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
-from edge_service.health.history.archive import AxisArchive
-from edge_service.health.history.file_tier import FileTier
-from edge_service.health.history.rows import QUANTITIES, STATUSES, aggregate, single_rows
-from edge_service.health.history.tier import HOUR
+from edge_service.health.store.history import HOUR, History
+from edge_service.health.store.rows import QUANTITIES, STATUSES, aggregate, single_rows
+from edge_service.health.store.store import Store
 from edge_service.messages.channels import CHANNELS
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.samples import Floats, SampleFrame
@@ -117,13 +119,25 @@ def history_us(repeats: int) -> tuple[float, float]:
     estimated = np.full(time_s.size, STATUSES.index(EstimateStatus.ESTIMATED))
     rows = single_rows(time_s, estimated, values[0] - 1.0, values[0] + 1.0, values)
     with tempfile.TemporaryDirectory() as folder:
-        tier = FileTier(HOUR, Path(folder), print)
-        tier.replace(_BEGIN_S, _BEGIN_S + YEAR_S, aggregate(rows, _BEGIN_S, 3600.0))
-        (file,) = tier.files()
+        path, file = Path(folder) / "edge-service.sqlite", Path(folder) / "bare.parquet"
+        hours = aggregate(rows, _BEGIN_S, 3600.0)
+        pq.write_table(pa.table({str(n): each for n, each in enumerate(hours.mean)}), file)
+        store = Store(path)
+        history = History(store)
+
+        def fill(connection: sqlite3.Connection) -> None:
+            first_s = int(_BEGIN_S // HOUR.chunk_s) * HOUR.chunk_s
+            for start_s in range(first_s, int(_BEGIN_S + YEAR_S), HOUR.chunk_s):
+                end_s = start_s + HOUR.chunk_s
+                part = hours.between(start_s, end_s)
+                history.replace(connection, "X", HOUR, part, start_s, end_s)
+
+        store.write(fill)
+        store.close()
 
         def ours() -> None:
-            archive = AxisArchive(Path(folder))  # one that has read nothing yet
-            read = archive.buckets(_BEGIN_S, _BEGIN_S + YEAR_S, YEAR_S / BUCKETS)
+            with closing(Store(path)) as fresh:  # one that has read nothing yet
+                read = History(fresh).buckets("X", _BEGIN_S, _BEGIN_S + YEAR_S, YEAR_S / BUCKETS)
             assert len(read) == BUCKETS
 
         def theirs() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.clock import now_ns
 from edge_service.health.store import outbox as module
-from edge_service.health.store.events import append_events
+from edge_service.health.store.events import EventLog
 from edge_service.health.store.outbox import Outbox
 from edge_service.health.store.store import Store
 from edge_service.messages.event import Event, Severity
@@ -27,8 +27,7 @@ def tell(store: Store, *texts: str, kind: str = "note") -> list[int]:
         Event(axis="X", kind=kind, severity=Severity.INFO, message=text, time_ns=at_ns)
         for text in texts
     ]
-    stored = store.write(lambda file: append_events(file, events, at_ns))
-    return [each.id for each in stored]
+    return [each.id for each in EventLog(store).add(events, at_ns)]
 
 
 def texts(outbox: Outbox) -> list[str]:
@@ -110,11 +109,3 @@ def test_a_row_that_is_not_what_was_written_is_passed_over(store: Store) -> None
     change = "UPDATE events SET body = replace(body, 'one', 'ONE')"
     store.write(lambda file: file.execute(change))
     assert texts(outbox) == ["two"]
-
-
-def test_an_event_that_is_there_keeps_its_number(store: Store) -> None:
-    event = Event(axis="X", kind="note", severity=Severity.INFO, message="a", time_ns=5)
-    Outbox(store, "mqtt")
-    first = store.write(lambda file: append_events(file, [event], now_ns()))
-    again = store.write(lambda file: append_events(file, [event, event], now_ns()))
-    assert again == [*first, *first]

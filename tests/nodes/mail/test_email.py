@@ -12,7 +12,7 @@ import pytest
 
 from edge_service.bus.spool.spool import Spool
 from edge_service.config_tables import EmailConfig
-from edge_service.health.events.log import LoggedEvent
+from edge_service.health.store.events import StoredEvent
 from edge_service.messages.event import Event, Severity
 from edge_service.nodes.outputs.mail import smtp
 from edge_service.nodes.outputs.mail.letter import MOST_TOLD
@@ -26,8 +26,8 @@ GATHER_S, MOST_PER_HOUR = 30.0, 3
 PLAIN = {"security": "plain"}
 
 
-def _logged(number: int, severity: Severity = Severity.ERROR) -> LoggedEvent:
-    return LoggedEvent(
+def _logged(number: int, severity: Severity = Severity.ERROR) -> StoredEvent:
+    return StoredEvent(
         number + 1,
         Event(axis="X", kind="alarm_raised", severity=severity, message=f"<{number}>", time_ns=1),
     )

@@ -108,7 +108,7 @@ async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_toke
         tmp_path,
         f'endpoint = "opc.tcp://127.0.0.1:{port}"\n'
         'certificate = "server.pem"\nprivate_key = "server.key.pem"',
-        '[history]\nfolder = "state"',
+        '[store]\nfolder = "state"',
     )
     url = f"opc.tcp://127.0.0.1:{port}/edge-service/"
 

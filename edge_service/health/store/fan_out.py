@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ...messages.event import Event
-from .log import LoggedEvent
+from .events import StoredEvent
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +24,12 @@ class Batch:
     """
 
     lost: int
-    events: tuple[LoggedEvent, ...]
+    events: tuple[StoredEvent, ...]
     changed: tuple[tuple[str, str], ...]
 
 
 def concerns(event: Event, axis: str | None) -> bool:
-    """Tell whether an event is for readers of `axis` (None: of all axes)."""
+    """True of an event that is for readers of `axis` (None: of all axes)."""
     return axis is None or event.axis in ("", axis)
 
 
@@ -42,19 +42,19 @@ class Subscription:
 
     def __init__(self, capacity: int, axis: str | None = None) -> None:
         self.axis = axis
-        self._events: deque[LoggedEvent] = deque(maxlen=capacity)
+        self._events: deque[StoredEvent] = deque(maxlen=capacity)
         self._changed: dict[tuple[str, str], None] = {}
         self._lost = 0
         self._wake = asyncio.Event()
         self.closed = False
 
-    def put_event(self, logged: LoggedEvent) -> None:
+    def put_event(self, stored: StoredEvent) -> None:
         """Hand over an event; those of other axes than the reader's are skipped."""
-        if not concerns(logged.event, self.axis):
+        if not concerns(stored.event, self.axis):
             return
         if len(self._events) == self._events.maxlen:
             self._lost += 1
-        self._events.append(logged)
+        self._events.append(stored)
         self._wake.set()
 
     def mark(self, topic: str, axis: str) -> None:
@@ -112,10 +112,10 @@ class FanOut:
         finally:
             self._subscriptions.discard(subscription)
 
-    def put_event(self, logged: LoggedEvent) -> None:
+    def put_event(self, stored: StoredEvent) -> None:
         """Hand an event to every reader."""
         for subscription in self._subscriptions:
-            subscription.put_event(logged)
+            subscription.put_event(stored)
 
     def mark(self, topic: str, axis: str) -> None:
         """Tell every reader that there is a newer value."""

@@ -1,1 +1,0 @@
-"""Events: numbered, kept on disk, and passed on to live readers."""

@@ -1,1 +1,0 @@
-"""Estimates, kept for years: a log that survives a crash, Parquet tiers, one question."""

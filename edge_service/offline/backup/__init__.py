@@ -1,1 +1,0 @@
-"""Backups of a service: its configuration and its history in one file."""
