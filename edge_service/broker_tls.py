@@ -30,14 +30,18 @@ class _ClosingSocket(ssl.SSLSocket):
 
 
 def broker_tls(
-    ca_certificate: Path | None, client_certificate: Path | None, client_key: Path | None
+    ca_certificate: Path | None,
+    client_certificate: Path | None,
+    client_key: Path | None,
+    *,
+    or_system: bool = False,
 ) -> ssl.SSLContext | None:
-    """The context; None without an authority. Raises BrokerTlsError."""
-    if ca_certificate is None:
+    """The context; without an authority None, or that of the system. Raises BrokerTlsError."""
+    if ca_certificate is None and not or_system:
         return None
     key, path = "ca_certificate", ca_certificate
     try:
-        context = ssl.create_default_context(cafile=str(path))
+        context = ssl.create_default_context(cafile=None if path is None else str(path))
         context.sslsocket_class = _ClosingSocket
         if client_certificate is not None:
             key, path = "client_certificate", client_certificate

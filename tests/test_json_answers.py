@@ -17,7 +17,6 @@ from edge_service.cli.entry import cli, main
 from edge_service.command_answer import Answer
 from edge_service.config import DEFAULT_MACHINE
 from edge_service.exit_status import BAD_INPUT, DONE
-from edge_service.nodes.outputs import trial
 
 from .offline.test_response import FREQUENCY, _response
 from .recordings.tuning_files import tuning
@@ -44,7 +43,6 @@ BESIDE = {"unit", "x_label", "preload_percent"}
 KNOWN = PURE | BESIDE
 COMMANDS: dict[str, list[str]] = {
     "check-config": ["check-config"],
-    "send-test": ["send-test", "email"],
     "backup": ["backup", "{dir}/service.toml", "--out", "{dir}/again.zip"],
     "restore": ["restore", "{dir}/backup.zip", "--config", "{dir}/new/service.toml"],
     "token": ["token", "{dir}/service.toml"],
@@ -174,9 +172,6 @@ def prepare(
         assert main(["fingerprint", inputs["trace"], "--out", str(folder)]) == DONE
     if name == "record":
         monkeypatch.setattr(recording, "record_axis", AsyncMock(return_value=(1000, 0)))
-    if name == "send-test":
-        taken = trial.Trial("mail.example:587", "")
-        monkeypatch.setattr(trial, "try_output", AsyncMock(return_value=taken))
 
 
 def without_unit(node: Any, path: tuple[str, ...] = ()) -> Iterator[str]:

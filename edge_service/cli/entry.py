@@ -17,7 +17,7 @@ from .motion import motion
 from .options import FLAG, InputError, error_document
 from .preload import commission, estimate
 from .recordings import convert, record, simulate
-from .service import backup, check_config, node, replay, restore, run, send_test
+from .service import backup, check_config, node, replay, restore, run
 from .sources import doctor, stub
 from .tokens import token
 
@@ -30,6 +30,7 @@ GONE: dict[str, str] = {
     "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
     "plant": "gone; run zenohd with deploy/zenoh.json5, then edge-service fleet tcp/ROUTER",
     "certs": "gone; use your authority, or mkcert, and [http] certificate",
+    "send-test": "now doctor --config CONFIG --send-test",
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
     "token add": "now token CONFIG --add NAME --role viewer|operator",
     "token list": "now token CONFIG",
@@ -126,7 +127,6 @@ for _command in (
         run,
         node,
         check_config,
-        send_test,
         backup,
         restore,
         token,

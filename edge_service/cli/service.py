@@ -1,14 +1,12 @@
 """Commands that run the service, check what it would run, or copy what it keeps."""
 
 import asyncio
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from ..command_answer import Answer
-from ..exit_status import DONE, INTERNAL_FAILURE
-from ..messages.outputs import OF_HTTP
 from .options import (
     AXIS_NUMBER,
     BUS,
@@ -71,35 +69,6 @@ def check_config(config: Path | None) -> Answer:
     progress("checking configuration and sources")
     checked = check_configuration(config or DEFAULT_CONFIG)
     return replace(checked, words=f"{checked.words}\nconfiguration is right")
-
-
-@dataclass(frozen=True, slots=True)
-class SentTest:
-    """Outcome of a test message; the problem is null where it was taken."""
-
-    output: str
-    place: str
-    problem: str | None
-
-
-@click.command("send-test", epilog="Example: edge-service send-test email edge.toml")
-@click.argument("output", type=click.Choice(OF_HTTP))
-@CONFIG
-@answering
-def send_test(output: str, config: Path | None) -> Answer:
-    """Send a test message by an output of events, as the service would, and say what came of it.
-
-    Ends with status 1 if it is not taken.
-    """
-    from ..nodes.outputs.trial import try_output
-
-    progress(f"sending to {output}")
-    trial = asyncio.run(try_output(configured(config), output))
-    sent = SentTest(output=output, place=trial.place, problem=trial.problem or None)
-    if trial.problem:
-        click.echo(f"{output}: {trial.place}: {trial.problem}", err=True)
-        return Answer("", sent, INTERNAL_FAILURE)
-    return Answer(f"{output}: {trial.place} has taken a test message", sent, DONE)
 
 
 @click.command(

@@ -1,11 +1,14 @@
 """Commands about what samples come from: a driver's source, and a server that plays one."""
 
 import asyncio
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ..command_answer import Answer
+from ..exit_status import DONE, INTERNAL_FAILURE
 from .options import (
     AXIS_NUMBER,
     CONFIG,
@@ -17,6 +20,9 @@ from .options import (
     service_config_option,
 )
 from .terminal import announce, log_to_stderr, progress
+
+if TYPE_CHECKING:
+    from ..config import EdgeConfig
 
 
 @click.command(epilog="Example: edge-service doctor --config deploy/drivers/modbus.toml")
@@ -32,6 +38,7 @@ from .terminal import announce, log_to_stderr, progress
     show_default=True,
     help="How long to listen to the drivers of --config.",
 )
+@click.option("--send-test", is_flag=True, help="Send a test message by each output of --config.")
 @answering
 def doctor(
     traces: tuple[Path, ...],
@@ -40,6 +47,7 @@ def doctor(
     config: Path | None,
     axis: str | None,
     seconds: float,
+    send_test: bool,
 ) -> list[Answer]:
     """Check a source against its configuration: rate, quality, units and signs.
 
@@ -50,12 +58,41 @@ def doctor(
 
     if bool(traces) == (config is not None):
         raise InputError("doctor: expected either TRACES or --config")
+    if send_test:
+        if config is None:
+            raise InputError("--send-test: expected --config, which states the outputs")
+        progress("sending a test message")
+        return asyncio.run(_test_outputs(configured(config)))
     if config is None:
         examined = [examine_traces(machine, traces, axis_number, progress)]
     else:
         progress(f"listening for {seconds:g} s")
         examined = asyncio.run(examine_sources(configured(config), axis, seconds))
     return [each.answer() for each in examined]
+
+
+@dataclass(frozen=True, slots=True)
+class SentTest:
+    """Outcome of a test message to one receiver; the problem is null where it was taken."""
+
+    output: str
+    receiver: str
+    problem: str | None
+
+
+async def _test_outputs(config: "EdgeConfig") -> list[Answer]:
+    from ..nodes.output_node import send_test
+
+    answers = []
+    for name in config.outputs:
+        for receiver, problem in (await send_test(config, name)).items():
+            words = f"{name} {receiver}".strip()
+            said = f"{words}: {problem}" if problem else f"{words}: has taken a test message"
+            sent = SentTest(output=name, receiver=receiver, problem=problem or None)
+            answers.append(Answer(said, sent, INTERNAL_FAILURE if problem else DONE))
+    if not answers:
+        raise InputError("--send-test: no output that takes events, such as mqtt or notify")
+    return answers
 
 
 @click.command(

@@ -13,12 +13,9 @@ from pydantic import BaseModel, ValidationError
 
 from ..config_secrets import open_secrets, with_secrets, with_table_secrets
 from ..config_tables import (
-    EmailConfig,
-    EventOutputConfig,
     StoreConfig,
     Table,
 )
-from ..messages.outputs import OF_HTTP
 from ..models.machine import Machine
 from ..secret_files import SecretError, secret_path
 from .gone import GONE_SETTINGS, gone_key
@@ -28,7 +25,6 @@ from .service import AxisConfig, EdgeConfig, HttpConfig
 log = logging.getLogger(__name__)
 DEFAULT_CONFIG = Path(__file__).parents[1] / "defaults" / "edge.toml"
 BROKER_FILES = ("ca_certificate", "client_certificate", "client_key")
-MQTT_FILES = ("buffer", *BROKER_FILES)
 _OF_SECURITY = ("certificate", "private_key", "server_certificate")
 FILE_KEYS = ("path", "folder", *_OF_SECURITY, *BROKER_FILES)
 """Keys of drivers that name files or folders."""
@@ -67,8 +63,6 @@ def load_config(path: Path) -> EdgeConfig:
     placed = {
         "axes": axes,
         "store": _stored(config.store, folder),
-        **{name: _with_buffer(config, name, folder) for name in OF_HTTP},
-        "mqtt": _placed(config.mqtt, folder, *MQTT_FILES),
         "bus": _placed(config.bus, folder, "zenoh_file"),
         "http": _with_key(config.http, folder, "certificate"),
         "outputs": {name: _anchored(table, folder) for name, table in config.outputs.items()},
@@ -110,16 +104,6 @@ def state_folder(named: Path | None, folder: Path) -> Path | None:
 
 def _stored(table: StoreConfig, folder: Path) -> Table:
     return table.model_copy(update={"folder": state_folder(table.folder, folder)})
-
-
-def _with_buffer(config: EdgeConfig, output: str, folder: Path) -> EventOutputConfig:
-    """Events wait in the folder of the store, unless something else is said."""
-    table: EventOutputConfig = getattr(config, output)
-    usual = (config.store.folder or folder) / f"{output}-buffer.sqlite"
-    placed = table.model_copy(update={"buffer": folder / (table.buffer or usual)})
-    if isinstance(placed, EmailConfig) and placed.ca_certificate is not None:
-        return placed.model_copy(update={"ca_certificate": folder / placed.ca_certificate})
-    return placed
 
 
 def load_machine(path: Path, axis_number: int | None = None) -> Machine:

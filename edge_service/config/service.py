@@ -8,13 +8,10 @@ from pydantic_core import PydanticCustomError
 
 from ..config_tables import (
     AlarmsConfig,
-    EmailConfig,
     JobsConfig,
-    MqttConfig,
     StoreConfig,
     Table,
     VibrationConfig,
-    WebhookConfig,
 )
 from ..estimate.registry import AUTO, ESTIMATORS
 from ..messages.addresses import is_http_url, is_loopback, split_endpoint
@@ -166,12 +163,9 @@ class EdgeConfig(Table):
     downsample: DownsampleConfig = DownsampleConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     health: HealthConfig = HealthConfig()
-    mqtt: MqttConfig | None = None
     outputs: dict[str, dict[str, Any]] = {}
     vibration: VibrationConfig | None = None
     alarms: AlarmsConfig = AlarmsConfig()
-    webhook: WebhookConfig = WebhookConfig()
-    email: EmailConfig = EmailConfig()
     store: StoreConfig = StoreConfig()
     jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)

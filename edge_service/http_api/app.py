@@ -1,7 +1,7 @@
 """The application."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,6 @@ from .access import Authenticator, NoteChange, authorized, noted
 from .context import Clock
 from .guard import LOOPBACK_HOSTS, SAFE_METHODS, Guard
 from .jobs import JobDesk, RefusedError
-from .metrics import metrics_router
-from .outputs import OutputDesk
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response, problem_schemas
 from .routes.axis import SendCommand, work_router
 from .routes.diagnose import diagnose_router
@@ -27,7 +25,7 @@ from .routes.history import history_router
 from .routes.jobs import job_router, on_refused
 from .routes.log import log_router
 from .routes.motions import MotionDesk, motion_router
-from .routes.outputs import output_router
+from .routes.outputs import OutputDesk, output_router
 from .routes.preload import alive_router, axis_router, service_router
 from .routes.schemas import schema_router
 from .routes.tokens import token_router
@@ -74,6 +72,7 @@ def create_app(
     authenticator: Authenticator | None = None,
     motion_desk: MotionDesk | None = None,
     note_change: NoteChange = lambda _caller, _action: None,
+    metrics: Callable[[], Awaitable[tuple[bytes, str]]] | None = None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -83,10 +82,11 @@ def create_app(
         hosts: Host names, without port, under which the service may be addressed.
         send_command: Passes on what a person asks of an axis; None: nothing is taken.
         desk: Keeps recordings and runs jobs; None: there are none.
-        outputs: Keeps dead letters; None: there are none.
+        outputs: Knows the queues of the outputs; None: there are none.
         authenticator: Finds who asks; None: whoever reaches the service may do anything.
         motion_desk: Writes motions and records axes; None: there is none.
         note_change: Takes note of a change by its caller, method and path.
+        metrics: Answers a scrape by Prometheus; None: there are none.
     """
     app = _Application(
         title="edge-service",
@@ -106,6 +106,7 @@ def create_app(
     app.state.outputs = outputs
     app.state.authenticator = authenticator or Authenticator()
     app.state.note_change = note_change
+    app.state.metrics = metrics
     app.add_exception_handler(RefusedError, on_refused)
     app.add_exception_handler(StoreFailedError, on_store_failed)
     answer_with_problems(app)
@@ -118,7 +119,6 @@ def create_app(
         log_router,
         schema_router,
         stream_router,
-        metrics_router,
         page_router,
         docs_router,
     ):

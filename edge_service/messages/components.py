@@ -2,17 +2,13 @@
 
 import re
 
-from .outputs import NODES as OUTPUT_NODES
-from .outputs import OF_HTTP
-
 NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "vibration"})
-NODES |= frozenset(OUTPUT_NODES)
-COMPONENTS = NODES | {"service", "history", *OF_HTTP}
+COMPONENTS = NODES | {"service", "history"}
 COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
 """Every part of the service that reports on itself, beside outputs and their processes.
 
-`service` is the process in which all nodes run, `..._process` that of one node alone; `history` and
-the outputs of events are parts of `http`.
+`service` is the process in which all nodes run, `..._process` that of one node alone; `history` is
+a part of `http`.
 """
 
 

@@ -34,8 +34,7 @@ from .health_node import health_settings
 from .jobs.job_desk import ProcessJobDesk
 from .jobs.live_recorder import LiveRecorder
 from .jobs.motion_desk import LiveMotionDesk
-from .outputs.desk import OutputDesk
-from .outputs.latest_answers import answer_of
+from .outputs.desk import Scrape, StoreOutputDesk
 from .stores.disagreement_recorder import DisagreementRecorder
 from .supervision.heartbeat import Heartbeat
 from .supervision.task import Work
@@ -88,11 +87,12 @@ async def run(context: NodeContext) -> None:
         refused=context.bus.refused,
         configuration=config.digest,
     )
-    answers = partial(answer_of, state, config.health)
-    outputs = await context.heart.patiently(OutputDesk.open(context, answers))
+    outputs = StoreOutputDesk(config, context.store)
+    scrape = Scrape(context, state, outputs)
     machine_files = {axis.name: axis.machine for axis in config.axes}
     desk = ProcessJobDesk(config.store.folder, machine_files, config.jobs)
     reporter = Reporter(context, "http")
+    reporter.readings = lambda: {"live_readers": float(len(state.readers))}
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
 
     def on_kept(axis: str, name: str) -> None:
@@ -108,19 +108,17 @@ async def run(context: NodeContext) -> None:
         partial(give, context),
         desk,
         outputs=outputs,
+        metrics=scrape.text if scrape.output else None,
         authenticator=authenticator,
         motion_desk=LiveMotionDesk(machine_files, live),
     )
     serve_app = partial(serve, app, tls=tls)
     try:
-        async with (
-            outputs.running(),
-            reporter.running() as tasks,
-        ):
+        async with reporter.running() as tasks:
             tasks.start("server", _server(context, reporter, serve_app, state), vital=True)
             _follow(context, reporter, tasks, state)
             dispatcher = EventDispatcher(context.events)
-            tell = _follow_events(context, tasks, state, outputs, dispatcher, recorder, live)
+            tell = _follow_events(context, tasks, state, dispatcher, recorder, live)
             app.state.note_change = partial(_note_change, tell)
             tasks.start("tokens", partial(_follow_tokens, authenticator))
             tasks.repeat("refusals", REFUSALS_PERIOD_S, _telling_refusals(state, tell))
@@ -134,7 +132,6 @@ async def run(context: NodeContext) -> None:
                 await context.forever()
     finally:
         await desk.close()
-        outputs.close()
         with suppress(StoreFailedError):
             history.flush(now_ns() / 1e9)
 
@@ -183,7 +180,6 @@ def _follow_events(
     context: NodeContext,
     tasks: Tasks,
     state: ServiceState,
-    outputs: OutputDesk,
     dispatcher: EventDispatcher,
     recorder: DisagreementRecorder,
     live: LiveRecorder,
@@ -197,8 +193,6 @@ def _follow_events(
     def tell(kept: list[StoredEvent], _problem: str) -> None:
         for each in kept:
             state.tell(each)
-            with tasks.failures.borne("outputs", each.event.axis):
-                outputs.put(each)
 
     def take(event: Event) -> None:
         if state.concerns(event):

@@ -34,7 +34,7 @@ from .wiring.http_rights import check_access
 from .wiring.process import Process
 
 log = logging.getLogger(__name__)
-OPTIONAL = ("mqtt", "vibration")
+OPTIONAL = ("vibration",)
 """Nodes that run where their table stands in the configuration."""
 PIPELINE = ("http", "health", "estimate", "downsample", "acquire")
 Run = Callable[[NodeContext], Coroutine[Any, Any, None]]

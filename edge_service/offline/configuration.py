@@ -10,7 +10,6 @@ from drivers.registry import driver_names
 from ..bus.settings import BusSettings, zenoh_config
 from ..command_answer import Answer
 from ..config import ConfigError, EdgeConfig, load_config
-from ..nodes.outputs.mail.output import check_email
 from ..nodes.service import check_service
 from ..nodes.wiring.http_rights import check_access
 from ..nodes.wiring.stages import load_machines
@@ -45,7 +44,6 @@ class CheckedConfiguration(Document):
 def check_configuration(path: Path) -> Answer:
     """Check everything that a service checks before it runs. Raises ConfigError."""
     settings = load_config(path)
-    check_email(settings.email)
     unreachable = asyncio.run(check_service(settings))
     zenoh_config(BusSettings(settings.bus.endpoint, "router", zenoh_file=settings.bus.zenoh_file))
     try:

@@ -5,7 +5,7 @@ An output mirrors a driver: a class in a file of its own, found by its name in t
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -62,6 +62,7 @@ class OutputContext:
         folder: state folder; None without.
         page: address at which people reach the page; empty if they cannot.
         knows: tells whether a user's name and token fit; None lets anybody look.
+        words: texts of the page by key, of a language.
         is_test: whether it sends one test message while the service may be running beside it.
     """
 
@@ -72,6 +73,7 @@ class OutputContext:
     folder: Path | None = None
     page: str = ""
     knows: Callable[[str, str], bool] | None = None
+    words: Callable[[str], Mapping[str, str]] = lambda _language: {}
     is_test: bool = False
 
 

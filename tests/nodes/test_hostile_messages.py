@@ -7,7 +7,6 @@ from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from prometheus_client import CollectorRegistry, generate_latest
 
 from edge_service.config import DownsampleConfig, EstimatorConfig, load_machine
 from edge_service.config_tables import VibrationConfig
@@ -16,8 +15,6 @@ from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.service_state import ServiceState
 from edge_service.health.settings import HealthSettings
 from edge_service.http_api import compose
-from edge_service.http_api.metrics import ServiceCollector
-from edge_service.http_api.metrics_trend import TrendCollector
 from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.header import Header
 from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS, VIB
@@ -123,10 +120,6 @@ class Readers:
         json.dumps(self.monitor.snapshot(), allow_nan=False)
         self.shown("X")
         compose.service_answer(self.state, START_NS).model_dump_json()
-        registry = CollectorRegistry()
-        for collector in (ServiceCollector, TrendCollector):
-            registry.register(collector(self.state, START_NS))
-        generate_latest(registry)
 
 
 def test_every_topic_has_its_readers(tmp_path: Path) -> None:

@@ -139,8 +139,9 @@ async def test_fifty_readers_get_every_event_while_one_reads_nothing() -> None:
             readers = [asyncio.create_task(_notes(client, len(notes))) for _ in range(READERS - 1)]
 
             async def connected() -> bool:
-                text = (await client.get("metrics")).text
-                return f"edge_service_live_readers {float(READERS)}" in text
+                parts = (await client.get("api/v1/health")).json()["components"]
+                (http,) = (each for each in parts if each["component"] == "http")
+                return http["readings"].get("live_readers") == READERS
 
             await until(connected)
             for number in range(5):

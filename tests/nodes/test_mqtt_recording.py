@@ -24,8 +24,8 @@ from edge_service.offline.estimate import estimates
 from edge_service.offline.recordings import open_recording
 from edge_service.recordings.reader import read_trace
 
-from ..bus.mqtt.conftest import Broker, needs_broker
 from ..drivers.mqtt.bench import TOPIC
+from ..drivers.mqtt.broker import Broker, needs_broker
 from ..drivers.mqtt.test_driver import send
 from ..drivers.mqtt.test_edge_stream import messages
 from ..recordings.form_files import EDGE_NAMES

@@ -16,9 +16,7 @@ from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.config_tables import (
-    MqttConfig,
     VibrationConfig,
-    WebhookConfig,
 )
 from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
@@ -59,7 +57,10 @@ async def test_the_answer_follows_the_simulated_drive() -> None:
             assert preload["preload_n"] == pytest.approx(preload["preload_percent"] * 74.5)
             assert preload["age_s"] < 2.0
             assert (await client.get("readyz")).status_code == 200
-            assert 'edge_service_preload_percent{axis="X"}' in (await client.get("metrics")).text
+            assert (
+                'edge_service_preload_rating_ratio{axis="X",bound="value"}'
+                in (await client.get("metrics")).text
+            )
             assert (await answer(client, "api/v1/axes"))["axes"][0]["axis"] == "X"
 
 
@@ -113,19 +114,15 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
 
 
 async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path, tmp_path: Path) -> None:
-    away = {"host": "127.0.0.1", "port": 1, "buffer": tmp_path / "spool"}
     config = config_of(
         "replay",
         {"path": str(trace_path), "speed": 50.0},
-        mqtt=MqttConfig.model_validate(away),
         outputs={
             "opcua": {"endpoint": "opc.tcp://127.0.0.1:0"},
             "mtconnect": {"endpoint": "tcp://127.0.0.1:0"},
+            "mqtt": {"url": "mqtt://127.0.0.1:1"},
         },
         vibration=VibrationConfig(),
-        webhook=WebhookConfig(
-            url="http://127.0.0.1:1/", secret="s" * 16, buffer=tmp_path / "events"
-        ),
     )
     router = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router", read_only=False))
     there = BusSettings(router.endpoint, "client")

@@ -20,7 +20,6 @@ from edge_service.config import (
     HttpConfig,
     StoreConfig,
 )
-from edge_service.config_tables import WebhookConfig
 from edge_service.nodes.service import PIPELINE, run_nodes
 from edge_service.nodes.wiring.context import NodeContext
 
@@ -107,9 +106,7 @@ class Service:
         folder: Path,
         axes: dict[str, dict[str, Any]],
         http: HttpConfig,
-        webhook: WebhookConfig,
     ) -> None:
-        self._webhook = webhook
         self._folder = folder
         self._http = http
         self._axes = axes
@@ -140,7 +137,6 @@ class Service:
             http=self._http.model_copy(update={"port": self._port}),
             alarms=AlarmsConfig(rate_percent_per_1000_h=1e9),
             store=StoreConfig(folder=self._folder),
-            webhook=self._webhook,
             axes=axes,
         )
 
@@ -163,12 +159,11 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
 
     def make(
         http: HttpConfig | None = None,
-        webhook: WebhookConfig | None = None,
         axes: dict[str, dict[str, Any]] | None = None,
         **settings: Any,
     ) -> Service:
         axes = axes or {"X": settings}
-        service = Service(tmp_path, axes, http or HttpConfig(), webhook or WebhookConfig())
+        service = Service(tmp_path, axes, http or HttpConfig())
         services.append(service)
         service.start()
         return service

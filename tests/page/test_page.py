@@ -1,17 +1,12 @@
 """The page that a person sees: of the real service, in a real browser."""
 
 import re
-import threading
-from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import SecretStr
 
-from edge_service import __version__
-from edge_service.config_tables import WebhookConfig
 from edge_service.http_api.app import STATIC
 
 from ..foreign_plant import axis_case, part_programme, simulate
@@ -201,57 +196,6 @@ def test_a_chosen_recording_stays_chosen_while_another_arrives(
     page.wait_for_selector("#tests [name=recording][value='drive_2.csv']")
     assert page.is_checked("#tests [name=recording][value='drive_1.csv']")
     assert not page.is_checked("#tests [name=recording][value='drive_2.csv']")
-
-
-@pytest.mark.slow
-def test_an_event_that_nobody_took_is_tried_again(
-    make_service: Any, open_page: Any, tmp_path: Path
-) -> None:
-    refused = {b"first", b"second"}
-    taken: list[bytes] = []
-
-    class Receiver(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            body = self.rfile.read(int(self.headers["content-length"]))
-            is_refused = any(word in body for word in refused)
-            if not is_refused:
-                taken.append(body)
-            self.send_response(400 if is_refused else 204)
-            self.end_headers()
-
-        def log_message(self, *_args: object) -> None:
-            """Say nothing."""
-
-    with HTTPServer(("127.0.0.1", 0), Receiver) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        webhook = WebhookConfig(
-            url=SecretStr(f"http://127.0.0.1:{server.server_port}/"),
-            secret=SecretStr("a secret of some length"),
-            kinds=("note",),
-            buffer=tmp_path / "spool",
-        )
-        service = make_service(webhook=webhook, **HEALTHY)
-        page = open_page(service.address, bypass_csp=True).page
-        page.wait_for_selector("#answer[data-level=ok]")
-        for word in ("first", "second", "third", "fourth"):
-            page.request.post(
-                f"{service.address}api/v1/axes/X/commands",
-                data={"action": "note", "user": "Kim", "note": word},
-            )
-        show_tab(page, "service")
-        assert page.inner_text("#versions") == f"edge-service {__version__}"
-        page.wait_for_selector("button[aria-label*='Try again: '][aria-label*='second']")
-        page.click("button[aria-label*='Drop: '][aria-label*='first']")
-        page.wait_for_selector("button[aria-label*='first']", state="detached")
-        assert "answered 400, tried once" in page.inner_text("#outputs")
-        assert serious_faults(page) == []
-        refused.clear()
-        page.click("button[aria-label*='Try again: '][aria-label*='second']")
-        page.wait_for_selector("#outputs button", state="detached")
-        page.wait_for_selector("text=It will be tried again.")
-        assert not any(b"first" in each for each in taken)
-        assert sum(b"second" in each for each in taken) == 1
-        server.shutdown()
 
 
 def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_page: Any) -> None:

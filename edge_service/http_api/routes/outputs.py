@@ -1,25 +1,75 @@
-"""Routes of the outputs and of what they could not deliver."""
+"""Routes of the outputs: how each does, and what becomes of events that it could not deliver."""
 
-from typing import Annotated
+from typing import Annotated, Any, Literal, Protocol
 
 from fastapi import APIRouter, Depends, Request
+from pydantic import ConfigDict, Field
 from starlette.exceptions import HTTPException
 
-from ...messages.outputs import KEEPING
+from ...health.store.outbox import Counts
+from ...messages.health import ComponentHealth, ComponentStatus
+from ..answers import Answer
 from ..axis_answers import AcceptedAnswer
 from ..context import NowDep, StateDep
-from ..outputs import OutputDesk, OutputsAnswer, output_answer
 from ..problems import documented
 
-output_router = APIRouter(
-    prefix="/api/v1/outputs",
-    tags=["outputs"],
-    responses=documented(404, 503),
-)
+STALE_S = 3.0
+"""Age from which on an output is `degraded`."""
+Action = Literal["test", "requeue", "drop"]
+_EXAMPLE: dict[str, Any] = {
+    "output": "mqtt",
+    "state": "ok",
+    "age_s": 0.4,
+    "waiting": 0,
+    "dead": 0,
+    "reason": "",
+}
+
+
+class OutputAnswer(Answer):
+    """One output, what waits for it, and what it could not deliver."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
+
+    output: str
+    state: ComponentStatus | Literal["degraded"]
+    age_s: float | None = Field(description="Time since it took the last answer, s.")
+    waiting: int = Field(description="Events that are still to be delivered.")
+    dead: int = Field(description="Events that it refused, kept for 30 days.")
+    reason: str
+
+
+class OutputsAnswer(Answer):
+    """All outputs that are configured."""
+
+    items: list[OutputAnswer]
+
+
+class OutputAction(Answer):
+    """`test` sends a test message, `requeue` tries all dead letters again, `drop` removes them."""
+
+    action: Action
+
+
+class OutputDesk(Protocol):
+    """Knows the queues of the outputs. Raises RefusedError."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        ...
+
+    async def counts(self, output: str) -> Counts:
+        """Events of an output that wait, and its dead letters."""
+        ...
+
+    async def act(self, output: str, action: Action) -> None:
+        """Send a test message, try dead letters again, or drop them."""
+        ...
 
 
 async def outputs_of(request: Request) -> OutputDesk:
-    """Desk that keeps the dead letters."""
+    """Desk of the outputs."""
     desk: OutputDesk | None = request.app.state.outputs
     if desk is None:
         raise HTTPException(503, "this service has no outputs")
@@ -27,35 +77,37 @@ async def outputs_of(request: Request) -> OutputDesk:
 
 
 DeskDep = Annotated[OutputDesk, Depends(outputs_of)]
+output_router = APIRouter(
+    prefix="/api/v1/outputs",
+    tags=["outputs"],
+    responses=documented(404, 409, 502, 503),
+)
 
 
 @output_router.get("", response_model=OutputsAnswer)
 async def outputs(state: StateDep, now_ns: NowDep, desk: DeskDep) -> OutputsAnswer:
-    """Outputs with what waits for them and what they could not deliver."""
-    reports = [each for each in state.components(now_ns) if each.component in KEEPING]
-    return OutputsAnswer(
-        outputs=[
-            output_answer(report, await desk.dead_letters(report.component)) for report in reports
-        ]
+    """Outputs, what waits for them and what they could not deliver."""
+    reports = {each.component: each for each in state.components(now_ns)}
+    items = [_answer(name, reports.get(name), await desk.counts(name)) for name in desk.outputs]
+    return OutputsAnswer(items=items)
+
+
+@output_router.post("/{output}", response_model=AcceptedAnswer, status_code=202)
+async def act(output: str, body: OutputAction, desk: DeskDep) -> AcceptedAnswer:
+    """Send a test message by an output, or decide on its dead letters."""
+    await desk.act(output, body.action)
+    return AcceptedAnswer()
+
+
+def _answer(name: str, report: ComponentHealth | None, counts: Counts) -> OutputAnswer:
+    status = ComponentStatus.STARTING if report is None else report.status
+    age_s = None if report is None else report.readings.get("age_s")
+    is_late = status is ComponentStatus.OK and age_s is not None and age_s > STALE_S
+    return OutputAnswer(
+        output=name,
+        state="degraded" if is_late else status,
+        age_s=age_s,
+        waiting=counts.waiting,
+        dead=counts.dead,
+        reason="" if report is None else report.reason,
     )
-
-
-@output_router.post("/{output}/dead", response_model=AcceptedAnswer, status_code=202)
-async def revive_all(output: str, desk: DeskDep) -> AcceptedAnswer:
-    """Try all dead letters of an output again, after what waits."""
-    await desk.revive_all(output)
-    return AcceptedAnswer()
-
-
-@output_router.post("/{output}/dead/{letter}", response_model=AcceptedAnswer, status_code=202)
-async def revive(output: str, letter: str, desk: DeskDep) -> AcceptedAnswer:
-    """Try a dead letter again, after what waits."""
-    await desk.revive(output, letter)
-    return AcceptedAnswer()
-
-
-@output_router.delete("/{output}/dead/{letter}", response_model=AcceptedAnswer)
-async def forget(output: str, letter: str, desk: DeskDep) -> AcceptedAnswer:
-    """Drop a dead letter."""
-    await desk.forget(output, letter)
-    return AcceptedAnswer()

@@ -2,6 +2,7 @@
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
+from starlette.exceptions import HTTPException
 
 from ..answers import (
     AliveAnswer,
@@ -34,6 +35,15 @@ async def ready(request: Request, state: StateDep, now_ns: NowDep) -> ReadyAnswe
         return ReadyAnswer()
     detail = "an input is stale or was never received"
     return problem_response(request.url.path, 503, detail, reasons=list(reasons))
+
+
+@service_router.get("/metrics", response_class=Response, responses=documented(404))
+async def metrics(request: Request) -> Response:
+    """Metrics in the text format of Prometheus; a number that does not exist has no sample."""
+    if request.app.state.metrics is None:
+        raise HTTPException(404, "the output `metrics` is not installed")
+    text, content_type = await request.app.state.metrics()
+    return Response(text, media_type=content_type)
 
 
 @axis_router.get("/health", response_model=ServiceAnswer)

@@ -1,130 +1,120 @@
-"""Outputs of one service: every event is offered to each, and their dead letters are kept here."""
+"""Outputs of one service for the page: their queues, a test message, dead letters."""
 
-import json
-from collections.abc import AsyncIterator, Mapping
-from contextlib import AsyncExitStack, asynccontextmanager
-from functools import partial
-from typing import Any
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Literal, TypeVar
 
-from ...bus.spool.message import DeadLetter
-from ...bus.spool.spool import Spool
-from ...health.store.events import EventLog, StoredEvent
+from ...clock import now_ns
+from ...config import EdgeConfig
+from ...health.service_state import ServiceState
+from ...health.store.outbox import Counts, Outbox
+from ...health.store.store import Store, StoreFailedError
 from ...http_api.jobs import RefusedError
-from ...http_api.outputs import DeadLetterAnswer
+from ...outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
+from ..output_node import make_output, outbox_of, send_test
 from ..wiring.context import NodeContext
-from .ordered import Answers, OrderedOutput
-from .registry import OPENERS
-from .report import OutputReport
+from ..wiring.stages import load_machines
+from .latest_answers import answer_of, method_of
 
-MOST_MISSED = 10_000
-"""Events that an output may have missed while the service was down."""
-
-
-class OutputDesk:
-    """The outputs as configured."""
-
-    def __init__(self, spools: Mapping[str, Spool]) -> None:
-        self._spools = spools
-        self._outputs: dict[str, tuple[OrderedOutput, OutputReport]] = {}
-
-    @classmethod
-    async def open(
-        cls, context: NodeContext, answers: Answers = lambda _axis: None
-    ) -> "OutputDesk":
-        """Open what is configured. Raises ConfigError.
-
-        Args:
-            answers: what holds now of an axis.
-        """
-        desk = cls(context.spools)
-        for name, make in OPENERS.items():
-            report = OutputReport(context, name)
-            output = await make(context.config, report.tell, answers)
-            if output is not None:
-                report.watch(output.spool, partial(_counters, output))
-                report.tell("")
-                desk._outputs[name] = output, report
-                await _catch_up(output, context.events)
-        return desk
-
-    def put(self, logged: StoredEvent) -> None:
-        """Offer an event to all."""
-        for output, _ in self._outputs.values():
-            output.put(logged)
-
-    @asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
-        """Let the outputs send inside."""
-        async with AsyncExitStack() as stack:
-            for output, report in self._outputs.values():
-                tasks = await stack.enter_async_context(report.running())
-                tasks.start("delivery", output.run)
-            yield
-
-    async def dead_letters(self, name: str) -> list[DeadLetterAnswer]:
-        """Dead letters of an output, the oldest first; none of one in another process."""
-        spool = self._spool(name)
-        return [] if spool is None else [_shown(letter) for letter in await spool.letters()]
-
-    async def revive(self, name: str, key: str) -> None:
-        """Try a dead letter again, after all that waits. Raises RefusedError."""
-        _found(name, key, await self._known(name).revive(key))
-
-    async def revive_all(self, name: str) -> None:
-        """Try all dead letters of an output again, in their order. Raises RefusedError."""
-        spool = self._known(name)
-        for letter in await spool.letters():
-            await spool.revive(letter.key)
-
-    async def forget(self, name: str, key: str) -> None:
-        """Drop a dead letter. Raises RefusedError."""
-        _found(name, key, await self._known(name).forget(key))
-
-    def close(self) -> None:
-        """Close the files; safe twice."""
-        for output, _ in self._outputs.values():
-            output.spool.close()
-
-    def _spool(self, name: str) -> Spool | None:
-        return self._outputs[name][0].spool if name in self._outputs else self._spools.get(name)
-
-    def _known(self, name: str) -> Spool:
-        spool = self._spool(name)
-        if spool is None:
-            raise RefusedError(404, f"this service has no output {name!r} that keeps dead letters")
-        return spool
+T = TypeVar("T")
+Action = Literal["test", "requeue", "drop"]
 
 
-async def _catch_up(output: OrderedOutput, diary: EventLog) -> None:
-    """Offer an output what came into the diary and, as the service ended then, not to the output.
+class StoreOutputDesk:
+    """The outputs as configured. Raises ConfigError."""
 
-    A new output begins with the events to come.
+    def __init__(self, config: EdgeConfig, store: Store) -> None:
+        self._config, self._store = config, store
+        self._outboxes: dict[str, list[Outbox]] = {}
+        for name in config.outputs:
+            output = make_output(config, name)
+            self._outboxes[name] = [outbox_of(store, output, each) for each in output.receivers]
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(self._outboxes)
+
+    async def counts(self, output: str) -> Counts:
+        """Events of an output that wait, and its dead letters. Raises RefusedError."""
+        counts = [await self._ask(outbox.counts) for outbox in self._outboxes[output]]
+        oldest_ns = [each.oldest_ns for each in counts if each.oldest_ns is not None]
+        waiting, dead = sum(each.waiting for each in counts), sum(each.dead for each in counts)
+        return Counts(waiting, dead, min(oldest_ns, default=None))
+
+    async def act(self, output: str, action: Action) -> None:
+        """Send a test message, try dead letters again, or drop them. Raises RefusedError."""
+        if output not in self._outboxes:
+            there = ", ".join(self._outboxes) or "none"
+            raise RefusedError(404, f"no output {output!r}; there are {there}")
+        if not self._outboxes[output]:
+            raise RefusedError(409, f"{output} takes no events, so there is nothing to {action}")
+        if action == "test":
+            problems = await send_test(self._config, output)
+            if any(problems.values()):
+                raise RefusedError(502, "; ".join(each for each in problems.values() if each))
+            return
+        for outbox in self._outboxes[output]:
+            await self._ask(outbox.requeue if action == "requeue" else outbox.drop)
+
+    async def _ask(self, work: Callable[[], T]) -> T:
+        try:
+            return await self._store.run(work)
+        except StoreFailedError as error:
+            raise RefusedError(503, f"the store cannot be read now ({error})") from None
+
+
+class Scrape:
+    """Answers a scrape by Prometheus with what holds now.
+
+    Attributes:
+        output: renders the metrics; None where it is not installed.
     """
-    if output.spool.mark:
-        for logged in diary.after(output.spool.mark, MOST_MISSED):
-            output.put(logged)
-    await output.spool.set_mark(diary.last_id())
 
+    def __init__(self, context: NodeContext, state: ServiceState, desk: StoreOutputDesk) -> None:
+        self._context, self._state, self._desk = context, state, desk
+        machines = load_machines(context.config)
+        self._methods = {axis: method_of(context.config, each) for axis, each in machines.items()}
+        self.output: Any = None
+        with suppress(UnknownOutputError):
+            place = context.config.service
+            facts = OutputContext("metrics", place.site, place.machine)
+            self.output = load_output("metrics")(OutputConfig(), facts)
 
-def _counters(output: OrderedOutput) -> dict[str, int]:
-    return {"delivered": output.delivered}
+    async def text(self) -> tuple[bytes, str]:
+        """Text and its content type."""
+        from ...outputs.metrics import Scraped
 
-
-def _found(name: str, key: str, found: bool) -> None:
-    if not found:
-        raise RefusedError(404, f"{name}: there is no dead letter {key!r}")
-
-
-def _shown(letter: DeadLetter) -> DeadLetterAnswer:
-    axis, _, topic = letter.topic.partition("/")
-    event: dict[str, Any] = json.loads(letter.payload or "{}")
-    return DeadLetterAnswer(
-        id=letter.key,
-        axis=axis,
-        kind=event.get("kind", topic),
-        message=event.get("message", topic),
-        time=event.get("time_ns", event.get("source_time_ns", letter.time_ns)),
-        tries=letter.tries,
-        reason=letter.reason,
-        dead_since=letter.time_ns,
-    )
+        state, config, at_ns = self._state, self._context.config, now_ns()
+        answers = (answer_of(state, config, axis, self._methods[axis]) for axis in state.axes)
+        newest = ((axis, state.live_now(axis)) for axis in state.axes)
+        components = [*state.components(at_ns)]
+        dropped: Counter[tuple[str, str]] = Counter()
+        for axis in state.axes:
+            components += state.health(axis, at_ns).components
+            for topic, count in state.lost_payloads(axis).items():
+                dropped[topic, "gap"] += count
+        for (key, _), count in state.refused().items():
+            dropped[key.rpartition("/")[2], "refused"] += count
+        dropped["", "unknown"] += state.ignored_payloads
+        outboxes = {}
+        for name in self._desk.outputs:
+            with suppress(RefusedError):
+                outboxes[name] = await self._desk.counts(name)
+        scraped = Scraped(
+            site=config.service.site,
+            machine=config.service.machine,
+            configuration=state.configuration,
+            ready=not state.unready(at_ns),
+            answers=tuple(answers),
+            components=tuple(components),
+            temperature_c={
+                axis: point.temperature_c
+                for axis, point in newest
+                if point is not None and point.temperature_c is not None
+            },
+            dropped=dropped,
+            outboxes=outboxes,
+        )
+        return self.output.text(scraped), self.output.content_type

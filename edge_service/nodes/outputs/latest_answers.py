@@ -1,7 +1,8 @@
 """Latest answers about all axes, for outputs that show what holds now."""
 
 from ...clock import now_ns
-from ...config import HealthConfig
+from ...config import EdgeConfig
+from ...estimate.registry import AUTO
 from ...health.axis_state import AxisState
 from ...health.service_state import ServiceState
 from ...health.state_settings import Keeping, StateSettings
@@ -10,16 +11,22 @@ from ...messages.estimate import PreloadEstimate
 from ...messages.header import Header
 from ...messages.health import AxisHealth
 from ...messages.topics import HEALTH, PRELOAD
+from ...models.machine import Machine
 from ..supervision.tasks import Tasks
 from ..wiring.context import NodeContext
 from ..wiring.stages import load_machines
 
 
-def answer_of(state: ServiceState, limits: HealthConfig, axis: str) -> AxisAnswer | None:
-    """Answer about an axis from the state of the service; None of one that is not known."""
-    if axis not in state.axes:
-        return None
-    at_ns = now_ns()
+def method_of(config: EdgeConfig, machine: Machine) -> str:
+    """Method of an axis' estimator: `auto` takes the fused one where the axis is commissioned."""
+    if config.estimator.method != AUTO:
+        return config.estimator.method
+    return "kf-imm" if machine.commissioned is None else "fused"
+
+
+def answer_of(state: ServiceState, config: EdgeConfig, axis: str, method: str) -> AxisAnswer:
+    """Answer about an axis from the state of the service."""
+    at_ns, limits = now_ns(), config.health
     reading, bounds = state.preload(axis, at_ns), state.limits(axis)
     return AxisAnswer(
         axis=axis,
@@ -30,6 +37,7 @@ def answer_of(state: ServiceState, limits: HealthConfig, axis: str) -> AxisAnswe
         warning_of_fresh=limits.warning_percent_of_fresh,
         fault_of_fresh=limits.fault_percent_of_fresh,
         is_heard=reading.measured_ns is not None,
+        method=method,
     )
 
 
@@ -40,14 +48,10 @@ class LatestAnswers:
         self._context, self._started_ns = context, now_ns()
         machines = load_machines(context.config)
         self._fresh = {axis: machine.fresh_preload_percent for axis, machine in machines.items()}
+        self._methods = {axis: method_of(context.config, each) for axis, each in machines.items()}
         self._states = {
             axis: AxisState(axis, None, StateSettings(), Keeping()) for axis in machines
         }
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the axes."""
-        return tuple(self._states)
 
     def follow(self, tasks: Tasks) -> None:
         """Listen from now on."""
@@ -82,4 +86,6 @@ class LatestAnswers:
             warning_of_fresh=limits.warning_percent_of_fresh,
             fault_of_fresh=limits.fault_percent_of_fresh,
             is_heard=not state.missing(at_ns),
+            method=self._methods[state.axis],
+            header=header,
         )

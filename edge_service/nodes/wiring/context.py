@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 from ...bus.publisher import Publisher
 from ...bus.session import Bus
-from ...bus.spool.spool import Spool
 from ...bus.subscriber import Subscriber
 from ...clock import now_ns
 from ...config import EdgeConfig
@@ -39,7 +38,6 @@ class NodeContext:
         keeps_estimates: whether the estimators go on where the last process was.
         supervisor: owner of all tasks of the process.
         heart: sign of life of the node that it is given to.
-        spools: where other nodes of the process keep what could not be delivered, by output.
     """
 
     config: EdgeConfig
@@ -51,7 +49,6 @@ class NodeContext:
         default_factory=lambda: Heartbeat("node", float("inf"), time.monotonic)
     )
 
-    spools: dict[str, Spool] = field(default_factory=dict)
     _events: EventLog | None = None
 
     def __post_init__(self) -> None:

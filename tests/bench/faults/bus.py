@@ -69,7 +69,7 @@ def client(port: int) -> zenoh.Session:
 def refused(service: RunningService) -> float:
     """Payloads that were refused so far."""
     lines = service.ask("/metrics").body.decode().splitlines()
-    counted = [line for line in lines if line.startswith("edge_service_refused_payloads_total{")]
+    counted = [line for line in lines if line.startswith("edge_service_payloads_dropped_total{")]
     return sum(float(line.rpartition(" ")[2]) for line in counted)
 
 

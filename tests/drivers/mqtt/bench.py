@@ -13,8 +13,8 @@ from drivers.mqtt.stub import MqttStub
 from drivers.stub import Fault, FaultKind, StubAxis
 from edge_service.messages.samples import SampleFrame
 
-from ...bus.mqtt.conftest import MOSQUITTO, Broker
 from ..bench import CONTEXT, DriverBench, counting_source
+from .broker import MOSQUITTO, Broker
 
 TOPIC = "edge/capture/1"
 

@@ -22,10 +22,10 @@ from edge_service.recordings.reader import read_trace
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 from tests.certificates import write_certificates
 
-from ...bus.mqtt.conftest import MOSQUITTO, PATIENCE_S, Broker, needs_broker
 from ...recordings.form_files import edge_json
 from ..bench import CONTEXT, MACHINE, free_port
 from .bench import TOPIC, config_of, stub_of
+from .broker import MOSQUITTO, PATIENCE_S, Broker, needs_broker
 from .test_edge_stream import BLOCK, ROWS, joined, messages, recorded
 
 pytestmark = needs_broker

@@ -3,29 +3,21 @@
 import ast
 import asyncio
 from collections.abc import AsyncGenerator
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from drivers.base import Probe
-from edge_service.bus.mqtt import delivery as mqtt_delivery
-from edge_service.bus.mqtt.delivery import MqttDelivery, MqttSettings
-from edge_service.bus.mqtt.plain_json import PlainJson
-from edge_service.bus.spool.spool import Spool
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import STATUS
 from edge_service.nodes import acquire_node
 from edge_service.nodes.acquire_node import Silence
-from edge_service.nodes.mqtt_node import _deliver
 from edge_service.nodes.supervision.heartbeat import Heartbeat
 from edge_service.nodes.supervision.supervisor import Supervisor
 
-from ...bus.mqtt.brokers import serving
 from ...documents import ROOT
-from ..conftest import PATIENCE_S, config_of, running, until
+from ..conftest import PATIENCE_S, config_of, running
 
 UNLIMITED = {
     "edge_service/nodes/wiring/context.py": 1,  # a node whose tasks do the work
@@ -151,78 +143,6 @@ def test_silence_is_told_after_its_time_and_only_while_it_lasts() -> None:
         now_s[0] = 12.0
         assert silence.problems() == ["no data for 12 s"]
     assert silence.problems() == []
-
-
-# MQTT
-
-
-class Scene:
-    """A delivery to a good broker, under a sign of life with a clock of its own."""
-
-    def __init__(self, port: int, spool: Spool) -> None:
-        self.now_s = 0.0
-        self.heart = Heartbeat("delivery", 1.2, lambda: self.now_s)
-        settings = MqttSettings("127.0.0.1", port, "test")
-        self.delivery = MqttDelivery(settings, PlainJson("t"), spool, lambda _problem: None)
-        self.heart.begin()
-        self.work = partial(_deliver, self.delivery, spool, self.heart)
-
-    def shown_after(self, seconds: float) -> tuple[bool, bool]:
-        """Tell whether the task would be begun again, and whether it would be shown as hanging."""
-        late = False
-        for _ in range(round(seconds / 0.2)):
-            self.now_s += 0.2
-            late = late or self.heart.is_late(self.now_s)
-        return late, self.heart.is_thread_late(self.now_s)
-
-
-@pytest.fixture(params=["publish", "oldest", "remove", "count_session", None])
-def hung(request: pytest.FixtureRequest) -> str | None:
-    """Call that never returns; None if all do."""
-    name: str | None = request.param
-    return name
-
-
-async def test_a_delivery_that_hangs_is_seen(
-    hung: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    reached = asyncio.Event()
-
-    async def hangs(*_args: Any) -> Any:
-        reached.set()
-        await never()
-
-    publish = mqtt_delivery._publish
-
-    async def some(client: Any, packet: Any) -> None:
-        if packet.topic.endswith("/online"):
-            await publish(client, packet)
-        else:
-            await hangs()
-
-    async with serving() as broker:
-        spool = await Spool.open(tmp_path / "spool", 100)
-        if hung == "publish":
-            monkeypatch.setattr(mqtt_delivery, "_publish", some)
-        elif hung is not None:
-            monkeypatch.setattr(spool, hung, hangs)
-        scene = Scene(broker.port, spool)
-        delivering = asyncio.ensure_future(scene.work())
-        await spool.put("X/x", b"1")
-        if hung is None:
-
-            async def idle() -> bool:
-                return scene.delivery.waits and len(spool) == 0 and scene.delivery.delivered == 1
-
-            await until(idle)
-        else:
-            async with asyncio.timeout(PATIENCE_S):
-                await reached.wait()
-        expected = {"publish": (True, False), None: (False, False)}.get(hung, (False, True))
-        assert scene.shown_after(60.0) == expected
-        delivering.cancel()
-        await asyncio.wait([delivering])
-        spool.close()
 
 
 @pytest.mark.parametrize(

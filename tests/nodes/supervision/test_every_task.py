@@ -4,10 +4,9 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from pydantic import SecretStr
 
 from edge_service.config import EdgeConfig
-from edge_service.config_tables import MqttConfig, VibrationConfig, WebhookConfig
+from edge_service.config_tables import VibrationConfig
 from edge_service.messages.event import Event
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import EVENT, PRELOAD, STATUS
@@ -43,12 +42,7 @@ def two_axes(folder: Path) -> EdgeConfig:
         update={
             "axes": axes,
             "vibration": VibrationConfig(),
-            "mqtt": MqttConfig(host="127.0.0.1", port=free_port(), buffer=folder / "mqtt"),
-            "webhook": WebhookConfig(
-                url=SecretStr(f"http://127.0.0.1:{free_port()}/"),
-                secret=SecretStr("a secret of some length"),
-                buffer=folder / "webhook",
-            ),
+            "outputs": {"mqtt": {"url": f"mqtt://127.0.0.1:{free_port()}"}},
         }
     )
 

@@ -1,1 +1,0 @@
-"""Messages of the bus to an MQTT broker: spooled on disk, in order, in three forms."""

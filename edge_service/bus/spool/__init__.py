@@ -1,1 +1,0 @@
-"""Messages on disk until somebody has taken them."""

@@ -1,1 +1,0 @@
-"""E-mails about events: what they say, and how they are sent."""

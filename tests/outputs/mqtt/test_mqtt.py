@@ -1,0 +1,216 @@
+"""MQTT as foreign clients see it: a broker, Home Assistant, and a host of Sparkplug."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import aiomqtt
+import pytest
+from pydantic import ValidationError
+
+from edge_service.messages.alarm import Alarm, AlarmKind
+from edge_service.messages.event import Severity
+from edge_service.messages.health import AxisCondition
+from edge_service.messages.trend import Crossing, Trend, TrendStatus
+from edge_service.outputs import mqtt as module
+from edge_service.outputs.base import Events, Output, OutputUnavailableError
+from edge_service.outputs.mqtt import COMPONENTS, MqttConfig
+from edge_service.outputs.sparkplug import METRICS, REBIRTH
+
+from ...drivers.mqtt.broker import Broker, needs_broker
+from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
+from ...nodes.conftest import until
+from ..bench import event, output
+from .home_assistant_reader import UNAVAILABLE, UNKNOWN, home_assistant
+from .sparkplug_reader import decode, rebirth
+
+pytestmark = needs_broker
+ROOT = "feeddrive/hall/mill"
+
+
+@pytest.fixture
+async def broker(tmp_path: Any) -> AsyncIterator[Broker]:
+    made = Broker(tmp_path)
+    await made.start()
+    yield made
+    await made.stop()
+
+
+@pytest.fixture(autouse=True)
+def every_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answers need not wait for their second."""
+    monkeypatch.setattr(module, "PERIOD_S", 0.0)
+
+
+@asynccontextmanager
+async def telling(broker: Broker, form: str = "json") -> AsyncIterator[Output]:
+    made = output("mqtt", {"url": f"mqtt://127.0.0.1:{broker.port}", "format": form})
+    await made.open()
+    try:
+        yield made
+    finally:
+        await made.close()
+
+
+@asynccontextmanager
+async def listening(broker: Broker, topic: str = "#") -> AsyncIterator[list[aiomqtt.Message]]:
+    """All that a foreign client hears."""
+    heard: list[aiomqtt.Message] = []
+    async with aiomqtt.Client("127.0.0.1", broker.port) as client:
+        await client.subscribe(topic, qos=1)
+
+        async def read() -> None:
+            async for message in client.messages:
+                heard.append(message)
+
+        task = asyncio.create_task(read())
+        yield heard
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def there(heard: list[aiomqtt.Message], *topics: str) -> dict[str, Any]:
+    """The last payload on each topic, once there is one."""
+
+    async def all_of_them() -> bool:
+        return set(topics) <= {str(each.topic) for each in heard}
+
+    await until(all_of_them)
+    return {str(each.topic): each.payload for each in heard}
+
+
+async def test_the_newest_answers_are_retained_and_events_are_not(broker: Broker) -> None:
+    async with listening(broker) as live, telling(broker) as made:
+        await made.take(answer(preload_percent=6.7))
+        await made.take(answer(preload_percent=3.425, low=3.0, high=4.0))
+        await made.take(Events("", (event(),)))
+        said = await there(live, f"{ROOT}/X/event")
+        assert json.loads(said[f"{ROOT}/X/event"])["kind"] == "alarm_raised"
+        async with listening(broker) as late:
+            said = await there(late, f"{ROOT}/X/preload", f"{ROOT}/X/health", f"{ROOT}/status")
+        assert all(each.retain for each in late)
+        assert f"{ROOT}/X/event" not in said
+        preload = json.loads(said[f"{ROOT}/X/preload"])
+        assert preload["schema"] == "preload/1"
+        assert preload["of_fresh"]["value"] == pytest.approx(50.0)
+        assert preload["measured_at"] == "2026-09-21T14:13:20.000Z"
+        assert json.loads(said[f"{ROOT}/X/health"])["condition"] == "NORMAL"
+        assert said[f"{ROOT}/status"] == b"online"
+        await made.take(SILENT)
+        async with listening(broker, f"{ROOT}/X/preload") as late:
+            said = await there(late, f"{ROOT}/X/preload")
+        assert json.loads(said[f"{ROOT}/X/preload"])["of_fresh"] is None
+    async with listening(broker) as late:
+        assert (await there(late, f"{ROOT}/status"))[f"{ROOT}/status"] == b"offline"
+
+
+async def test_answers_are_sent_once_in_a_period_and_the_will_tells_of_a_crash(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "PERIOD_S", 1000.0)
+    async with listening(broker) as live:
+        made = output("mqtt", {"url": f"mqtt://127.0.0.1:{broker.port}"})
+        await made.open()
+        for _ in range(3):
+            await made.take(answer())
+        await made.take(answer("Y"))
+        await there(live, f"{ROOT}/Y/preload")
+        assert sum(str(each.topic) == f"{ROOT}/X/preload" for each in live) == 1
+        made._client._client._sock_close()
+
+        async def told() -> bool:
+            return any(each.payload == b"offline" for each in live)
+
+        await until(told)
+        with pytest.raises(OutputUnavailableError):
+            for _ in range(100):
+                await made.take(Events("", (event(),)))
+                await asyncio.sleep(0.01)
+        await made.close()
+
+
+async def shows(home: Any, device: str, **expected: Any) -> None:
+    async def there_now() -> bool:
+        return expected.items() <= home.devices().get(device, {}).items()
+
+    await until(there_now)
+
+
+async def test_home_assistant_finds_every_axis_and_shows_only_what_may_be_read(
+    broker: Broker,
+) -> None:
+    limit = Crossing(
+        limit="fault", limit_percent=1.0, earliest_ns=MEASURED_NS, likely_ns=None, latest_ns=None
+    )
+    trend = Trend(status=TrendStatus.FALLING, reason="r", since_time_ns=1, crossings=(limit,))
+    lost = Alarm(
+        kind=AlarmKind.PRELOAD_LOST,
+        severity=Severity.ERROR,
+        active=True,
+        message='preload at "17 %"',
+        raised_time_ns=1,
+    )
+    worn = health_of(AxisCondition.WARNING, alarms=(lost,), trend=trend)
+    async with home_assistant(broker.port) as home:
+        async with telling(broker, "home-assistant") as made:
+            await made.take(answer(preload_percent=3.425, low=3.0825, high=3.7675, health=worn))
+            await shows(home, "hall/mill X", preload=50.0, preload_low=45.0, preload_high=55.0)
+            await shows(home, "hall/mill X", condition="WARNING", problem="on")
+            await shows(home, "hall/mill X", next_limit="2026-09-21T14:13:20.000Z")
+            assert home.attributes("hall/mill X", "problem") == {"preload_lost": lost.message}
+            await made.take(answer())
+            await shows(home, "hall/mill X", condition="NORMAL", problem="off", next_limit=UNKNOWN)
+            await made.take(SILENT)
+            await shows(home, "hall/mill X", preload=UNKNOWN, condition=UNKNOWN, problem=UNKNOWN)
+        await shows(home, "hall/mill X", **dict.fromkeys(COMPONENTS, UNAVAILABLE))
+
+
+async def test_sparkplug_is_born_tells_changes_and_dies(broker: Broker) -> None:
+    async with listening(broker, "spBv1.0/#") as heard:
+        async with telling(broker, "sparkplug") as made:
+            await made.take(answer(preload_percent=3.425, low=3.0, high=4.0))
+            await made.take(answer(preload_percent=3.425, low=3.0, high=4.0))
+            await made.take(answer(preload_percent=3.5, low=3.0, high=4.0))
+            await made.take(Events("", (event(),)))
+            await made.take(SILENT)
+            said = await there(heard, "spBv1.0/hall/DDEATH/mill/X")
+            kinds = [str(each.topic).split("/")[2] for each in heard]
+            assert kinds == ["NBIRTH", "DBIRTH", "DDATA", "DDATA", "DDEATH"]
+            births = [decode(each.payload) for each in heard]
+            assert [each.seq for each in births] == [0, 1, 2, 3, 4]
+            assert births[0].values[REBIRTH] is False
+            assert births[1].values.keys() == METRICS.keys()
+            assert births[1].values["preload/of_fresh/value"] == pytest.approx(50.0)
+            assert births[1].values["health/condition"] == "NORMAL"
+            assert births[1].values["preload/stiffness_n_per_m/value"] is None
+            assert births[2].values["preload/preload_percent"] == 3.5
+            assert "preload/low" not in births[2].values
+            assert births[3].values["event/kind"] == "alarm_raised"
+            heard.clear()
+            async with aiomqtt.Client("127.0.0.1", broker.port) as host:
+                await host.publish("spBv1.0/hall/NCMD/mill", b"no payload")
+                await host.publish("spBv1.0/hall/NCMD/mill", rebirth())
+            said = await there(heard, "spBv1.0/hall/NBIRTH/mill")
+            number = decode(said["spBv1.0/hall/NBIRTH/mill"]).values["bdSeq"]
+        said = await there(heard, "spBv1.0/hall/NDEATH/mill")
+        assert decode(said["spBv1.0/hall/NDEATH/mill"]).values == {"bdSeq": number}
+
+
+@pytest.mark.parametrize(
+    ("table", "complaint"),
+    [
+        ({"url": "http://broker"}, "expected mqtt://HOST"),
+        ({"url": "mqtt://edge:hush@broker"}, "holds a password"),
+        ({"url": "mqtt://edge@broker"}, "a user needs mqtts"),
+        ({"url": "mqtt://broker", "password": "x"}, "names no user"),
+        ({"url": "mqtts://broker", "client_key": "k"}, "client_certificate: missing"),
+        ({"url": "mqtt://broker", "ca_certificate": "c"}, "expected mqtts"),
+        ({"url": "mqtt://broker", "prefix": "a/#"}, "without [+], # and"),
+    ],
+)
+def test_what_cannot_work_is_refused(table: dict[str, str], complaint: str) -> None:
+    with pytest.raises(ValidationError, match=complaint) as caught:
+        MqttConfig.model_validate(table)
+    assert "hush" not in str(caught.value)
