@@ -19,11 +19,22 @@ edge-service motion --list --machine m.toml --out motions.png
 # shellcheck disable=SC2086
 edge-service simulate --machine m.toml --motion friction --motion signature --motion acceleration \
     --motion reversals --motion multisine $thin $rough --format parquet --out healthy
-edge-service fingerprint --machine m.toml healthy/*.parquet --pictures healthy --out healthy
+edge-service fingerprint --machine m.toml healthy/*.parquet --out healthy
 # shellcheck disable=SC2086
 edge-service simulate --machine m.toml --motion friction $again $again $again $again \
     $thin $cold --format parquet --out runs
-edge-service fingerprint --machine m.toml runs/*.parquet --pictures runs --out runs
+edge-service fingerprint --machine m.toml runs/*.parquet --out runs
+python - << 'EOS'
+from pathlib import Path
+
+from edge_service.fingerprint.result import read_fingerprint
+from edge_service.offline.report.fingerprint_figures import draw_sections
+from edge_service.offline.report.pictures import write_png
+
+for folder in (Path("healthy"), Path("runs")):
+    for name, figure in draw_sections(read_fingerprint(folder / "fingerprint.json"), None).items():
+        write_png(figure, folder / f"{name}.png")
+EOS
 edge-service reproduce puzzle --out puzzle
 
 cd "$OLDPWD"

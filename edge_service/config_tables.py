@@ -5,6 +5,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, model_validator
 
 from .messages.addresses import is_loopback
+from .messages.names import Column
 
 
 class Table(BaseModel):
@@ -53,33 +54,21 @@ class BrokerAccess(Table):
 
 
 class VibrationConfig(Table):
-    """`[vibration]`: fast sensors reduced to features; without it their signals are dropped.
+    """`[vibration]`: reduction of sensors faster than the drive.
 
     Attributes:
-        interval_s: one set of features per interval.
-        bands_hz: name -> lower and upper frequency.
-        orders: name -> order per revolution of the screw; balls slip by up to `slip` of it. Unless
-            given the screw's own, and the ball passes where the machine file knows the balls.
-        keep_folder: where the raw signal around an event is kept; it is dropped without.
-        keep_before_s, keep_after_s: how much of it.
+        bands_hz: name -> lower and upper frequency; rms of the signal by band.
     """
 
-    interval_s: float = Field(1.0, ge=0.05, le=60.0)
-    bands_hz: dict[str, tuple[float, float]] = {"low": (10.0, 1000.0), "high": (1000.0, 5000.0)}
-    orders: dict[str, float] | None = None
-    slip: float = Field(0.02, ge=0.0, le=0.2)
-    keep_folder: Path | None = None
-    keep_before_s: float = Field(5.0, ge=0.0, le=600.0)
-    keep_after_s: float = Field(5.0, ge=0.0, le=600.0)
+    bands_hz: dict[Column, tuple[float, float]] = Field(
+        {"low": (10.0, 1000.0), "high": (1000.0, 5000.0)}, min_length=1, max_length=8
+    )
 
     @model_validator(mode="after")
     def _check(self) -> "VibrationConfig":
         for name, (low, high) in self.bands_hz.items():
             if not 0.0 <= low < high:
                 raise ValueError(f"bands_hz.{name}: [{low:g}, {high:g}], expected low below high")
-        for name, order in (self.orders or {}).items():
-            if not order > 0.0:
-                raise ValueError(f"orders.{name}: {order:g}, expected more than 0")
         return self
 
 

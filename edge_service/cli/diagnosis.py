@@ -1,18 +1,18 @@
 """Commands that hold a model against an axis: fingerprint, gap, diagnosis, the thesis' studies."""
 
-import math
+from functools import partial
 from pathlib import Path
 
 import click
 
 from ..command_answer import Answer
 from .options import (
-    ABOVE_0,
     AXIS_NUMBER,
     MACHINE,
     OUT_FOLDER,
     PATH,
     TRACES,
+    Batch,
     Greedy,
     InputError,
     answering,
@@ -20,6 +20,13 @@ from .options import (
     out_option,
 )
 from .terminal import progress
+
+_BY = click.option(
+    "--by",
+    multiple=True,
+    metavar="COLUMN",
+    help="Compare only moves with the same value in this column; tool and NC block by default.",
+)
 
 
 @click.command(
@@ -29,52 +36,33 @@ from .terminal import progress
 @MACHINE
 @AXIS_NUMBER
 @click.option("--baseline", type=PATH, help="Compare with this older fingerprint.json.")
-@click.option(
-    "--pictures",
-    type=PATH,
-    help="Also write the pictures as PNG files into this folder.",
-)
+@_BY
 @OUT_FOLDER
 @answering
-@batch_options
+@batch_options("fingerprint.json", "report.html", "drift.json")
 def fingerprint(
     traces: tuple[Path, ...],
     machine: Path,
     axis_number: int | None,
     baseline: Path | None,
-    pictures: Path | None,
+    by: tuple[str, ...],
     out: Path,
+    batch: Batch | None,
 ) -> Answer:
-    """Test an axis from recordings: friction, stiffness, backlash, evenness, modes, preload.
+    """Test the mechanics of an axis, and show what has changed.
 
-    Several friction tests of one session are also drawn over one another, from first to last. A
-    SINUMERIK servo tuning on its own gives modes and inertia and needs no machine file.
+    Friction, stiffness, backlash, evenness, modes, preload. Moves that several recordings repeat
+    are compared, oldest first: what changed, and when. A servo tuning or frequency response of a
+    SINUMERIK gives modes and inertia; on its own it needs no machine file.
     """
-    from ..offline.response import is_servo_tuning
-    from ..offline.response import response as run_response
-
-    if len(traces) == 1 and is_servo_tuning(traces[0]):
-        return run_response(traces[0], out, baseline, name="fingerprint.json")
     from ..offline.fingerprint import fingerprint as run_fingerprint
 
-    return run_fingerprint(machine, traces, out, baseline, pictures, axis_number, progress)
-
-
-@click.command(epilog="Example: edge-service response AST_AX7.xml --out out/AX7")
-@click.argument("source", type=PATH)
-@click.option("--baseline", type=PATH, help="Compare with this older response.json.")
-@OUT_FOLDER
-@answering
-def response(source: Path, baseline: Path | None, out: Path) -> Answer:
-    """Find modes and inertia in a frequency response measured by a SINUMERIK.
-
-    SOURCE is the XML of an auto servo tuning or of a frequency response measurement. With the modes
-    of two masses come inertias, stiffness and damping at the motor. No machine file is needed.
-    """
-    from ..offline.response import response as run_response
-
-    progress(f"reading {source.name}")
-    return run_response(source, out, baseline)
+    if batch is not None:
+        work = partial(
+            run_fingerprint, machine, baseline_file=baseline, axis_number=axis_number, by=by
+        )
+        return batch(work, traces, out)
+    return run_fingerprint(machine, traces, out, baseline, axis_number, by, progress)
 
 
 @click.command(epilog="Example: edge-service gap --machine m.toml trace.csv --json")
@@ -105,13 +93,14 @@ def gap(traces: tuple[Path, ...], machine: Path, axis_number: int | None) -> Ans
     help="Recordings of the healthy machine: what they already show is not taken for a fault.",
 )
 @answering
-@batch_options
+@batch_options("diagnosis.json", "augmented.toml", "report.html")
 def diagnose(
     traces: tuple[Path, ...],
     machine: Path,
     axis_number: int | None,
     out: Path,
     reference: tuple[Path, ...],
+    batch: Batch | None,
 ) -> Answer:
     """Find where model and machine disagree, which effect causes it, and how much it explains.
 
@@ -119,20 +108,20 @@ def diagnose(
     """
     from ..offline.diagnosis.diagnose import diagnose as run_diagnosis
 
+    if batch is not None:
+        work = partial(run_diagnosis, machine, reference=reference, axis_number=axis_number)
+        return batch(work, traces, out)
     return run_diagnosis(machine, traces, out, progress, reference, axis_number)
 
 
-@click.command(epilog="Example: edge-service drift monday.csv friday.csv --machine m.toml")
+@click.command(
+    hidden=True, epilog="Example: edge-service drift monday.csv friday.csv --machine m.toml"
+)
 @TRACES
 @MACHINE
 @AXIS_NUMBER
-@click.option(
-    "--by",
-    multiple=True,
-    metavar="COLUMN",
-    help="Compare only rows with the same value in this column; tool and NC block by default.",
-)
-@out_option("Folder for drift.json, drift.png and report.html.", required=False)
+@_BY
+@out_option("Folder for drift.json.", required=False)
 @answering
 def drift(
     traces: tuple[Path, ...],
@@ -141,13 +130,10 @@ def drift(
     by: tuple[str, ...],
     out: Path | None,
 ) -> Answer:
-    """Compare the same moves in recordings of several days, oldest first: what changed, and when.
+    """Compare the same moves in recordings of several days, oldest first, as fingerprint does."""
+    from ..offline.drift import drift as compare
 
-    Repetitions within a recording show the scatter; moving both ways separates friction and load.
-    """
-    from ..offline.drift.drift import drift as compare
-
-    return compare(machine, traces, out, axis_number, by, progress).answer(out)
+    return compare(machine, traces, out, axis_number, by, progress)
 
 
 @click.command(epilog="Example: edge-service reproduce --out out/reproduce")
@@ -161,64 +147,48 @@ def drift(
     help="Folder that the report is written to.",
 )
 @click.option(
-    "--stage-h", type=ABOVE_0, default=35.0, show_default=True, help="wear: hours per line."
+    "--seed", type=click.IntRange(0), show_default="0, puzzle: 1", help="Seed of the noise."
 )
 @click.option(
-    "--speed-rpm",
-    type=ABOVE_0,
-    default=300.0,
+    "--window",
+    type=click.IntRange(1, 500),
+    default=20,
     show_default=True,
-    help="wear: initial speed, r/min.",
+    help="thesis: moving average in the figures, steps of 0.1 s.",
 )
 @click.option(
-    "--speed-step-rpm",
-    type=click.FloatRange(min=0.0),
-    default=200.0,
+    "--exponent",
+    type=click.FloatRange(1.0, 8.0),
+    default=1.33,
     show_default=True,
-    help="wear: rise of the speed, r/min,",
-)
-@click.option(
-    "--speed-step-h",
-    type=ABOVE_0,
-    default=140.0,
-    show_default=True,
-    help="wear: every so many hours.",
+    help="thesis: exponent of the weighted sum (4.5.4).",
 )
 @answering
 def reproduce(
-    study: str,
-    file: Path | None,
-    out: Path,
-    stage_h: float,
-    speed_rpm: float,
-    speed_step_rpm: float,
-    speed_step_h: float,
+    study: str, file: Path | None, out: Path, seed: int | None, window: int, exponent: float
 ) -> Answer:
-    """Repeat the simulations and Table 4.2 of the thesis beside the published figures.
+    """Repeat the thesis' simulations beside published results.
 
     STUDY puzzle: the diagnosis finds why linear models did not fit the thesis' test bench
     (Figure 5.13).
 
-    STUDY wear FILE: a real screw that wore out, one drag torque a line (N m, the first of the fresh
-    screw); what the trend of the service says after every line, beside a straight line.
+    STUDY wear FILE: a real screw that wore out; what the trend of the service says after every
+    reading. FILE has columns time_h, speed_rpm, drag_torque_nm, or one drag torque a line (N m).
     """
     if (study == "wear") != (file is not None):
         raise InputError("reproduce: STUDY wear, and no other, needs a FILE of drag torques")
     if file is not None:
-        from ..offline.wear.reproduce import reproduce_wear
-        from ..offline.wear.stages import Schedule
+        from ..offline.reproduce.wear import reproduce_wear
 
-        figures = stage_h, speed_rpm, speed_step_rpm, speed_step_h
-        if not all(map(math.isfinite, figures)):
-            raise InputError("reproduce: hours and speeds must be finite numbers")
-        schedule = Schedule(*figures)
-        progress(f"dates after every line of {file.name}")
-        return reproduce_wear(file, schedule, out)
+        progress(f"dates after every reading of {file.name}")
+        return reproduce_wear(file, out)
     if study == "puzzle":
-        from ..offline.thesis.puzzle import reproduce_puzzle
+        from ..offline.reproduce import puzzle
 
-        return reproduce_puzzle(out, progress)
-    from ..offline.thesis.reproduce import reproduce as run_study
+        return puzzle.reproduce_puzzle(out, puzzle.SEED if seed is None else seed, progress)
+    from ..offline.reproduce import thesis
 
-    found = run_study(out, progress=progress)
+    found = thesis.reproduce(
+        out, seed=seed or 0, window_steps=window, exponent=exponent, progress=progress
+    )
     return Answer(f"{found.as_text()}\nreport: {out / 'report.html'}", found)

@@ -10,7 +10,7 @@ from .. import __version__
 from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
 from .adopt import adopt
 from .bench import bench
-from .diagnosis import diagnose, drift, fingerprint, gap, reproduce, response
+from .diagnosis import diagnose, drift, fingerprint, gap, reproduce
 from .fleet import fleet
 from .init import init
 from .motion import motion
@@ -31,10 +31,18 @@ GONE: dict[str, str] = {
     "plant": "gone; run zenohd with deploy/zenoh.json5, then edge-service fleet tcp/ROUTER",
     "certs": "gone; use your authority, or mkcert, and [http] certificate",
     "send-test": "now doctor --config CONFIG --send-test",
+    "response": "now fingerprint",
+    "fingerprint --pictures": "gone; pictures are in report.html",
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
     "token add": "now token CONFIG --add NAME --role viewer|operator",
     "token list": "now token CONFIG",
     "token revoke": "now token CONFIG --revoke NAME",
+    "node vibration": "gone; node downsample reduces fast sensors",
+    "reproduce --stage-h": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
+    "reproduce --speed-rpm": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
+    "reproduce --speed-step-rpm": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
+    "reproduce --speed-step-h": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
+    "--workers": "now --jobs",
 }
 """Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
 
@@ -93,7 +101,7 @@ def _is_bad_input(error: Exception) -> bool:
         return True
     from ..bus.session import BusUnavailableError
     from ..bus.settings import BusConfigurationError
-    from ..fingerprint.document import FingerprintError
+    from ..fingerprint.result import FingerprintError
     from ..health.store.tokens import TokenError
     from ..http_api.serve import AddressError
     from ..models.motions.registry import MotionError
@@ -144,7 +152,6 @@ for _command in (
         estimate,
         motion,
         fingerprint,
-        response,
         gap,
         diagnose,
         drift,

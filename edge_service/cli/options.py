@@ -2,8 +2,8 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable
-from functools import wraps
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 FLAG = "--json"
 PATH = click.Path(path_type=Path)
-_ALONE = {"baseline", "pictures", "state"}
-"""Options that mean one recording."""
+Batch = Callable[[partial[Answer], Sequence[Path], Path], Answer]
 ABOVE_0 = click.FloatRange(0.0, 1e9, min_open=True)
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 CONFIG = click.argument("config", type=PATH, required=False)
@@ -150,56 +149,55 @@ def configured(
     return settings
 
 
-def batch_options(command: Callable[..., Answer]) -> Callable[..., Answer]:
-    """Add `--each`, `--cluster` and `--workers`: every argument is a case of its own then."""
+def batch_options(*written: str) -> Decorator:
+    """Add options of a command over many recordings, in whose place it is given `batch`.
 
-    @click.option(
-        "--each",
-        is_flag=True,
-        help="Treat every argument as a case of its own, a folder as one session; "
-        "--out is a folder with one folder a case and table.parquet.",
-    )
-    @click.option(
-        "--cluster",
-        metavar="ADDRESS",
-        help="Spread --each over a Dask cluster: local, tcp://HOST:PORT or tls://HOST:PORT.",
-    )
-    @click.option(
-        "--workers",
-        type=click.IntRange(1),
-        show_default="one per core",
-        help="Number of processes of --cluster local.",
-    )
-    @wraps(command)
-    def told(each: bool, cluster: str | None, workers: int | None, **named: Any) -> Answer:
-        if workers is not None and cluster != "local":
-            raise InputError("--workers: goes with --cluster local")
-        if not each and cluster is None:
-            return command(**named)
-        return _batch(command.__name__, named, cluster, workers)
+    That is None, or a function of work, recordings and folder, see `run_batch`.
 
-    return told
+    Args:
+        written: files of the command in the folder of a case.
+    """
 
+    def decorate(command: Callable[..., Answer]) -> Callable[..., Answer]:
+        @click.option(
+            "--each",
+            is_flag=True,
+            help="Treat every TRACE as a case of its own, a folder as one session; "
+            "--out gets one folder a case and table.parquet.",
+        )
+        @click.option(
+            "--jobs",
+            type=click.IntRange(1, 1024),
+            show_default="1",
+            help="Number of processes for --each, which it implies.",
+        )
+        @click.option(
+            "--cluster",
+            metavar="ADDRESS",
+            help="Dask scheduler for --each, tls://HOST:PORT; implies it.",
+        )
+        @click.option("--insecure", is_flag=True, help="Allow a cluster on tcp://HOST:PORT.")
+        @wraps(command)
+        def told(
+            each: bool, jobs: int | None, cluster: str | None, insecure: bool, **named: Any
+        ) -> Answer:
+            def batch(work: partial[Answer], traces: Sequence[Path], out: Path) -> Answer:
+                from ..offline.batch import run_batch
 
-def _batch(name: str, named: dict[str, Any], cluster: str | None, workers: int | None) -> Answer:
-    from ..offline.batch.batch import run_batch
-    from ..offline.batch.work import Task
+                named = {name: _resolved(value) for name, value in work.keywords.items()}
+                work = partial(work.func, *map(_resolved, work.args), **named)
+                where = jobs or 1, cluster, insecure
+                return run_batch(command.__name__, work, written, traces, out, *where, progress)
 
-    for option in _ALONE & named.keys():
-        if named.pop(option) is not None:
-            raise InputError(f"--{option}: goes with one recording, not with --each or --cluster")
-    traces: tuple[Path, ...] = named.pop("traces")
-    out: Path = named.pop("out")
-    task = Task(name, **_absolute(named))
-    return run_batch(task, traces, out, cluster, workers, progress)
+            return command(**named, batch=batch if each or jobs or cluster else None)
 
+        return told
 
-def _absolute(named: dict[str, Any]) -> dict[str, Any]:
-    """Options whose files are found from anywhere: a worker has a working folder of its own."""
-    return {name: _resolved(value) for name, value in named.items()}
+    return decorate
 
 
 def _resolved(value: Any) -> Any:
+    """Value of an option; files are found from anywhere, a worker has a folder of its own."""
     if isinstance(value, Path):
         return value.resolve()
     return tuple(map(_resolved, value)) if isinstance(value, tuple) else value

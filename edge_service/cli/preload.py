@@ -1,5 +1,6 @@
 """Commands that learn a healthy axis and estimate its preload from recordings."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ from .options import (
     MACHINE,
     PATH,
     TRACES,
+    Batch,
     InputError,
     answering,
     batch_options,
@@ -65,7 +67,7 @@ def commission(
     help="Continue from the state in this file if it exists; write the new state to it.",
 )
 @answering
-@batch_options
+@batch_options("estimates.csv")
 def estimate(
     traces: tuple[Path, ...],
     machine: Path,
@@ -73,11 +75,17 @@ def estimate(
     out: Path,
     config: Path | None,
     state: Path | None,
+    batch: Batch | None,
 ) -> Answer:
     """Run the live estimator over a recording as fast as it can."""
-    from ..offline.estimate import estimate_to_csv
+    from ..offline.estimate import estimate_case, estimate_to_csv
 
     service = configured(config)
+    if batch is not None:
+        if state is not None:
+            raise InputError("--state: goes with one recording, not with --each")
+        work = partial(estimate_case, machine, config=service, axis_number=axis_number)
+        return batch(work, traces, out)
     if len(traces) > 1:
         raise InputError("estimate takes one recording; several are cases of their own with --each")
     return estimate_to_csv(traces[0], machine, out, service, state, axis_number, progress)

@@ -18,6 +18,12 @@ GONE: dict[str, str] = {
     "http.allowed_hosts": "gone; http.url is the address of a proxy, own names are let in",
     "http.connections": "gone; the limits of a proxy are in its own file (deploy/nginx.conf)",
     "http.tokens_file": "gone; edge-service token CONFIG keeps tokens in the state folder",
+    "vibration.interval_s": "gone; vibration is reduced once a second",
+    "vibration.orders": "gone; state ball_diameter_m and ball_circle_m in the machine file",
+    "vibration.slip": "gone; balls may slip by 2 %",
+    "vibration.keep_folder": "gone; edge-service record keeps samples",
+    "vibration.keep_before_s": "gone with keep_folder",
+    "vibration.keep_after_s": "gone with keep_folder",
 }
 """Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""
 GONE_SETTINGS: dict[str, str] = {

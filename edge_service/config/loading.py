@@ -66,7 +66,6 @@ def load_config(path: Path) -> EdgeConfig:
         "bus": _placed(config.bus, folder, "zenoh_file"),
         "http": _with_key(config.http, folder, "certificate"),
         "outputs": {name: _anchored(table, folder) for name, table in config.outputs.items()},
-        "vibration": _placed(config.vibration, folder, "keep_folder"),
     }
     return config.model_copy(update=placed).of_digest(_digest(written, axes)).of_file(path)
 

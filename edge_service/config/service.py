@@ -164,7 +164,7 @@ class EdgeConfig(Table):
     estimator: EstimatorConfig = EstimatorConfig()
     health: HealthConfig = HealthConfig()
     outputs: dict[str, dict[str, Any]] = {}
-    vibration: VibrationConfig | None = None
+    vibration: VibrationConfig = VibrationConfig()
     alarms: AlarmsConfig = AlarmsConfig()
     store: StoreConfig = StoreConfig()
     jobs: JobsConfig = JobsConfig()

@@ -13,10 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import signal
 
-from ..messages.samples import Floats
-from ..messages.vibration import OrderPeak, VibrationFeatures
+from ..messages.channels import ANGLE
+from ..messages.features import VibrationColumn
+from ..messages.samples import Floats, SampleFrame
 from ..messages.waveform import Waveform
+from ..models.machine import Machine
 
+MOST_SENSORS = 4
+"""Sensors of one axis; their names come from the bus."""
 PATIENCE_S = 0.5
 """Longest wait for the angle of an interval, which comes another way than the signal."""
 _GAP = 1.5
@@ -27,6 +31,61 @@ _ANGLES_S = 10.0
 """So far the angle may be ahead of a signal."""
 _SIDES = np.concatenate([np.linspace(-2.8, -1.0, 7), np.linspace(1.0, 2.8, 7)])
 """Evaluation points of an order's surroundings, in units of how far its own peak reaches."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrderPeak:
+    """Strength of a signal at an order, per revolution of the screw.
+
+    Attributes:
+        order: where the peak is, near the nominal one: balls slip.
+        amplitude: in the sensor's unit.
+        floor: typical amplitude beside it; a peak that is not well above it is none.
+    """
+
+    order: float
+    amplitude: float
+    floor: float
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationFeatures:
+    """One interval of one sensor of one axis.
+
+    Attributes:
+        sensor, unit: of the signal.
+        time_s: end of the interval on the axis' clock, s.
+        duration_s: its length, s.
+        rms, peak, kurtosis: of the signal without its mean; a Gaussian one has a kurtosis of 3.
+        bands: name -> rms of the part of the signal in that band of frequencies.
+        orders: name -> peak of the signal; None where the screw turned too little or turned round.
+        envelope_orders: the same of the envelope of the highest band: what taps again and again.
+    """
+
+    sensor: str
+    unit: str
+    time_s: float
+    duration_s: float
+    rms: float
+    peak: float
+    kurtosis: float | None
+    bands: Mapping[str, float]
+    orders: Mapping[str, OrderPeak | None]
+    envelope_orders: Mapping[str, OrderPeak | None]
+
+    def columns(self) -> tuple[VibrationColumn, ...]:
+        """Columns of `features/1`, `SENSOR.WHAT`; what is not known has none."""
+        values = {"rms": self.rms, "peak": self.peak}
+        values |= {f"{name}_rms": value for name, value in self.bands.items()}
+        for kind, peaks in (("", self.orders), ("envelope_", self.envelope_orders)):
+            for name, each in peaks.items():
+                if each is not None:
+                    values[f"{kind}{name}"] = each.amplitude
+                    values[f"{kind}{name}_floor"] = each.floor
+        found = [VibrationColumn(f"{self.sensor}.{k}", v, self.unit) for k, v in values.items()]
+        if self.kurtosis is not None:
+            found.append(VibrationColumn(f"{self.sensor}.kurtosis", self.kurtosis, ""))
+        return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +107,49 @@ class VibrationSettings:
     orders: Mapping[str, float] = field(default_factory=lambda: {"screw": 1.0})
     slip: float = 0.02
     least_turns: float = 3.0
+
+
+def orders_of(machine: Machine) -> Mapping[str, float]:
+    """Order of the screw, and of the ball passes where the machine file knows the balls."""
+    balls = machine.ball_pass_orders
+    passes = {} if balls is None else {"nut": balls.on_nut, "screw_track": balls.on_screw}
+    return {"screw": 1.0} | {f"ball_pass_{name}": order for name, order in passes.items()}
+
+
+class AxisVibration:
+    """Fast sensors of one axis, reduced to columns of its feature blocks."""
+
+    def __init__(self, settings: VibrationSettings) -> None:
+        self._settings = settings
+        self._sensors: dict[str, VibrationReducer] = {}
+        self._waiting: dict[str, tuple[VibrationColumn, ...]] = {}
+
+    @property
+    def gaps(self) -> int:
+        """Times that a signal broke off."""
+        return sum(sensor.gaps for sensor in self._sensors.values())
+
+    def follow(self, frame: SampleFrame) -> None:
+        """Take in the angle of the screw, for all sensors."""
+        if ANGLE in frame.channels:
+            for sensor in self._sensors.values():
+                sensor.follow(frame.time_s, frame.channels[ANGLE])
+
+    def push(self, wave: Waveform) -> bool:
+        """Take in a piece of a signal; False if it is of one sensor too many."""
+        if wave.sensor not in self._sensors:
+            if len(self._sensors) >= MOST_SENSORS:
+                return False
+            self._sensors[wave.sensor] = VibrationReducer(self._settings)
+        for features in self._sensors[wave.sensor].push(wave):
+            self._waiting[wave.sensor] = features.columns()
+        return True
+
+    def take(self) -> tuple[VibrationColumn, ...]:
+        """Columns of the intervals that were completed since the last call."""
+        columns = tuple(each for sensor in self._waiting.values() for each in sensor)
+        self._waiting.clear()
+        return columns
 
 
 class VibrationReducer:
@@ -126,7 +228,6 @@ class VibrationReducer:
         power = float(np.mean(values**2))
         peak = float(np.max(np.abs(values)))
         angle = self._angle_at(wave.time_s)
-        turns = None if angle is None else abs(float(angle[-1] - angle[0])) / (2.0 * math.pi)
         highest = max(self._settings.bands_hz.values(), default=None)
         envelope = None if highest is None else _envelope(values, wave.period_s, highest)
         return VibrationFeatures(
@@ -136,10 +237,8 @@ class VibrationReducer:
             duration_s=wave.end_s - wave.start_s,
             rms=math.sqrt(power),
             peak=peak,
-            crest_factor=peak / math.sqrt(power) if power > 0.0 else None,
             kurtosis=float(np.mean(values**4)) / power**2 if power > 0.0 else None,
             bands=_band_rms(values, wave.period_s, self._settings.bands_hz),
-            turns=turns,
             orders=self._orders(values, angle),
             envelope_orders={} if envelope is None else self._orders(envelope, angle),
         )

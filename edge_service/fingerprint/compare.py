@@ -3,13 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from ..messages.arrays import finite_or_none
 from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile
-from .fingerprint import AxisFingerprint
-from .result import Status
+from .result import AxisFingerprint, Status
 
 FALSE_DISCOVERY_RATE = 0.01
 """Expected share of false ones among the changes called significant."""
@@ -50,6 +51,22 @@ class FigureChange:
     def relative(self) -> float:
         """Change as a share of the old value; NaN where that is zero."""
         return self.change.value / abs(self.old.value) if self.old.value else math.nan
+
+    def document(self) -> dict[str, Any]:
+        """Entry of `fingerprint.json`, in the unit of the figure."""
+        return {
+            "figure": self.name,
+            "old": self.old.value,
+            "new": self.new.value,
+            "change": self.change.value,
+            "low": self.change.low,
+            "high": self.change.high,
+            "unit": self.change.unit,
+            "relative": finite_or_none(self.relative),
+            "sigmas": self.sigmas,
+            "significant": self.significant,
+            "material": self.material,
+        }
 
 
 def compare_fingerprints(new: AxisFingerprint, old: AxisFingerprint) -> tuple[FigureChange, ...]:

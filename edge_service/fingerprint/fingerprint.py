@@ -3,21 +3,20 @@
 import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 from ..checks.sampling import TOO_SLOW, clock_of
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..regression.interval_estimate import IntervalEstimate, undetermined
+from ..regression.interval_estimate import undetermined
 from ..regression.inverse_dynamics import identify_inverse_dynamics
 from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
 from .friction.cruise_tests import measure_equability, measure_signature
 from .friction.curve import measure_friction
 from .friction.points import FrictionPoint, friction_points
 from .friction.runs import measure_friction_runs
-from .result import Contents, Section, Status, examined
+from .result import AxisFingerprint, Contents, Status, examined
 from .transmission.reversal_error import measure_reversal_error
 from .transmission.sections import (
     measure_backlash,
@@ -31,29 +30,6 @@ from .transmission.sections import (
 CUTOFF_HZ = 100.0
 """Of the sampling rate, for slow recordings."""
 _T = TypeVar("_T")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AxisFingerprint:
-    """Fingerprint of an axis from the recordings of one session.
-
-    Attributes:
-        machine: name of the axis.
-        sources: names of the recordings.
-        sections: by name, in the order of the report.
-    """
-
-    machine: str
-    sources: tuple[str, ...]
-    sections: Mapping[str, Section]
-
-    def figures(self) -> dict[str, IntervalEstimate]:
-        """Every figure by `section.name`."""
-        return {
-            f"{section}.{name}": figure
-            for section, content in self.sections.items()
-            for name, figure in content.figures.items()
-        }
 
 
 def fingerprint_axis(

@@ -1,17 +1,62 @@
-"""One test of an axis: figures with intervals and curves, or why there are none."""
+"""Fingerprint of an axis: tests with figures and curves, or why there are none; as JSON, and back.
 
+The result is the document: pydantic reads and writes its data classes (schema `fingerprint/1`);
+what is not finite is null.
+"""
+
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import PlainSerializer, PlainValidator, TypeAdapter
 
+from ..messages.arrays import finite_or_none
 from ..messages.samples import Floats
 from ..regression.interval_estimate import IntervalEstimate, normal_quantile, student_quantile
 
+SCHEMA = "fingerprint/1"
 SPEED_DIGITS = 2
 """Speeds that agree in so many digits are one speed."""
+
+
+class FingerprintError(Exception):
+    """A fingerprint that cannot be made or read; the text is one line."""
+
+
+def _floats(value: Any) -> Floats:
+    if isinstance(value, np.ndarray):
+        return value
+    return np.array([math.nan if each is None else each for each in value], np.float64)
+
+
+def _figure(value: Any) -> IntervalEstimate:
+    if isinstance(value, IntervalEstimate):
+        return value
+    missing = {"value": math.nan, "low": -math.inf, "high": math.inf, "n_effective": math.inf}
+    known = {
+        name: float(each) for name, each in value.items() if name in missing and each is not None
+    }
+    return IntervalEstimate(**missing | known, unit=str(value["unit"]), note=str(value["note"]))
+
+
+def _null_for_infinite(figure: IntervalEstimate) -> dict[str, Any]:
+    return {
+        name: finite_or_none(each) if isinstance(each, float) else each
+        for name, each in asdict(figure).items()
+    }
+
+
+Values = Annotated[
+    Floats,
+    PlainValidator(_floats),
+    PlainSerializer(lambda array: [finite_or_none(value) for value in array.tolist()]),
+]
+Figure = Annotated[IntervalEstimate, PlainValidator(_figure), PlainSerializer(_null_for_infinite)]
 
 
 class Status(StrEnum):
@@ -31,8 +76,8 @@ class Curve:
     """
 
     name: str
-    x: Floats
-    y: Floats
+    x: Values
+    y: Values
     x_label: str
     y_label: str
 
@@ -50,8 +95,57 @@ class Section:
     status: Status
     reason: str
     motion: str
-    figures: Mapping[str, IntervalEstimate] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisFingerprint:
+    """Fingerprint of an axis from the recordings of one session.
+
+    Attributes:
+        machine: name of the axis.
+        sources: names of the recordings.
+        sections: by name, in the order of the report.
+    """
+
+    schema: Literal["fingerprint/1"] = field(default="fingerprint/1", kw_only=True)
+    machine: str
+    sources: tuple[str, ...]
+    sections: Mapping[str, Section]
+
+    def figures(self) -> dict[str, IntervalEstimate]:
+        """Every figure by `section.name`."""
+        return {
+            f"{section}.{name}": figure
+            for section, content in self.sections.items()
+            for name, figure in content.figures.items()
+        }
+
+
+_ADAPTER = TypeAdapter(AxisFingerprint)
+
+
+def read_fingerprint(path: Path) -> AxisFingerprint:
+    """A stored fingerprint.
+
+    Raises:
+        FingerprintError: there is none, or it is no fingerprint of this schema.
+    """
+    try:
+        document = json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise FingerprintError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise FingerprintError(f"{path}: not JSON ({error}); expected {SCHEMA}") from error
+    found = document.get("schema") if isinstance(document, dict) else None
+    if found != SCHEMA:
+        raise FingerprintError(f"{path}: schema {found!r}, expected {SCHEMA!r}")
+    try:
+        return _ADAPTER.validate_python(document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise FingerprintError(f"{path}: not a complete {SCHEMA} document ({words})") from error
 
 
 Contents = tuple[Mapping[str, IntervalEstimate], Sequence[Curve]]

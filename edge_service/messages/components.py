@@ -2,7 +2,7 @@
 
 import re
 
-NODES = frozenset({"acquire", "downsample", "estimate", "health", "http", "vibration"})
+NODES = frozenset({"acquire", "downsample", "estimate", "health", "http"})
 COMPONENTS = NODES | {"service", "history"}
 COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
 """Every part of the service that reports on itself, beside outputs and their processes.

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 from enum import IntFlag
+from typing import NamedTuple
 
 
 class Fault(IntFlag):
@@ -85,6 +86,14 @@ PHASES = ("accelerating", "cruising", "braking")
 """Phases of a motion, by the sign of the acceleration along the direction of motion."""
 
 
+class VibrationColumn(NamedTuple):
+    """A feature of a fast sensor, `SENSOR.WHAT`, of the interval of it that ended last."""
+
+    name: str
+    value: float
+    unit: str
+
+
 @dataclass(frozen=True, slots=True)
 class FeatureBlock:
     """Sufficient statistics of one interval [start, end) of one axis.
@@ -131,6 +140,7 @@ class FeatureBlock:
     accelerating: Phase = Phase()
     cruising: Phase = Phase()
     braking: Phase = Phase()
+    vibration: tuple[VibrationColumn, ...] = ()
 
     @property
     def phases(self) -> tuple[Phase, ...]:
@@ -150,5 +160,7 @@ class FeatureBlock:
 
 
 PHASE_FIELDS = tuple(field.name for field in fields(Phase))
-FEATURE_FIELDS = tuple(field.name for field in fields(FeatureBlock) if field.name not in PHASES)
-"""Names of the numbers of a block beside those of its phases."""
+FEATURE_FIELDS = tuple(
+    field.name for field in fields(FeatureBlock) if field.name not in {*PHASES, "vibration"}
+)
+"""Names of the numbers of a block beside those of its phases and of fast sensors."""

@@ -12,7 +12,6 @@ from .estimate import PreloadEstimate
 from .event import Event
 from .header import Header
 from .health import AxisHealth, ComponentHealth
-from .vibration import VibrationFeatures
 
 
 class Keep(StrEnum):
@@ -71,11 +70,10 @@ class Topic(Generic[T]):
 
 _NEVER = float("inf")
 _ESTIMATES = JsonCodec("preload/1", PreloadEstimate)
-_VIBRATION = JsonCodec("vibration/1", VibrationFeatures)
 _COMMANDS = JsonCodec("command/1", Command, strict=False)  # as people's programs may send it
 
 RAW = Topic("raw", SampleCodec("samples/1"), 10.0, 2.0, Keep.LAST, 2_000_000, 5000.0)
-FEAT = Topic("feat", FeatureCodec("features/1"), 10.0, 2.0, Keep.LAST, 10_000, 5000.0)
+FEAT = Topic("feat", FeatureCodec("features/1"), 10.0, 2.0, Keep.LAST, 20_000, 5000.0)
 PRELOAD = Topic("preload", _ESTIMATES, 10.0, 2.0, Keep.LAST, 20_000, 5000.0)
 HEALTH = Topic(
     "health", JsonCodec("health/1", AxisHealth), 1.0, 5.0, Keep.LAST, 100_000, 200.0, cached=600
@@ -84,11 +82,10 @@ EVENT = Topic("event", JsonCodec("event/1", Event), 0.0, _NEVER, Keep.LAST, 20_0
 COMMAND = Topic("command", _COMMANDS, 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
 STATUS = Topic("status", JsonCodec("status/1", ComponentHealth), 1.0, 5.0, Keep.LAST, 20_000, 50.0)
 WAVE = Topic("wave", WaveformCodec("waveform/1"), 10.0, 2.0, Keep.NONE, 2_000_000, 5000.0)
-VIB = Topic("vib", _VIBRATION, 1.0, 5.0, Keep.LAST, 50_000, 500.0)
 OUTCOME = Topic("outcome", JsonCodec("outcome/1", Outcome), 0.0, _NEVER, Keep.NONE, 20_000, 20.0)
 """On its key a command is asked as a question, and answered."""
 
 TOPICS: dict[str, Topic[Any]] = {
     topic.name: topic
-    for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, VIB, OUTCOME)
+    for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, OUTCOME)
 }

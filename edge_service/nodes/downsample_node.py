@@ -1,12 +1,17 @@
-"""Raw samples in, feature blocks out: all axes."""
+"""Raw samples and fast signals in, feature blocks out: all axes."""
 
+from dataclasses import replace
+
+from ..bus.refusals import Refusal
 from ..downsample import Downsampler
 from ..downsample.gathering import Gathering
+from ..downsample.vibration import AxisVibration, VibrationSettings, orders_of
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
-from ..messages.topics import FEAT, RAW
+from ..messages.topics import FEAT, RAW, WAVE
+from ..messages.waveform import Waveform
 from .wiring.context import NodeContext, Reporter
 from .wiring.stages import WARM_UP_S, load_machines, make_downsampler, warm_up_downsampling
 
@@ -21,20 +26,37 @@ async def run(context: NodeContext) -> None:
     downsamplers = {axis: make_downsampler(config, machine) for axis, machine in machines.items()}
     gatherings = {axis: Gathering() for axis in machines}
     publishers = {axis: context.publisher(axis, FEAT) for axis in machines}
-    subscriber = context.subscribe(RAW)
+    bands_hz = context.config.vibration.bands_hz
+    vibrations = {
+        axis: AxisVibration(VibrationSettings(bands_hz=bands_hz, orders=orders_of(machine)))
+        for axis, machine in machines.items()
+    }
+    subscriber, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)
     reporter = Reporter(context, "downsample")
-    reporter.counters = lambda: subscriber.counts() | _fault_counts(downsamplers)
+    reporter.counters = lambda: (
+        subscriber.counts()
+        | _fault_counts(downsamplers)
+        | {"wave_gaps": sum(each.gaps for each in vibrations.values())}
+    )
 
     def take(axis: str, header: Header, frame: SampleFrame) -> None:
         if axis not in downsamplers:
             return
-        downsampler = downsamplers[axis]
+        downsampler, vibration = downsamplers[axis], vibrations[axis]
+        vibration.follow(frame)
         for gathered in gatherings[axis].add(frame, downsampler.due_s):
             for block in downsampler.push(gathered):
-                publishers[axis].publish(block, source_time_ns(header, gathered, block))
+                columns = vibration.take()
+                told = replace(block, vibration=columns) if columns else block
+                publishers[axis].publish(told, source_time_ns(header, gathered, block))
         subscriber.rest(axis, downsampler.due_s - float(frame.time_s[-1]))
 
+    def take_wave(axis: str, _header: Header, wave: Waveform) -> None:
+        if axis in vibrations and not vibrations[axis].push(wave):
+            waves.refusals.add(context.config.keys.key(axis, WAVE), Refusal.SURPLUS)
+
     async with reporter.running() as tasks:
+        tasks.follow("waves", waves, take_wave)
         reporter.to(ComponentStatus.STARTING, PREPARING)
         await context.heart.in_thread(
             warm_up_downsampling, config, machines.values(), limit_s=WARM_UP_S

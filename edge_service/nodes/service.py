@@ -9,7 +9,6 @@ import os
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
@@ -34,8 +33,6 @@ from .wiring.http_rights import check_access
 from .wiring.process import Process
 
 log = logging.getLogger(__name__)
-OPTIONAL = ("vibration",)
-"""Nodes that run where their table stands in the configuration."""
 PIPELINE = ("http", "health", "estimate", "downsample", "acquire")
 Run = Callable[[NodeContext], Coroutine[Any, Any, None]]
 _JOIN_PERIOD_S = 1.0
@@ -52,14 +49,13 @@ async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) 
     check_access(config)
     place = config.bus
     bus = await Bus.open(BusSettings(place.endpoint, "router", zenoh_file=place.zenoh_file))
-    optional = (name for name in OPTIONAL if getattr(config, name) is not None)
-    names = (*optional, *config.outputs, *PIPELINE)
+    names = (*config.outputs, *PIPELINE)
     await _run_on(bus, config, names, on_http_ready)
 
 
 async def run_node(config: EdgeConfig, name: str, on_http_ready: Callable[[str], None]) -> None:
     """One node alone: `bus` is the router, every other node waits for it and joins it."""
-    there = ("bus", *PIPELINE, *OPTIONAL, *config.outputs)
+    there = ("bus", *PIPELINE, *config.outputs)
     if name not in there:
         raise ConfigError(f"no node {name!r}; there are {', '.join(sorted(there))}")
     await check_service(config)
@@ -177,10 +173,7 @@ async def closing_store(context: NodeContext) -> AsyncIterator[None]:
 def _begin(context: NodeContext, tasks: Tasks, names: tuple[str, ...]) -> list[SupervisedTask]:
     """Begin the nodes; returns those that read the axes."""
     for name in names:
-        if name in OPTIONAL:
-            run: Run = partial(_optional_node, name=name)
-            tasks.start(name, _life(context, run))
-        elif name in context.config.outputs:
+        if name in context.config.outputs:
             tasks.start(name, _life(context, partial(output_node.run, name=name)))
         elif name in _RUNS:
             tasks.start(name, _life(context, _RUNS[name]), vital=True)
@@ -210,15 +203,6 @@ _RUNS: dict[str, Run] = {
     "health": health_node.run,
     "http": http_node.run,
 }
-
-
-async def _optional_node(context: NodeContext, name: str) -> None:
-    """Run a node whose libraries are large, or may be missing. Raises ConfigError."""
-    try:
-        node = await context.heart.in_thread(import_module, f".{name}_node", __package__)
-    except ImportError as error:
-        raise ConfigError(f"{name}: needs `pip install edge-service[{name}]` ({error})") from None
-    await node.run(context)
 
 
 async def check_service(config: EdgeConfig) -> tuple[str, ...]:

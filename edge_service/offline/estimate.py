@@ -1,7 +1,7 @@
 """The same way through the house without a bus: a recording in, estimates out."""
 
 import csv
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ..atomic import replaced_file
@@ -139,6 +139,20 @@ def estimate_to_csv(
             offline.keep(state)
     words = f"{out}: {rows} blocks, last status {_ending(last)}"
     return Answer(words, Estimated(out=str(out), blocks=rows, last=last))
+
+
+def estimate_case(
+    machine_file: Path,
+    traces: Sequence[Path],
+    out_dir: Path,
+    config: EdgeConfig,
+    axis_number: int | None = None,
+) -> Answer:
+    """Write `estimates.csv` of the one recording of a case; errors as `estimate_to_csv`."""
+    if len(traces) > 1:
+        raise ConfigError(f"{out_dir.name}: estimate takes one recording a case, not a folder")
+    out = out_dir / "estimates.csv"
+    return estimate_to_csv(traces[0], machine_file, out, config, axis_number=axis_number)
 
 
 def _ending(last: PreloadEstimate | None) -> str:

@@ -3,36 +3,57 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
+from pydantic import TypeAdapter
 
 from ..atomic import replaced_file
 from ..command_answer import Answer
-from ..config import load_machine
-from ..fingerprint.compare import (
-    FigureChange,
-    appeared_figures,
-    compare_fingerprints,
-)
-from ..fingerprint.document import (
+from ..config import ConfigError, load_machine
+from ..fingerprint.compare import FigureChange, appeared_figures, compare_fingerprints
+from ..fingerprint.fingerprint import fingerprint_axis
+from ..fingerprint.response.control_response import Mode, servo_tuning
+from ..fingerprint.result import (
+    AxisFingerprint,
     FingerprintError,
+    Section,
+    Status,
     read_fingerprint,
-    to_document,
 )
-from ..fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
-from ..fingerprint.result import Status
-from ..messages.arrays import finite_or_none
-from ..messages.samples import SampleFrame
 from ..models.machine import Machine
+from ..recordings.columns import TraceError
+from ..recordings.forms.registry import head_of
+from ..recordings.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
+from .drift import QUANTITIES, DriftReport, compare_days, draw_drift, write_drift
 from .examination import require_sound
 from .recordings import Progress, read_recording, silent
-from .report.documents import FingerprintDocument
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
 from .report.page import rendered
-from .report.pictures import as_svg, write_png
+from .report.pictures import as_svg
 from .report.quantities import brief, estimate
+
+RESPONSE = "frequency_response"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FingerprintDocument(AxisFingerprint):
+    """Content of `fingerprint.json`; null is left out there.
+
+    Attributes:
+        verdict: one sentence.
+        changes, appeared: against the baseline.
+        stated, modes: of a servo tuning: what the control states, notches and peaks.
+    """
+
+    verdict: str
+    changes: list[dict[str, Any]] | None = None
+    appeared: tuple[str, ...] | None = None
+    stated: dict[str, float] | None = None
+    modes: list[Mode] | None = None
 
 
 def fingerprint(
@@ -40,14 +61,18 @@ def fingerprint(
     traces: Sequence[Path],
     out_dir: Path,
     baseline_file: Path | None = None,
-    pictures_dir: Path | None = None,
     axis_number: int | None = None,
+    by: Sequence[str] = (),
     progress: Progress = silent,
 ) -> Answer:
     """Write `fingerprint.json` and `report.html` into `out_dir`; returns a summary.
 
+    Moves that several recordings repeat are compared, with the first as the oldest (`drift.json`).
+    A servo tuning or frequency response of a SINUMERIK is a recording as well; on its own it needs
+    no machine file.
+
     Args:
-        pictures_dir: each picture of the page is also written there, as SECTION.png.
+        by: columns whose values must be alike for moves to be compared.
 
     Raises:
         ConfigError: the machine file is wrong.
@@ -55,116 +80,183 @@ def fingerprint(
         FingerprintError: no recording, two of one name, a baseline that is none or of another axis.
         ExaminationError: a unit, a sign or a column is wrong.
     """
-    machine = load_machine(machine_file, axis_number)
+    _require_names(traces)
+    tunings = [path for path in traces if _is_servo_tuning(path)]
+    if len(tunings) > 1:
+        raise FingerprintError(f"{tunings[1]}: a second servo tuning; expected one at most")
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
-    if baseline is not None and baseline.machine != machine.axis.name:
+    measured = read_tuning(tunings[0]) if tunings else None
+    recorded = [path for path in traces if path not in tunings]
+    days: DriftReport | None = None
+    if measured is not None and not recorded:
+        found = AxisFingerprint(measured.axis or tunings[0].stem, (tunings[0].name,), {})
+    else:
+        machine = load_machine(machine_file, axis_number)
+        found = AxisFingerprint(machine.axis.name, (), {})
+    if baseline is not None and baseline.machine != found.machine:
         raise FingerprintError(
-            f"{baseline_file}: of axis {baseline.machine}, expected axis {machine.axis.name}"
+            f"{baseline_file}: of axis {baseline.machine}, expected axis {found.machine}"
         )
-    recordings = _recordings(machine, traces)
-    require_sound(machine, traces, progress=progress)
-    progress("friction, stiffness, backlash, modes")
-    found = fingerprint_axis(machine, recordings, baseline)
+    if recorded:
+        found, days = _tested(machine, recorded, baseline, by, progress)
+    modes: list[Mode] | None = None
+    if measured is not None:
+        section, modes = servo_tuning(measured)
+        sources = tuple(sorted({*found.sources, tunings[0].name}))
+        found = replace(found, sources=sources, sections={**found.sections, RESPONSE: section})
     changes = () if baseline is None else compare_fingerprints(found, baseline)
-    document = to_document(found)
-    if baseline is not None:
-        document["changes"] = [_change_document(change) for change in changes]
-        document["appeared"] = list(appeared_figures(found, baseline))
-    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    verdict = _verdict(found, None if baseline is None else changes, days)
+    document = FingerprintDocument(
+        found.machine,
+        found.sources,
+        found.sections,
+        verdict,
+        None if baseline is None else [each.document() for each in changes],
+        None if baseline is None else appeared_figures(found, baseline),
+        None if measured is None else dict(measured.stated),
+        modes,
+    )
     progress("pictures")
     figures = draw_sections(found, baseline)
-    page = render(found, baseline, changes, figures)
+    page = render(document, baseline, changes, figures, days)
+    content = TypeAdapter(FingerprintDocument).dump_python(document, mode="json")
+    kept = {name: each for name, each in content.items() if each is not None}
     with replaced_file(out_dir / "fingerprint.json") as file:
-        file.write(text)
+        file.write(json.dumps(kept, indent=2, allow_nan=False) + "\n")
     with replaced_file(out_dir / "report.html") as file:
         file.write(page)
-    if pictures_dir is not None:
-        for name, figure in figures.items():
-            write_png(figure, pictures_dir / f"{name}.png")
-    summary = _summary(found, baseline, changes, out_dir)
-    return Answer(summary, FingerprintDocument.model_validate(document))
+    if days is not None:
+        write_drift(days, out_dir)
+    lines = [f"axis {found.machine}: {verdict}", *_section_lines(found, measured, modes)]
+    if document.appeared:
+        lines.append(f"seen only now: {', '.join(map(plain, document.appeared))}")
+    if days is not None:
+        lines.append(f"from recording to recording: {days.verdict}")
+    lines.append(f"report: {out_dir / 'report.html'}")
+    return Answer("\n".join(lines), document)
+
+
+def _tested(
+    machine: Machine,
+    traces: Sequence[Path],
+    baseline: AxisFingerprint | None,
+    by: Sequence[str],
+    progress: Progress,
+) -> tuple[AxisFingerprint, DriftReport | None]:
+    """All tests, and the comparison of moves where several recordings repeat one."""
+    several = len(traces) > 1
+    recordings = {path: read_recording(machine, path, keep_all=several) for path in traces}
+    require_sound(machine, traces, progress=progress)
+    progress("friction, stiffness, backlash, modes")
+    frames = {path.name: frame for path, frame in recordings.items()}
+    found = fingerprint_axis(machine, frames, baseline)
+    if several:
+        progress("comparing moves")
+        try:
+            return found, compare_days(machine, {p: [f] for p, f in recordings.items()}, by)
+        except (ConfigError, TraceError):
+            if by:
+                raise
+    return found, None
 
 
 def render(
-    found: AxisFingerprint,
+    found: FingerprintDocument,
     baseline: AxisFingerprint | None,
     changes: Sequence[FigureChange],
     figures: Mapping[str, Figure],
+    days: DriftReport | None,
 ) -> str:
     """The page as HTML; nothing in it is loaded from elsewhere."""
+    moves = None if days is None else draw_drift(days.sections, days.recordings, days.by)
     return rendered(
         "fingerprint.html",
         {"shown": estimate, "brief": brief, "plain": plain},
         found=found,
         baseline=baseline,
-        appeared=() if baseline is None else appeared_figures(found, baseline),
         changes=sorted(changes, key=lambda change: (not change.changed, -abs(change.sigmas))),
         wording=WORDING,
         headlines={name: headline(name, section) for name, section in found.sections.items()},
         pictures={name: as_svg(figure, name) for name, figure in figures.items()},
         determined=Status.DETERMINED,
+        days=days,
+        moves=None if moves is None else as_svg(moves, "drift"),
+        quantities=QUANTITIES,
     )
 
 
-def _recordings(machine: Machine, traces: Sequence[Path]) -> dict[str, SampleFrame]:
+def _require_names(traces: Sequence[Path]) -> None:
     if not traces:
         raise FingerprintError("no recording given; expected one trace or more")
     names = [path.name for path in traces]
     for name in names:
         if names.count(name) > 1:
             raise FingerprintError(f"two recordings are called {name}; expected each once")
-    return {path.name: read_recording(machine, path) for path in traces}
 
 
-def _change_document(change: FigureChange) -> dict[str, str | float | bool | None]:
-    return {
-        "figure": change.name,
-        "old": change.old.value,
-        "new": change.new.value,
-        "change": change.change.value,
-        "low": change.change.low,
-        "high": change.change.high,
-        "unit": change.change.unit,
-        "relative": finite_or_none(change.relative),
-        "sigmas": change.sigmas,
-        "significant": change.significant,
-        "material": change.material,
-    }
+def _is_servo_tuning(source: Path) -> bool:
+    """Response in place of samples in a file; False if it cannot be read."""
+    try:
+        return is_tuning(head_of(source))
+    except OSError:
+        return False
 
 
-def _summary(
-    found: AxisFingerprint,
-    baseline: AxisFingerprint | None,
-    changes: Sequence[FigureChange],
-    out_dir: Path,
+def _verdict(
+    found: AxisFingerprint, changes: Sequence[FigureChange] | None, days: DriftReport | None
 ) -> str:
-    lines = []
-    for name, section in found.sections.items():
-        if section.status is Status.DETERMINED:
-            chief = headline(name, section) or section.figures
-            key, figure = next(
-                (pair for pair in chief.items() if math.isfinite(pair[1].value)),
-            )
-            lines.append(f"{WORDING[name].title}: {plain(key)} {estimate(figure)}")
-        else:
-            lines.append(
-                f"{WORDING[name].title}: undetermined, {section.reason}; "
-                f"record `edge-service motion {section.motion}`"
-            )
-    if baseline is not None:
-        lines.append(_against_baseline(changes))
-        new = ", ".join(plain(name) for name in appeared_figures(found, baseline))
-        lines += [f"seen only now: {new}"] if new else []
-    lines.append(f"report: {out_dir / 'report.html'}")
-    return "\n".join(lines)
-
-
-def _against_baseline(changes: Sequence[FigureChange]) -> str:
-    """Names of what changed, or of what was compared where nothing did; the rest is not known."""
-    named = ", ".join(plain(change.name) for change in changes if change.changed)
-    if named:
+    """Changes against the baseline, else from day to day, else the number of tests determined."""
+    if changes is None:
+        if days is not None:
+            return days.verdict
+        sections = found.sections.values()
+        known = sum(section.status is Status.DETERMINED for section in sections)
+        return f"{known} of {len(sections)} tests are determined"
+    changed = [change for change in changes if change.changed]
+    if changed:
+        named = ", ".join(map(_change_words, changed))
         return f"changed against the baseline: {named}"
     if not changes:
         return "changed against the baseline: cannot tell, no figure is determined in both"
     compared = ", ".join(plain(change.name) for change in changes)
     return f"changed against the baseline: nothing of {len(changes)} figures: {compared}"
+
+
+def _change_words(change: FigureChange) -> str:
+    """Name of a figure and its change, as a share where the old value is no smaller."""
+    share = change.relative
+    by = f"{100.0 * share:+.0f} %" if abs(share) <= 1.0 else estimate(change.change)
+    return f"{plain(change.name)} {by}"
+
+
+def _section_lines(
+    found: AxisFingerprint, measured: MeasuredResponse | None, modes: Sequence[Mode] | None
+) -> list[str]:
+    """A line a test: its chief figure, or why there is none; every figure of a servo tuning."""
+    lines = []
+    for name, section in found.sections.items():
+        title = WORDING[name].title
+        if section.status is not Status.DETERMINED:
+            lines.append(
+                f"{title}: undetermined, {section.reason}; "
+                f"record `edge-service motion {section.motion}`"
+            )
+        elif name == RESPONSE and measured is not None:
+            lines += [f"{title}: {line}" for line in _tuning_lines(section, measured, modes or ())]
+        else:
+            chief = headline(name, section) or section.figures
+            key, figure = next(pair for pair in chief.items() if math.isfinite(pair[1].value))
+            lines.append(f"{title}: {plain(key)} {estimate(figure)}")
+    return lines
+
+
+def _tuning_lines(section: Section, measured: MeasuredResponse, modes: Sequence[Mode]) -> list[str]:
+    lines = [
+        f"{plain(name)} {estimate(each) if each.determined else f'undetermined, {each.note}'}"
+        for name, each in section.figures.items()
+    ]
+    lines += [f"the control states: {plain(k)} {v:.4g} kg m2" for k, v in measured.stated.items()]
+    if modes:
+        peaks = ", ".join(f"{mode.antiresonance_hz:.4g}/{mode.resonance_hz:.4g}" for mode in modes)
+        lines.append(f"notches and peaks, Hz: {peaks}")
+    return lines

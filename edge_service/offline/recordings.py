@@ -34,9 +34,9 @@ def open_recording(
     return open_trace(path, machine.columns, axis or controller_axis(machine), keep_all=keep_all)
 
 
-def read_recording(machine: Machine, path: Path) -> SampleFrame:
+def read_recording(machine: Machine, path: Path, *, keep_all: bool = False) -> SampleFrame:
     """Read a whole recording into one frame; errors as `read_trace`."""
-    return read_trace(path, machine.columns, axis=controller_axis(machine))
+    return read_trace(path, machine.columns, axis=controller_axis(machine), keep_all=keep_all)
 
 
 def controller_axis(

@@ -267,13 +267,15 @@ def read_trace(
     columns: Mapping[str, ColumnLike] | None = None,
     max_rows: int = 20_000_000,
     axis: ControllerAxis | None = None,
+    *,
+    keep_all: bool = False,
 ) -> SampleFrame:
-    """Read a whole trace into one frame, for offline work.
+    """Read a whole trace into one frame, for offline work; arguments as `open_trace`.
 
     Raises:
         TraceError: like `open_trace`, and for a file of more than `max_rows` rows.
     """
-    with open_trace(path, columns, axis) as reader:
+    with open_trace(path, columns, axis, keep_all=keep_all) as reader:
         frames = []
         for frame in reader:
             if reader.rows_read > max_rows:

@@ -7,16 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from edge_service.fingerprint.compare import appeared_figures, compare_fingerprints
-from edge_service.fingerprint.document import (
-    FingerprintError,
-    read_fingerprint,
-    to_document,
-)
-from edge_service.fingerprint.fingerprint import AxisFingerprint, fingerprint_axis
+from edge_service.fingerprint.fingerprint import fingerprint_axis
 from edge_service.fingerprint.friction.cruise_tests import measure_signature
-from edge_service.fingerprint.result import Section, Status, mean_of, rounded_rpm
+from edge_service.fingerprint.result import (
+    AxisFingerprint,
+    FingerprintError,
+    Section,
+    Status,
+    mean_of,
+    read_fingerprint,
+    rounded_rpm,
+)
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
@@ -209,9 +213,10 @@ def test_two_friction_tests_of_one_axis_show_what_warming_up_changed(machine: Ma
 
 def test_a_document_comes_back_as_it_was(worn: AxisFingerprint, tmp_path: Path) -> None:
     path = tmp_path / "fingerprint.json"
-    path.write_text(json.dumps(to_document(worn), allow_nan=False))
+    document = TypeAdapter(AxisFingerprint).dump_python(worn, mode="json")
+    path.write_text(json.dumps(document, allow_nan=False))
     back = read_fingerprint(path)
-    assert to_document(back) == to_document(worn)
+    assert TypeAdapter(AxisFingerprint).dump_python(back, mode="json") == document
     assert [c.name for c in compare_fingerprints(back, worn) if c.significant] == []
 
 

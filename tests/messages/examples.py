@@ -8,7 +8,12 @@ from edge_service.messages.alarm import Alarm, AlarmKind, Command, Outcome
 from edge_service.messages.channels import ANGLE, TORQUE
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
-from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
+from edge_service.messages.features import (
+    FEATURE_FIELDS,
+    Fault,
+    FeatureBlock,
+    Phase,
+)
 from edge_service.messages.header import Header
 from edge_service.messages.health import (
     AxisCondition,
@@ -20,7 +25,6 @@ from edge_service.messages.health import (
 from edge_service.messages.quality import Quality
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
-from edge_service.messages.vibration import OrderPeak, VibrationFeatures
 from edge_service.messages.waveform import Waveform
 
 HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
@@ -112,19 +116,5 @@ PAYLOADS: dict[str, Any] = {
         readings={"true_preload_percent": 6.5},
     ),
     "wave": Waveform("nut_acceleration", "m/s^2", 0.5, 1e-4, np.array([1.0, 2.0, 4.0])),
-    "vib": VibrationFeatures(
-        sensor="nut_acceleration",
-        unit="m/s^2",
-        time_s=1.0,
-        duration_s=1.0,
-        rms=0.5,
-        peak=1.5,
-        crest_factor=3.0,
-        kurtosis=None,
-        bands={"low": 0.25},
-        turns=2.0,
-        orders={"screw": OrderPeak(order=1.0, amplitude=0.5, floor=0.1), "balls": None},
-        envelope_orders={},
-    ),
     "outcome": Outcome(accepted=False, message="there is no alarm rate to acknowledge"),
 }

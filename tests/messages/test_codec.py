@@ -16,7 +16,7 @@ from edge_service.messages.codec.columns import FeatureCodec
 from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity
-from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, VibrationColumn
 from edge_service.messages.header import Header
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import EVENT, FEAT, PRELOAD, RAW, TOPICS
@@ -180,3 +180,18 @@ def test_what_decoding_would_refuse_is_not_handed_over() -> None:
     assert not FEAT.holds(replace(block(), duration_s=0.0))
     assert not EVENT.holds(PAYLOADS["event"].model_copy(update={"message": "x" * 5000}))
     assert not PRELOAD.holds(PAYLOADS["preload"].model_copy(update={"nis": 1e60}))
+
+
+def test_columns_of_fast_sensors_travel_with_the_block_that_follows_them() -> None:
+    columns = (
+        VibrationColumn("nut.rms", 0.5, "m/s^2"),
+        VibrationColumn("nut.kurtosis", 3.0, ""),
+    )
+    sent = replace(block(), vibration=columns)
+    _, _, found = FEAT.decode(FEAT.encode("X", HEADER, sent))
+    assert found.vibration == columns
+    assert FEAT.holds(sent)
+    wild = replace(sent, vibration=(VibrationColumn("nut.rms", 1e300, ""),))
+    assert not FEAT.holds(wild)
+    with pytest.raises(CodecError):
+        FEAT.decode(FEAT.encode("X", HEADER, wild))

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edge_service.config import DownsampleConfig, EstimatorConfig, load_machine
-from edge_service.config_tables import VibrationConfig
+from edge_service.downsample.vibration import AxisVibration, VibrationSettings
 from edge_service.health.alarms.axis_alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.service_state import ServiceState
@@ -17,11 +18,10 @@ from edge_service.health.settings import HealthSettings
 from edge_service.http_api import compose
 from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.header import Header
-from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS, VIB
+from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS
 from edge_service.nodes.downsample_node import source_time_ns
 from edge_service.nodes.health_node import axis_facts
 from edge_service.nodes.stores.disagreement_recorder import DisagreementRecorder
-from edge_service.nodes.vibration_node import Sensors
 from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
 from edge_service.nodes.wiring.stages import make_downsampler, make_estimator
 
@@ -51,9 +51,7 @@ class Readers:
         )
         self.downsampler = make_downsampler(DownsampleConfig(), MACHINE)
         self.axis = EstimatedAxis("X", make_estimator(EstimatorConfig(), MACHINE))
-        self.sensors = Sensors(
-            VibrationConfig(keep_folder=folder), {"X": MACHINE, "Y": MACHINE}, lambda _axis: None
-        )
+        self.vibration = AxisVibration(VibrationSettings())
         self.recorder = DisagreementRecorder(folder / "recordings", lambda *_: None)
         self.take: dict[str, Callable[[str, Header, Any], None]] = {
             "raw": self.on_samples,
@@ -64,14 +62,14 @@ class Readers:
             "command": self.on_command,
             "status": self.on_report,
             "wave": self.on_wave,
-            "vib": lambda *_: None,
             "outcome": lambda *_: None,
         }
 
     def on_samples(self, axis: str, header: Header, frame: Any) -> None:
         for block in self.downsampler.push(frame):
-            FEAT.encode(axis, Header(0, 0, source_time_ns(header, frame, block), 0), block)
-        self.sensors.follow(axis, frame)
+            told = replace(block, vibration=self.vibration.take())
+            FEAT.encode(axis, Header(0, 0, source_time_ns(header, frame, block), 0), told)
+        self.vibration.follow(frame)
         self.recorder.follow(axis, frame)
 
     def on_features(self, axis: str, header: Header, block: Any) -> None:
@@ -89,7 +87,6 @@ class Readers:
             for logged in self.state.events.add((event,), START_NS):
                 self.state.tell(logged)
         self.recorder.note(event)
-        self.sensors.note(event)
 
     def on_command(self, _axis: str, _header: Header, command: Any) -> None:
         if self.monitor.answered(command) is None:
@@ -99,10 +96,8 @@ class Readers:
         self.tell(self.monitor.on_component(report, START_NS))
         self.state.on_component(report, START_NS)
 
-    def on_wave(self, axis: str, header: Header, wave: Any) -> None:
-        for features in self.sensors.push(axis, wave):
-            VIB.encode(axis, header, features)
-        self.sensors.cuts()
+    def on_wave(self, _axis: str, _header: Header, wave: Any) -> None:
+        self.vibration.push(wave)
 
     def tell(self, events: Any) -> None:
         for event in events:

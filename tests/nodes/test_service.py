@@ -15,15 +15,12 @@ import pytest
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.config_tables import (
-    VibrationConfig,
-)
 from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import HEALTH, PRELOAD, STATUS
 from edge_service.nodes.record_node import record_axis
-from edge_service.nodes.service import OPTIONAL, PIPELINE, run_nodes
+from edge_service.nodes.service import PIPELINE, run_nodes
 from edge_service.nodes.wiring.context import NodeContext
 from edge_service.offline.estimate import estimates
 from edge_service.offline.replay import replay_trace
@@ -122,11 +119,10 @@ async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path, tmp_p
             "mtconnect": {"endpoint": "tcp://127.0.0.1:0"},
             "mqtt": {"url": "mqtt://127.0.0.1:1"},
         },
-        vibration=VibrationConfig(),
     )
     router = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router", read_only=False))
     there = BusSettings(router.endpoint, "client")
-    names = (*PIPELINE, *OPTIONAL, *config.outputs)
+    names = (*PIPELINE, *config.outputs)
     buses = [await Bus.open(there) for _ in names]
     reader = await Bus.open(there)
     stop = asyncio.Event()

@@ -2,30 +2,45 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import dask
 import duckdb
 import pyarrow.parquet
 import pytest
 
-from edge_service.config import DEFAULT_MACHINE, ConfigError, load_machine
+from edge_service.command_answer import Answer
+from edge_service.config import (
+    DEFAULT_CONFIG,
+    DEFAULT_MACHINE,
+    ConfigError,
+    load_config,
+    load_machine,
+)
 from edge_service.models.motions.registry import MotionError
-from edge_service.offline.batch import cluster, work
-from edge_service.offline.batch.batch import run_batch
-from edge_service.offline.batch.cases import Case, cases_of
-from edge_service.offline.batch.cluster import on_cluster
-from edge_service.offline.batch.table import write_table
-from edge_service.offline.batch.work import Outcome, Task
+from edge_service.offline.batch import (
+    FailedCase,
+    cases_of,
+    in_processes,
+    on_cluster,
+    run_batch,
+    write_table,
+)
+from edge_service.offline.estimate import estimate_case
 from edge_service.offline.simulate import SimulationSettings, simulate
 
-ESTIMATE = Task("estimate", DEFAULT_MACHINE)
+ESTIMATE = partial(estimate_case, DEFAULT_MACHINE, config=load_config(DEFAULT_CONFIG))
+
+
+def estimated(recordings: list[Path], out: Path, **named: Any) -> Answer:
+    return run_batch("estimate", ESTIMATE, ["estimates.csv"], recordings, out, **named)
 
 
 @pytest.fixture(scope="module")
@@ -47,19 +62,18 @@ def written(folder: Path) -> dict[str, bytes]:
 
 
 def rows(folder: Path) -> list[dict[str, object]]:
-    return [
-        {name: value for name, value in row.items() if name != "took_s"}
-        for row in pyarrow.parquet.read_table(folder / "table.parquet").to_pylist()
-    ]
+    found: list[dict[str, object]] = pyarrow.parquet.read_table(
+        folder / "table.parquet"
+    ).to_pylist()
+    return found
 
 
 def test_what_is_wrong_with_one_case_stops_no_other(recordings: list[Path], tmp_path: Path) -> None:
     said: list[str] = []
-    answer = run_batch(ESTIMATE, recordings, tmp_path, progress=said.append)
+    answer = estimated(recordings, tmp_path, progress=said.append)
     assert answer.status == 2
     assert json.loads(answer.as_json())["answered"] == 5
     assert "notes" in answer.words
-    assert said[0] == "0 of 6"
     assert said[-1].startswith("6 of 6")
     found = {str(row["case"]): row for row in rows(tmp_path)}
     assert set(found) == {*(f"day_{day}" for day in range(5)), "notes"}
@@ -69,7 +83,7 @@ def test_what_is_wrong_with_one_case_stops_no_other(recordings: list[Path], tmp_
 
 
 def test_the_table_is_one_that_another_program_asks(recordings: list[Path], tmp_path: Path) -> None:
-    run_batch(ESTIMATE, recordings, tmp_path)
+    estimated(recordings, tmp_path)
     asked = f"select count(*) from '{tmp_path}/table.parquet' where answer_last_status is not null"
     assert duckdb.sql(asked).fetchall() == [(5,)]
     by_json = f"select document->>'$.blocks' from '{tmp_path}/table.parquet' where status = 0"
@@ -81,52 +95,44 @@ def test_an_answer_of_an_earlier_run_does_not_pass_for_that_of_today(
 ) -> None:
     path = tmp_path / "day.csv"
     path.write_bytes(recordings[0].read_bytes())
-    run_batch(ESTIMATE, [path], tmp_path / "out")
+    estimated([path], tmp_path / "out")
     kept = tmp_path / "out" / "day"
     (kept / "my notes.txt").write_text("looked at")
     path.write_text("nothing that can be read")
-    run_batch(ESTIMATE, [path], tmp_path / "out")
+    estimated([path], tmp_path / "out")
     assert [each.name for each in kept.iterdir()] == ["my notes.txt"]
 
 
-def test_every_command_of_a_batch_has_its_files() -> None:
-    assert work.WRITTEN.keys() == work._COMMANDS.keys()
-
-
-def test_two_runs_on_one_scheduler_share_no_task() -> None:
-    """A scheduler answers a key that it knows with what it has, whoever asks and for what."""
-    case = Case("day_1", ())
-    assert cluster._own_key(case) != cluster._own_key(case)
-
-
 @pytest.mark.slow
-def test_a_cluster_answers_as_this_process_does_although_a_worker_dies(
+def test_processes_answer_as_one_does_although_one_dies(
     recordings: list[Path], tmp_path: Path
 ) -> None:
-    run_batch(ESTIMATE, recordings, tmp_path / "here")
-    outcomes: Iterator[Outcome] = on_cluster(ESTIMATE, cases_of(recordings), "local", workers=2)
-    first = next(outcomes)
-    os.kill(int(first.worker.rpartition(":")[2]), signal.SIGKILL)
-    there = {first.case.name: first} | {each.case.name: each for each in outcomes}
-    assert len(there) == len(recordings)
-    for name, outcome in there.items():
-        folder = tmp_path / "here" / name
-        assert outcome.files == (written(folder) if folder.exists() else {})
-    run_batch(ESTIMATE, recordings, tmp_path / "cluster", "local", 1)
-    assert written(tmp_path / "cluster") == written(tmp_path / "here")
+    estimated(recordings, tmp_path / "one")
+    estimated(recordings, tmp_path / "two", jobs=2)
+    assert written(tmp_path / "one") == written(tmp_path / "two")
     documents = [
         [str(row["document"]).replace(str(tmp_path / place), "") for row in rows(tmp_path / place)]
-        for place in ("here", "cluster")
+        for place in ("one", "two")
     ]
     assert documents[0] == documents[1]
+    work = partial(dying, recordings[0])
+    found = {each.case.name: each for each in in_processes(work, cases_of(recordings[:3]), 2)}
+    assert found["day_0"].status == 1
+    assert [found[name].status for name in ("day_1", "day_2")] == [0, 0]
+
+
+def dying(deadly: Path, traces: Sequence[Path], _out: Path) -> Answer:
+    if traces[0] == deadly.resolve():
+        os._exit(9)
+    return Answer("", FailedCase(case=traces[0].stem, status=0, error=""))
 
 
 @pytest.mark.parametrize(
     ("address", "words"),
     [
-        ("elsewhere", "expected local, tcp://HOST:PORT"),
-        ("http://127.0.0.1:8786", "expected local, tcp://HOST:PORT"),
-        ("tcp://", "no scheduler"),
+        ("local", "expected tls://HOST:PORT"),
+        ("tcp://127.0.0.1:8786", "or --insecure"),
+        ("tls://", "no scheduler"),
     ],
 )
 def test_a_cluster_that_is_none_is_one_clear_line(address: str, words: str) -> None:
@@ -152,14 +158,11 @@ def test_a_path_without_a_recording_is_one_clear_line(given: str, tmp_path: Path
         cases_of([tmp_path / given])
 
 
-def test_a_mistake_of_ours_is_told_with_the_case(
-    monkeypatch: pytest.MonkeyPatch, recordings: list[Path], tmp_path: Path
-) -> None:
-    def broken(*_: object) -> None:
+def test_a_mistake_of_ours_is_told_with_the_case(recordings: list[Path], tmp_path: Path) -> None:
+    def broken(*_: object) -> Answer:
         raise MotionError("cannot be")
 
-    monkeypatch.setitem(work._COMMANDS, "estimate", broken)
-    answer = run_batch(ESTIMATE, recordings[:2], tmp_path)
+    answer = run_batch("estimate", broken, (), recordings[:2], tmp_path)
     assert answer.status == 1
     assert {row["status"] for row in rows(tmp_path)} == {1.0}
 
@@ -193,8 +196,8 @@ def test_a_scheduler_that_somebody_else_runs_is_asked_by_tls(
     ):
         address = json.loads(place.read_text())["address"]
         assert address.startswith("tls://")
-        run_batch(ESTIMATE, recordings, tmp_path / "there", address)
-    run_batch(ESTIMATE, recordings, tmp_path / "here")
+        estimated(recordings, tmp_path / "there", cluster=address)
+    estimated(recordings, tmp_path / "here")
     assert written(tmp_path / "there") == written(tmp_path / "here")
 
 

@@ -12,8 +12,7 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.registry import get_effect
 from edge_service.models.effects.signature import transmission_signature
 from edge_service.models.machine import Machine
-from edge_service.offline.thesis import puzzle
-from edge_service.offline.thesis.puzzle_picture import Step, draw_puzzle
+from edge_service.offline.reproduce import puzzle
 
 
 @cache
@@ -60,8 +59,9 @@ def test_what_is_left_between_the_encoders_is_the_falling_stiffness() -> None:
 
 def test_the_picture_has_a_bar_for_each_step() -> None:
     before = {"torque_nm": 0.2, "transmission_m": 1e-6}
-    steps = [Step("drag_error", {"torque_nm": 0.1, "transmission_m": 1e-6})]
-    figure = draw_puzzle(before, before, before, steps)
+    step = puzzle.Step("drag_error", {"torque_nm": 0.1, "transmission_m": 1e-6})
+    found = puzzle.Puzzle(before, before, before, (puzzle.Round("explained", (step,)),))
+    figure = puzzle.draw_puzzle(found)
     labels = [each.get_text() for each in figure.axes[0].get_yticklabels()]
     assert labels == ["linear model", "(fitted)", "+ drag error"]
 

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.imm.mode_weighting import weighted_level
-from edge_service.offline.thesis.reproduce import PUBLISHED_TABLE, mean_probability, reproduce
-from edge_service.offline.thesis.reproduction import Reproduction
-from edge_service.offline.thesis.runs import (
+from edge_service.offline.reproduce.simulation import (
     LEVELS,
     ThesisCase,
     has_false_drop,
@@ -18,6 +16,12 @@ from edge_service.offline.thesis.runs import (
     run_case,
     smoothed_preload,
     steps_to_see_drop,
+)
+from edge_service.offline.reproduce.thesis import (
+    PUBLISHED_TABLE,
+    Reproduction,
+    mean_probability,
+    reproduce,
 )
 
 SEEDS = range(100, 115)
@@ -33,7 +37,7 @@ def estimates(case: ThesisCase, window: int) -> list[np.ndarray]:
 @pytest.mark.parametrize("level", list(PUBLISHED_TABLE))
 def test_table_4_2(level: float, method: str) -> None:
     published, linear, exponential = PUBLISHED_TABLE[level]
-    probability = mean_probability(ThesisCase(level, method=method), 5)  # type: ignore[arg-type]
+    probability = mean_probability(ThesisCase(level, method=method), range(5))  # type: ignore[arg-type]
     np.testing.assert_allclose(probability, published, atol=0.04)
     assert float(probability @ LEVELS) == pytest.approx(linear, abs=0.25)
     assert float(weighted_level(probability, LEVELS)) == pytest.approx(exponential, abs=0.2)
@@ -70,9 +74,9 @@ def test_sliding_innovation_filters_do_as_kalman_filters_do() -> None:
 
 def test_a_tenth_of_the_step_works_with_the_scaled_matrix_only() -> None:
     for level in (10.0, 5.0, 0.0):
-        scaled = mean_probability(ThesisCase(level, step_s=0.01), 1)
+        scaled = mean_probability(ThesisCase(level, step_s=0.01), range(1))
         assert float(weighted_level(scaled, LEVELS)) == pytest.approx(level, abs=0.3)
-    printed = mean_probability(ThesisCase(10.0, step_s=0.01, rescale=False), 1)
+    printed = mean_probability(ThesisCase(10.0, step_s=0.01, rescale=False), range(1))
     assert float(weighted_level(printed, LEVELS)) < 8.5
 
 
@@ -89,7 +93,7 @@ def test_scores() -> None:
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduction, list[str]]:
     folder = tmp_path_factory.mktemp("study") / "made" / "here"
     said: list[str] = []
-    return folder, reproduce(folder, seeds=1, short_step_seeds=1, progress=said.append), said
+    return folder, reproduce(folder, seeds=1, progress=said.append), said
 
 
 def test_writes_both_files_and_nothing_else(
@@ -121,7 +125,7 @@ def test_text_has_a_line_per_row(written: tuple[Path, Reproduction, list[str]]) 
     lines = result.as_text().splitlines()
     for row in result.levels:
         assert any(f"{row.percent:5.2f} ({row.published_percent:4.1f})" in line for line in lines)
-    assert len(lines) == 3 + 5 + 1 + 2 + len(result.windows) + 1 + 1 + len(result.steps)
+    assert len(lines) == 3 + 5 + 1 + 2 + len(result.windows)
 
 
 def test_needs_at_least_one_seed(tmp_path: Path) -> None:

@@ -7,14 +7,16 @@ import pytest
 from scipy.signal import cont2discrete
 
 from edge_service.estimate.imm.bank.kalman import run_kalman_bank
-from edge_service.offline.thesis.plant import (
+from edge_service.offline.reproduce.simulation import (
+    ThesisCase,
     ThesisPlant,
+    bank_inputs,
     net_torque,
     preload_profile,
+    run_case,
     simulate,
     torque_command,
 )
-from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
 
 PLANT = ThesisPlant()
 

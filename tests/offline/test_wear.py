@@ -9,20 +9,18 @@ import pytest
 from scipy.stats import t as student
 
 from edge_service.cli.entry import main
-from edge_service.offline.wear.outcome import (
+from edge_service.offline.reproduce.wear import (
     Crossing,
-    Stage,
+    Date,
+    WearTest,
     crossing,
-    interval_score,
-    paired_scores,
-    tally,
+    read_wear_test,
+    study,
 )
-from edge_service.offline.wear.reproduce import account
-from edge_service.offline.wear.stages import Schedule, WearTest, read_wear_test
-from edge_service.offline.wear.statements import Date, line_dates
 
 from ..bench.wear.bench import lives_of, share
 from ..bench.wear.histories import WEARING, Law
+from ..bench.wear.straight_line import Stage, interval_score, line_dates, paired_scores, tally
 
 REAL = Path(__file__).parents[3] / "shared/data/xjtu_wear/lower_screw_drag_nm.txt"
 
@@ -33,12 +31,22 @@ def worn(percent: list[float]) -> WearTest:
     return WearTest(time_h, 100.0 * time_h, 0.005 * np.array(percent))
 
 
-def test_revolutions_follow_the_schedule_of_speeds() -> None:
-    time_h = np.array([0.0, 35.0, 140.0, 280.0, 315.0])
-    by_hand = 60.0 * np.array(
-        [0.0, 300.0 * 35.0, 300.0 * 140.0, 800.0 * 140.0, 800.0 * 140.0 + 700.0 * 35.0]
-    )
-    np.testing.assert_allclose(Schedule().revolutions(time_h), by_hand)
+def test_drag_torques_alone_are_a_test_whose_speed_rises(tmp_path: Path) -> None:
+    file = tmp_path / "drag.txt"
+    file.write_text("0.5\n" * 10)
+    found = read_wear_test(file)
+    np.testing.assert_allclose(found.time_h, 35.0 * np.arange(10))
+    by_hand = 60.0 * 0.008 * np.array([0.0, 300.0 * 35.0, 300.0 * 140.0, 800.0 * 140.0])
+    np.testing.assert_allclose(found.distance_m[[0, 1, 4, 8]], by_hand)
+
+
+def test_a_wear_test_may_state_its_times_and_speeds(tmp_path: Path) -> None:
+    file = tmp_path / "drag.csv"
+    file.write_text("time_h,speed_rpm,drag_torque_nm\n0,100,0.5\n10,100,0.4\n15,200,0.3\n")
+    found = read_wear_test(file)
+    assert found.time_h.tolist() == [0.0, 10.0, 15.0]
+    np.testing.assert_allclose(found.distance_m, 0.48 * np.array([0.0, 1000.0, 2000.0]))
+    assert found.drag_nm.tolist() == [0.5, 0.4, 0.3]
 
 
 def test_a_crossing_is_the_first_below_and_the_last_from_above() -> None:
@@ -118,14 +126,9 @@ def test_a_screw_that_does_not_wear_rarely_has_a_date(law: Law) -> None:
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"needs {REAL}, a real screw's wear")
 def test_a_real_screw_crosses_within_the_bands() -> None:
-    found = account(read_wear_test(REAL, Schedule()))
-    for name in ("first", "last"):
-        trend, line = found.trend[name], found.line[name]
-        assert trend.coverage >= 0.85
-        assert trend.coverage > line.coverage
-        assert trend.stated > 0.4 * trend.asked
-        assert set(trend.lead_h) == {90.0, 85.0, 80.0}
-    assert found.paired["first"][0] < found.paired["first"][1]
+    found = study(read_wear_test(REAL))
+    assert (found.held, found.stated) == (27, 28)
+    assert {limit for stage in found.stages for limit in stage.dates} == {90.0, 85.0, 80.0}
 
 
 def test_the_command_writes_table_json_and_picture(tmp_path: Path, capsys) -> None:
@@ -136,11 +139,13 @@ def test_the_command_writes_table_json_and_picture(tmp_path: Path, capsys) -> No
     assert main(["reproduce", "wear", str(file), "--out", str(out)]) == 0
     text = capsys.readouterr().out
     assert "90% bands held what came" in text
-    assert len(json.loads((out / "wear.json").read_text())["stages"]) == 14
-    assert (out / "wear.png").stat().st_size > 10_000
+    page = (out / "report.html").read_text()
+    assert "bands held what came" in page
+    assert "<svg" in page
     assert main(["reproduce", "wear", str(file), "--out", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["crossings"]["90"]["first_h"] == pytest.approx(175.0, abs=20.0)
+    assert len(found["stages"]) == 14
+    assert found["crossings"]["90.0"]["first_h"] == pytest.approx(175.0, abs=20.0)
 
 
 def test_a_screw_that_reaches_no_limit_is_told_so(tmp_path: Path, capsys) -> None:
@@ -153,7 +158,14 @@ def test_a_screw_that_reaches_no_limit_is_told_so(tmp_path: Path, capsys) -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [("0.5\nx\n", "line 2: 'x'"), ("0.5\n", "2 lines"), ("0.5\n-1\n", "above 0")]
+    ("text", "words"),
+    [
+        ("0.5\nx\n", "line 2: 'x'"),
+        ("0.5\n", "2 lines"),
+        ("0.5\n-1\n", "above 0"),
+        ("time_h,drag_torque_nm\n0,1\n", "expected the columns time_h, speed_rpm"),
+        ("time_h,speed_rpm,drag_torque_nm\n0,1,1\n0,1,1\n", "times that rise"),
+    ],
 )
 def test_what_is_no_wear_test_is_one_line(tmp_path: Path, capsys, text: str, words: str) -> None:
     file = tmp_path / "drag.txt"

@@ -42,7 +42,10 @@ VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}
         (b'{"Header": {"SignalListHFData": []}, "Payload": []}', "no SignalListHFData"),
         (b'{"Header": {"SignalListHFData": 3}, "Payloads": []}', "no list 'Payload'"),
         (b'{"Header": {"SignalListHFData": [', "cut off or damaged"),
-        (b"<?xml version='1.0'?><!-- x --><DynamicModelAxisController>", "edge-service response"),
+        (
+            b"<?xml version='1.0'?><!-- x --><DynamicModelAxisController>",
+            "edge-service fingerprint",
+        ),
         (b"<?xml version='1.0'?><UANodeSet>", "XML document <UANodeSet>"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
         (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "PNG"),

@@ -17,8 +17,9 @@ import numpy as np
 from scipy import signal
 
 from ...messages.samples import Floats
+from ...recordings.sinumerik.tuning import MeasuredResponse
 from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
-from ..result import Contents, Curve
+from ..result import Contents, Curve, Section, examined
 from .frequency_response import FrequencyResponse
 from .segment_spectra import Complexes
 from .two_mass_fit import TwoMassFit, fit_two_mass, modes
@@ -44,6 +45,13 @@ _MOST_CORRELATED = 0.95
 _LEAST_SLOPE, _MOST_SLOPE = -2.0, -0.5
 """Of the response of a mass, which falls as 1 / f, below its modes."""
 
+_MECHANICS = {
+    *(_INERTIA, "motor_inertia_kg_m2", "load_inertia_kg_m2"),
+    *("stiffness_nm_per_rad", "damping_nm_s_per_rad"),
+}
+_ALIKE = math.log(2.0)
+"""Most that inertias found and stated differ, if they are of the same parts and units."""
+
 
 @dataclass(frozen=True, slots=True)
 class Mode:
@@ -57,6 +65,43 @@ class Mode:
     antiresonance_hz: float
     resonance_hz: float
     height: float
+
+
+def servo_tuning(measured: MeasuredResponse) -> tuple[Section, list[Mode]]:
+    """Section of a response that a control measured, and its modes.
+
+    What the control states stands as a note beside what was found. Inertias far from each other
+    are in other units, or of other parts: then none is told.
+    """
+    whole = FrequencyResponse(  # continuous, and without a window, as nobody knows of one
+        frequency_hz=measured.frequency_hz,
+        response=measured.response,
+        relative_error=relative_error(measured.coherence, measured.averages),
+        coherence=measured.coherence,
+        averages=measured.averages,
+        unit=measured.unit,
+        period_s=0.0,
+        hold=False,
+        resolution_hz=0.0,
+    )
+    section = examined(
+        "multisine",
+        lambda: measure_control_response(whole, speed_over_torque=bool(measured.unit)),
+    )
+    stated, figures = measured.stated, dict(section.figures)
+    total = stated.get("total_inertia_kg_m2")
+    found = figures[_INERTIA].value if _INERTIA in figures else math.nan
+    alike = math.isfinite(found) and found > 0.0
+    if total and _INERTIA in figures and not (alike and abs(math.log(found / total)) < _ALIKE):
+        note = f"{found:.3g} kg m2, where the control states {total:.3g}: in doubt"
+        for name in _MECHANICS & figures.keys():
+            figures[name] = undetermined(figures[name].unit, note)
+    else:
+        for name, key in ((_INERTIA, "total_inertia_kg_m2"), ("motor_inertia_kg_m2",) * 2):
+            if key in stated and name in figures:
+                note = f"the control states {stated[key]:.4g} kg m2"
+                figures[name] = replace(figures[name], note=note)
+    return replace(section, figures=figures), modes_of(whole.within(LOWEST_HZ, math.inf))
 
 
 def measure_control_response(measured: FrequencyResponse, *, speed_over_torque: bool) -> Contents:

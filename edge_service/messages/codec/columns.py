@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from ..channels import CHANNELS, TIME
-from ..features import FEATURE_FIELDS, PHASE_FIELDS, PHASES, Fault, FeatureBlock, Phase
+from ..features import (
+    FEATURE_FIELDS,
+    PHASE_FIELDS,
+    PHASES,
+    Fault,
+    FeatureBlock,
+    Phase,
+    VibrationColumn,
+)
 from ..quality import Qualities
 from ..row_faults import WILDEST
 from ..samples import Floats, SampleFrame
@@ -130,8 +138,9 @@ def _known_features(columns: dict[str, Floats]) -> dict[str, Floats]:
 
 
 class FeatureCodec(BlockCodec[FeatureBlock]):
-    """One interval as one row: the fields of FeatureBlock and of its phases.
+    """One interval as one row: the fields of FeatureBlock, of its phases and of fast sensors.
 
+    Columns of fast sensors have a dot in their names.
     Columns that this version does not know are left unread; the columns of phases, which the first
     versions did not have, may be missing.
     """
@@ -140,30 +149,41 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
 
     def to_columns(self, payload: FeatureBlock) -> tuple[dict[str, Floats], Mapping[str, str]]:
         """Columns and units of an interval."""
-        row = np.array([_numbers(payload)], dtype=np.float64)
-        return dict(zip(self.units, row.T, strict=True)), self.units
+        _, described, body = self.table(payload)
+        row = np.frombuffer(body[0], dtype="<f8").reshape(-1, 1)
+        return dict(zip(dict(described), row, strict=True)), dict(described)
 
     def table(self, payload: FeatureBlock) -> tuple[int, tuple[tuple[str, str], ...], list[bytes]]:
         """One row, its columns and bytes."""
-        return 1, _FEATURE_COLUMNS, [_FEATURE_ROW.pack(*_numbers(payload))]
+        row = _FEATURE_ROW.pack(*_numbers(payload))
+        if not payload.vibration:
+            return 1, _FEATURE_COLUMNS, [row]
+        names, values, units = zip(*payload.vibration, strict=True)
+        row += np.array(values, dtype="<f8").tobytes()
+        return 1, _FEATURE_COLUMNS + tuple(zip(names, units, strict=True)), [row]
 
     def holds(self, payload: FeatureBlock) -> bool:
         """Tell whether an interval keeps the bounds of what is read."""
         try:
-            _check_interval(payload.time_s, payload.duration_s, _numbers(payload))
+            numbers = (*_numbers(payload), *(each.value for each in payload.vibration))
+            _check_interval(payload.time_s, payload.duration_s, numbers)
         except CodecError:
             return False
         return True
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
         """Interval of columns. Raises CodecError."""
+        dotted = [name for name in columns if "." in name]
+        fast = {name: columns.pop(name) for name in dotted}
         if columns.keys() != self.units.keys():
             columns = _known_features(columns)
         if len(columns[TIME]) != 1:
             raise CodecError("a block of features with another number of rows than one")
+        vibration = tuple(VibrationColumn(k, float(v[0]), units[k]) for k, v in fast.items())
         row = np.concatenate(list(columns.values())).tolist()
         values: dict[str, float] = dict(zip(columns, row, strict=True))
-        _check_interval(values["time_s"], values["duration_s"], row)
+        numbers = (*row, *(each.value for each in vibration))
+        _check_interval(values["time_s"], values["duration_s"], numbers)
         integers = {name: _whole(values.pop(name), _MOST_COUNT) for name in _INTEGER_FEATURES}
         fault = Fault(_whole(values.pop("fault"), _EVERY_FAULT))
         phases = {
@@ -174,7 +194,7 @@ class FeatureCodec(BlockCodec[FeatureBlock]):
             if _PHASE_COLUMNS[phase, PHASE_FIELDS[0]] in values
         }
         fields: dict[str, Any] = integers | values | phases
-        return FeatureBlock(fault=fault, **fields)
+        return FeatureBlock(fault=fault, vibration=vibration, **fields)
 
 
 _numbers = attrgetter(*FEATURE_FIELDS, *(f"{phase}.{field}" for phase, field in _PHASE_COLUMNS))

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ...fingerprint.fingerprint import AxisFingerprint
-from ...fingerprint.result import Curve
+from ...fingerprint.result import AxisFingerprint, Curve
 from ...messages.samples import Floats
 from ...regression.interval_estimate import IntervalEstimate
 from .pictures import ESTIMATE, MUTED, STYLE, TRUTH

@@ -2,8 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from importlib.resources import files
+from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
+from matplotlib.figure import Figure
+
+from ...atomic import replaced_file
+from .pictures import as_svg, write_png
 
 
 def rendered(template: str, filters: Mapping[str, Callable[..., object]], **content: object) -> str:
@@ -12,3 +17,18 @@ def rendered(template: str, filters: Mapping[str, Callable[..., object]], **cont
     environment.filters.update(filters)
     source = files(__package__).joinpath("templates", template).read_text("utf-8")
     return environment.from_string(source).render(**content)
+
+
+def write_study(out: Path, name: str, title: str, verdict: str, text: str, figure: Figure) -> None:
+    """Write `report.html` and its picture, `NAME.png`, into `out`; the text is a terminal's."""
+    page = rendered(
+        "study.html",
+        {},
+        title=title,
+        verdict=verdict,
+        text=text,
+        picture=as_svg(figure, name),
+    )
+    with replaced_file(out / "report.html") as file:
+        file.write(page)
+    write_png(figure, out / f"{name}.png")

@@ -139,7 +139,7 @@ def foreign(head: bytes) -> str | None:
     elif head[_TAR : _TAR + 5] == b"ustar":
         name = f"a tar archive: {ARCHIVE}"
     elif is_tuning(plain) and plain.startswith(b"<"):
-        name = "a servo tuning of a SINUMERIK: see `edge-service response`"
+        name = "a servo tuning of a SINUMERIK: see `edge-service fingerprint`"
     elif plain.startswith(b"<"):
         root = _ROOT.search(plain)
         name = "an HTML or XML document" + (f" <{root[1].decode()}>" if root else "")

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from edge_service.fingerprint.drift.changes import SectionDrift, compare_moves
-from edge_service.fingerprint.drift.moves import Move, find_moves
+from edge_service.fingerprint.drift import SectionDrift, compare_moves
+from edge_service.fingerprint.moves import Move, find_moves
 from edge_service.messages.channels import TIME
 from edge_service.messages.samples import Floats, SampleFrame
 

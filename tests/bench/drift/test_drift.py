@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.drift.changes import Drift, SectionDrift, compare_moves
-from edge_service.fingerprint.drift.moves import Move
-from edge_service.offline.drift.wording import verdict
+from edge_service.fingerprint.drift import Drift, SectionDrift, compare_moves
+from edge_service.fingerprint.moves import Move
+from edge_service.offline.drift import verdict
 
 from ... import foreign_plant as plant
 from .plants import Day, compared

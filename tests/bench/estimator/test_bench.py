@@ -9,7 +9,7 @@ import pytest
 
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
 from edge_service.messages.samples import Floats
-from edge_service.offline.thesis.plant import ThesisPlant
+from edge_service.offline.reproduce.simulation import ThesisPlant
 
 from ... import foreign_plant
 from .aims import AIMS, Aim

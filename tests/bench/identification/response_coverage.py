@@ -1,4 +1,4 @@
-"""Intervals of `edge-service response`: how often they hold the truth of drawn two-mass axes.
+"""Intervals of `edge-service fingerprint`: how often they hold the truth of drawn two-mass axes.
 
 python -m tests.bench.identification.response_coverage --axes 120
 """

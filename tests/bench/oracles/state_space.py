@@ -9,7 +9,7 @@ from scipy import signal
 
 from edge_service.messages.samples import Floats
 from edge_service.models.bounds import require_positive
-from edge_service.offline.thesis.plant import follow
+from edge_service.offline.reproduce.simulation import follow
 
 Complexes = npt.NDArray[np.complex128]
 

@@ -9,7 +9,7 @@ from edge_service.estimate.imm.bank.engines import make_filter_bank
 from edge_service.estimate.imm.bank.filter_bank import FilterBank, LinearStep
 from edge_service.estimate.imm.bank.kalman import BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
-from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
+from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 
 REPEATS = 7
 SINGLE_STEPS = 500

@@ -10,23 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from edge_service.messages.samples import Floats
-from edge_service.offline.wear.outcome import (
-    LIMITS,
-    Stage,
-    Tally,
-    crossing,
-    paired_scores,
-    stages,
-    tally,
-)
-from edge_service.offline.wear.stages import WearTest
-from edge_service.offline.wear.statements import Dates
+from edge_service.offline.reproduce.wear import LIMITS, WearTest, crossing
 
 from ..table import Section
 from .histories import LAWS, WEARING, Law, history
+from .straight_line import Dates, Stage, Tally, paired_scores, stages, tally
 
 LIVES = 16
-EVERY = 3
 HEALTHY_STAGES = 60
 
 
@@ -61,7 +51,7 @@ def _asked(test: WearTest, law: Law) -> tuple[Tally, Tally, Floats]:
     else:
         last = int(np.searchsorted(test.time_h, min(max(came.values()), test.time_h[-1])))
     seen = WearTest(test.time_h[:last], test.distance_m[:last], test.drag_nm[:last])
-    asked = stages(seen, every=EVERY)
+    asked = stages(seen)
     return (
         tally(asked, came, trend_of),
         tally(asked, came, line_of),

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from edge_service.messages.samples import Floats
-from edge_service.offline.wear.stages import WearTest
+from edge_service.offline.reproduce.wear import WearTest
 
 Law = Literal["linear", "run-in", "accelerating", "decelerating", "stepwise", "wandering", "none"]
 LAWS: tuple[Law, ...] = get_args(Law)

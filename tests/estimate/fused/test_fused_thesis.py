@@ -1,7 +1,7 @@
 """The fused estimator on the thesis' own plant."""
 
 from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
-from edge_service.offline.thesis.runs import ThesisCase, run_case
+from edge_service.offline.reproduce.simulation import ThesisCase, run_case
 
 from ...bench.estimator.plants.thesis import SETTINGS, thesis_blocks, thesis_machine
 from .production import run

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from edge_service.estimate.imm.bank.filter_bank import BankOutput, LinearStep
 from edge_service.estimate.imm.bank.kalman import BankStart, run_kalman_bank
 from edge_service.messages.samples import Floats
-from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
+from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 
 SIGNIFICANCE = 1e-3
 """Of both sides together; the seeds are fixed, so a pass stays a pass."""

@@ -21,7 +21,7 @@ from edge_service.estimate.imm.bank.mode_transition import (
     scaled_mode_transition,
 )
 from edge_service.estimate.imm.bank.sliding_innovation import run_sliding_innovation_bank
-from edge_service.offline.thesis.runs import ThesisCase, bank_inputs, run_case
+from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 
 LOG_SMALLEST = -700.0
 """Below this, filterpy's likelihoods are no longer what they should be."""

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from edge_service.config import EdgeConfig
-from edge_service.config_tables import VibrationConfig
 from edge_service.messages.event import Event
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import EVENT, PRELOAD, STATUS
@@ -41,7 +40,6 @@ def two_axes(folder: Path) -> EdgeConfig:
     return config.model_copy(
         update={
             "axes": axes,
-            "vibration": VibrationConfig(),
             "outputs": {"mqtt": {"url": f"mqtt://127.0.0.1:{free_port()}"}},
         }
     )
@@ -81,7 +79,7 @@ class Sabotage:
 async def test_every_task_that_fails_is_told_and_begun_again(how, tmp_path: Path) -> None:
     config = two_axes(tmp_path)
     supervisor = Supervisor(policy=AT_ONCE)
-    names = ("vibration", "mqtt", *PIPELINE)
+    names = ("mqtt", *PIPELINE)
     async with running(config, names, supervisor=supervisor) as service:
         await asyncio.wait_for(service.address, 30.0)
         keys = config.keys

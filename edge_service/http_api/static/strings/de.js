@@ -523,7 +523,6 @@ export const de = {
   "component.mqtt": "MQTT",
   "component.opcua": "OPC UA",
   "component.mtconnect": "MTConnect",
-  "component.vibration": "Schwingung",
   "component.service": "Prozess",
   "component.history": "Verlauf",
   "component.bus": "Bus",

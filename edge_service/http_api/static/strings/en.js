@@ -523,7 +523,6 @@ export const en = {
   "component.mqtt": "MQTT",
   "component.opcua": "OPC UA",
   "component.mtconnect": "MTConnect",
-  "component.vibration": "Vibration",
   "component.service": "Process",
   "component.history": "History",
   "component.bus": "Bus",

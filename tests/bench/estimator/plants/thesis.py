@@ -12,16 +12,18 @@ from edge_service.messages.features import Fault, FeatureBlock, Phase
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
-from edge_service.offline.thesis.plant import (
+from edge_service.offline.reproduce.simulation import (
     DRAG_PER_PERCENT_NM,
     DURATION_S,
     PRINTED_STEP_S,
+    ThesisCase,
     ThesisPlant,
     ThesisRun,
     preload_profile,
+    run_case,
     simulate,
+    smoothed_preload,
 )
-from edge_service.offline.thesis.runs import ThesisCase, run_case, smoothed_preload
 
 from ..scores import Recorded, Score, Track, detection, follow, score
 from .own import Part

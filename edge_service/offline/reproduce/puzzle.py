@@ -6,13 +6,15 @@ the stroke, and a warm-up. Fitting its parameters helps little. The diagnosis sa
 lacks, in the order in which it matters; what it names is put into the model, and it is asked again.
 """
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
-from ...atomic import replaced_file
 from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, load_machine
 from ...diagnose.pipeline import diagnose_session
@@ -26,8 +28,9 @@ from ...models.effects.signature import transmission_signature
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import EffectConfig, Machine, Quantity
 from ...models.motions.registry import MOTIONS, Setpoints, motion_limits
-from ..report.pictures import write_png
-from .puzzle_picture import CHANNELS, Step, draw_puzzle
+from ..recordings import Progress, silent
+from ..report.page import write_study
+from ..report.pictures import ESTIMATE, MUTED, STYLE, TRUTH
 
 BENCH = {"guide_force_n": 0.0, "table_mass_kg": 20.0}
 HIDDEN = (
@@ -42,9 +45,18 @@ LEAST_SHRINK = 0.04
 _UNIT_M_PER_N = 1e-8
 _RATE_HZ = 1000.0
 _PRELOAD_PERCENT = 6.85
-_SEED = 1
-Progress = Callable[[str], None]
+SEED = 1
+CHANNELS = (("torque_nm", "N m", 1.0), ("transmission_m", "µm", 1e6))
+_LABELS = {"torque_nm": "torque gap", "transmission_m": "gap of table against motor"}
 Entry = tuple[str, dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """An effect that was put into the model, and the gap by channel that is left with it."""
+
+    effect: str
+    gap: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,20 +101,27 @@ def _line(name: str, gap: dict[str, float]) -> str:
     return f"  {name:<24}" + "  ".join(shown)
 
 
-def reproduce_puzzle(out: Path, progress: Progress = lambda _line: None) -> Answer:
-    """Write the picture `puzzle.png` into `out`; returns the story."""
-    found = solve(progress)
-    write_png(draw_puzzle(found.before, found.fitted, found.floor, found.steps), out / "puzzle.png")
-    with replaced_file(out / "puzzle.txt") as file:
-        file.write(found.as_text() + "\n")
-    return Answer(f"{found.as_text()}\npicture: {out / 'puzzle.png'}", found)
+def reproduce_puzzle(out: Path, seed: int = SEED, progress: Progress = silent) -> Answer:
+    """Write `report.html` and `puzzle.png` into `out`; returns the story."""
+    found = solve(seed, progress)
+    named = " and ".join(step.effect.replace("_", " ") for step in found.steps) or "nothing"
+    verdict = f"The linear model lacks {named}."
+    write_study(
+        out,
+        "puzzle",
+        "Why linear models did not fit the bench",
+        verdict,
+        found.as_text(),
+        draw_puzzle(found),
+    )
+    return Answer(f"{found.as_text()}\nreport: {out / 'report.html'}", found)
 
 
-def solve(progress: Progress = lambda _line: None) -> Puzzle:
+def solve(seed: int = SEED, progress: Progress = silent) -> Puzzle:
     """Rebuild the situation, and ask the diagnosis until it names nothing more."""
     progress("the bench runs")
     bench = bench_machine()
-    frames = recorded(bench)
+    frames = recorded(bench, seed)
     machine = linear_model(bench, frames)
     refitted = fitted(machine, frames)
     runs = list(runs_of(frames, rigid_baseline(machine)))
@@ -130,16 +149,16 @@ def bench_machine() -> Machine:
     return machine.model_copy(update={"model": machine.model.model_copy(update=more)})
 
 
-def recorded(bench: Machine) -> list[SampleFrame]:
+def recorded(bench: Machine, seed: int = SEED) -> list[SampleFrame]:
     """The session on the bench, a recording for each motion."""
     limits = motion_limits(bench)
     settings = FeedDriveSettings.of_machine(
         bench, _RATE_HZ, [parse_effect(text) for text in HIDDEN]
     )
-    drive = FeedDrive(settings, limits.low_m, _PRELOAD_PERCENT, _SEED)
+    drive = FeedDrive(settings, limits.low_m, _PRELOAD_PERCENT, seed)
     frames = []
     for number, (name, duration_s) in enumerate(SESSION, start=1):
-        random = np.random.default_rng((_SEED, number))
+        random = np.random.default_rng((seed, number))
         plan = MOTIONS[name].plan(limits, random, duration_s=duration_s)
         count = round(plan.duration_s * _RATE_HZ)
         setpoints = Setpoints(iter(plan.segments), limits.low_m, _RATE_HZ).take(count)
@@ -235,3 +254,31 @@ def _with_all(machine: Machine, entries: Sequence[Entry]) -> Machine:
 
 def _gap(machine: Machine, runs: Sequence[Run]) -> dict[str, float]:
     return {name: rows.rms for name, rows in _session(machine, runs).channels.items()}
+
+
+def draw_puzzle(found: Puzzle) -> Figure:
+    """One panel per channel; a bar falls from what was left to what is left.
+
+    The second bar is aside of that: the linear model with the parameters that fit best.
+    """
+    before, best, floor, steps = found.before, found.fitted, found.floor, found.steps
+    names = ["linear model", "(fitted)", *(f"+ {step.effect.replace('_', ' ')}" for step in steps)]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 0.9 + 0.33 * len(names)), layout="constrained")
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, (channel, unit, factor) in zip(panels, CHANNELS, strict=True):
+            levels = [factor * before[channel], *(factor * each.gap[channel] for each in steps)]
+            places = [0, *range(2, 2 + len(steps))]
+            axes.barh(places, levels, color=ESTIMATE, height=0.6, zorder=2)
+            axes.barh(1, factor * best[channel], color=MUTED, height=0.6, zorder=2)
+            for place, (above, level) in zip(places[1:], itertools.pairwise(levels), strict=True):
+                axes.barh(place, above - level, left=level, color=MUTED, alpha=0.35, height=0.6)
+            shown = [*zip(places, levels, strict=True), (1, factor * best[channel])]
+            for place, level in shown:
+                axes.text(level, place, f" {level:.3g}", va="center", fontsize=8)
+            axes.margins(x=0.12)
+            axes.axvline(factor * floor[channel], color=TRUTH, linestyle=":")
+            axes.set_xlabel(f"{_LABELS[channel]}, {unit} rms")
+        panels[0].set_yticks(range(len(names)), names)
+        panels[0].invert_yaxis()
+    return figure

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ...estimate.imm.mode_weighting import causal_moving_average, weighted_level
 from ...messages.samples import Floats
 from ..report.pictures import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
-from .runs import (
+from .simulation import (
     LEVELS,
     ThesisCase,
     mean_absolute_error,
@@ -20,10 +20,21 @@ from .runs import (
     steps_to_see_drop,
 )
 
-SEED = 0
-SMOOTH_STEPS = 20
 DROP_STEPS = 3
 MODE_COLOURS = ("#7b2d8b", "#2f62c9", "#12857a", "#c9820b", "#c0392b")
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """Seed of the noise, window of the moving average in steps, exponent of the weighted sum."""
+
+    seed: int
+    window: int
+    exponent: float
+
+    def smoothed(self, mode_probability: Floats, scale: int = 1) -> Floats:
+        """Preload, percent, with the window `scale` times as long."""
+        return smoothed_preload(mode_probability, scale * self.window, self.exponent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,24 +53,24 @@ class DrawnFigure:
     comparison: str
 
 
-def draw_figures() -> tuple[DrawnFigure, ...]:
+def draw_figures(drawing: Drawing) -> tuple[DrawnFigure, ...]:
     """All figures; every one of them uses the noise of the same seed."""
     with mpl.rc_context(STYLE):
         return (
-            _inputs(),
-            _modes("4.4", 1),
-            _modes("4.5", SMOOTH_STEPS),
-            _exponents(),
-            _estimate("4.7", ThesisCase(2), "Simulation 2, 7.5 % to 2.5 %"),
-            _estimate("4.8", ThesisCase(3), "Simulation 3, constant 10 %"),
-            _drop(),
-            _sliding(),
-            _short_steps(),
+            _inputs(drawing),
+            _modes(drawing, "4.4", 1),
+            _modes(drawing, "4.5", drawing.window),
+            _exponents(drawing),
+            _estimate(drawing, "4.7", ThesisCase(2), "Simulation 2, 7.5 % to 2.5 %"),
+            _estimate(drawing, "4.8", ThesisCase(3), "Simulation 3, constant 10 %"),
+            _drop(drawing),
+            _sliding(drawing),
+            _short_steps(drawing),
         )
 
 
-def _inputs() -> DrawnFigure:
-    run, _ = run_case(ThesisCase(1), SEED)
+def _inputs(drawing: Drawing) -> DrawnFigure:
+    run, _ = run_case(ThesisCase(1), drawing.seed)
 
     def draw(axes: Axes) -> None:
         axes.plot(run.time_s, run.torque_nm, color=MUTED, lw=1.0, label="torque command u")
@@ -75,8 +86,8 @@ def _inputs() -> DrawnFigure:
     )
 
 
-def _modes(number: str, window: int) -> DrawnFigure:
-    run, bank = run_case(ThesisCase(1), SEED)
+def _modes(drawing: Drawing, number: str, window: int) -> DrawnFigure:
+    run, bank = run_case(ThesisCase(1), drawing.seed)
     probability = causal_moving_average(bank.mode_probability, window)
 
     def draw(axes: Axes) -> None:
@@ -104,9 +115,9 @@ def _nearest_level(preload_percent: Floats) -> Floats:
     return np.asarray(np.abs(preload_percent[:, None] - LEVELS).argmin(axis=1))
 
 
-def _exponents() -> DrawnFigure:
-    run, bank = run_case(ThesisCase(1), SEED)
-    smooth = causal_moving_average(bank.mode_probability, SMOOTH_STEPS)
+def _exponents(drawing: Drawing) -> DrawnFigure:
+    run, bank = run_case(ThesisCase(1), drawing.seed)
+    smooth = causal_moving_average(bank.mode_probability, drawing.window)
     estimates = {
         exponent: weighted_level(smooth, LEVELS, exponent) for exponent in (1.0, 1.33, 2.0)
     }
@@ -126,22 +137,22 @@ def _exponents() -> DrawnFigure:
     return DrawnFigure(
         "Figure 4.6: Simulation 1, preload with different weighing",
         _svg("exponents", draw, columns=4),
-        f"KF-IMM, causal moving average of {SMOOTH_STEPS} steps, Euler at 0.1 s.",
+        f"KF-IMM, causal moving average of {drawing.window} steps, Euler at 0.1 s.",
         f"Mean absolute error in points: {errors}. As published: the linear sum is pulled inwards "
         "at both ends, exponent 2 swings about the truth in steps, 1.33 lies between.",
     )
 
 
-def _estimate(number: str, case: ThesisCase, title: str) -> DrawnFigure:
-    run, bank = run_case(case, SEED)
-    estimate = smoothed_preload(bank.mode_probability, SMOOTH_STEPS)
+def _estimate(drawing: Drawing, number: str, case: ThesisCase, title: str) -> DrawnFigure:
+    run, bank = run_case(case, drawing.seed)
+    estimate = drawing.smoothed(bank.mode_probability)
 
     def draw(axes: Axes) -> None:
         axes.plot(run.time_s, estimate, color=ESTIMATE, lw=1.3, label="estimate")
         _truth(axes, run.time_s, run.preload_percent)
 
     error = mean_absolute_error(estimate, run.preload_percent)
-    lowest = float(estimate[SMOOTH_STEPS:].min())
+    lowest = float(estimate[drawing.window :].min())
     compared = (
         f"Lowest estimate {lowest:.2f} %: no false drop, as published."
         if case.preload == 3
@@ -150,15 +161,19 @@ def _estimate(number: str, case: ThesisCase, title: str) -> DrawnFigure:
     return DrawnFigure(
         f"Figure {number}: {title}",
         _svg(f"estimate-{number}", draw, columns=2),
-        f"KF-IMM, causal moving average of {SMOOTH_STEPS} steps, exponent 1.33, Euler at 0.1 s.",
+        f"KF-IMM, causal moving average of {drawing.window} steps, "
+        f"exponent {drawing.exponent:g}, Euler at 0.1 s.",
         f"Mean absolute error {error:.2f} points. {compared}",
     )
 
 
-def _drop() -> DrawnFigure:
-    run, bank = run_case(ThesisCase(4), SEED)
-    windows = {DROP_STEPS: ESTIMATE, SMOOTH_STEPS: "#c9820b"}
-    estimates = {window: smoothed_preload(bank.mode_probability, window) for window in windows}
+def _drop(drawing: Drawing) -> DrawnFigure:
+    run, bank = run_case(ThesisCase(4), drawing.seed)
+    windows = {DROP_STEPS: ESTIMATE, drawing.window: "#c9820b"}
+    estimates = {
+        window: smoothed_preload(bank.mode_probability, window, drawing.exponent)
+        for window in windows
+    }
 
     def draw(axes: Axes) -> None:
         for window, colour in windows.items():
@@ -175,20 +190,20 @@ def _drop() -> DrawnFigure:
     return DrawnFigure(
         "Figure 4.9: Simulation 4, sudden drop at half time",
         _svg("drop", draw, columns=3),
-        f"KF-IMM, causal moving averages of {DROP_STEPS} and of {SMOOTH_STEPS} steps, exponent "
-        "1.33, Euler at 0.1 s. Inset: 3 s around the drop.",
+        f"KF-IMM, causal moving averages of {DROP_STEPS} and of {drawing.window} steps, exponent "
+        f"{drawing.exponent:g}, Euler at 0.1 s. Inset: 3 s around the drop.",
         f"The estimate passes 5 % in step {delays[DROP_STEPS]} with the window of {DROP_STEPS} "
         "(published: within 3 time steps; Euler shows the first effect in the second), and in step "
-        f"{delays[SMOOTH_STEPS]} with the window of {SMOOTH_STEPS}. Speed and smoothness are not "
-        "had with one and the same window.",
+        f"{delays[drawing.window]} with the window of {drawing.window}. "
+        "Speed and smoothness are not had with one and the same window.",
     )
 
 
-def _sliding() -> DrawnFigure:
-    run, kalman = run_case(ThesisCase(5), SEED)
-    _, sliding = run_case(ThesisCase(5, method="sif-imm"), SEED)
-    first = smoothed_preload(kalman.mode_probability, SMOOTH_STEPS)
-    second = smoothed_preload(sliding.mode_probability, SMOOTH_STEPS)
+def _sliding(drawing: Drawing) -> DrawnFigure:
+    run, kalman = run_case(ThesisCase(5), drawing.seed)
+    _, sliding = run_case(ThesisCase(5, method="sif-imm"), drawing.seed)
+    first = drawing.smoothed(kalman.mode_probability)
+    second = drawing.smoothed(sliding.mode_probability)
 
     def draw(axes: Axes) -> None:
         axes.plot(run.time_s, first, color=MUTED, lw=1.3, label="KF-IMM")
@@ -198,8 +213,8 @@ def _sliding() -> DrawnFigure:
     return DrawnFigure(
         "Figure 4.10: Simulation 5, sliding innovation filter",
         _svg("sliding", draw, columns=3),
-        f"SIF-IMM, delta = (0.05 rad, 0.07 m), causal moving average of {SMOOTH_STEPS} steps, "
-        "exponent 1.33, Euler at 0.1 s.",
+        f"SIF-IMM, delta = (0.05 rad, 0.07 m), causal moving average of {drawing.window} steps, "
+        f"exponent {drawing.exponent:g}, Euler at 0.1 s.",
         f"Mean absolute error {mean_absolute_error(second, run.preload_percent):.2f} points, "
         f"KF-IMM {mean_absolute_error(first, run.preload_percent):.2f}; the two differ by "
         f"{mean_absolute_error(first, second):.2f} on average. As published: very similar. The "
@@ -207,13 +222,13 @@ def _sliding() -> DrawnFigure:
     )
 
 
-def _short_steps() -> DrawnFigure:
+def _short_steps(drawing: Drawing) -> DrawnFigure:
     scaled = ThesisCase(1, step_s=0.01)
     printed = ThesisCase(1, step_s=0.01, rescale=False)
-    run, bank = run_case(scaled, SEED)
-    _, unscaled = run_case(printed, SEED)
-    good = smoothed_preload(bank.mode_probability, 10 * SMOOTH_STEPS)
-    poor = smoothed_preload(unscaled.mode_probability, 10 * SMOOTH_STEPS)
+    run, bank = run_case(scaled, drawing.seed)
+    _, unscaled = run_case(printed, drawing.seed)
+    good = drawing.smoothed(bank.mode_probability, 10)
+    poor = drawing.smoothed(unscaled.mode_probability, 10)
 
     def draw(axes: Axes) -> None:
         axes.plot(run.time_s, poor, color=MUTED, lw=1.2, label="matrix as printed")
@@ -223,8 +238,8 @@ def _short_steps() -> DrawnFigure:
     return DrawnFigure(
         "Not in print: Simulation 1 in steps of 0.01 s",
         _svg("short-steps", draw, columns=3),
-        "KF-IMM, causal moving average of 200 steps (2 s), exponent 1.33, Euler at 0.01 s, process "
-        "noise scaled with the step.",
+        f"KF-IMM, causal moving average of {10 * drawing.window} steps, "
+        f"exponent {drawing.exponent:g}, Euler at 0.01 s, process noise scaled with the step.",
         "The thesis reports failure below 0.1 s. That comes from using the printed matrix per "
         "step: levels then change ten times as often per second "
         f"({mean_absolute_error(poor, run.preload_percent):.2f} points of error). Scaled as "

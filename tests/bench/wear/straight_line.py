@@ -1,50 +1,20 @@
-"""Outcome of stated dates: what came, how many bands held it, and how far off they were."""
+"""Dates of a straight line through all readings, and the account of dates against what came."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.samples import Floats
-from .stages import WearTest
-from .statements import LEVEL, Date, Dates, line_dates, trend_dates
+from edge_service.messages.samples import Floats
+from edge_service.offline.reproduce.wear import LEVEL, LIMITS, Date, WearTest, trend_dates
 
-LIMITS = (90.0, 85.0, 80.0)
+Dates = Mapping[float, Date]
+EVERY = 3
 _LONGEST = 5.0
 """A date further away than so many times the truth counts as that: an open end has a score."""
-
-
-@dataclass(frozen=True, slots=True)
-class Crossing:
-    """Time at which a limit was crossed, h from new, straight between readings; inf if never.
-
-    Attributes:
-        first_h: when a reading first lay below.
-        last_h: when the last reading above it was left for good.
-    """
-
-    first_h: float
-    last_h: float
-
-
-def crossing(test: WearTest, limit: float) -> Crossing:
-    """Times at which the drag fell below a limit, percent of fresh; perhaps two, by scatter."""
-    below = test.percent < limit
-    first = int(np.argmax(below)) if below.any() else below.size
-    last = below.size if not below[-1] else below.size - int(np.argmin(below[::-1]))
-    return Crossing(_between(test, first, limit), _between(test, last, limit))
-
-
-def _between(test: WearTest, after: int, limit: float) -> float:
-    """Time at which the readings pass the limit on their way to the given one, h."""
-    if after >= test.percent.size:
-        return math.inf
-    if after == 0:
-        return float(test.time_h[0])
-    high, low = test.percent[after - 1 : after + 1]
-    step_h = test.time_h[after] - test.time_h[after - 1]
-    return float(test.time_h[after - 1] + step_h * (high - limit) / (high - low))
+_DRAWS = 4000
+_SEED = 20260131
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +33,7 @@ class Stage:
     line: Dates
 
 
-def stages(test: WearTest, limits: Sequence[float] = LIMITS, every: int = 1) -> list[Stage]:
+def stages(test: WearTest, limits: Sequence[float] = LIMITS, every: int = EVERY) -> list[Stage]:
     """Ask the trend and the line after every reading, each time with the readings until then."""
     found = []
     for count in range(1, test.time_h.size + 1, every):
@@ -71,11 +41,6 @@ def stages(test: WearTest, limits: Sequence[float] = LIMITS, every: int = 1) -> 
         said = trend_dates(seen, limits), line_dates(seen, limits)
         found.append(Stage(float(seen.time_h[-1]), float(seen.percent[-1]), *said))
     return found
-
-
-def holds(date: Date, time_h: float) -> bool:
-    """Tell whether a band holds what came."""
-    return date.earliest_h <= time_h <= date.latest_h
 
 
 def interval_score(date: Date, time_h: float) -> float:
@@ -122,7 +87,7 @@ def tally(
     pairs = [(stage, limit) for stage in asked for limit in reached]
     open_ = [(stage, limit) for stage, limit in pairs if stage.time_h < reached[limit]]
     stated = [(stage, limit) for stage, limit in open_ if limit in dates_of(stage)]
-    held = [each for each in stated if holds(dates_of(each[0])[each[1]], reached[each[1]])]
+    held = [each for each in stated if dates_of(each[0])[each[1]].holds(reached[each[1]])]
     first = {limit: stage.time_h for stage, limit in reversed(held)}
     return Tally(
         asked=len(open_),
@@ -147,3 +112,35 @@ def paired_scores(asked: Sequence[Stage], came_h: dict[float, float]) -> Floats:
         if stage.time_h < came_h[limit] < math.inf and all(limit in dates for dates in both)
     ]
     return np.array(pairs, np.float64).reshape(-1, 2)
+
+
+def line_dates(seen: WearTest, limits: Sequence[float]) -> Dates:
+    """Dates of a straight line over the hours through all readings: least squares, Student's t.
+
+    Like the trend it has no date for a limit that it has passed, or that it may never reach.
+    """
+    if seen.time_h.size < 3:
+        return {}
+    level, slope = _line(seen.time_h - seen.time_h[-1], seen.percent)
+    dates: dict[float, Date] = {}
+    for limit in limits:
+        ways = np.where(slope < 0.0, (limit - level) / np.minimum(slope, -1e-12), np.inf)
+        shares = [0.5 * (1.0 - LEVEL), 0.5, 0.5 * (1.0 + LEVEL)]
+        low, middle, high = (seen.time_h[-1] + np.quantile(ways, shares, method="nearest")).tolist()
+        if limit < np.median(level) and np.isfinite(middle):
+            dates[limit] = Date(low, middle, high)
+    return dates
+
+
+def _line(time_h: Floats, percent: Floats) -> tuple[Floats, Floats]:
+    """Draws of the level at time 0 and of the slope per hour, (n,) each."""
+    design = np.column_stack([np.ones_like(time_h), time_h])
+    q, r = np.linalg.qr(design)
+    inverse = np.linalg.inv(r)
+    middle = inverse @ (q.T @ percent)
+    freedom = time_h.size - 2
+    sigma = float(np.linalg.norm(percent - design @ middle)) / np.sqrt(freedom)
+    rng = np.random.default_rng(_SEED)
+    scale = sigma * np.sqrt(freedom / rng.chisquare(freedom, (_DRAWS, 1)))
+    level, slope = (middle + scale * rng.standard_normal((_DRAWS, 2)) @ inverse.T).T
+    return level, slope

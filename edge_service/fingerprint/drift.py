@@ -15,12 +15,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ...messages.samples import Floats
-from ...regression.interval_estimate import LEVEL, IntervalEstimate
-from ...regression.linear import effective_size
-from ..compare import LEAST_MATERIAL, REPEATABILITY
-from .moves import FOLLOWING_M, SPREAD_NM, STRETCH_M, TEMPERATURE_C, TORQUE_NM, Move
-from .sections import Section, common_sections, mean_temperature
+from ..messages.samples import Floats
+from ..regression.interval_estimate import LEVEL, IntervalEstimate
+from ..regression.linear import effective_size
+from .compare import LEAST_MATERIAL, REPEATABILITY
+from .moves import (
+    FOLLOWING_M,
+    SPREAD_NM,
+    STRETCH_M,
+    TEMPERATURE_C,
+    TORQUE_NM,
+    Move,
+    Section,
+    common_sections,
+    mean_temperature,
+)
 
 _DAILY_M = 0.5 * LEAST_MATERIAL["m"]
 """Error of a stretch from one recording to the next, one sigma."""
@@ -99,7 +108,7 @@ class SectionDrift:
 
     @property
     def may_be_heat(self) -> bool:
-        """Tell whether the temperature differs so much that friction may follow it."""
+        """Difference of temperature so great that friction may follow it."""
         return abs(self.heat) > _HEAT_C
 
 

@@ -1,1 +1,0 @@
-"""Comparison of the same moves over days: what changed beyond the scatter of their repeats."""

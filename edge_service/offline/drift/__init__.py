@@ -1,1 +1,0 @@
-"""Recordings of one axis on several days, compared move by move."""

@@ -1,0 +1,245 @@
+"""`edge-service reproduce`: the thesis' simulations and Table 4.2, beside what was published."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...atomic import replaced_file
+from ...estimate.imm.mode_weighting import (
+    PUBLISHED_EXPONENT,
+    centred_moving_average,
+    weighted_level,
+)
+from ...messages.samples import Floats
+from ..recordings import Progress, silent
+from ..report.page import rendered
+from .figures import Drawing, draw_figures
+from .simulation import (
+    LEVELS,
+    TABLE_WINDOW_STEPS,
+    ThesisCase,
+    has_false_drop,
+    mean_absolute_error,
+    run_case,
+    smoothed_preload,
+    steps_to_see_drop,
+)
+
+SEEDS = 60
+MAE_WINDOW_STEPS = 20
+WINDOWS_STEPS = (1, 3, 5, 10, 20, 40)
+PUBLISHED_TABLE: dict[float, tuple[tuple[float, ...], float, float]] = {
+    10.0: ((0.85, 0.07, 0.04, 0.03, 0.02), 9.3, 9.7),
+    7.5: ((0.04, 0.88, 0.04, 0.02, 0.02), 7.3, 7.5),
+    5.0: ((0.04, 0.05, 0.85, 0.04, 0.03), 5.1, 5.0),
+    2.5: ((0.02, 0.02, 0.04, 0.89, 0.03), 2.7, 2.5),
+    0.0: ((0.02, 0.02, 0.03, 0.05, 0.87), 0.6, 0.3),
+}
+"""Table 4.2: actual preload -> mode probabilities, linear and exponential prediction, percent."""
+
+
+@dataclass(frozen=True, slots=True)
+class LevelRow:
+    """One constant level: the published row of Table 4.2 and ours, percent.
+
+    Attributes:
+        probability, linear_percent, percent: mean over runs of constant preload.
+        sliding_percent: the same of the sliding innovation bank.
+        ramp_percent: read from the ramp of simulation 1 where it passes the level, with a centred
+            window of TABLE_WINDOW_STEPS, which comes closest to the published table.
+    """
+
+    actual_percent: float
+    published_probability: tuple[float, ...]
+    published_linear_percent: float
+    published_percent: float
+    probability: tuple[float, ...]
+    linear_percent: float
+    percent: float
+    sliding_percent: float
+    ramp_percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class WindowRow:
+    """One causal window: mean absolute error in points of simulations 1 to 5, and its reaction.
+
+    Attributes:
+        drop_steps: most steps that any run of simulation 4 took to see the drop; None if one
+            never did.
+        false_drop_share: share of the runs of simulation 3 with a false drop.
+    """
+
+    window_steps: int
+    mae_points: tuple[float, ...]
+    drop_steps: int | None
+    false_drop_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduction:
+    """Content of `reproduction.json`."""
+
+    seeds: int
+    exponent: float
+    levels: tuple[LevelRow, ...]
+    windows: tuple[WindowRow, ...]
+    printed_states_difference: float
+    printed_states_difference_points: float
+
+    @property
+    def scenario_mae_points(self) -> tuple[float, ...]:
+        """Mean absolute error of simulations 1 to 5 with the window of MAE_WINDOW_STEPS."""
+        return self.window(MAE_WINDOW_STEPS).mae_points
+
+    @property
+    def own_probability(self) -> tuple[float, ...]:
+        """Probability of the right mode at each constant level."""
+        return tuple(row.probability[index] for index, row in enumerate(self.levels))
+
+    def window(self, steps: int) -> WindowRow:
+        """The row of one window."""
+        return next(row for row in self.windows if row.window_steps == steps)
+
+    def as_text(self) -> str:
+        """The tables, for a terminal."""
+        lines = [
+            f"Table 4.2, constant levels, mean of {self.seeds} seeds, exponent {self.exponent:g} "
+            "(published in brackets)",
+            f"ramp: read from simulation 1, centred window of {TABLE_WINDOW_STEPS} steps",
+            f"actual   own mode     linear       exp {self.exponent:<4g}      sliding  ramp",
+        ]
+        for row, own in zip(self.levels, self.own_probability, strict=True):
+            published = row.published_probability[len(lines) - 3]
+            lines.append(
+                f"{row.actual_percent:5.1f} %"
+                f"  {own:.2f} ({published:.2f})"
+                f"  {row.linear_percent:5.2f} ({row.published_linear_percent:4.1f})"
+                f"  {row.percent:5.2f} ({row.published_percent:4.1f})"
+                f"  {row.sliding_percent:6.2f}  {row.ramp_percent:5.2f}"
+            )
+        lines += [
+            f"\nMean absolute error in points, causal moving average, exponent {self.exponent:g}",
+            "window   sim 1  sim 2  sim 3  sim 4  sim 5  drop seen after  false drops in sim 3",
+        ]
+        for each in self.windows:
+            errors = "  ".join(f"{value:.3f}" for value in each.mae_points)
+            seen = "never" if each.drop_steps is None else f"{each.drop_steps} steps"
+            lines.append(
+                f"{each.window_steps:6d}   {errors}  {seen:>15}  {each.false_drop_share:20.0%}"
+            )
+        return "\n".join(lines)
+
+
+def reproduce(
+    out_dir: Path,
+    seeds: int = SEEDS,
+    seed: int = 0,
+    window_steps: int = MAE_WINDOW_STEPS,
+    exponent: float = PUBLISHED_EXPONENT,
+    progress: Progress = silent,
+) -> Reproduction:
+    """Run the study; write `report.html` and `reproduction.json` into `out_dir`.
+
+    Args:
+        seeds: runs per case, the first with `seed`.
+        window_steps: causal moving average of the figures.
+        exponent: of the weighted sum (4.5.4).
+    """
+    if seeds < 1:
+        raise ValueError("seeds: expected at least 1")
+    runs = range(seed, seed + seeds)
+    progress("Table 4.2")
+    ramp = _ramp_percent(runs, exponent)
+    levels = tuple(_level_row(level, runs, exponent, ramp[level]) for level in PUBLISHED_TABLE)
+    progress("simulations 1 to 5")
+    windows = _window_rows(runs, exponent)
+    two = run_case(ThesisCase(1), seed)[1].mode_probability
+    three = run_case(ThesisCase(1, printed_states=True), seed)[1].mode_probability
+    points = np.abs(
+        smoothed_preload(two, MAE_WINDOW_STEPS) - smoothed_preload(three, MAE_WINDOW_STEPS)
+    )
+    result = Reproduction(
+        seeds=seeds,
+        exponent=exponent,
+        levels=levels,
+        windows=windows,
+        printed_states_difference=float(np.abs(two - three).max()),
+        printed_states_difference_points=float(points.mean()),
+    )
+    progress("report")
+    document = {"schema": "reproduction/1", **asdict(result)}
+    page = rendered(
+        "reproduction.html",
+        {},
+        result=result,
+        figures=draw_figures(Drawing(seed, window_steps, exponent)),
+        levels=LEVELS.tolist(),
+        table_window_steps=TABLE_WINDOW_STEPS,
+    )
+    with replaced_file(out_dir / "reproduction.json") as file:
+        file.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    with replaced_file(out_dir / "report.html") as file:
+        file.write(page)
+    return result
+
+
+def mean_probability(case: ThesisCase, seeds: range) -> Floats:
+    """Mode probabilities (r,), mean over all steps and seeds."""
+    runs = [run_case(case, seed)[1].mode_probability.mean(axis=0) for seed in seeds]
+    return np.asarray(np.mean(runs, axis=0))
+
+
+def _level_row(level: float, seeds: range, exponent: float, ramp_percent: float) -> LevelRow:
+    published, published_linear, published_percent = PUBLISHED_TABLE[level]
+    probability = mean_probability(ThesisCase(level), seeds)
+    sliding = mean_probability(ThesisCase(level, method="sif-imm"), seeds)
+    return LevelRow(
+        actual_percent=level,
+        published_probability=published,
+        published_linear_percent=published_linear,
+        published_percent=published_percent,
+        probability=tuple(probability.tolist()),
+        linear_percent=float(probability @ LEVELS),
+        percent=float(weighted_level(probability, LEVELS, exponent)),
+        sliding_percent=float(weighted_level(sliding, LEVELS, exponent)),
+        ramp_percent=ramp_percent,
+    )
+
+
+def _ramp_percent(seeds: range, exponent: float) -> dict[float, float]:
+    """Prediction where the ramp of simulation 1 passes each level, percent."""
+    case = ThesisCase(1)
+    truth = case.true_preload_percent()
+    smoothed = [
+        centred_moving_average(run_case(case, seed)[1].mode_probability, TABLE_WINDOW_STEPS)
+        for seed in seeds
+    ]
+    percent = weighted_level(np.mean(smoothed, axis=0), LEVELS, exponent)
+    return {level: float(percent[np.argmin(np.abs(truth - level))]) for level in PUBLISHED_TABLE}
+
+
+def _window_rows(seeds: range, exponent: float) -> tuple[WindowRow, ...]:
+    cases = [ThesisCase(number) for number in (1, 2, 3, 4)] + [ThesisCase(5, method="sif-imm")]
+    runs = [[run_case(case, seed)[1].mode_probability for seed in seeds] for case in cases]
+    truths = [case.true_preload_percent() for case in cases]
+    rows = []
+    for window in WINDOWS_STEPS:
+        estimates = [[smoothed_preload(r, window, exponent) for r in each] for each in runs]
+        errors = [
+            float(np.mean([mean_absolute_error(estimate, truth) for estimate in case_estimates]))
+            for case_estimates, truth in zip(estimates, truths, strict=True)
+        ]
+        delays = [steps_to_see_drop(estimate, truths[3]) for estimate in estimates[3]]
+        seen = [delay for delay in delays if delay is not None]
+        rows.append(
+            WindowRow(
+                window_steps=window,
+                mae_points=tuple(errors),
+                drop_steps=max(seen) if len(seen) == len(delays) else None,
+                false_drop_share=float(np.mean([has_false_drop(e) for e in estimates[2]])),
+            )
+        )
+    return tuple(rows)

@@ -1,1 +1,0 @@
-"""The thesis' simulations again, beside its published figures."""
