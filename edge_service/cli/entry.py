@@ -26,6 +26,7 @@ GONE: dict[str, str] = {
     "restore --history": "gone; history goes where the configuration keeps it",
     "audit": "gone; GET /api/v1/log?kind=command",
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
+    "fleet --timeout": "gone; 5 s",
     "fleet --services": "gone; name the addresses, their tokens in .netrc",
     "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
     "plant": "gone; run zenohd with deploy/zenoh.json5, then edge-service fleet tcp/ROUTER",

@@ -71,11 +71,14 @@ function connect() {
   on("lost", (answer) => takeEvent({ severity: "warning", axis: "", kind: "lost", message: `${t("events.lost")} ${answer.reason}`, time: new Date(serverMs()).toISOString(), data: {} }, lastEventId + 0.5));
 }
 
+// Place in the usual order of a machine's axes; others come after them.
+const rank = (axis) => ("XYZABCUVW".indexOf(axis[0].toUpperCase()) + 10) % 10;
+
 async function start() {
   try {
     await findSignedName();
     const { axes, site, machine } = await fetchJson("/api/v1/axes");
-    axes.sort((one, other) => one.axis.localeCompare(other.axis));
+    axes.sort((one, other) => rank(one.axis) - rank(other.axis) || one.axis.localeCompare(other.axis));
     write(byId("place"), site ? `${site} / ${machine}` : "");
     setServerTime((await fetchJson("/api/v1/health")).time);
     const logs = await Promise.all(axes.map(({ axis }) => fetchJson(`/api/v1/log?axis=${encodeURIComponent(axis)}&limit=${KEPT_EVENTS}`)));
