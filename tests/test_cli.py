@@ -315,7 +315,7 @@ def test_an_unknown_option_is_refused_before_anything_is_loaded() -> None:
     assert answered(["diagnose", "--unknown"]) == f"{BAD_INPUT}"
 
 
-@pytest.mark.parametrize("arguments", [["fleet"]])
+@pytest.mark.parametrize("arguments", [["token", "x.toml", "--add", "kim", "--revoke", "kim"]])
 def test_a_mistake_is_told_without_rooms_that_the_command_has_not_used(
     arguments: list[str],
 ) -> None:
