@@ -162,7 +162,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 1122,
+    "bus": 1121,
     "checks": 3974,
     "cli": 1828,
     "config": 566,

@@ -81,6 +81,10 @@ class HealthListener:
             raise RouterAwayError(
                 f"no Zenoh router answers: {error}".partition(" at /")[0]
             ) from None
+        # before anything is declared: later it would be answered from what has come by then
+        for reply in self._session.liveliness().get(_PUBLISHERS):
+            if reply.ok is not None:
+                self._on_presence(reply.ok)
         self._subscriber = ext.declare_advanced_subscriber(
             self._session,
             _KEYS,
@@ -94,14 +98,9 @@ class HealthListener:
 
     def settle(self, timeout_s: float) -> None:
         """Wait until every axis that is there tells of now, for `timeout_s` at most."""
-        end_s = time.monotonic() + timeout_s
-        for reply in self._session.liveliness().get(_PUBLISHERS, timeout=timeout_s):
-            if reply.ok is not None:
-                self._on_presence(reply.ok)
         with self._changed:
             self._changed.wait_for(
-                lambda: all(each.is_new for each in self._axes.values() if each.there),
-                max(end_s - time.monotonic(), 0.0),
+                lambda: all(each.is_new for each in self._axes.values() if each.there), timeout_s
             )
 
     def axes(self) -> list[HeardAxis]:
