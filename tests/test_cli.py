@@ -73,7 +73,7 @@ CASES: dict[str, tuple[Case, str]] = {
     ),
     "missing driver key": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + 'driver = "modbus"')],
-        "a.toml: axes.X.settings.port: missing",
+        "a.toml: axes.X.settings.url: missing",
     ),
     "unknown driver key": (
         lambda p: ["check-config", write(p, "a.toml", AXIS + 'settings = { scenari = "sudden" }')],
