@@ -52,18 +52,21 @@ def with_table_secrets(
     return content | filled
 
 
-def open_secrets(model: type[BaseModel], content: dict[str, Any], path: Path) -> list[str]:
-    """Keys of secrets that stand in a file which others may read; addresses if they hold a user."""
+def open_secrets(content: dict[str, Any], path: Path) -> list[str]:
+    """Passwords of outputs and drivers that stand in a file which others may read."""
     if not path.stat().st_mode & stat.S_IROTH:
         return []
+    outputs, axes = content.get("outputs"), content.get("axes")
+    tables: dict[str, Any] = {}
+    if isinstance(outputs, dict):
+        tables |= {f"outputs.{name}": table for name, table in outputs.items()}
+    for number, axis in enumerate(axes if isinstance(axes, list) else ()):
+        if isinstance(axis, dict):
+            tables[f"axes[{number}].settings"] = axis.get("settings")
     return [
-        f"{name}.{key}"
-        for name, field in model.model_fields.items()
-        for table in _tables_in(field.annotation)
-        for key in secret_keys(table)
-        if isinstance(content.get(name), dict)
-        and key in content[name]
-        and (key != "url" or "@" in str(content[name][key]))
+        f"{name}.password"
+        for name, table in tables.items()
+        if isinstance(table, dict) and "password" in table
     ]
 
 

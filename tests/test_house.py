@@ -181,7 +181,7 @@ MOST_LINES = {
     "recordings": 3845,
     "regression": 1197,
     "beside the rooms": 843,
-    "tests": 60506,
+    "tests": 60477,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 524

@@ -13,6 +13,8 @@ from pydantic import BaseModel
 from drivers.registry import driver_names, load_driver
 from edge_service.config import ConfigError, EdgeConfig, check_settings, load_config
 from edge_service.config_secrets import secret_keys
+from edge_service.nodes.output_node import make_output
+from edge_service.outputs.base import load_output, output_names
 from edge_service.secret_files import SecretError, read_secret
 
 MARKER = "marker-0f9c6a1e-4d2b"
@@ -32,18 +34,15 @@ def tables(model: type[BaseModel], where: str = "") -> Iterator[tuple[str, type[
 TABLES = [
     *tables(EdgeConfig),
     *((f"driver {name}", load_driver(name).config_model) for name in driver_names()),
+    *((f"outputs.{name}", load_output(name).config_model) for name in output_names()),
 ]
 KEYS = [(where, model, key) for where, model in TABLES for key in secret_keys(model)]
-OF_TABLES = [(where, key) for where, _, key in KEYS if not where.startswith("driver")]
+OF_TABLES = [(where, key) for where, _, key in KEYS if where == "outputs.mqtt"]
 
 
 def test_there_are_secrets_to_look_after() -> None:
     assert {(where, key) for where, _, key in KEYS} >= {
-        ("mqtt", "password"),
-        ("webhook", "url"),
-        ("webhook", "secret"),
-        ("webhook", "previous_secret"),
-        ("email", "password"),
+        ("outputs.mqtt", "password"),
         ("driver opcua", "password"),
     }
 
@@ -69,7 +68,7 @@ def config_file(folder: Path, where: str, lines: str) -> Path:
 
 def complaint(path: Path) -> str:
     with pytest.raises(ConfigError) as caught:
-        load_config(path)
+        make_output(load_config(path), "mqtt")
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -128,28 +127,20 @@ def test_a_file_that_others_may_read_is_warned_of(
             check_settings(model, {f"{key}_file": str(held)}, "axes.X.settings")
     else:
         with suppress(ConfigError):
-            load_config(config_file(tmp_path, where, f'{key}_file = "held"'))
+            path = config_file(tmp_path, where, f'{key}_file = "held"')
+            make_output(load_config(path), where.partition(".")[2])
     assert f"{held}: others may read or change it (mode 644)" in caplog.text
     assert MARKER not in caplog.text
 
 
 def test_files_are_relative_to_the_configuration_and_read(tmp_path: Path) -> None:
-    for name, content in {"p": "pass", "u": "https://h/hidden-part", "s": 20 * "s"}.items():
-        (tmp_path / name).write_text(f"{content}\n")
-        (tmp_path / name).chmod(0o600)
-    path = tmp_path / "edge.toml"
-    path.write_text(
-        '[mqtt]\nhost = "127.0.0.1"\nuser = "u"\npassword_file = "p"\n'
-        f'[webhook]\nurl_file = "u"\nsecret_file = "s"\n{AXIS}'
-    )
-    config = load_config(path)
-    assert config.mqtt is not None and config.mqtt.password is not None
-    assert config.mqtt.password.get_secret_value() == "pass"
-    assert config.webhook.url is not None and config.webhook.secret is not None
-    assert config.webhook.url.get_secret_value() == "https://h/hidden-part"
-    assert config.webhook.secret.get_secret_value() == 20 * "s"
-    assert config.webhook.buffer == tmp_path / "webhook-buffer.sqlite"
-    for shown in (repr(config), str(config), config.model_dump_json()):
+    (tmp_path / "p").write_text("hidden-part\n")
+    (tmp_path / "p").chmod(0o600)
+    lines = 'url = "mqtt://u@127.0.0.1"\npassword_file = "p"'
+    config = load_config(config_file(tmp_path, "outputs.mqtt", lines))
+    made = make_output(config, "mqtt").config
+    assert made.password.get_secret_value() == "hidden-part"
+    for shown in (repr(config), config.model_dump_json(), repr(made), made.model_dump_json()):
         assert "hidden-part" not in shown
 
 
@@ -158,14 +149,13 @@ def test_credentials_are_found_where_systemd_puts_them(
 ) -> None:
     (tmp_path / "mqtt-password").write_text("pass")
     (tmp_path / "mqtt-password").chmod(0o400)
-    lines = 'host = "127.0.0.1"\nuser = "u"\npassword_file = "$CREDENTIALS_DIRECTORY/mqtt-password"'
-    path = config_file(tmp_path, "mqtt", lines)
+    lines = 'url = "mqtt://u@127.0.0.1"\npassword_file = "$CREDENTIALS_DIRECTORY/mqtt-password"'
+    path = config_file(tmp_path, "outputs.mqtt", lines)
     monkeypatch.delenv("CREDENTIALS_DIRECTORY", raising=False)
     assert "$CREDENTIALS_DIRECTORY is not set" in complaint(path)
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
-    config = load_config(path)
-    assert config.mqtt is not None and config.mqtt.password is not None
-    assert config.mqtt.password.get_secret_value() == "pass"
+    made = make_output(load_config(path), "mqtt").config
+    assert made.password.get_secret_value() == "pass"
 
 
 @pytest.mark.parametrize(
@@ -219,11 +209,12 @@ def test_what_is_no_file_holds_up_nobody(kind: str, tmp_path: Path) -> None:
 def test_a_secret_in_a_configuration_that_others_may_read_is_warned_of(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = config_file(tmp_path, "mqtt", f'host = "127.0.0.1"\nuser = "u"\npassword = "{MARKER}"')
+    lines = f'url = "mqtt://u@127.0.0.1"\npassword = "{MARKER}"'
+    path = config_file(tmp_path, "outputs.mqtt", lines)
     path.chmod(0o600)
     load_config(path)
     assert not caplog.records
     path.chmod(0o644)
     load_config(path)
-    assert "it contains mqtt.password; use mqtt.password_file" in caplog.text
+    assert "it contains outputs.mqtt.password; use outputs.mqtt.password_file" in caplog.text
     assert MARKER not in caplog.text

@@ -43,7 +43,7 @@ def load_config(path: Path) -> EdgeConfig:
     gone = gone_key(content)
     if gone is not None:
         raise ConfigError(f"{path}: {gone}")
-    for key in open_secrets(EdgeConfig, content, path):
+    for key in open_secrets(content, path):
         log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
     try:
         content = with_table_secrets(EdgeConfig, content, path.parent)
