@@ -26,6 +26,8 @@ APPLICATION_ID = 0x65645376
 _BUSY, _LOCKED, _CORRUPT, _FULL, _NO_ACCESS, _FOREIGN = 5, 6, 11, 13, 14, 26
 _BUSY_S = 2.0
 _WAL_BYTES = 4_000_000
+_FAILED = (sqlite3.Error, UnicodeDecodeError)
+"""What reading a file may raise; Python cannot decode SQLite's own words on a damaged name."""
 _FILE_MODE, _FOLDER_MODE = 0o640, 0o750
 
 
@@ -82,7 +84,7 @@ class Store:
                 file.execute("BEGIN IMMEDIATE")
                 result = work(file)
                 file.execute("COMMIT")
-            except sqlite3.Error as error:
+            except _FAILED as error:
                 raise self._translated(error) from None
             finally:
                 _roll_back(file)
@@ -99,7 +101,7 @@ class Store:
             try:
                 file.execute("BEGIN")
                 return work(file)
-            except sqlite3.Error as error:
+            except _FAILED as error:
                 raise self._translated(error) from None
             finally:
                 _roll_back(file)
@@ -113,7 +115,7 @@ class Store:
         with self._writing:
             try:
                 self._open_writer().execute("VACUUM INTO ?", (str(path),))
-            except sqlite3.Error as error:
+            except _FAILED as error:
                 raise self._translated(error) from None
 
     def close(self) -> None:
@@ -131,6 +133,10 @@ class Store:
         """StoreFailedError where the file failed; an error of the work as it is."""
         if isinstance(error, OSError):
             reason = f"{error.filename or self._name}: {error.strerror}"
+        elif isinstance(error, UnicodeDecodeError):
+            reason = f"{self._name}: damaged text"
+            self._check = "integrity_check"
+            self._opened += 1
         elif type(error) in (sqlite3.DatabaseError, sqlite3.OperationalError):
             reason = f"{self._name}: {error}"
             code = _code(error)
@@ -150,7 +156,7 @@ class Store:
             if self._writer is None:
                 self._writer = self._open()
                 self._opened += 1
-        except (sqlite3.Error, OSError) as error:
+        except (*_FAILED, OSError) as error:
             raise self._translated(error) from None
         return self._writer
 
@@ -164,7 +170,7 @@ class Store:
                 try:
                     self._reader = _connected(path)
                     self._reader.execute("PRAGMA query_only = ON")
-                except sqlite3.Error as error:
+                except _FAILED as error:
                     raise self._translated(error) from None
                 self._opened_by_reader = self._opened
         return self._reader
@@ -245,7 +251,7 @@ class Store:
             for schema in self._schemas:
                 file.executescript(schema)
             if path.is_file():
-                with suppress(sqlite3.Error), closing(sqlite3.connect(path)) as old:
+                with suppress(*_FAILED), closing(sqlite3.connect(path)) as old:
                     old.text_factory = _text
                     _rescue(old, file)
         sync_file(new)
@@ -261,11 +267,11 @@ def _rescue(old: sqlite3.Connection, new: sqlite3.Connection) -> None:
     """Copy the rows of every table, from both ends up to what cannot be read."""
     tables = "SELECT name, sql FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
     for name, statement in old.execute(tables).fetchall():
-        with suppress(sqlite3.Error):
+        with suppress(*_FAILED):
             new.execute(statement)
         quoted = '"' + name.replace('"', '""') + '"'
         for order in ("ASC", "DESC"):
-            with suppress(sqlite3.Error):
+            with suppress(*_FAILED):
                 rows = old.execute(f"SELECT * FROM {quoted} ORDER BY 1 {order}")
                 marks = ", ".join("?" * len(rows.description))
                 new.execute("BEGIN")
@@ -298,6 +304,8 @@ def _damage_of(path: Path, check: str) -> str:
                 return "it is no store of this service"
             ((said,),) = file.execute(f"PRAGMA {check}(1)").fetchall()
             return "" if said == "ok" else str(said).splitlines()[-1]
+    except UnicodeDecodeError:
+        return "a name in it is no text"
     except sqlite3.DatabaseError as error:
         if _code(error) == _NO_ACCESS:
             path.open("rb").close()  # says why
