@@ -36,22 +36,6 @@ def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) 
     return content | read
 
 
-def with_table_secrets(
-    model: type[BaseModel], content: dict[str, Any], folder: Path
-) -> dict[str, Any]:
-    """The content of a file, its tables with the secrets that they name. Raises SecretError."""
-    filled = {}
-    for name, field in model.model_fields.items():
-        part = content.get(name)
-        for table in _tables_in(field.annotation):
-            if isinstance(part, dict):
-                try:
-                    filled[name] = with_secrets(table, part, folder)
-                except SecretError as error:
-                    raise SecretError(f"{name}.{error}") from None
-    return content | filled
-
-
 def open_secrets(content: dict[str, Any], path: Path) -> list[str]:
     """Passwords of outputs and drivers that stand in a file which others may read."""
     if not path.stat().st_mode & stat.S_IROTH:
@@ -67,14 +51,6 @@ def open_secrets(content: dict[str, Any], path: Path) -> list[str]:
         f"{name}.password"
         for name, table in tables.items()
         if isinstance(table, dict) and "password" in table
-    ]
-
-
-def _tables_in(annotation: Any) -> list[type[BaseModel]]:
-    return [
-        each
-        for each in (annotation, *get_args(annotation))
-        if isinstance(each, type) and issubclass(each, BaseModel)
     ]
 
 

@@ -99,7 +99,7 @@ def _judged_inertia(
         reason = usual_mistake(ratio, TORQUE)
         if not reason and not any(TABLE_POSITION in frame.channels for frame in recordings):
             reason = usual_mistake(1.0 / ratio, ANGLE)
-        sentence = f"torque looks {wrongly(ratio)}{reason}"
+        sentence = f"{TORQUE} looks {wrongly(ratio)}{reason}"
         forbids = _apart(inertia, stated, OTHER_UNIT_FACTOR)
         return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected, forbids=forbids)
     return None

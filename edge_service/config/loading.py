@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ..config_secrets import open_secrets, with_secrets, with_table_secrets
+from ..config_secrets import open_secrets, with_secrets
 from ..config_tables import (
     StoreConfig,
     Table,
@@ -45,10 +45,6 @@ def load_config(path: Path) -> EdgeConfig:
         raise ConfigError(f"{path}: {gone}")
     for key in open_secrets(content, path):
         log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
-    try:
-        content = with_table_secrets(EdgeConfig, content, path.parent)
-    except SecretError as error:
-        raise ConfigError(f"{path}: {error}") from None
     config = _checked(EdgeConfig, content, path)
     axes = tuple(
         axis.model_copy(

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import signal
 
 from ..messages.channels import ANGLE
 from ..messages.features import VibrationColumn
@@ -311,4 +310,4 @@ def _envelope(values: Floats, period_s: float, band_hz: tuple[float, float]) -> 
     frequency = np.fft.fftfreq(len(values), period_s)
     inside = (frequency >= band_hz[0]) & (frequency < band_hz[1])
     envelope = np.abs(np.fft.ifft(np.where(inside, 2.0 * spectrum, 0.0)))
-    return np.asarray(signal.detrend(envelope, type="constant"))
+    return np.asarray(envelope - envelope.mean())

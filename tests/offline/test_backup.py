@@ -17,6 +17,8 @@ from edge_service.health.store.store import FILE_NAME, Store
 from edge_service.messages.event import Event, Severity
 
 CONFIG = """
+[bus]
+zenoh_file = "zenoh.json5"
 [store]
 folder = "{folder}"
 [[axes]]
@@ -66,7 +68,7 @@ def notes(folder: Path) -> list[str]:
 def place(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A configuration in `etc`, its state in `etc/var` or `var`, and `backup.zip` of both."""
     folder = "var" if request.param == "inside" else "../var"
-    etc = {"edge.toml": CONFIG.format(folder=folder).encode(), "tokens.json": b"{}"}
+    etc = {"edge.toml": CONFIG.format(folder=folder).encode(), "zenoh.json5": b"{}"}
     written(tmp_path / "etc", etc | {"machines/x.toml": MACHINE, "other.txt": b"not ours"})
     written(var_of(tmp_path / "etc", folder), FILES)
     note(var_of(tmp_path / "etc", folder), "before")
@@ -103,17 +105,17 @@ def test_what_was_there_is_there_again(place: Path, recordings: bool) -> None:
     etc = state(place / "new/etc")
     assert etc["mill.toml"] == (place / "etc/edge.toml").read_bytes()
     assert {name for name in etc if not name.startswith("var")} == {
-        *("mill.toml", "tokens.json", "machines/x.toml")
+        *("mill.toml", "zenoh.json5", "machines/x.toml")
     }
     assert (var(place, "new") / FILE_NAME).stat().st_mode & 0o777 == 0o640
 
 
 def test_secrets_stay_with_their_owner(place: Path) -> None:
-    (place / "etc/tokens.json").chmod(0o600)
+    (place / "etc/zenoh.json5").chmod(0o600)
     assert main(["backup", str(place / "etc/edge.toml"), "--out", str(backup(place))]) == 0
     assert backup(place).stat().st_mode & 0o777 == 0o600
     assert restored(place) == 0
-    assert (place / "new/etc/tokens.json").stat().st_mode & 0o777 == 0o600
+    assert (place / "new/etc/zenoh.json5").stat().st_mode & 0o777 == 0o600
 
 
 def test_files_elsewhere_are_named(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -180,7 +182,7 @@ HOSTILE = {
     "a folder": added("state/"),
     "a dot": added("config/./edge.toml"),
     "a line break": added("state/a\nb"),
-    "a file as a folder": added("config/tokens.json/x"),
+    "a file as a folder": added("config/zenoh.json5/x"),
     "too long": added("state/" + "x" * 300),
     "less than described": without("state/axes/Y/axis.toml"),
     "newer format": described(format="backup/3"),
@@ -253,15 +255,15 @@ def test_nothing_that_is_there_is_overwritten_unless_it_is_wanted(
     assert restored(place) == 0
     note(var(place, "new"), "later")
     assert "is not empty" in refused(place, capsys)
-    (place / "new/etc/tokens.json").write_bytes(b"mine")
+    (place / "new/etc/zenoh.json5").write_bytes(b"mine")
     (place / "new/etc/beside.txt").write_bytes(b"beside")
-    assert "tokens.json is there already, and differs" in refused(place, capsys)
+    assert "zenoh.json5 is there already, and differs" in refused(place, capsys)
     assert restored(place, "--force") == 0
-    assert (place / "new/etc/tokens.json").read_bytes() == b"{}"
+    assert (place / "new/etc/zenoh.json5").read_bytes() == b"{}"
     assert (place / "new/etc/beside.txt").read_bytes() == b"beside"
     assert notes(var(place, "new")) == ["before"]
     (before,) = (place / "new").glob("etc.before-*")
-    assert (before / "tokens.json").read_bytes() == b"mine"
+    assert (before / "zenoh.json5").read_bytes() == b"mine"
     aside = before / "var" if (before / "var").exists() else next((place / "new").glob("var.b*"))
     assert notes(aside) == ["before", "later"]
 
@@ -285,7 +287,7 @@ def test_a_folder_that_cannot_be_replaced_leaves_all_as_it_was(
 ) -> None:
     assert restored(place) == 0
     note(var(place, "new"), "later")
-    (place / "new/etc/tokens.json").write_bytes(b"mine")
+    (place / "new/etc/zenoh.json5").write_bytes(b"mine")
     rename, left = Path.rename, [fails_at]
     places = {place / "new/etc", var(place, "new")}
 
@@ -303,5 +305,5 @@ def test_a_folder_that_cannot_be_replaced_leaves_all_as_it_was(
     monkeypatch.undo()
     assert "busy" in capsys.readouterr().err
     assert notes(var(place, "new")) == ["before", "later"]
-    assert (place / "new/etc/tokens.json").read_bytes() == b"mine"
+    assert (place / "new/etc/zenoh.json5").read_bytes() == b"mine"
     assert not [path for path in place.rglob("*") if "before-" in path.name]

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.cli.entry import main
 from edge_service.regression.interval_estimate import around, undetermined
 
 from .bench import IdentificationBench, Recovery, run, share_interval
@@ -75,15 +74,6 @@ def test_one_axis_finds_every_parameter_near_its_truth() -> None:
         assert each.found.determined, name
         assert abs(each.found.value - each.truth) < 5.0 * each.found.sigma, name
         assert each.truth == 0.0 or each.found.sigma < 0.05 * abs(each.truth), name
-
-
-def test_the_command_refuses_no_axes_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "identification", "--seeds", "0"]) == 2
-    assert main(["bench", "--json", "identification"]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 2
-    assert "--seeds" in lines[0]
-    assert "come after its name" in lines[1]
 
 
 @pytest.mark.slow

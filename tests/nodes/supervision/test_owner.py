@@ -24,13 +24,10 @@ BEGIN = {
 OWNER = "nodes/supervision/"
 WAITED_FOR = {
     "bus/session.py": {"to_thread"},
-    "bus/mqtt/delivery.py": {"ensure_future", "gather"},
-    "bus/spool/disk_thread.py": {"Thread"},
-    "outputs/opcua.py": {"ensure_future"},
-    "nodes/outputs/post.py": {"gather"},
+    "nodes/wiring/event_dispatcher.py": {"ensure_future"},
+    "nodes/wiring/history_queries.py": {"create_task"},
 }
-"""Begun and waited for within a supervised task or a request, that of another fleet node included;
-the thread of a spool is a daemon."""
+"""Begun and waited for within a supervised task or a request."""
 
 
 def begun(text: str) -> set[str]:

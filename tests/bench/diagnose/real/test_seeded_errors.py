@@ -102,7 +102,7 @@ def test_without_recordings_there_is_one_line(
     with pytest.raises(BenchError, match="no recording"):
         recordings(tmp_path)
     monkeypatch.setattr(real_machines, "DATA", tmp_path)
-    assert main(["bench", "diagnose", "--real-machines"]) == 2
+    assert main(["bench", "diagnose", "--only", "real-machines"]) == 2
     assert (
         capsys.readouterr().err.strip().endswith(f"no recording of emps or cranfield in {tmp_path}")
     )
