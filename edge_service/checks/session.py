@@ -122,8 +122,8 @@ def _torque(runs: Sequence[Run]) -> list[str]:
     if is_friction:
         return []
     return [
-        f"{TORQUE} looks {wrongly(middle)}{usual_mistake(abs(middle), TORQUE)}: expected N m at the "
-        "motor shaft; a unit, the inertia or the machine file is wrong"
+        f"{TORQUE} looks {wrongly(middle)}{usual_mistake(abs(middle), TORQUE)}: expected N m at "
+        "the motor shaft; a unit, the inertia or the machine file is wrong"
     ]
 
 

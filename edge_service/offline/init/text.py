@@ -60,7 +60,7 @@ def configuration_text(source: Source, place: Place, machine: str) -> str:
     """The configuration: who we are, where the history is kept, and the driver's whole example."""
     head = tomlkit.document()
     head["service"] = {"site": place.site, "machine": place.machine}
-    head["history"] = {"folder": str(place.history)}
+    head["store"] = {"folder": str(place.history)}
     example = tomlkit.parse((EXAMPLES / f"{source.driver}.toml").read_text("utf-8"))
     axes = example["axes"]
     assert isinstance(axes, AoT)
