@@ -18,14 +18,12 @@ from edge_service.command_answer import Answer
 from edge_service.config import DEFAULT_MACHINE
 from edge_service.exit_status import BAD_INPUT, DONE
 
-from .offline.test_response import FREQUENCY, _response
+from .offline.test_servo_tuning import FREQUENCY, _response
 from .recordings.tuning_files import tuning
 
 WITHOUT = {
     "run": "serves until it is stopped",
     "node": "serves until it is stopped",
-    "plant node": "serves until it is stopped",
-    "plant router": "serves until it is stopped",
     "stub": "serves until it is stopped",
     "bench": "its commands stand in a checkout alone, and have their own",
 }
@@ -44,7 +42,7 @@ KNOWN = PURE | BESIDE
 COMMANDS: dict[str, list[str]] = {
     "check-config": ["check-config"],
     "backup": ["backup", "{dir}/service.toml", "--out", "{dir}/again.zip"],
-    "restore": ["restore", "{dir}/backup.zip", "--config", "{dir}/new/service.toml"],
+    "restore": ["restore", "{dir}/backup.zip", "{dir}/new/service.toml"],
     "token": ["token", "{dir}/service.toml"],
     "token --add": ["token", "{dir}/service.toml", "--add", "kim", "--role", "viewer"],
     "token --revoke": ["token", "{dir}/service.toml", "--revoke", "prometheus"],
@@ -66,7 +64,7 @@ COMMANDS: dict[str, list[str]] = {
         *("fingerprint", "{trace}", "--out", "{dir}/now"),
         *("--baseline", "{dir}/fingerprint.json"),
     ],
-    "response": ["response", "{tuning}", "--out", "{dir}/response"],
+    "fingerprint of a tuning": ["fingerprint", "{tuning}", "--out", "{dir}/response"],
     "gap": ["gap", "{trace}"],
     "diagnose": ["diagnose", "{trace}", "--out", "{dir}/diagnosis"],
     "drift": ["drift", "{monday}", "{friday}"],
@@ -162,7 +160,7 @@ def prepare(
     """Lay down what a command needs beside its recordings."""
     if name.startswith("token"):
         config = folder / "service.toml"
-        config.write_text('history = { folder = "state" }\n[[axes]]\nname = "X"\n')
+        config.write_text('store = { folder = "state" }\n[[axes]]\nname = "X"\n')
         assert main(["token", str(config), "--add", "prometheus", "--role", "viewer"]) == DONE
     if name in ("backup", "restore"):
         config = folder / "service.toml"

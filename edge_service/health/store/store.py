@@ -27,7 +27,7 @@ _BUSY, _LOCKED, _CORRUPT, _FULL, _NO_ACCESS, _FOREIGN = 5, 6, 11, 13, 14, 26
 _BUSY_S = 2.0
 _WAL_BYTES = 4_000_000
 _FAILED = (sqlite3.Error, UnicodeDecodeError)
-"""What reading a file may raise; Python cannot decode SQLite's own words on a damaged name."""
+"""Errors of reading a file; Python cannot decode SQLite's own words on a damaged name."""
 _FILE_MODE, _FOLDER_MODE = 0o640, 0o750
 
 
