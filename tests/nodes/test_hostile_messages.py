@@ -36,7 +36,6 @@ ANSWERS = (
     compose.use_answer,
     lambda state, axis, _now: compose.friction_answer(state, axis, START_NS),
     lambda state, axis, _now: compose.traces_answer(state, axis, 0),
-    lambda state, axis, _now: compose.log_answer(state, axis, 0.0, 4e9, 100),
     lambda state, axis, _now: compose.history_answer(state, axis, 0.0, 4e9, 1.0),
 )
 

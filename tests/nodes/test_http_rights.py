@@ -82,7 +82,7 @@ async def test_a_token_that_is_added_beside_the_running_service_counts_at_once(
         assert made.status_code == 201
 
         async def told() -> list[str]:
-            events = (await client.get("api/v1/axes/X/log")).json()["events"]
-            return [each["message"] for each in events if each["kind"] == "command"]
+            items = (await client.get("api/v1/log?kind=command")).json()["items"]
+            return [each["message"] for each in items]
 
         assert await until(told) == ["kim (127.0.0.1): POST /api/v1/tokens"]

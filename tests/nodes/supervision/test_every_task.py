@@ -118,7 +118,8 @@ async def test_every_task_that_fails_is_told_and_begun_again(how, tmp_path: Path
         assert not service.task.done()
         events.close()
         reports.close()
-        told = {_told(event) async for _, _, event in events if event.kind == "task_failed"}
+        told = {_told(event) async for _, _, event in events if "task" in event.data}
+        told -= {("service", "loop")}  # held up by other work of the machine
         degraded = {
             report.component
             async for _, _, report in reports
