@@ -213,7 +213,7 @@ def _follow_events(
         live.follow(axis, frame)
         samples.rest(axis, SAMPLES_PERIOD_S)
 
-    tasks.start("events", dispatcher.run)
+    tasks.start("dispatch", dispatcher.run)
     tasks.follow("events", context.subscribe(EVENT), take_event)
     tasks.follow("service_events", of_service, take_service_event)
     tasks.follow("samples", samples, take_samples)

@@ -45,8 +45,10 @@ def check_access(config: EdgeConfig) -> str:
     http = config.http
     server_files("http", http.certificate, http.private_key)
     encrypted = "no TLS" if http.certificate is None else "TLS"
+    folder = config.store.folder
     try:
-        count = len(tokens_of(config).all())
+        there = folder is not None and (folder / FILE_NAME).exists()
+        count = len(tokens_of(config).all()) if there else 0
     except StoreFailedError as error:
         return f"{encrypted}, tokens cannot be read ({error})"
     if count == 0 and needs_token(http):
