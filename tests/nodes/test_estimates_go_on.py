@@ -187,11 +187,10 @@ async def test_a_stopped_and_restarted_service_goes_on_bit_equal(tmp_path: Path)
 async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) -> None:
     """A process of its own that keeps its state ten times a second, killed by SIGKILL."""
     config = config_in(tmp_path)
-    bus = await Bus.open(BusSettings(config.bus.endpoint, "router", "open"))
+    bus = await Bus.open(BusSettings(config.bus.endpoint, "router", read_only=False))
     file = tmp_path / "edge.toml"
     file.write_text(
-        f"[bus]\nsecurity = 'open'\n[store]\nfolder = '{tmp_path}'\n"
-        f"[[axes]]\nname = 'X'\nmachine = '{COMMISSIONED}'\n"
+        f"[store]\nfolder = '{tmp_path}'\n[[axes]]\nname = 'X'\nmachine = '{COMMISSIONED}'\n"
     )
     code = (
         "from edge_service.cli.entry import main; from edge_service.nodes import estimate_node;"
