@@ -92,7 +92,7 @@ class DownsampleConfig(Table):
 
 
 class EstimatorConfig(Table):
-    """`[estimator]`: `auto` is `fused` where the machine file is commissioned, else `kf-imm`."""
+    """`[estimator]`: `auto` is `mixture` where the machine file is commissioned, else `kf-imm`."""
 
     method: str = AUTO
     engine: Literal["compiled", "filterpy"] = "compiled"

@@ -12,7 +12,7 @@ Factory = Callable[[Machine, EstimatorOptions], PreloadEstimator]
 AUTO = "auto"
 """Method that takes the first estimator of the registry that suits the machine."""
 ESTIMATORS = {
-    "fused": "mixture.estimator:fused",
+    "mixture": "mixture.estimator:mixture",
     "kf-imm": "imm.estimator:kalman_imm",
     "sif-imm": "imm.estimator:sliding_innovation_imm",
 }

@@ -292,6 +292,6 @@ def test_auto_takes_the_first_that_suits_the_machine() -> None:
         for method, file in product([AUTO, "kf-imm"], [nominal, machine()])
     }
     assert kinds[AUTO, True] is kinds["kf-imm", True] is kinds["kf-imm", False]
-    assert kinds[AUTO, False] is type(made("fused"))
+    assert kinds[AUTO, False] is type(made("mixture"))
     with pytest.raises(UnsuitableMachineError, match="edge-service commission"):
-        make_estimator("fused", nominal, EstimatorConfig())
+        make_estimator("mixture", nominal, EstimatorConfig())

@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.estimate.effect_compensation import EffectCompensation
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import FeatureBlock, Phase
 from edge_service.models.effects.registry import parse_effect
@@ -112,7 +112,7 @@ def blocks(effect: str, seconds: float, seed: int) -> list[FeatureBlock]:
 def test_an_effect_that_comes_after_commissioning_is_known(effect: str) -> None:
     recorded = blocks(effect, 40.0, 7)
     truth = Recorded(recorded, np.array([0.0, 40.0]), np.full(2, AXIS.fresh_percent))
-    estimator = FusedPreloadEstimator(with_effects(AXIS.commissioned(), effect))
+    estimator = MixturePreloadEstimator(with_effects(AXIS.commissioned(), effect))
     found = score(follow(estimator, truth).since(100))
     assert found.answered == found.moments
     assert found.mae < 0.7
@@ -131,7 +131,7 @@ def test_commissioning_sees_the_axis_without_what_is_known() -> None:
 
 
 def test_what_is_left_is_said() -> None:
-    estimator = FusedPreloadEstimator(with_effects(AXIS.commissioned(), "drag_error"))
+    estimator = MixturePreloadEstimator(with_effects(AXIS.commissioned(), "drag_error"))
     for block in blocks("drag_error:change_nm=0.0", 10.0, 9):
         estimator.update(block)
     said = estimator.estimate()

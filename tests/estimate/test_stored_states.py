@@ -19,7 +19,7 @@ def stored(name: str) -> str:
     return (STATES / f"{name}.json").read_text("utf-8").strip()
 
 
-@pytest.mark.parametrize("method", ["fused", "kf-imm", "sif-imm"])
+@pytest.mark.parametrize("method", ["mixture", "kf-imm", "sif-imm"])
 def test_a_stored_estimator_goes_on(method: str) -> None:
     machine = OwnAxis(1, one_encoder=True).commissioned()
     estimator = make_estimator(method, machine, EstimatorConfig(method=method))

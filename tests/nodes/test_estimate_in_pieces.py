@@ -11,7 +11,7 @@ from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")
-MACHINES = {"baseline": DEFAULT_MACHINE, "fused": COMMISSIONED}
+MACHINES = {"baseline": DEFAULT_MACHINE, "mixture": COMMISSIONED}
 
 
 def estimate(trace: Path, machine: Path, *more: str) -> list[str]:

@@ -31,7 +31,7 @@ from edge_service.config import (
     load_machine,
 )
 from edge_service.config_tables import StoreConfig
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.states import State, load_state
 from edge_service.health.store.store import FILE_NAME, Store
@@ -100,7 +100,7 @@ def config_in(folder: Path | None, **changes: Any) -> EdgeConfig:
 
 def one_piece(given: Sequence[FeatureBlock]) -> list[str]:
     """Estimates of an estimator that was never stopped."""
-    estimator = FusedPreloadEstimator(machine())
+    estimator = MixturePreloadEstimator(machine())
     told = []
     for block in given:
         estimator.update(block)
@@ -289,7 +289,7 @@ def identity(of: Machine | None = None) -> str:
 
 
 def kept_at(end_ns: int) -> Kept:
-    axis = EstimatedAxis("X", FusedPreloadEstimator(machine()))
+    axis = EstimatedAxis("X", MixturePreloadEstimator(machine()))
     for number, block in enumerate(blocks()[:50]):
         axis.take(Header(number, 1, end_ns - (49 - number) * NS // 10, 0), block)
     kept = axis.to_keep()
@@ -384,7 +384,7 @@ def test_a_state_of_a_part_that_was_replaced_is_refused() -> None:
 
 @pytest.mark.parametrize("step_s", [74 * 365 * 86400.0, -7200.0])
 def test_a_step_of_the_clock_changes_no_estimate(step_s: float) -> None:
-    axis, told = EstimatedAxis("X", FusedPreloadEstimator(machine())), []
+    axis, told = EstimatedAxis("X", MixturePreloadEstimator(machine())), []
     for number, block in enumerate(blocks()):
         if number == 50:
             axis.move(round(step_s * NS))

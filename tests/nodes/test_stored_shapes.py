@@ -36,7 +36,7 @@ NOW_NS = 1_795_000_000 * NS
 RAW = ["[]", "{}", "1", '"x"', "NaN", "", "[[", "[" * 100_000, '{"a": ', "\x00", "true"]
 SHAPES: list[Any] = [[], {}, 1, -1, "x", None, True, math.nan, math.inf, 1e308, 2**70, [[]], ""]
 RECORDED = json.loads((ROOT / "tests/health/recorded_snapshot.json").read_text("utf-8"))
-FUSED = json.loads((ROOT / "tests/estimate/states/fused.json").read_text("utf-8"))
+MIXTURE = json.loads((ROOT / "tests/estimate/states/mixture.json").read_text("utf-8"))
 
 
 def monitor() -> AxisMonitor:
@@ -142,16 +142,16 @@ def test_a_snapshot_of_any_shape_within_is_refused_or_taken(part: str | None) ->
             use(restored)
 
 
-@pytest.mark.parametrize("part", FUSED)
+@pytest.mark.parametrize("part", MIXTURE)
 def test_an_estimate_of_any_shape_within_is_refused_or_taken(part: str) -> None:
     """Every way in which reading a state can fail is one that the node expects."""
     machine = OwnAxis(1, one_encoder=True).commissioned()
-    make = partial(make_estimator, "fused", machine, EstimatorConfig(method="fused"))
-    for place in list(places(FUSED[part]))[:40]:
+    make = partial(make_estimator, "mixture", machine, EstimatorConfig(method="mixture"))
+    for place in list(places(MIXTURE[part]))[:40]:
         for shape in SHAPES:
             estimator = make()
             try:
-                estimator.restore(with_shape(FUSED, (part, *place), shape))
+                estimator.restore(with_shape(MIXTURE, (part, *place), shape))
                 estimator.estimate()
                 json.dumps(estimator.snapshot(), allow_nan=False)
             except DAMAGED:

@@ -152,7 +152,7 @@ def health_of(axis: str, condition: AxisCondition, percent: float | None) -> Axi
         axis=axis,
         condition=condition,
         status=EstimateStatus.UNESTIMATED if number is None else EstimateStatus.ESTIMATED,
-        method="fused",
+        method="mixture",
         of_fresh=number,
         measured_time_ns=now_ns(),
         since_time_ns=1,
@@ -188,7 +188,7 @@ async def test_the_last_word_on_each_axis_comes_at_once_and_goes_with_its_publis
         found = await until_heard(watch, said, heard)
         assert [row.axis for row in found.axes] == ["D", "C", "B", "E", "A"]
         assert [row.of_fresh and row.of_fresh.value for row in found.axes] == [12, 58, 55, None, 98]
-        assert {row.method for row in found.axes} == {"fused"}
+        assert {row.method for row in found.axes} == {"mixture"}
         late = FleetWatch([endpoint])
         assert reasons(await asyncio.to_thread(late.look)) == heard
         late.close()

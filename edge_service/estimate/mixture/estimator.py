@@ -31,7 +31,7 @@ from .state import (
 )
 from .step import step
 
-_SNAPSHOT_SCHEMA = "fused-preload/7"
+_SNAPSHOT_SCHEMA = "mixture-preload/7"
 VIBRATING_SHARE = 0.25
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""
@@ -65,7 +65,7 @@ class _Last:
 _STORED: Stored[_Last] = Stored(_Last)
 
 
-class FusedPreloadEstimator:
+class MixturePreloadEstimator:
     """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
 
     def __init__(
@@ -76,7 +76,7 @@ class FusedPreloadEstimator:
         hold_s: float = 10.0,
     ) -> None:
         if machine.commissioned is None:
-            raise ValueError("the fused estimator needs a commissioned machine file")
+            raise ValueError("the mixture estimator needs a commissioned machine file")
         self._settings = settings or MixtureSettings()
         self._validity_settings = validity or ValiditySettings(surprise_worst=WORST)
         self._hold_s = hold_s
@@ -208,7 +208,7 @@ class FusedPreloadEstimator:
             return PreloadEstimate(
                 time_s=self._validity.time_s,
                 status=status,
-                method="fused",
+                method="mixture",
                 reasons=reasons,
                 data_used_s=self._validity.informative_s,
             )
@@ -219,7 +219,7 @@ class FusedPreloadEstimator:
         return PreloadEstimate(
             time_s=self._validity.time_s,
             status=status,
-            method="fused",
+            method="mixture",
             reasons=(*reasons, *self._caveats()),
             preload_percent=percent,
             low=low,
@@ -314,14 +314,14 @@ class FusedPreloadEstimator:
         self._bank, self._gathering, self._validity = bank, gathering, validity
 
 
-def fused(machine: Machine, options: EstimatorOptions) -> FusedPreloadEstimator:
+def mixture(machine: Machine, options: EstimatorOptions) -> MixturePreloadEstimator:
     """Estimator for a commissioned axis (see registry). Raises UnsuitableMachineError."""
     if machine.commissioned is None or machine.drag_per_percent_nm is None:
         raise UnsuitableMachineError(
             "needs a machine file written by `edge-service commission` with model.preload_n, "
             "model.preload_drag_nm and axis.dynamic_load_rating_n"
         )
-    return FusedPreloadEstimator(machine)
+    return MixturePreloadEstimator(machine)
 
 
 def _interval(bounds: tuple[float, float, float]) -> Interval:

@@ -18,10 +18,10 @@ from ..wiring.stages import load_machines
 
 
 def method_of(config: EdgeConfig, machine: Machine) -> str:
-    """Method of an axis' estimator: `auto` takes the fused one where the axis is commissioned."""
+    """Method of an axis' estimator: `auto` takes the mixture where the axis is commissioned."""
     if config.estimator.method != AUTO:
         return config.estimator.method
-    return "kf-imm" if machine.commissioned is None else "fused"
+    return "kf-imm" if machine.commissioned is None else "mixture"
 
 
 def answer_of(state: ServiceState, config: EdgeConfig, axis: str, method: str) -> AxisAnswer:

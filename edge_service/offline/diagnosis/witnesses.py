@@ -10,7 +10,7 @@ from ...config import DownsampleConfig
 from ...diagnose.preload import PreloadReading, fresh_screw
 from ...diagnose.result import Diagnosis, NamedEffect, Verdict
 from ...diagnose.session.run import Run
-from ...estimate.mixture.estimator import FusedPreloadEstimator
+from ...estimate.mixture.estimator import MixturePreloadEstimator
 from ...messages.channels import ANGLE, TABLE_POSITION
 from ...messages.samples import SampleFrame
 from ...models.effects.registry import effects, get_effect
@@ -87,7 +87,7 @@ def preload_reading(machine: Machine, traces: Sequence[Path]) -> PreloadReading 
 
 def _last(machine: Machine, path: Path) -> tuple[float, float, float] | None:
     downsampler = make_downsampler(DownsampleConfig(), machine)
-    estimator = FusedPreloadEstimator(machine)
+    estimator = MixturePreloadEstimator(machine)
     with open_recording(machine, path) as frames:
         for frame in frames:
             for block in downsampler.push(frame):

@@ -1,4 +1,4 @@
-"""The bench of the fused estimator: every row measured, beside the thesis', and what was aimed at.
+"""The bench of the mixture estimator: each row measured, beside the thesis', and what was aimed at.
 
 Truth comes from the library's plant and from others written differently; every axis is
 commissioned on a recording of its own before it is judged.

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 
 from ..table import aligned
 from .healthy.axis_hours import PLANTS, SHIFT_S, worked
@@ -44,7 +44,7 @@ def drawn_course(case: str, axis_seed: int, shift_s: float = SHIFT_S) -> Course:
 def lost(plant: str, case: str, axis_seed: int, shift_s: float = SHIFT_S) -> Row:
     """Score of one shift, and the mean error of the answer that the screw is fresh."""
     machine, recorded = worked(plant, axis_seed, drawn_course(case, axis_seed, shift_s), shift_s)
-    track = follow(FusedPreloadEstimator(machine), recorded)
+    track = follow(MixturePreloadEstimator(machine), recorded)
     fresh = machine.fresh_preload_percent or 0.0
     return score(track), float(np.abs(track.truth - fresh).mean())
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats
 from edge_service.offline.reproduce.simulation import ThesisPlant
 
@@ -155,4 +155,4 @@ def test_the_noise_of_the_plant_of_the_thesis_is_that_of_its_angle() -> None:
     steps = 30
     sums = both[: count - count % steps].reshape(-1, steps).sum(axis=1)
     assert steps * torque_noise_var(plant) + ends == pytest.approx(float(np.var(sums)), rel=0.05)
-    assert FusedPreloadEstimator(thesis_machine()).estimate().preload_percent is None
+    assert MixturePreloadEstimator(thesis_machine()).estimate().preload_percent is None

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 
@@ -32,7 +32,7 @@ class LifePlant(Protocol):
     def recorded(self, session: Session) -> Recorded:
         """Blocks of a session with the truth, on the session's clock."""
 
-    def estimator(self) -> FusedPreloadEstimator:
+    def estimator(self) -> MixturePreloadEstimator:
         """A new one for the commissioned axis."""
 
 
@@ -64,9 +64,9 @@ class ForeignLife:
             axis_seed=self._axis_seed,
         )
 
-    def estimator(self) -> FusedPreloadEstimator:
+    def estimator(self) -> MixturePreloadEstimator:
         """See `LifePlant.estimator`."""
-        return FusedPreloadEstimator(foreign_machine(self._axis_seed))
+        return MixturePreloadEstimator(foreign_machine(self._axis_seed))
 
 
 class OwnLife:
@@ -114,9 +114,9 @@ class OwnLife:
             f"viscous_error:change_nm_s_per_rad={viscous}",
         )
 
-    def estimator(self) -> FusedPreloadEstimator:
+    def estimator(self) -> MixturePreloadEstimator:
         """See `LifePlant.estimator`."""
-        return FusedPreloadEstimator(self._axis.commissioned())
+        return MixturePreloadEstimator(self._axis.commissioned())
 
 
 def plant_of(name: str, axis_seed: int) -> LifePlant:

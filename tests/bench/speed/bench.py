@@ -271,7 +271,7 @@ class SpeedBench:
         ] + [
             less(
                 "interval_us",
-                "fused estimator: each interval",
+                "mixture estimator: each interval",
                 ours_us,
                 theirs_us,
                 "us",

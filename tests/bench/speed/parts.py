@@ -46,7 +46,7 @@ def processor_us(work: Callable[[], object], count: int, repeats: int) -> float:
 
 
 def estimator_us(recording: Path, repeats: int) -> tuple[float, float]:
-    """An interval through the fused estimator, and through filterpy's five modes, us."""
+    """An interval through the mixture estimator, and through filterpy's five modes, us."""
     machine = load_machine(DEFAULT_MACHINE)
     blocks = downsampled([read_trace(recording)], machine)
     peer = bank()

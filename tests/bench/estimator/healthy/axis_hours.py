@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.features import Fault, FeatureBlock
 from edge_service.models.machine import Machine
 
@@ -49,7 +49,7 @@ def said_of(count: WatchCount) -> Counter[str]:
 def watched(plant: str, axis_seed: int) -> Shift:
     """One shift through estimator and monitor."""
     machine, recorded = worked(plant, axis_seed)
-    axis = Watched(FusedPreloadEstimator(machine), machine)
+    axis = Watched(MixturePreloadEstimator(machine), machine)
     follow(axis, recorded)
     return Shift(plant, axis_seed, SHIFT_S / 3600.0, said_of(axis.count()))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from scipy.stats import chi2
 
 from edge_service.estimate.interface import PreloadEstimator
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.health.alarms.axis_alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.settings import HealthSettings
@@ -124,7 +124,7 @@ def watched_shift(plant: str, axis_seed: int, duration_s: float) -> ShiftPart:
     """One shift of healthy production, watched."""
     shift = draw_shift(plant, axis_seed, duration_s)
     machine, recorded = produced(shift)
-    watched = Watched(FusedPreloadEstimator(machine), machine)
+    watched = Watched(MixturePreloadEstimator(machine), machine)
     track = follow(watched, recorded)
     return ShiftPart(plant, axis_seed, duration_s / 60.0, watched.count(), score(track), track)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.channels import TABLE_POSITION
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
@@ -131,6 +131,6 @@ def test_a_short_shift_is_watched(plant: str) -> None:
 def test_a_screw_that_is_warm_beside_its_bearing_misleads_nobody() -> None:
     """Four waves along the stroke do not follow its growth there: read 1.5 points too low once."""
     machine, recorded = produced(replace(draw_shift("foreign", 22), duration_s=60.0))
-    found = score(follow(FusedPreloadEstimator(machine), recorded))
+    found = score(follow(MixturePreloadEstimator(machine), recorded))
     assert found.answered > 300
     assert found.wrong == 0.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.estimate.validity import ValiditySettings
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
@@ -22,7 +22,7 @@ FULL_S, QUICK_S = 100.0, 40.0
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Contribution of one case to a row: the score of the fused estimator, and of the thesis'."""
+    """Contribution of one case to a row: the score of the mixture estimator, and of the thesis'."""
 
     row: str
     ours: Score
@@ -45,7 +45,7 @@ def judged(
         seen_s = math.nan if loss is None else detection(track, *loss)
         return score(track, event_s, seen_s)
 
-    ours = follow(FusedPreloadEstimator(machine), case, every)
+    ours = follow(MixturePreloadEstimator(machine), case, every)
     theirs = follow(ImmPreloadEstimator(nominal, UNDOUBTING), case, every)
     return Part(row, scored(ours), scored(theirs))
 
@@ -85,7 +85,7 @@ def intervals(seed: int, quick: bool) -> Iterator[Part]:
     frames = list(axis.frames("production", percent, 31 + seed))
     for interval_s in (0.1, 0.02, 0.005, 0.001):
         case = recorded(frames, nominal, percent, interval_s)
-        track = follow(FusedPreloadEstimator(machine), case, every=round(0.1 / interval_s))
+        track = follow(MixturePreloadEstimator(machine), case, every=round(0.1 / interval_s))
         yield Part(f"T = {interval_s:g} s", score(track))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
@@ -105,7 +105,7 @@ def hostile(quick: bool) -> Iterator[Part]:
     duration_s = 36.0 if quick else 60.0
     for case in CASES:
         recording = spoiled(case, axis, machine, duration_s)
-        yield Part(case.name, score(follow(FusedPreloadEstimator(machine), recording)))
+        yield Part(case.name, score(follow(MixturePreloadEstimator(machine), recording)))
 
 
 def spoiled(case: Hostile, axis: OwnAxis, machine: Machine, duration_s: float) -> Recorded:

@@ -1,11 +1,11 @@
-"""The thesis' own open-loop simulations, given to the fused estimator step by step."""
+"""The thesis' own open-loop simulations, given to the mixture estimator step by step."""
 
 import math
 from collections.abc import Iterator
 
 import numpy as np
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.estimate.mixture.model import MixtureSettings
 from edge_service.estimate.mixture.state import LUBRICATION
 from edge_service.messages.features import Fault, FeatureBlock, Phase
@@ -159,7 +159,7 @@ def thesis_runs(first: int, runs: int) -> Iterator[Part]:
     for seed in range(first, first + runs):
         for simulation in (1, 2, 3, 4, ONE_POINT):
             run = _simulated(simulation, seed)
-            estimator = FusedPreloadEstimator(machine, SETTINGS)
+            estimator = MixturePreloadEstimator(machine, SETTINGS)
             truth = Recorded(thesis_blocks(run), run.time_s, run.preload_percent)
             track = follow(estimator, truth)
             ours = _scored(simulation, track)

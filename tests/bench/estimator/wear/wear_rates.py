@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats
 
 from .... import foreign_plant as plant
@@ -112,7 +112,7 @@ def rate_session(axis_seed: int, warming: bool, quick: bool) -> Iterator[RatePar
             seed=seed,
             axis_seed=axis_seed,
         )
-        estimator = FusedPreloadEstimator(foreign_machine(axis_seed))
+        estimator = MixturePreloadEstimator(foreign_machine(axis_seed))
         track = follow(estimator, recorded(case))
         yield scored(track, rate, warming, axis_seed, fresh)
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.models.machine import Machine
@@ -26,7 +26,7 @@ def blocks_with(effect: str, percent: float = FRESH) -> list[FeatureBlock]:
 
 
 def estimates(of: Machine, blocks: Sequence[FeatureBlock]) -> list[PreloadEstimate]:
-    estimator, said = FusedPreloadEstimator(of), []
+    estimator, said = MixturePreloadEstimator(of), []
     for block in blocks:
         estimator.update(block)
         said.append(estimator.estimate())

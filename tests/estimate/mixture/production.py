@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
@@ -43,9 +43,9 @@ def production(name: str, seconds: float = 60.0, one_encoder: bool = False) -> l
 
 
 def run(
-    blocks: Sequence[FeatureBlock], estimator: FusedPreloadEstimator | None = None
+    blocks: Sequence[FeatureBlock], estimator: MixturePreloadEstimator | None = None
 ) -> list[PreloadEstimate]:
-    estimator = estimator or FusedPreloadEstimator(machine())
+    estimator = estimator or MixturePreloadEstimator(machine())
     estimates = []
     for block in blocks:
         estimator.update(block)

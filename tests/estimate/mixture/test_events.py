@@ -1,11 +1,11 @@
-"""Events that the fused estimator must see, and those that it must not."""
+"""Events that the mixture estimator must see, and those that it must not."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
 
 from ...bench.estimator.axis import downsampled
@@ -45,7 +45,7 @@ def test_part_of_a_loss_is_not_read_as_all_of_it(one_encoder: bool, left: float,
     axis = replace(AXIS, one_encoder=one_encoder)
     percent = np.where(np.arange(80_000) < 40_000, FRESH, left * FRESH)
     blocks = downsampled(axis.frames("production", percent, seed), axis.nominal())
-    answers = numbers(run(blocks, FusedPreloadEstimator(machine(one_encoder))))
+    answers = numbers(run(blocks, MixturePreloadEstimator(machine(one_encoder))))
     after = answers[answers[:, 0] > 46.0]
     assert len(after) > 300
     assert misled(after, left * FRESH) == 0.0
@@ -58,7 +58,7 @@ def test_with_one_encoder_a_loss_moves_the_answer_and_warmth_stays_possible(left
     axis = replace(AXIS, one_encoder=True)
     percent = np.where(np.arange(80_000) < 40_000, FRESH, left * FRESH)
     blocks = downsampled(axis.frames("production", percent, 6), axis.nominal())
-    answers = numbers(run(blocks, FusedPreloadEstimator(machine(True))))
+    answers = numbers(run(blocks, MixturePreloadEstimator(machine(True))))
     before, after = answers[answers[:, 0] < 39.0], answers[answers[:, 0] > 55.0]
     assert after[:, 1].mean() < before[:, 1].mean()
     assert after[:, 2].mean() < before[:, 2].mean() - 0.15 * FRESH
@@ -83,7 +83,7 @@ def test_a_load_and_a_lubricant_that_change_in_motion_are_no_loss() -> None:
 
 def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
     """Torque cannot tell a lost preload from a lubricated axis: no number misses the truth."""
-    estimator = FusedPreloadEstimator(machine(one_encoder=True))
+    estimator = MixturePreloadEstimator(machine(one_encoder=True))
     answers = numbers(run(production("drop", one_encoder=True), estimator))
     before, after = answers[answers[:, 0] < 30.0], answers[answers[:, 0] > 35.0]
     assert held(before, FRESH) > 0.94
@@ -104,7 +104,7 @@ def test_a_relubrication_is_no_loss_and_not_the_end_of_numbers(
     for frame in axis.frames("production", np.full(2 * count, FRESH), 8, (effect,)):
         frames.append(replace(frame, time_s=frame.time_s + 40.0))
     estimates = run(
-        downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder))
+        downsampled(frames, axis.nominal()), MixturePreloadEstimator(machine(one_encoder))
     )
     answers = numbers(estimates)
     late = answers[answers[:, 0] > 50.0]
@@ -123,7 +123,7 @@ def test_process_forces_are_no_loss(one_encoder: bool, force_n: float) -> None:
     cut = np.where((time_s > 10.0) & (time_s % 6.0 < 3.0), force_n, 0.0)
     frames = axis.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
     answers = numbers(
-        run(downsampled(frames, axis.nominal()), FusedPreloadEstimator(machine(one_encoder)))
+        run(downsampled(frames, axis.nominal()), MixturePreloadEstimator(machine(one_encoder)))
     )
     late = answers[answers[:, 0] > 20.0]
     assert len(late) > 300

@@ -1,4 +1,4 @@
-"""The fused estimator as a thing: snapshot, restore, reset, and numbers that are numbers."""
+"""The mixture estimator as a thing: snapshot, restore, reset, and numbers that are numbers."""
 
 import json
 import math
@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.arrays import decoded, encoded
 from edge_service.messages.features import Phase
 
@@ -23,9 +23,9 @@ from .production import AXIS, machine, production, run
 def test_a_restored_estimator_goes_on_bit_equal(case: str) -> None:
     blocks = production(case)
     half = len(blocks) // 2 + 5
-    first = FusedPreloadEstimator(machine())
+    first = MixturePreloadEstimator(machine())
     run(blocks[:half], first)
-    second = FusedPreloadEstimator(machine())
+    second = MixturePreloadEstimator(machine())
     second.restore(json.loads(json.dumps(first.snapshot(), allow_nan=False)))
     for mine, other in zip(run(blocks[half:], first), run(blocks[half:], second), strict=True):
         assert mine.model_dump_json() == other.model_dump_json()
@@ -34,11 +34,14 @@ def test_a_restored_estimator_goes_on_bit_equal(case: str) -> None:
 
 def test_a_foreign_snapshot_is_refused() -> None:
     with pytest.raises(ValueError, match="snapshot"):
-        FusedPreloadEstimator(machine()).restore({"schema": "imm-preload/1"})
+        MixturePreloadEstimator(machine()).restore({"schema": "imm-preload/1"})
 
 
 def test_a_snapshot_of_another_axis_is_refused_and_changes_nothing() -> None:
-    two, one = FusedPreloadEstimator(machine()), FusedPreloadEstimator(machine(one_encoder=True))
+    two, one = (
+        MixturePreloadEstimator(machine()),
+        MixturePreloadEstimator(machine(one_encoder=True)),
+    )
     run(production("healthy")[:100], two)
     run(production("healthy", one_encoder=True)[:100], one)
     before = one.snapshot()
@@ -61,7 +64,7 @@ def test_a_snapshot_of_another_axis_is_refused_and_changes_nothing() -> None:
         ),
         lambda document: document["bank"].update(size=12),
         lambda document: document["bank"]["layout"].update(PRELOAD=1),
-        lambda document: document.update(schema="fused-preload/3"),
+        lambda document: document.update(schema="mixture-preload/3"),
         lambda document: document["bank"].pop("arrays"),
         lambda document: document.pop("bank"),
         lambda document: document.pop("validity"),
@@ -72,7 +75,7 @@ def test_a_snapshot_of_another_axis_is_refused_and_changes_nothing() -> None:
 def test_a_damaged_snapshot_is_refused_and_changes_nothing(
     spoil: Callable[[dict[str, Any]], object],
 ) -> None:
-    estimator = FusedPreloadEstimator(machine())
+    estimator = MixturePreloadEstimator(machine())
     run(production("healthy")[:60], estimator)
     before = estimator.snapshot()
     document = json.loads(json.dumps(begun(False)))
@@ -95,7 +98,7 @@ def not_finite(document: dict[str, Any], name: str) -> str:
 
 def test_reset_forgets_everything() -> None:
     blocks = production("healthy")[:200]
-    used = FusedPreloadEstimator(machine())
+    used = MixturePreloadEstimator(machine())
     run(production("drop"), used)
     used.reset()
     assert run(blocks, used) == run(blocks)
@@ -104,7 +107,7 @@ def test_reset_forgets_everything() -> None:
 @cache
 def begun(one_encoder: bool) -> dict[str, Any]:
     """Snapshot after 40 good intervals."""
-    estimator = FusedPreloadEstimator(machine(one_encoder))
+    estimator = MixturePreloadEstimator(machine(one_encoder))
     run(production("healthy", one_encoder=one_encoder)[:40], estimator)
     return estimator.snapshot()
 
@@ -134,7 +137,7 @@ def test_garbage_never_yields_a_number_that_is_none(
 ) -> None:
     """Between good intervals: every number of every estimate is finite, also long after."""
     good = production("healthy", one_encoder=one_encoder)
-    estimator = FusedPreloadEstimator(machine(one_encoder))
+    estimator = MixturePreloadEstimator(machine(one_encoder))
     estimator.restore(begun(one_encoder))
     dirty = [
         replace(
@@ -160,4 +163,4 @@ def test_garbage_never_yields_a_number_that_is_none(
 
 def test_an_uncommissioned_machine_is_refused() -> None:
     with pytest.raises(ValueError, match="commissioned"):
-        FusedPreloadEstimator(AXIS.nominal())
+        MixturePreloadEstimator(AXIS.nominal())

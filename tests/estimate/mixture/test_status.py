@@ -1,4 +1,4 @@
-"""Status of the fused estimator: where no number may stand, and where one may."""
+"""Status of the mixture estimator: where no number may stand, and where one may."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.channels import (
     ANGLE,
     MOTOR_SPEED,
@@ -86,7 +86,7 @@ def test_no_motion_is_insufficient_excitation_from_the_start() -> None:
 
 
 def test_no_number_outlives_a_long_silence() -> None:
-    estimator = FusedPreloadEstimator(machine())
+    estimator = MixturePreloadEstimator(machine())
     assert run(production("healthy"), estimator)[-1].status is EstimateStatus.ESTIMATED
     estimator.interrupt()
     assert estimator.estimate().preload_percent is None
@@ -157,7 +157,7 @@ def test_an_axis_with_both_encoders_can_begin_without_its_table() -> None:
 
 
 def test_it_goes_on_after_an_interrupt_once_motion_is_seen() -> None:
-    blocks, estimator = production("healthy"), FusedPreloadEstimator(machine())
+    blocks, estimator = production("healthy"), MixturePreloadEstimator(machine())
     before = run(blocks[:300], estimator)[-1]
     estimator.interrupt()
     said = run(blocks[300:], estimator)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
 
@@ -30,7 +30,7 @@ def after_a_night(
     before: Sequence[FeatureBlock], after: Sequence[FeatureBlock], one_encoder: bool = False
 ) -> Floats:
     """Time, preload, low, high, (n, 4), of an estimator that knew the axis the day before."""
-    estimator = FusedPreloadEstimator(replace(AXIS, one_encoder=one_encoder).commissioned())
+    estimator = MixturePreloadEstimator(replace(AXIS, one_encoder=one_encoder).commissioned())
     for block in before:
         estimator.update(block)
     estimator.resume(NIGHT_S)
@@ -63,7 +63,7 @@ def test_a_stop_leaves_less_known_the_longer_it_was() -> None:
     blocks = production(WORN, 6)
     widths = []
     for stopped_s in (60.0, 600.0, 3600.0):
-        estimator = FusedPreloadEstimator(AXIS.commissioned())
+        estimator = MixturePreloadEstimator(AXIS.commissioned())
         for block in blocks[:300]:
             estimator.update(block)
         estimator.resume(stopped_s)

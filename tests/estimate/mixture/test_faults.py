@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.estimate import PreloadEstimate
 
 from ...bench.estimator.axis import OwnAxis, downsampled
@@ -28,7 +28,7 @@ def answer_to(effect: str | None) -> PreloadEstimate:
         replace(frame, time_s=frame.time_s + HEALTHY_S + STOPPED_S)
         for frame in AXIS.frames("production", percent, 8, effects, **loads)
     ]
-    estimator = FusedPreloadEstimator(machine)
+    estimator = MixturePreloadEstimator(machine)
     for block in downsampled(frames, machine):
         estimator.update(block)
     return estimator.estimate()
@@ -68,7 +68,7 @@ def test_a_healthy_axis_has_none() -> None:
 def test_one_encoder_knows_fewer() -> None:
     axis = OwnAxis(1, one_encoder=True)
     percent = np.full(10_000, axis.fresh_percent)
-    estimator = FusedPreloadEstimator(axis.commissioned())
+    estimator = MixturePreloadEstimator(axis.commissioned())
     for block in downsampled(axis.frames("production", percent, 3), axis.nominal()):
         estimator.update(block)
     assert set(estimator.estimate().fault_probability) == {

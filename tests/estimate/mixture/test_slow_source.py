@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.commissioning.identification import CommissioningError, commissioned
-from edge_service.estimate.mixture.estimator import FusedPreloadEstimator
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.channels import TABLE_POSITION, TABLE_SPEED, TIME
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import FeatureBlock
@@ -86,7 +86,7 @@ def test_an_axis_commissioned_from_slow_samples_is_read_from_them(every: int, sh
     of = slow_machine(every)
     assert of.commissioned is not None
     assert of.commissioned.sample_period_s == pytest.approx(every / 1000.0)
-    answers = numbers(run(own(percent, 7, every), FusedPreloadEstimator(of)))
+    answers = numbers(run(own(percent, 7, every), MixturePreloadEstimator(of)))
     late = answers[answers[:, 0] > 20.0]
     assert len(late) > 500
     assert held(late, percent) > 0.95
@@ -102,7 +102,7 @@ def test_a_plant_of_others_is_read_from_slow_samples(one_encoder: bool) -> None:
         pytest.fail(f"not commissioned: {error}")
     case = plant.axis_case(axis_seed=7501, seed=1, duration_s=60.0)
     truth = plant.Machine().preload_percent
-    answers = numbers(run(foreign(case, 10, one_encoder), FusedPreloadEstimator(of)))
+    answers = numbers(run(foreign(case, 10, one_encoder), MixturePreloadEstimator(of)))
     late = answers[answers[:, 0] > 20.0]
     assert len(late) > 300
     assert held(late, truth) > 0.9
