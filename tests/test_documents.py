@@ -29,7 +29,7 @@ from edge_service.outputs.metrics import family_names
 from .bench.commands import bench
 from .documents import ROOT, block, blocks, document, documents, guide
 
-FIRST_PAGE_LINES = 150
+FIRST_PAGE_LINES = 120
 PATHS = sorted(documents())
 ROOMS = [path.parent for path in ROOT.glob("edge_service/*/__init__.py")]
 HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests", ROOT / "tests" / "bench"]

@@ -255,7 +255,6 @@ def test_every_output_has_an_example_with_every_key(name: str) -> None:
 
 @pytest.mark.parametrize("command", sorted(cli.commands))
 def test_every_command_stands_in_the_readme(command: str) -> None:
-    assert f"edge-service {command}" in document("README.md")
     assert f"edge-service {command}" in document("edge_service/cli/README.md")
 
 
