@@ -181,7 +181,7 @@ MOST_LINES = {
     "recordings": 3845,
     "regression": 1197,
     "beside the rooms": 822,
-    "tests": 60419,
+    "tests": 60418,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 524
